@@ -1,0 +1,48 @@
+# rotorid: `make` lists the targets. Each works from any current state and is quick the second time.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.ready
+# One BLAS thread: our matrices are small and threads only hurt them.
+export OPENBLAS_NUM_THREADS := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help setup analyze test lint bench serve lock clean
+
+help:  ## list the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+setup: $(READY)  ## make .venv and install rotorid with its pinned dependencies
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit("rotorid needs Python >= 3.11; set PYTHON=python3.11 or newer" if sys.version_info < (3, 11) else 0)'
+	@echo "Setting up $(VENV) (first time: a minute or two) ..."
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+analyze: setup  ## analyse sample_logs/, print a summary, write out/report.html and friends
+	@$(BIN)/rotorid analyze sample_logs --out out
+
+test: setup  ## run all tests
+	@echo "Running all tests ..."
+	@$(BIN)/python -m pytest -n auto
+
+lint: setup  ## ruff, mypy --strict and the import direction
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+
+bench: setup  ## compare speed and accuracy with the peers, print one table
+	@$(BIN)/python -m benchmarks
+
+serve: setup  ## start the web service on http://127.0.0.1:8000
+	@$(BIN)/rotorid serve
+
+lock: setup  ## refresh constraints.txt to the newest versions that fit
+	@$(BIN)/python -m pip install --quiet uv
+	@$(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 --upgrade --no-header --quiet -o constraints.txt
+
+clean:  ## remove .venv, out/ and caches
+	@rm -rf $(VENV) out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

@@ -1,0 +1,1 @@
+"""The web service: uploads in, models and reports out."""

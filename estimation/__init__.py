@@ -1,0 +1,1 @@
+"""Estimation: canonical tables to a trajectory with honest uncertainty."""

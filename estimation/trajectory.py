@@ -1,0 +1,68 @@
+"""The result of estimation: where the craft was, how fast, how turned, and how sure we are."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import pandas as pd
+
+from logparse import Finding, Geodetic
+
+#: Columns that every trajectory has in `Trajectory.states`, with unit and meaning. Bias columns follow where estimated.
+STATE_COLUMNS: Mapping[str, str] = {
+    "p_n": "m; position north of the origin",
+    "p_e": "m; position east",
+    "p_d": "m; position down",
+    "v_n": "m/s; velocity north",
+    "v_e": "m/s; velocity east",
+    "v_d": "m/s; velocity down",
+    "q_w": "1; body-to-NED quaternion, scalar first",
+    "q_x": "1",
+    "q_y": "1",
+    "q_z": "1",
+    "w_x": "rad/s; angular rate about body x, bias removed",
+    "w_y": "rad/s",
+    "w_z": "rad/s",
+    "f_x": "m/s^2; specific force along body x, bias removed",
+    "f_y": "m/s^2",
+    "f_z": "m/s^2",
+}
+
+#: Columns of `Trajectory.sigma`: the 1-sigma of each error state; attitude errors as rotations about the NED axes.
+SIGMA_COLUMNS: Mapping[str, str] = {
+    "p_n": "m",
+    "p_e": "m",
+    "p_d": "m",
+    "v_n": "m/s",
+    "v_e": "m/s",
+    "v_d": "m/s",
+    "phi_n": "rad; attitude error about north",
+    "phi_e": "rad; about east",
+    "phi_d": "rad; about down (yaw)",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """A flight as the estimator sees it.
+
+    Attributes
+    ----------
+    states : DataFrame
+        Index `t` [s], columns of `STATE_COLUMNS`, then estimated biases.
+    sigma : DataFrame
+        Same index, columns of `SIGMA_COLUMNS`, then the sigma of each bias column.
+    origin : Geodetic
+        Place of the local NED frame.
+    method : str
+        ``"strapdown"`` (IMU-rate error-state EKF) or ``"low-rate"`` (telemetry: attitude-aided filter).
+    diagnostics : mapping
+        What the filter reports of itself, such as innovation statistics per sensor.
+    findings : tuple of Finding
+    """
+
+    states: pd.DataFrame
+    sigma: pd.DataFrame
+    origin: Geodetic
+    method: str
+    diagnostics: Mapping[str, object] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()

@@ -1,0 +1,38 @@
+"""Verdicts on a log, a trajectory or a fit, as values: never a print, never a silent drop."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+class Severity(StrEnum):
+    """How much a finding matters to the models that come out."""
+
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that a reader of the result should know.
+
+    Attributes
+    ----------
+    id : str
+        Stable kebab-case name, such as ``"truncated-tail"``.
+    severity : Severity
+        How much it matters.
+    reason : str
+        What was found, in a sentence for the person who must act.
+    advice : str
+        What to do about it; empty when there is nothing to do.
+    evidence : mapping of str to (str, int, float or bool)
+        The numbers behind the reason (byte offsets, counts, seconds).
+    """
+
+    id: str
+    severity: Severity
+    reason: str
+    advice: str = ""
+    evidence: Mapping[str, str | int | float | bool] = field(default_factory=dict)

@@ -1,0 +1,156 @@
+"""The canonical tables of a log: one meaning, one unit and one frame per column, whatever the firmware's age.
+
+All tables are pandas DataFrames indexed by ``t``, seconds on the boot clock of the log (float64, strictly
+increasing). SI units and radians; world frame NED (north, east, down), body frame FRD (forward, right, down).
+A value that was not logged or cannot be is NaN. A table that the log does not have is None.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import pandas as pd
+
+#: Columns of each canonical table with their unit and meaning. Tables named here have exactly these columns,
+#: except `motors` and `esc`, which have one column (or one of each kind) per motor.
+COLUMNS: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "motors": {
+            "m{k}": "us; PWM of motor k of the autopilot's frame, by motor number, not by output channel"
+        },
+        "imu": {
+            "gyro_x": "rad/s; angular rate about body x (forward)",
+            "gyro_y": "rad/s; about body y (right)",
+            "gyro_z": "rad/s; about body z (down)",
+            "accel_x": "m/s^2; specific force along body x",
+            "accel_y": "m/s^2; along body y",
+            "accel_z": "m/s^2; along body z (near -9.8 at rest)",
+        },
+        "gps": {
+            "t_valid": "s; time at which the sample was true: write time less the receiver's lag",
+            "lat": "rad; geodetic latitude, WGS84",
+            "lon": "rad; longitude, WGS84",
+            "alt": "m; altitude above mean sea level",
+            "v_n": "m/s; velocity north",
+            "v_e": "m/s; velocity east",
+            "v_d": "m/s; velocity down; NaN where the receiver does not give it",
+            "fix": "1; 0/1 none, 2 two-dimensional, 3 three-dimensional, 4 differential, 5 float, 6 fixed RTK",
+            "satellites": "1; satellites used",
+            "hdop": "1; horizontal dilution of precision",
+            "h_acc": "m; reported 1-sigma horizontal position accuracy",
+            "v_acc": "m; reported 1-sigma vertical position accuracy",
+            "s_acc": "m/s; reported 1-sigma speed accuracy",
+        },
+        "baro": {
+            "alt": "m; pressure altitude, up, relative to the autopilot's ground calibration",
+            "pressure": "Pa; static pressure",
+            "temperature": "K; sensor temperature",
+        },
+        "mag": {
+            "mag_x": "T; field along body x, with the autopilot's calibration applied",
+            "mag_y": "T; along body y",
+            "mag_z": "T; along body z",
+        },
+        "battery": {"voltage": "V; at the power module", "current": "A; drawn"},
+        "esc": {
+            "w{k}": "rad/s; rotor speed of motor k as its ESC reports it",
+            "voltage{k}": "V; at the ESC",
+            "current{k}": "A; through the ESC",
+        },
+        "attitude": {
+            "roll": "rad; autopilot's estimate",
+            "pitch": "rad; autopilot's estimate",
+            "yaw": "rad; autopilot's estimate, 0 north, clockwise from above",
+        },
+        "setpoints": {
+            "p_n": "m; position target north of the autopilot's origin",
+            "p_e": "m; position target east",
+            "p_d": "m; position target down",
+            "v_n": "m/s; velocity target north",
+            "v_e": "m/s; velocity target east",
+            "v_d": "m/s; velocity target down",
+            "roll": "rad; attitude target",
+            "pitch": "rad; attitude target",
+            "yaw": "rad; attitude target",
+            "throttle": "1; throttle output of the altitude controller, 0..1",
+        },
+        "rates": {
+            "w_x_ref": "rad/s; rate target about body x",
+            "w_y_ref": "rad/s; about body y",
+            "w_z_ref": "rad/s; about body z",
+            "w_x": "rad/s; rate as the controller saw it",
+            "w_y": "rad/s",
+            "w_z": "rad/s",
+            "out_roll": "1; roll output to the mixer, -1..1",
+            "out_pitch": "1; pitch output to the mixer, -1..1",
+            "out_yaw": "1; yaw output to the mixer, -1..1",
+            "out_thrust": "1; thrust output to the mixer, 0..1",
+        },
+        "ekf": {
+            "p_n": "m; the autopilot's own estimate, north of its origin",
+            "p_e": "m",
+            "p_d": "m",
+            "v_n": "m/s",
+            "v_e": "m/s",
+            "v_d": "m/s",
+            "roll": "rad",
+            "pitch": "rad",
+            "yaw": "rad",
+        },
+        "truth": {
+            "p_n": "m; simulator's truth, north of its origin",
+            "p_e": "m",
+            "p_d": "m",
+            "v_n": "m/s",
+            "v_e": "m/s",
+            "v_d": "m/s",
+            "q_w": "1; body-to-NED quaternion, scalar first",
+            "q_x": "1",
+            "q_y": "1",
+            "q_z": "1",
+        },
+        "rangefinder": {"distance": "m; measured distance along the sensor's axis, down where mounted so"},
+        "modes": {"mode": "name of the flight mode from this time on"},
+        "events": {
+            "event": "name: ARMED, DISARMED, TAKEOFF, LAND, ERROR ...",
+            "detail": "text or number as logged",
+        },
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Geodetic:
+    """A place on WGS84: latitude and longitude in radians, altitude above mean sea level in metres."""
+
+    lat: float
+    lon: float
+    alt: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tables:
+    """The canonical tables of one log (see `COLUMNS`) and the parameters that say how they were sensed.
+
+    `imu`, `gps`, `baro` and `mag` hold the first healthy instance of their sensor; the other instances are in
+    `further`, by table name.
+    """
+
+    motors: pd.DataFrame | None = None
+    imu: pd.DataFrame | None = None
+    gps: pd.DataFrame | None = None
+    baro: pd.DataFrame | None = None
+    mag: pd.DataFrame | None = None
+    battery: pd.DataFrame | None = None
+    esc: pd.DataFrame | None = None
+    attitude: pd.DataFrame | None = None
+    setpoints: pd.DataFrame | None = None
+    rates: pd.DataFrame | None = None
+    ekf: pd.DataFrame | None = None
+    truth: pd.DataFrame | None = None
+    rangefinder: pd.DataFrame | None = None
+    modes: pd.DataFrame | None = None
+    events: pd.DataFrame | None = None
+    further: Mapping[str, tuple[pd.DataFrame, ...]] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    origin: Geodetic | None = None

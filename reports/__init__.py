@@ -1,0 +1,1 @@
+"""Reports: results as pages, tables and files."""

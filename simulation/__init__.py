@@ -1,0 +1,1 @@
+"""Simulation: vehicles with known truth, flown, sensed and logged."""

@@ -1,0 +1,1 @@
+"""Identification: experiments to models, and models to honest verdicts."""
