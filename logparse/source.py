@@ -49,4 +49,4 @@ class MessageSource(Protocol):
         """
 
     def units(self, name: str) -> Mapping[str, str]:
-        """Unit of each field as the file or the protocol declares it; absent where it does not."""
+        """Give the unit of each field as the file or the protocol declares it; absent where it does not."""

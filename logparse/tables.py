@@ -15,9 +15,7 @@ import pandas as pd
 #: except `motors` and `esc`, which have one column (or one of each kind) per motor.
 COLUMNS: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
-        "motors": {
-            "m{k}": "us; PWM of motor k of the autopilot's frame, by motor number, not by output channel"
-        },
+        "motors": {"m{k}": "us; PWM of motor k of the autopilot's frame, by motor number, not by output channel"},
         "imu": {
             "gyro_x": "rad/s; angular rate about body x (forward)",
             "gyro_y": "rad/s; about body y (right)",
