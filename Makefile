@@ -35,6 +35,7 @@ lint: setup  ## ruff, mypy --strict and the import direction
 	@$(BIN)/lint-imports
 
 bench: setup  ## compare speed and accuracy with the peers, print one table
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,peers]"
 	@$(BIN)/python -m benchmarks
 
 serve: setup  ## start the web service on http://127.0.0.1:8000
@@ -42,7 +43,7 @@ serve: setup  ## start the web service on http://127.0.0.1:8000
 
 lock: setup  ## refresh constraints.txt to the newest versions that fit
 	@$(BIN)/python -m pip install --quiet uv
-	@$(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 --upgrade --no-header --quiet -o constraints.txt
+	@$(BIN)/uv pip compile pyproject.toml --extra dev --extra peers --universal --python-version 3.11 --upgrade --no-header --quiet -o constraints.txt
 
 clean:  ## remove .venv, out/ and caches
 	@rm -rf $(VENV) out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
