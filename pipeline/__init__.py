@@ -1,1 +1,40 @@
-"""Pipeline: one log to a result, a folder to a fleet result, and the command line."""
+"""Pipeline: one log to a result, a folder to a fleet result, and the command line.
+
+Names are imported when they are first used, so that ``rotorid --help`` need not load the numerical rooms.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pipeline.analyze import analyze
+    from pipeline.config import AnalysisConfig, ConfigError
+    from pipeline.fleet import analyze_fleet
+    from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, LogFacts, Prediction, Span
+
+__all__ = [
+    "AnalysisConfig",
+    "ConfigError",
+    "Failure",
+    "FleetResult",
+    "FlightResult",
+    "GroupResult",
+    "LogFacts",
+    "Prediction",
+    "Span",
+    "analyze",
+    "analyze_fleet",
+]
+
+_HOME = {
+    "analyze": "pipeline.analyze",
+    "analyze_fleet": "pipeline.fleet",
+    "AnalysisConfig": "pipeline.config",
+    "ConfigError": "pipeline.config",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module 'pipeline' has no attribute {name!r}")
+    return getattr(import_module(_HOME.get(name, "pipeline.results")), name)

@@ -1,0 +1,59 @@
+"""What the user may choose about an analysis, with the defaults that suit most logs."""
+
+from dataclasses import dataclass
+
+from logparse import RotoridError
+
+
+class ConfigError(RotoridError):
+    """An analysis was asked for with a setting that cannot be; the message names the setting and what it may be."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnalysisConfig:
+    """Settings of `pipeline.analyze` and `pipeline.analyze_fleet`.
+
+    Attributes
+    ----------
+    rate : float
+        Sampling rate of the experiment, Hz. Motor outputs are logged at 10 Hz, which is also the paper's rate
+        (Elhesasy 2024).
+    poles, zeros : int
+        Order of every transfer function; the paper found 5 and 3.
+    structure : str
+        ``"per_input"``: every motor has its own denominator, as in the paper.
+    mass : float or None
+        Take-off mass, kg. Without it only ratios to the mass (k/m) can be determined.
+    training_fraction : float
+        One log: the part of the airborne time, from its start, that the model is fitted to; the rest judges it.
+    training : tuple of str
+        Several logs: names (shell patterns) of the logs to fit on; all others judge. Empty: every second flight.
+    estimation_rate : float
+        Rate at which the trajectory is reported, Hz.
+    time_limit : float
+        Seconds that the fits of one log may take; a fit that takes longer is given up with a finding.
+    """
+
+    rate: float = 10.0
+    poles: int = 5
+    zeros: int = 3
+    structure: str = "per_input"
+    mass: float | None = None
+    training_fraction: float = 0.7
+    training: tuple[str, ...] = ()
+    estimation_rate: float = 50.0
+    time_limit: float = 120.0
+
+    def __post_init__(self) -> None:
+        if not 0.5 <= self.rate <= 400.0:
+            raise ConfigError(f"rate is {self.rate:g} Hz; choose 0.5 to 400 Hz (motor outputs are logged at 10 Hz)")
+        if not 1 <= self.poles <= 12:
+            raise ConfigError(f"poles is {self.poles}; choose 1 to 12 (the paper used 5)")
+        if not 0 <= self.zeros < self.poles:
+            raise ConfigError(f"zeros is {self.zeros}; choose 0 to {self.poles - 1}, fewer than the {self.poles} poles")
+        if self.mass is not None and not 0.01 <= self.mass <= 1000.0:
+            raise ConfigError(f"mass is {self.mass:g} kg; choose the take-off mass in kilograms, 0.01 to 1000")
+        if not 0.1 <= self.training_fraction <= 0.95:
+            raise ConfigError(f"training_fraction is {self.training_fraction:g}; choose 0.1 to 0.95")
+        if not self.time_limit > 0:
+            raise ConfigError(f"time_limit is {self.time_limit:g} s; choose more than 0")

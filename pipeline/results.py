@@ -1,0 +1,204 @@
+"""What an analysis found, as values: of one flight, of one craft over several flights, of a whole folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.config import AnalysisConfig
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from estimation import Trajectory
+    from logparse import Finding, Vehicle
+    from sysid import Experiment, ThrustModel, TransferFunctionModel, Validation
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of time on the log's boot clock, s."""
+
+    start: float
+    stop: float
+
+    @property
+    def duration(self) -> float:
+        """Length in seconds."""
+        return self.stop - self.start
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogFacts:
+    """What the file is, whether or not anything could be identified from it.
+
+    Attributes
+    ----------
+    path : Path
+    size : int
+        Bytes.
+    sha256 : str
+        Of the file's content; names the log whatever its file is called.
+    format : str
+        ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
+    duration : float
+        Seconds on the boot clock that the log covers.
+    start_utc : datetime or None
+        UTC at t = 0.
+    boots : int
+        Power-ups in the file; the one with the longest flight was analysed.
+    vehicle : Vehicle
+    flights : tuple of Span
+        Airborne intervals.
+    """
+
+    path: Path
+    size: int
+    sha256: str
+    format: str
+    duration: float
+    start_utc: datetime | None
+    boots: int
+    vehicle: Vehicle
+    flights: tuple[Span, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """A free-run simulation beside the data it should reproduce.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        The stretch of flight: time, motor commands and measured position.
+    y_hat : ndarray, shape (N, p)
+        Position predicted from the motor commands and the initial state only, m.
+    training : bool
+        True where the model was fitted to this stretch.
+    """
+
+    experiment: Experiment
+    y_hat: NDArray[np.float64]
+    training: bool
+
+    @property
+    def span(self) -> Span:
+        """Where the stretch lies on the boot clock."""
+        return Span(float(self.experiment.t[0]), float(self.experiment.t[-1]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightResult:
+    """One log, analysed as far as its content allows.
+
+    A stage that could not be done leaves None here and its reason in `missing` under the stage's name:
+    ``"flight"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``, ``"model"``, ``"validation"``.
+
+    Attributes
+    ----------
+    name : str
+        File name without its extension, unique within a fleet.
+    log : LogFacts
+    flight : Span or None
+        The analysed airborne interval, the longest of the log.
+    motors, modes, gps, baro : DataFrame or None
+        Canonical tables as logged, for plots.
+    trajectory : Trajectory or None
+    experiment : Experiment or None
+        The airborne segment at `AnalysisConfig.rate`.
+    model : TransferFunctionModel or None
+        Fitted to the first part of the flight.
+    thrust : ThrustModel or None
+        Fitted to the first part of the flight.
+    predictions : tuple of Prediction
+        Of `model`: the training part, then the held-out part.
+    training, validation : Validation or None
+        Of `model` on the part it was fitted to, and on the held-out part.
+    findings : tuple of Finding
+        Of every stage, in the order of the work.
+    missing : mapping of str to str
+    timings : mapping of str to float
+        Seconds spent in each stage.
+    config : AnalysisConfig
+    """
+
+    name: str
+    log: LogFacts
+    config: AnalysisConfig
+    flight: Span | None = None
+    motors: pd.DataFrame | None = None
+    modes: pd.DataFrame | None = None
+    gps: pd.DataFrame | None = None
+    baro: pd.DataFrame | None = None
+    trajectory: Trajectory | None = None
+    experiment: Experiment | None = None
+    model: TransferFunctionModel | None = None
+    thrust: ThrustModel | None = None
+    predictions: tuple[Prediction, ...] = ()
+    training: Validation | None = None
+    validation: Validation | None = None
+    findings: tuple[Finding, ...] = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
+    timings: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A log that gave nothing, and why, in a sentence for the person who has the log."""
+
+    path: Path
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroupResult:
+    """All flights of one craft, identified jointly.
+
+    Attributes
+    ----------
+    name : str
+        The craft in words, such as ``"octa x, ArduCopter"``.
+    vehicle : Vehicle
+    training, held_out : tuple of str
+        Names of the flights fitted and of those kept to judge.
+    split : str
+        How the two were chosen, in a sentence.
+    model : TransferFunctionModel or None
+    thrust : ThrustModel or None
+    predictions : tuple of Prediction
+        Of `model`, one per flight.
+    training_validation, validation : Validation or None
+        Of `model` on the flights it was fitted to, and on the others.
+    findings : tuple of Finding
+    missing : mapping of str to str
+        Why there is no ``"model"`` or ``"thrust"``.
+    """
+
+    name: str
+    vehicle: Vehicle
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    split: str
+    model: TransferFunctionModel | None = None
+    thrust: ThrustModel | None = None
+    predictions: tuple[Prediction, ...] = ()
+    training_validation: Validation | None = None
+    validation: Validation | None = None
+    findings: tuple[Finding, ...] = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetResult:
+    """Several logs: every flight for itself, every craft jointly, and the files that gave nothing."""
+
+    flights: tuple[FlightResult, ...]
+    failures: tuple[Failure, ...]
+    groups: tuple[GroupResult, ...]
+    config: AnalysisConfig
+    timings: Mapping[str, float] = field(default_factory=dict)
