@@ -1,0 +1,244 @@
+"""The DataFlash binary format as ArduPilot writes it: field types, FMT rows, units and multipliers.
+
+Every message is ``A3 95 id`` and a payload whose layout a FMT row has declared. A FMT row is itself such a message
+(id 128). FMTU rows name a unit and a multiplier for each field by one-letter ids, which UNIT and MULT rows explain.
+Source: ArduPilot, libraries/AP_Logger/LogStructure.h and README.md.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+
+HEADER = b"\xa3\x95"
+HEADER_LENGTH = 3
+FMT_ID = 128
+#: Bytes of a FMT row with its header; the one layout that a reader must know beforehand.
+FMT_LENGTH = 89
+
+
+@dataclass(frozen=True, slots=True)
+class FieldType:
+    """What one format character stands for.
+
+    Attributes
+    ----------
+    dtype : numpy dtype
+        Little-endian type in the file; for ``a`` the element type.
+    divisor : int
+        Legacy scale: the value is the stored integer divided by this.
+    items : int
+        Elements of an array field, else 1.
+    """
+
+    dtype: np.dtype
+    divisor: int = 1
+    items: int = 1
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return int(self.dtype.itemsize) * self.items
+
+    @property
+    def is_text(self) -> bool:
+        """Whether the field holds characters."""
+        return self.dtype.kind == "S"
+
+
+#: `M` (flight mode) is unsigned: modes above 127 exist.
+FIELD_TYPES = MappingProxyType(
+    {
+        "a": FieldType(np.dtype("<i2"), items=32),
+        "b": FieldType(np.dtype("i1")),
+        "B": FieldType(np.dtype("u1")),
+        "h": FieldType(np.dtype("<i2")),
+        "H": FieldType(np.dtype("<u2")),
+        "i": FieldType(np.dtype("<i4")),
+        "I": FieldType(np.dtype("<u4")),
+        "q": FieldType(np.dtype("<i8")),
+        "Q": FieldType(np.dtype("<u8")),
+        "g": FieldType(np.dtype("<f2")),
+        "f": FieldType(np.dtype("<f4")),
+        "d": FieldType(np.dtype("<f8")),
+        "M": FieldType(np.dtype("u1")),
+        "n": FieldType(np.dtype("S4")),
+        "N": FieldType(np.dtype("S16")),
+        "Z": FieldType(np.dtype("S64")),
+        "c": FieldType(np.dtype("<i2"), divisor=100),
+        "C": FieldType(np.dtype("<u2"), divisor=100),
+        "e": FieldType(np.dtype("<i4"), divisor=100),
+        "E": FieldType(np.dtype("<u4"), divisor=100),
+        "L": FieldType(np.dtype("<i4"), divisor=10_000_000),
+    }
+)
+
+#: Unit ids of FMTU rows (log_Units of LogStructure.h).
+UNITS = MappingProxyType(
+    {
+        "-": "",
+        "?": "UNKNOWN",
+        "A": "A",
+        "a": "Ah",
+        "d": "deg",
+        "b": "B",
+        "B": "B/s",
+        "k": "deg/s",
+        "D": "deglatitude",
+        "e": "deg/s/s",
+        "E": "rad/s",
+        "G": "Gauss",
+        "h": "degheading",
+        "i": "A.s",
+        "J": "W.s",
+        "l": "l",
+        "L": "rad/s/s",
+        "m": "m",
+        "n": "m/s",
+        "o": "m/s/s",
+        "O": "degC",
+        "%": "%",
+        "S": "satellites",
+        "s": "s",
+        "t": "N.m",
+        "q": "rpm",
+        "r": "rad",
+        "U": "deglongitude",
+        "u": "ppm",
+        "v": "V",
+        "P": "Pa",
+        "w": "Ohm",
+        "W": "Watt",
+        "X": "W.h",
+        "y": "l/s",
+        "Y": "us",
+        "z": "Hz",
+        "#": "instance",
+    }
+)
+
+#: Multiplier ids of FMTU rows (log_Multipliers of LogStructure.h); 0 means "no multiplier".
+MULTIPLIERS = MappingProxyType(
+    {
+        "-": 0.0,
+        "?": 1.0,
+        "2": 1e2,
+        "1": 1e1,
+        "0": 1.0,
+        "A": 1e-1,
+        "B": 1e-2,
+        "C": 1e-3,
+        "D": 1e-4,
+        "E": 1e-5,
+        "F": 1e-6,
+        "G": 1e-7,
+        "I": 1e-9,
+        "!": 3.6,
+        "/": 3600.0,
+    }
+)
+
+#: Columns that hold the boot clock when they come first in a message: seconds per count.
+TIME_COLUMNS = MappingProxyType({"TimeUS": 1e-6, "TimeMS": 1e-3})
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a message: its name, format character and place in the message, counted from the header."""
+
+    name: str
+    char: str
+    offset: int
+
+    @property
+    def type(self) -> FieldType:
+        """What the format character stands for."""
+        return FIELD_TYPES[self.char]
+
+
+@dataclass(frozen=True)
+class Definition:
+    """One FMT row.
+
+    Attributes
+    ----------
+    id : int
+        Message id, 0..255.
+    length : int
+        Bytes of the message with its header, as declared.
+    name, format : str
+        As declared.
+    labels : tuple of str
+        Column names as declared; their number may differ from that of the format characters.
+    """
+
+    id: int
+    length: int
+    name: str
+    format: str
+    labels: tuple[str, ...]
+
+    @cached_property
+    def format_length(self) -> int | None:
+        """Bytes that the format characters ask for, with the header; None when a character is unknown."""
+        if any(char not in FIELD_TYPES for char in self.format):
+            return None
+        return HEADER_LENGTH + sum(FIELD_TYPES[char].size for char in self.format)
+
+    def fields(self, length: int | None = None) -> tuple[Field, ...]:
+        """Fields that lie within `length` bytes (default: the declared length) and before any unknown character.
+
+        Fields without a label are called ``field5`` (counted from 1); a label that comes twice gets ``_2``.
+        """
+        end = self.length if length is None else length
+        fields: list[Field] = []
+        names: set[str] = set()
+        offset = HEADER_LENGTH
+        for k, char in enumerate(self.format):
+            kind = FIELD_TYPES.get(char)
+            if kind is None or offset + kind.size > end:
+                break
+            label = self.labels[k] if k < len(self.labels) and self.labels[k] else f"field{k + 1}"
+            name, repeat = label, 1
+            while name in names:
+                repeat += 1
+                name = f"{label}_{repeat}"
+            names.add(name)
+            fields.append(Field(name, char, offset))
+            offset += kind.size
+        return tuple(fields)
+
+    def pack(self) -> bytes:
+        """Give the FMT row that declares this message, with its header."""
+        return (
+            HEADER
+            + bytes((FMT_ID, self.id, self.length))
+            + self.name.encode("ascii").ljust(4, b"\0")
+            + self.format.encode("ascii").ljust(16, b"\0")
+            + ",".join(self.labels).encode("ascii").ljust(64, b"\0")
+        )
+
+    @classmethod
+    def unpack(cls, row: bytes) -> "Definition":
+        """Read a FMT row of `FMT_LENGTH` bytes, with its header."""
+        name, form, labels = (clean_text(row[a:b]) for a, b in ((5, 9), (9, 25), (25, 89)))
+        return cls(row[3], row[4], name, form, tuple(label.strip() for label in labels.split(",")) if labels else ())
+
+
+FMT = Definition(FMT_ID, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
+
+
+def clean_text(raw: bytes) -> str:
+    """Text up to the first NUL; UTF-8, or Latin-1 where that fails."""
+    raw = raw.partition(b"\0")[0]
+    try:
+        return raw.decode()
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
+def decimal_multiplier(stored: float) -> float:
+    """Undo single precision: ArduPilot keeps 0.01 as a float and logs it as the double 0.009999999776."""
+    single = np.float32(stored)
+    return float(str(single)) if float(single) == stored else stored

@@ -1,0 +1,126 @@
+"""What the DataFlash writer writes, as pymavlink reads it."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from pymavlink import DFReader
+
+from logparse.dataflash_format import MULTIPLIERS, UNITS
+from logparse.dataflash_writer import DataflashWriter, write_dataflash
+
+
+def rows_by_pymavlink(path: Path) -> dict[str, list[DFReader.DFMessage]]:
+    reader = DFReader.DFReader_binary(str(path))
+    rows: dict[str, list[DFReader.DFMessage]] = {}
+    while (message := reader.recv_msg()) is not None:
+        rows.setdefault(message.get_type(), []).append(message)
+    reader.close()
+    return rows
+
+
+def test_every_format_character_comes_back_from_pymavlink(tmp_path: Path) -> None:
+    """One message with each character at the edges of its range; what goes in scaled comes out scaled."""
+    wide = [2**63 - 1, -(2**63)]
+    columns = {
+        "TimeUS": [1_000_000, 2**63],
+        "b": [-128, 127],
+        "B": [0, 255],
+        "h": [-32768, 32767],
+        "H": [0, 65535],
+        "i": [-(2**31), 2**31 - 1],
+        "I": [0, 2**32 - 1],
+        "q": wide,
+        "c": [-327.68, 327.67],
+        "C": [0.01, 655.35],
+        "e": [-21474836.48, 21474836.47],
+        "E": [0.0, 42949672.95],
+        "L": [-35.3632612, 149.1652374],
+        "d": [np.pi, -1e300],
+    }
+    text = {
+        "TimeUS": [1, 2],
+        "a": [np.arange(32), -np.arange(32)],
+        "g": [0.5, -2.0],
+        "f": [1.5, np.inf],
+        "n": ["ab", "abcd"],
+        "N": ["é", "0123456789abcdef"],
+        "Z": ["", "x" * 64],
+        "M": [0, 5],
+    }
+    path = tmp_path / "every.bin"
+    with path.open("wb") as stream:
+        writer = DataflashWriter(stream)
+        writer.define("NUM", "QbBhHiIqcCeELd", list(columns))
+        writer.define("TXT", "QagfnNZM", list(text))
+        writer.write_table("NUM", columns)
+        writer.write_table("TXT", text)
+    rows = rows_by_pymavlink(path)
+    for name, table in (("NUM", columns), ("TXT", text)):
+        for label, values in table.items():
+            for row, value in zip(rows[name], values, strict=True):
+                got = getattr(row, label)
+                assert list(got) == list(value) if label == "a" else got == value, (name, label)
+
+
+def test_units_and_multipliers_are_declared_as_ardupilot_does(tmp_path: Path) -> None:
+    path = tmp_path / "units.bin"
+    with path.open("wb") as stream:
+        writer = DataflashWriter(stream, start_us=7)
+        writer.define("MAG", "QBhhh", "TimeUS,I,MagX,MagY,MagZ", "s#GGG", "F-CCC", id=111)
+        writer.write("MAG", 8, 0, 0.25, -0.4, 0.123)
+    rows = rows_by_pymavlink(path)
+    assert {chr(row.Id): row.Label for row in rows["UNIT"]} == dict(UNITS)
+    assert {chr(row.Id): row.Mult for row in rows["MULT"]} == dict(MULTIPLIERS)
+    assert [(r.FmtType, r.UnitIds, r.MultIds) for r in rows["FMTU"]][-1] == (111, "s#GGG", "F-CCC")
+    mag = rows["MAG"][0]
+    assert (mag.MagX, mag.MagY, mag.MagZ) == (250, -400, 123)
+    assert mag.fmt.get_unit("MagX") == "mGauss"
+    assert mag.fmt.instance_field == "I"
+
+
+def test_tables_are_interleaved_by_time_and_time_is_made_from_the_index(tmp_path: Path) -> None:
+    t = np.arange(10.0, 20.0, 0.5)
+    fast = pd.DataFrame({"Roll": np.sin(t)}, index=pd.Index(t, name="t"))
+    slow = pd.DataFrame({"TimeUS": np.array([12_250_000, 11_250_000]), "Alt": [2.0, 1.0]})
+    path = tmp_path / "two.bin"
+    write_dataflash(path, [("ATT", "Qf", "sd", "F0", fast), ("BARO", "Qf", "sm", "F0", slow)])
+    reader = DFReader.DFReader_binary(str(path))
+    order = []
+    while (message := reader.recv_match(type=["ATT", "BARO", "FMTU"])) is not None:
+        order.append(message.TimeUS)
+    reader.close()
+    assert order == sorted(order)
+    assert len(order) == len(t) + 2 + 6
+
+
+def test_what_does_not_fit_is_refused_by_name() -> None:
+    writer = DataflashWriter(io.BytesIO())
+    writer.define("X", "QhN", "TimeUS,A,B")
+    with pytest.raises(ValueError, match=r"X\.A .*values reach"):
+        writer.write("X", 0, 40000, "")
+    with pytest.raises(ValueError, match=r"X\.A .*NaN"):
+        writer.write("X", 0, float("nan"), "")
+    with pytest.raises(ValueError, match=r"X\.B .*17 bytes"):
+        writer.write("X", 0, 0, "a" * 17)
+    with pytest.raises(ValueError, match="column B is missing"):
+        writer.write_table("X", {"TimeUS": [1], "A": [1]})
+    with pytest.raises(ValueError, match="different labels"):
+        writer.define("Y", "Qh", "TimeUS")
+    with pytest.raises(ValueError, match="255 bytes"):
+        writer.define("Y", "QZZZZ", "TimeUS,A,B,C,D")
+
+
+def test_a_message_can_be_redefined(tmp_path: Path) -> None:
+    path = tmp_path / "again.bin"
+    with path.open("wb") as stream:
+        writer = DataflashWriter(stream)
+        writer.define("X", "QB", "TimeUS,A", id=9)
+        writer.write("X", 1, 1)
+        writer.define("X", "Qf", "TimeUS,B")
+        writer.write("X", 2, 0.5)
+        assert len({layout.definition.id for layout in writer._layouts.values()}) == len(writer._layouts)
+    raw = path.read_bytes()
+    assert raw.count(b"\xa3\x95\x09") == 2
