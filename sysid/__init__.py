@@ -1,1 +1,17 @@
-"""Identification: experiments to models, and models to honest verdicts."""
+"""Identification: experiments to models, and models to honest verdicts.
+
+Inputs and outputs come as an `Experiment`. Every model offers ``simulate(experiment)`` (free run from the initial
+state), ``predict(experiment, horizon)`` (restarted at every sample), ``to_dict()`` for JSON, ``findings`` and
+``training`` (names of the records it was fitted to); `validate` judges it on records it has not seen.
+"""
+
+from sysid.experiment import Experiment, ExperimentError
+from sysid.transfer_function import FitReport, TransferFunction, TransferFunctionModel
+
+__all__ = [
+    "Experiment",
+    "ExperimentError",
+    "FitReport",
+    "TransferFunction",
+    "TransferFunctionModel",
+]

@@ -1,0 +1,44 @@
+"""Hot loop of the responses: discrete state recursions of many channels at once."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def recur(
+    transition: Floats, from_now: Floats, from_next: Floats, start: Floats, inputs: Floats, leading: int
+) -> Floats:
+    """Run ``x[k+1] = F x[k] + g0 u[k] + g1 u[k+1]`` for every lane and keep all states.
+
+    Lanes (channels) are the last axis, so that the inner loops are vector instructions.
+
+    Parameters
+    ----------
+    transition : ndarray, shape (q, q, lanes)
+    from_now, from_next : ndarray, shape (q, lanes)
+        g0 and g1; g1 is zero for held inputs.
+    start : ndarray, shape (q, lanes)
+        State at the first sample.
+    inputs : ndarray, shape (N, lanes)
+    leading : int
+        The first `leading` rows of F have nonzeros in the first `leading` columns only.
+
+    Returns
+    -------
+    ndarray, shape (N, q, lanes)
+    """
+    samples, lanes = inputs.shape
+    order = transition.shape[0]
+    states = np.empty((samples, order, lanes))
+    states[0] = start
+    for k in range(samples - 1):
+        for i in range(order):
+            for lane in range(lanes):
+                states[k + 1, i, lane] = from_now[i, lane] * inputs[k, lane] + from_next[i, lane] * inputs[k + 1, lane]
+            for j in range(leading if i < leading else order):
+                for lane in range(lanes):
+                    states[k + 1, i, lane] += transition[i, j, lane] * states[k, j, lane]
+    return states

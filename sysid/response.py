@@ -1,0 +1,191 @@
+"""Exact responses of continuous-time denominators to sampled inputs, and of whole transfer functions.
+
+A denominator of order n enters as ``a``, shape (n,), ascending powers without the leading 1:
+``A(s) = s^n + a[n-1] s^(n-1) + ... + a[0]``. Inside, every denominator has its own unit of frequency, the geometric
+mean ``w = a[0]^(1/n)`` of its poles, so that ``s = w p`` and the normalised states ``p^k / A(p) u`` are of like size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+from sysid._kernels import recur
+from sysid.experiment import Floats
+
+#: Time at the start of a record over which a free run may look at the outputs to find its initial state, s.
+INITIAL_SECONDS = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Discretised:
+    """States ``p^k / A`` (k < n) and ``p^k / A^2`` of several denominators, exactly discretised.
+
+    Attributes
+    ----------
+    unit : ndarray, shape (groups,)
+        w, the unit of frequency, rad/s.
+    a : ndarray, shape (groups, n)
+        Normalised coefficients ``a[k] / w^(n-k)``.
+    transition : ndarray, shape (groups, 2 n, 2 n)
+    from_now, from_next : ndarray, shape (groups, 2 n)
+    """
+
+    unit: Floats
+    a: Floats
+    transition: Floats
+    from_now: Floats
+    from_next: Floats
+
+    @property
+    def order(self) -> int:
+        """Order n of the denominators."""
+        return self.a.shape[1]
+
+    def forced(self, inputs: Floats, group: Sequence[int], sensitivities: bool = True) -> Floats:
+        """Respond to inputs from rest.
+
+        Parameters
+        ----------
+        inputs : ndarray, shape (N, lanes)
+        group : sequence of int, shape (lanes,)
+            Which denominator each input passes.
+        sensitivities : bool
+            Also the states over A^2.
+
+        Returns
+        -------
+        ndarray, shape (N, 2 n, lanes), or (N, n, lanes) without sensitivities
+        """
+        return self._run(inputs, group, np.zeros((2 * self.order, len(group))), sensitivities)
+
+    def free(self, samples: int, sensitivities: bool = True) -> Floats:
+        """Respond to a unit impulse just before the first sample: the shapes that initial states can give.
+
+        Returns
+        -------
+        ndarray, shape (samples, 2 n, groups), or (samples, n, groups)
+        """
+        groups = len(self.unit)
+        start = np.zeros((2 * self.order, groups))
+        start[self.order - 1] = 1.0
+        return self._run(np.zeros((samples, groups)), range(groups), start, sensitivities)
+
+    def _run(self, inputs: Floats, group: Sequence[int], start: Floats, sensitivities: bool) -> Floats:
+        lanes, q = list(group), (2 if sensitivities else 1) * self.order
+        return np.asarray(
+            recur(
+                np.ascontiguousarray(self.transition[lanes, :q, :q].transpose(1, 2, 0)),
+                np.ascontiguousarray(self.from_now[lanes, :q].T),
+                np.ascontiguousarray(self.from_next[lanes, :q].T),
+                np.ascontiguousarray(start[:q]),
+                np.ascontiguousarray(inputs),
+                self.order,
+            )
+        )
+
+
+def discretise(a: Floats, dt: float, hold: str) -> Discretised:
+    """Discretise companion forms and their sensitivities by one matrix exponential each (Van Loan 1978).
+
+    Parameters
+    ----------
+    a : ndarray, shape (groups, n)
+        Denominators, ascending powers.
+    dt : float
+        s.
+    hold : {"zoh", "foh"}
+    """
+    groups, n = a.shape
+    unit = a[:, 0] ** (1.0 / n)
+    normalised = a / unit[:, None] ** np.arange(n, 0, -1)
+    size = 2 * n + (1 if hold == "zoh" else 2)
+    block = np.zeros((groups, size, size))
+    for first in (0, n):
+        rows = np.arange(first, first + n - 1)
+        block[:, rows, rows + 1] = 1.0
+        block[:, first + n - 1, first : first + n] = -normalised
+    block[:, 2 * n - 1, 0] = 1.0  # the second companion is driven by 1/A u, the first state
+    block[:, n - 1, 2 * n] = 1.0
+    block *= (unit * dt)[:, None, None]
+    if hold == "foh":
+        block[:, 2 * n, 2 * n + 1] = 1.0
+    exponential = np.asarray(expm(block))
+    held = exponential[:, : 2 * n, 2 * n]
+    ramp = exponential[:, : 2 * n, 2 * n + 1] if hold == "foh" else np.zeros_like(held)
+    return Discretised(unit, normalised, exponential[:, : 2 * n, : 2 * n], held - ramp, ramp)
+
+
+def numerator_to_seconds(normalised: Floats, unit: float, order: int) -> Floats:
+    """Turn numerator coefficients of the normalised states (ascending) into those of powers of s (ascending)."""
+    return normalised * unit ** (order - np.arange(len(normalised)))
+
+
+def free_run(
+    numerators: Sequence[Floats],
+    denominators: Sequence[Floats],
+    u: Floats,
+    y: Floats,
+    origin: float,
+    dt: float,
+    hold: str,
+    *,
+    shared: bool,
+    sigma: float,
+    initial_sigma: float,
+) -> Floats:
+    """Simulate one output from the inputs and an initial state found in the first `INITIAL_SECONDS`.
+
+    Parameters
+    ----------
+    numerators, denominators : sequence of ndarray
+        Per input, highest power first; a denominator ``[1]`` marks an input without effect.
+    u : ndarray, shape (N, m)
+        About the trim.
+    y : ndarray, shape (N,)
+        Only its first `INITIAL_SECONDS` are looked at.
+    origin : float
+        Output about which the offset is sought.
+    dt : float
+        s.
+    hold : {"zoh", "foh"}
+    shared : bool
+        All inputs pass one denominator, so that there is one initial response only.
+    sigma : float
+        Standard deviation of what the model does not explain, in the output's unit.
+    initial_sigma : float
+        Prior standard deviation of each coefficient of the initial response.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+    """
+    samples = len(y)
+    forced = np.zeros(samples)
+    early = min(round(INITIAL_SECONDS / dt) + 1, samples)
+    columns = [np.ones((samples, 1))]
+    active = [j for j, den in enumerate(denominators) if len(den) > 1]
+    by_order: dict[int, list[int]] = {}
+    for j in active:
+        by_order.setdefault(len(denominators[j]) - 1, []).append(j)
+    for n, inputs in by_order.items():
+        system = discretise(np.array([denominators[j][:0:-1] for j in inputs]), dt, hold)
+        states = system.forced(u[:, inputs], range(len(inputs)), sensitivities=False)
+        for lane, j in enumerate(inputs):
+            b = numerators[j][::-1] / system.unit[lane] ** (n - np.arange(len(numerators[j])))
+            forced += states[:, : len(b), lane] @ b
+        initial = system.free(samples, sensitivities=False)
+        if shared:
+            initial = initial[:, :, :1]
+        columns.append((initial / np.max(np.abs(initial), axis=0)).reshape(samples, -1))
+    shapes = np.hstack(columns)
+    # Maximum a posteriori: the offset is free, initial responses are no larger than those of the training records.
+    prior = np.full(shapes.shape[1], 1.0 / initial_sigma)
+    prior[0] = 0.0
+    lhs = np.vstack([shapes[:early] / sigma, np.diag(prior)])
+    rhs = np.concatenate([(y - origin - forced)[:early] / sigma, np.zeros(len(prior))])
+    coefficients = np.linalg.lstsq(lhs, rhs, rcond=None)[0]
+    return np.asarray(origin + forced + shapes @ coefficients)

@@ -1,0 +1,103 @@
+"""Denominators that are stable by construction: products of sections with logarithms as parameters.
+
+A second-order section is ``s^2 + 2 zeta w s + w^2`` with parameters ``(ln w, ln zeta)``, real poles included
+(zeta > 1); an odd order has one first-order section ``s + w`` with parameter ``ln w``, last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.experiment import Floats
+
+#: Damping ratios that a fit may use; below, a mode rings for the whole of any flight.
+DAMPING = (0.005, 20.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Frequencies that records of this length and rate can tell anything about, rad/s."""
+
+    lowest: float
+    highest: float
+
+
+def resolvable_band(duration: float, dt: float) -> Band:
+    """Give the band of poles for the longest record, from a tenth of its inverse length to the Nyquist frequency.
+
+    A pole slower than that cannot be told from an integrator; one faster not from a gain.
+    """
+    return Band(0.1 / duration, np.pi / dt)
+
+
+def clip(theta: Floats, band: Band) -> Floats:
+    """Bring parameters, shape (groups, n), into the band and the range of damping."""
+    n = theta.shape[1]
+    lower, upper = np.full(n, np.log(band.lowest)), np.full(n, np.log(band.highest))
+    damping = np.arange(1, n - n % 2, 2)
+    lower[damping], upper[damping] = np.log(DAMPING[0]), np.log(DAMPING[1])
+    return np.clip(theta, lower, upper)
+
+
+def denominators(theta: Floats) -> tuple[Floats, Floats]:
+    """Multiply the sections out.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (groups, n)
+
+    Returns
+    -------
+    a : ndarray, shape (groups, n)
+        Ascending powers of s without the leading 1.
+    slope : ndarray, shape (groups, n, n)
+        ``d a[g, k] / d theta[g, i]`` at ``[g, k, i]``.
+    """
+    groups, n = theta.shape
+    a, slope = np.empty((groups, n)), np.empty((groups, n, n))
+    for g in range(groups):
+        factors: list[Floats] = []
+        derivatives: list[list[Floats]] = []
+        for i in range(0, n - 1, 2):
+            w, zeta = np.exp(theta[g, i]), np.exp(theta[g, i + 1])
+            factors.append(np.array([1.0, 2.0 * zeta * w, w * w]))
+            derivatives.append([np.array([2.0 * zeta * w, 2.0 * w * w]), np.array([2.0 * zeta * w, 0.0])])
+        if n % 2:
+            w = np.exp(theta[g, n - 1])
+            factors.append(np.array([1.0, w]))
+            derivatives.append([np.array([w])])
+        whole = np.ones(1)
+        for factor in factors:
+            whole = np.convolve(whole, factor)
+        a[g] = whole[:0:-1]
+        column = 0
+        for which, own in enumerate(derivatives):
+            rest = np.ones(1)
+            for other, factor in enumerate(factors):
+                if other != which:
+                    rest = np.convolve(rest, factor)
+            for derivative in own:
+                product = np.convolve(rest, derivative)
+                slope[g, :, column] = np.concatenate([product[::-1], np.zeros(n - len(product))])
+                column += 1
+    return a, slope
+
+
+def from_poles(poles: Floats) -> Floats:
+    """Find the parameters, shape (n,), of a set of stable poles (complex ones in conjugate pairs)."""
+    upper = sorted((p for p in poles if p.imag > 1e-12 * abs(p)), key=abs)
+    real = sorted(-float(p.real) for p in poles if abs(p.imag) <= 1e-12 * abs(p))
+    theta: list[float] = []
+    for p in upper:
+        w = abs(p)
+        theta += [np.log(w), np.log(max(-p.real / w, DAMPING[0]))]
+    if len(real) % 2:
+        last = [np.log(real.pop(len(real) // 2))]
+    else:
+        last = []
+    for first, second in zip(real[::2], real[1::2], strict=True):
+        w = np.sqrt(first * second)
+        theta += [np.log(w), np.log((first + second) / (2.0 * w))]
+    return np.array(theta + last)

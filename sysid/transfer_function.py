@@ -1,0 +1,263 @@
+"""Continuous-time transfer functions, and the model made of one for each pair of output and input."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from logparse import Finding
+from sysid.disturbance import Disturbance
+from sysid.experiment import Experiment, ExperimentError, Floats
+from sysid.response import INITIAL_SECONDS, free_run
+
+#: A coefficient whose standard deviation exceeds this part of its value is reported as not determined.
+DETERMINED = 0.5
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """``G(s) = num(s) / den(s)``.
+
+    Attributes
+    ----------
+    num : ndarray
+        Highest power of s first; time in seconds.
+    den : ndarray
+        Highest power first, monic.
+    covariance : ndarray or None
+        Of ``(num, den without its leading 1)``; None for a transfer function that was not estimated.
+    """
+
+    num: Floats
+    den: Floats
+    covariance: Floats | None = None
+
+    @cached_property
+    def poles(self) -> NDArray[np.complex128]:
+        """Roots of the denominator, rad/s."""
+        return np.asarray(np.roots(self.den), dtype=np.complex128)
+
+    @cached_property
+    def zeros(self) -> NDArray[np.complex128]:
+        """Roots of the numerator, rad/s."""
+        return np.asarray(np.roots(self.num), dtype=np.complex128)
+
+    @property
+    def gain(self) -> float:
+        """Value at s = 0: output per unit of input in the long run."""
+        return float(self.num[-1] / self.den[-1])
+
+    @cached_property
+    def standard_deviation(self) -> Floats | None:
+        """Of ``(num, den without its leading 1)``."""
+        return None if self.covariance is None else np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @cached_property
+    def determined(self) -> NDArray[np.bool_] | None:
+        """Which of ``(num, den without its leading 1)`` the data determine: standard deviation below half the value."""
+        if self.standard_deviation is None:
+            return None
+        value = np.abs(np.concatenate([self.num, self.den[1:]]))
+        return np.asarray(self.standard_deviation < DETERMINED * value)
+
+    def response(self, omega: Floats) -> NDArray[np.complex128]:
+        """Evaluate G(j omega) at angular frequencies in rad/s."""
+        s = 1j * np.asarray(omega, dtype=np.float64)
+        return np.asarray(np.polyval(self.num, s) / np.polyval(self.den, s), dtype=np.complex128)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON; complex poles and zeros as ``[real, imaginary]`` in rad/s."""
+        deviation, determined, n = self.standard_deviation, self.determined, len(self.num)
+        return {
+            "num": self.num.tolist(),
+            "den": self.den.tolist(),
+            "num_std": None if deviation is None else _finite(deviation[:n]),
+            "den_std": None if deviation is None else [0.0, *_finite(deviation[n:])],
+            "num_determined": None if determined is None else determined[:n].tolist(),
+            "den_determined": None if determined is None else [True, *determined[n:].tolist()],
+            "poles": [[float(p.real), float(p.imag)] for p in self.poles],
+            "zeros": [[float(z.real), float(z.imag)] for z in self.zeros],
+            "gain": self.gain,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitReport:
+    """How the fit of one output went.
+
+    Attributes
+    ----------
+    rmse : float
+        Of the training residual, in the output's unit.
+    fit_percent : float
+        ``100 (1 - |residual| / |y - mean y|)`` on the training records.
+    iterations, starts, seed : int
+        Of the search; the same seed on the same data gives the same model.
+    converged : bool
+        False when the time limit or the iteration limit ended the search.
+    seconds : float
+    condition : float
+        Condition number of the scaled Gauss-Newton Hessian without regularisation (square root: of the regressors).
+    ridge : float
+        Regularisation of the numerators relative to the mean energy of their regressors.
+    parameters : int
+        Numerator and denominator coefficients.
+    undetermined : int
+        Of these, how many have a standard deviation above half their value.
+    """
+
+    rmse: float
+    fit_percent: float
+    iterations: int
+    starts: int
+    seed: int
+    converged: bool
+    seconds: float
+    condition: float
+    ridge: float
+    parameters: int
+    undetermined: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransferFunctionModel:
+    """Sum over the inputs of one transfer function each, for every output: ``y_i = c_i + sum_j G_ij (u_j - trim_j)``.
+
+    Attributes
+    ----------
+    name : str
+        What it is, for tables.
+    transfer_functions : mapping
+        ``[output][input]``.
+    hold : {"zoh", "foh"}
+        How inputs run between samples: held, or straight lines.
+    structure : {"per_input", "common"}
+    rate : float
+        Samples per second of the training records.
+    disturbance : mapping
+        For each output, how the part that the model does not explain carries on (for `predict`).
+    initial_sigma : mapping
+        For each output the assumed standard deviation of each coefficient of the response to the initial state.
+    reports : mapping
+        For each output, how the fit went.
+    training : tuple of str
+        Names of the records used for the fit.
+    findings : tuple of Finding
+    """
+
+    name: str
+    transfer_functions: Mapping[str, Mapping[str, TransferFunction]]
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    units: Mapping[str, str]
+    structure: str
+    poles: int
+    zeros: int
+    hold: str
+    rate: float
+    disturbance: Mapping[str, Disturbance]
+    initial_sigma: Mapping[str, float]
+    reports: Mapping[str, FitReport]
+    training: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+
+    def simulate(self, experiment: Experiment) -> Floats:
+        """Run freely from the initial state, with nothing of the outputs after the first three seconds.
+
+        The initial state is not measured; it is estimated from the outputs of the first `INITIAL_SECONDS` with the
+        assumption that it is no larger than the training records were.
+
+        Returns
+        -------
+        ndarray, shape (N, p)
+        """
+        self._require(experiment)
+        result = np.empty_like(experiment.y)
+        for column, output in enumerate(self.output_names):
+            row = self.transfer_functions[output]
+            result[:, column] = free_run(
+                [row[name].num for name in self.input_names],
+                [row[name].den for name in self.input_names],
+                experiment.u - experiment.input_trim,
+                experiment.y[:, column],
+                experiment.output_trim[column],
+                experiment.dt,
+                self.hold,
+                shared=self.structure == "common",
+                sigma=max(self.reports[output].rmse, 1e-9),
+                initial_sigma=self.initial_sigma[output],
+            )
+        return result
+
+    def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
+        """Predict every sample from what was measured up to `horizon` seconds before it.
+
+        The model carries the response to the inputs, which are taken as known; what it did not explain so far
+        (wind, drift) is carried on as `disturbance` says. The first samples, which have nothing measured before them,
+        are the free run.
+
+        Returns
+        -------
+        ndarray, shape (N, p)
+        """
+        steps = max(round(horizon / experiment.dt), 1)
+        simulated = self.simulate(experiment)
+        result = simulated.copy()
+        for column, output in enumerate(self.output_names):
+            residual = experiment.y[:, column] - simulated[:, column]
+            result[:, column] += self.disturbance[output].predict(residual, experiment.dt, steps)
+        return result
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON."""
+        return {
+            "kind": "transfer-functions",
+            "name": self.name,
+            "structure": self.structure,
+            "poles": self.poles,
+            "zeros": self.zeros,
+            "hold": self.hold,
+            "rate_hz": self.rate,
+            "inputs": list(self.input_names),
+            "outputs": list(self.output_names),
+            "units": dict(self.units),
+            "initial_seconds": INITIAL_SECONDS,
+            "training": list(self.training),
+            "transfer_functions": {
+                output: {name: function.to_dict() for name, function in row.items()}
+                for output, row in self.transfer_functions.items()
+            },
+            "disturbance": {output: value.to_dict() for output, value in self.disturbance.items()},
+            "fits": {output: report.to_dict() for output, report in self.reports.items()},
+            "findings": [
+                {
+                    "id": finding.id,
+                    "severity": str(finding.severity),
+                    "reason": finding.reason,
+                    "advice": finding.advice,
+                    "evidence": dict(finding.evidence),
+                }
+                for finding in self.findings
+            ],
+        }
+
+    def _require(self, experiment: Experiment) -> None:
+        if experiment.input_names != self.input_names or experiment.output_names != self.output_names:
+            raise ExperimentError(
+                f"{experiment.name} has inputs {', '.join(experiment.input_names)} and outputs "
+                f"{', '.join(experiment.output_names)}; the model takes {', '.join(self.input_names)} and gives "
+                f"{', '.join(self.output_names)}"
+            )
+
+
+def _finite(values: Floats) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
