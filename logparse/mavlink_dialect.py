@@ -1,0 +1,91 @@
+"""What MAVLink messages look like on the wire, taken from pymavlink's ArduPilot dialect.
+
+The dialect ``ardupilotmega`` contains ``common``; both the reader (`tlog`) and the writer (`tlog_writer`) work from it.
+"""
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+_NUMPY_CODES = MappingProxyType(
+    {
+        "b": "i1",
+        "B": "u1",
+        "h": "<i2",
+        "H": "<u2",
+        "i": "<i4",
+        "I": "<u4",
+        "q": "<i8",
+        "Q": "<u8",
+        "f": "<f4",
+        "d": "<f8",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MessageDefinition:
+    """One message of the dialect.
+
+    Attributes
+    ----------
+    name : str
+        MAVLink name, such as ``"ATTITUDE"``.
+    id : int
+        Message id.
+    crc_extra : int
+        Seed that the definition adds to each frame's checksum.
+    wire : numpy.dtype
+        Packed structured dtype of a payload that is not truncated, fields in wire order. Arrays are subarrays;
+        ``char`` arrays are byte strings (``S``).
+    fields : tuple of str
+        Field names in the order of the definition.
+    units : mapping of str to str
+        Unit of each field that has one, as the definition says it.
+    """
+
+    name: str
+    id: int
+    crc_extra: int
+    wire: np.dtype[Any]
+    fields: tuple[str, ...]
+    units: Mapping[str, str]
+
+
+@cache
+def pymavlink_dialect() -> Any:
+    """Import pymavlink's generated module; it takes 0.3 s, so only those who need it pay."""
+    return importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
+
+
+@cache
+def definitions() -> Mapping[str, MessageDefinition]:
+    """List all messages of the dialect by name."""
+    found = (_definition(message) for message in pymavlink_dialect().mavlink_map.values())
+    return MappingProxyType({definition.name: definition for definition in found})
+
+
+def _definition(message: Any) -> MessageDefinition:
+    wire: list[Any] = []
+    # `native_format` has one code per field in wire order; `array_lengths` has 0 for scalars.
+    codes = bytes(message.native_format).decode().lstrip("<")
+    for name, code, length in zip(message.ordered_fieldnames, codes, message.array_lengths, strict=True):
+        if code == "c":
+            wire.append((name, f"S{max(length, 1)}"))
+        elif length:
+            wire.append((name, _NUMPY_CODES[code], (length,)))
+        else:
+            wire.append((name, _NUMPY_CODES[code]))
+    return MessageDefinition(
+        name=message.msgname,
+        id=message.id,
+        crc_extra=message.crc_extra,
+        wire=np.dtype(wire),
+        fields=tuple(message.fieldnames),
+        units=MappingProxyType(dict(message.fieldunits_by_name)),
+    )
