@@ -1,8 +1,8 @@
 """Write MAVLink telemetry logs as ground stations do, for simulated flights and for tests.
 
 Each record is the receive time, 8 bytes big-endian, in microseconds since 1970 UTC, followed by one MAVLink 2 frame as
-pymavlink packs it. Values are the protocol's own: ``GPS_RAW_INT.lat`` in 1e-7 degrees, ``SYS_STATUS.voltage_battery`` in mV (see
-`mavlink_dialect`). A field left out is zero, which is also how MAVLink 2 reads a field cut off a frame.
+pymavlink packs it. Values are the protocol's own: ``GPS_RAW_INT.lat`` in 1e-7 degrees, ``SYS_STATUS.voltage_battery``
+in mV (see `mavlink_dialect`). A field left out is zero, which is also how MAVLink 2 reads a field cut off a frame.
 """
 
 import re
