@@ -53,6 +53,8 @@ class LogFacts:
     boots : int
         Power-ups in the file; the one with the longest flight was analysed.
     vehicle : Vehicle
+    craft : str
+        Equal for logs of the same craft, see `pipeline.craft.fingerprint`.
     flights : tuple of Span
         Airborne intervals.
     """
@@ -65,10 +67,11 @@ class LogFacts:
     start_utc: datetime | None
     boots: int
     vehicle: Vehicle
+    craft: str
     flights: tuple[Span, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prediction:
     """A free-run simulation beside the data it should reproduce.
 
@@ -92,7 +95,7 @@ class Prediction:
         return Span(float(self.experiment.t[0]), float(self.experiment.t[-1]))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FlightResult:
     """One log, analysed as far as its content allows.
 
@@ -155,7 +158,7 @@ class Failure:
     reason: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GroupResult:
     """All flights of one craft, identified jointly.
 
@@ -193,7 +196,7 @@ class GroupResult:
     missing: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FleetResult:
     """Several logs: every flight for itself, every craft jointly, and the files that gave nothing."""
 

@@ -1,0 +1,224 @@
+"""A folder of logs to one result: every log for itself, then every craft jointly, judged on its other flights."""
+
+import logging
+import os
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor, Future, as_completed
+from fnmatch import fnmatch
+from pathlib import Path
+
+import sysid
+from logparse import LogError, RotoridError
+from pipeline.config import AnalysisConfig, ConfigError
+from pipeline.craft import by_craft, craft_name
+from pipeline.flight import analyze
+from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, Prediction
+from pipeline.stages import Progress, Stages, silent
+
+_LOG = logging.getLogger("rotorid.pipeline")
+
+#: Endings that promise a flight log: a file found in a folder is reported as failed only if it has one of them.
+LOG_SUFFIXES = frozenset({".bin", ".log", ".tlog", ".ulg", ".raw"})
+
+
+def analyze_fleet(
+    paths: Iterable[str | Path],
+    config: AnalysisConfig | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> FleetResult:
+    """Analyse logs one by one, then all flights of each craft together.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+        Logs, and folders to search for logs.
+    config : AnalysisConfig, optional
+    executor : concurrent.futures.Executor, optional
+        Where the logs are analysed, each in one call; in this thread when not given.
+    progress : callable, optional
+        Called with "log: stage" and the fraction of the whole that is done.
+
+    Raises
+    ------
+    ConfigError
+        `AnalysisConfig.training` names no log.
+    """
+    config = config or AnalysisConfig()
+    progress = progress or silent
+    files = find_logs(paths)
+    names = flight_names([file for file, _ in files])
+    # The joint fits come last and take about as long as a few logs.
+    share = 1.0 / (len(files) + max(1, len(files) // 4))
+
+    outcomes: dict[Path, FlightResult | Failure | None] = {}
+    if executor is None:
+        for number, (file, named) in enumerate(files):
+
+            def report(stage: str, fraction: float, number: int = number, file: Path = file) -> None:
+                progress(f"{file.name}: {stage}", share * (number + fraction))
+
+            outcomes[file] = analyze_one(file, config, names[file], named, report)
+    else:
+        jobs: dict[Future[FlightResult | Failure | None], Path] = {
+            executor.submit(analyze_one, file, config, names[file], named): file for file, named in files
+        }
+        for number, job in enumerate(as_completed(jobs), start=1):
+            file = jobs[job]
+            try:
+                outcomes[file] = job.result()
+            except Exception as error:  # the worker died, or its result could not come back
+                _LOG.exception("analysing %s failed", file)
+                outcomes[file] = Failure(file, f"the worker process failed: {type(error).__name__}: {error}")
+            progress(f"{file.name}: done", share * number)
+
+    ordered = [outcomes[file] for file, _ in files]
+    flights = tuple(outcome for outcome in ordered if isinstance(outcome, FlightResult))
+    failures = tuple(outcome for outcome in ordered if isinstance(outcome, Failure))
+    if config.training and not any(_chosen(flight.name, config.training) for flight in flights):
+        raise ConfigError(
+            f"no flight is named {' or '.join(config.training)}; "
+            f"the flights are {', '.join(flight.name for flight in flights) or 'none'}"
+        )
+    groups = []
+    crafts = [craft for craft in by_craft(flights) if len(craft) > 1]
+    start = share * len(files)
+    for number, craft in enumerate(crafts):
+        name = craft_name(craft)
+
+        def report_group(stage: str, fraction: float, number: int = number, name: str = name) -> None:
+            progress(f"{name}, jointly: {stage}", start + (1.0 - start) * (number + fraction) / len(crafts))
+
+        groups.append(analyze_group(craft, config, report_group))
+    progress("done", 1.0)
+    return FleetResult(flights=flights, failures=failures, groups=tuple(groups), config=config)
+
+
+def find_logs(paths: Iterable[str | Path]) -> list[tuple[Path, bool]]:
+    """List the files to analyse: (file, named by the user), each file once, folders searched in order of name."""
+    found: dict[Path, bool] = {}
+    for path in map(Path, paths):
+        if path.is_dir():
+            for folder, folders, files in os.walk(path):
+                folders[:] = sorted(name for name in folders if not name.startswith("."))
+                for name in sorted(files):
+                    file = Path(folder) / name
+                    if not name.startswith(".") and file.is_file() and file not in found:
+                        found[file] = False
+        else:
+            found[path] = True
+    return list(found.items())
+
+
+def flight_names(files: Sequence[Path]) -> dict[Path, str]:
+    """Name each flight after its file, with as much more of the name and number as makes it unique."""
+    names: dict[Path, str] = {}
+    taken: set[str] = set()
+    stems = [file.stem.casefold() for file in files]
+    for file in files:
+        base = file.stem if stems.count(file.stem.casefold()) == 1 else file.name
+        name, number = base, 1
+        while name.casefold() in taken:
+            number += 1
+            name = f"{base} ({number})"
+        taken.add(name.casefold())
+        names[file] = name
+    return names
+
+
+def analyze_one(
+    file: Path, config: AnalysisConfig, name: str, named: bool, progress: Progress | None = None
+) -> FlightResult | Failure | None:
+    """Analyse one log of several; whatever goes wrong stays with this log.
+
+    Returns
+    -------
+    FlightResult, Failure or None
+        None for a file that was merely found in a folder and neither looks nor is called like a log.
+    """
+    try:
+        return analyze(file, config, progress, name=name)
+    except LogError as error:
+        return Failure(file, str(error)) if named or file.suffix.lower() in LOG_SUFFIXES else None
+    except RotoridError as error:
+        return Failure(file, str(error))
+    except OSError as error:
+        return Failure(file, f"cannot be read: {error.strerror or error}")
+    except Exception as error:
+        _LOG.exception("unexpected error analysing %s", file)
+        return Failure(file, f"unexpected {type(error).__name__}: {error} (a bug in rotorid; please report it)")
+
+
+def analyze_group(
+    flights: Sequence[FlightResult], config: AnalysisConfig, progress: Progress | None = None
+) -> GroupResult:
+    """Identify one craft from some of its flights jointly and judge the model on the others.
+
+    Parameters
+    ----------
+    flights : sequence of FlightResult
+        Of one craft, each with an experiment.
+    config : AnalysisConfig
+    progress : callable, optional
+    """
+    training, held_out, split = choose_training(flights, config)
+    stages = Stages(progress or silent, config.time_limit * len(flights))
+    fitted = [flight.experiment for flight in training if flight.experiment is not None]
+    judges = [flight.experiment for flight in held_out if flight.experiment is not None]
+    model = thrust = training_validation = validation = None
+    predictions: tuple[Prediction, ...] = ()
+    if fitted:
+        thrust = stages.run("thrust", lambda _: sysid.fit_thrust(fitted, mass=config.mass))
+        model = stages.run(
+            "model",
+            lambda report: sysid.fit_transfer_functions(
+                fitted, poles=config.poles, zeros=config.zeros, structure=config.structure, progress=report
+            ),
+        )
+    else:
+        stages.missing["model"] = stages.missing["thrust"] = "none of its flights was chosen for training"
+    if model is not None:
+        joint = model
+        training_validation = stages.run("training", lambda _: sysid.validate(joint, fitted))
+        if judges:
+            validation = stages.run("validation", lambda _: sysid.validate(joint, judges))
+        simulated = stages.run(
+            "prediction",
+            lambda _: tuple(
+                Prediction(experiment=experiment, y_hat=joint.simulate(experiment), training=number < len(fitted))
+                for number, experiment in enumerate((*fitted, *judges))
+            ),
+        )
+        predictions = simulated or ()
+    findings = [finding for part in (model, thrust) if part is not None for finding in part.findings]
+    return GroupResult(
+        name=craft_name(flights),
+        vehicle=flights[0].log.vehicle,
+        training=tuple(flight.name for flight in training),
+        held_out=tuple(flight.name for flight in held_out),
+        split=split,
+        model=model,
+        thrust=thrust,
+        predictions=predictions,
+        training_validation=training_validation,
+        validation=validation,
+        findings=(*findings, *stages.findings),
+        missing=stages.missing,
+    )
+
+
+def choose_training(
+    flights: Sequence[FlightResult], config: AnalysisConfig
+) -> tuple[list[FlightResult], list[FlightResult], str]:
+    """Divide a craft's flights into those to fit and those to judge, and say how it was done."""
+    if config.training:
+        training = [flight for flight in flights if _chosen(flight.name, config.training)]
+        split = "training flights were named by the user; all others judge"
+    else:
+        training = list(flights[::2])
+        split = "every second flight in order of name trains, the others judge"
+    return training, [flight for flight in flights if flight not in training], split
+
+
+def _chosen(name: str, patterns: Iterable[str]) -> bool:
+    return any(fnmatch(name.casefold(), pattern.casefold()) for pattern in patterns)

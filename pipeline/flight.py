@@ -1,0 +1,139 @@
+"""One log to one result: read, estimate, identify on the first part of the flight, judge on the rest."""
+
+import hashlib
+from pathlib import Path
+
+import estimation
+import logparse
+import sysid
+from logparse import FlightLog, MissingDataError
+from pipeline.config import AnalysisConfig
+from pipeline.craft import fingerprint
+from pipeline.results import FlightResult, LogFacts, Prediction, Span
+from pipeline.stages import Progress, Stages, silent
+
+
+def analyze(
+    path: str | Path, config: AnalysisConfig | None = None, progress: Progress | None = None, *, name: str | None = None
+) -> FlightResult:
+    """Analyse one log as far as its content allows.
+
+    Parameters
+    ----------
+    path : str or Path
+    config : AnalysisConfig, optional
+    progress : callable, optional
+        Called with a stage's name and the fraction of it that is done.
+    name : str, optional
+        What the flight is called in the result; the file name without its extension.
+
+    Returns
+    -------
+    FlightResult
+        Stages that could not be done are None there, with their reason in `FlightResult.missing`.
+
+    Raises
+    ------
+    RotoridError
+        The file is not a readable log, or holds neither a flight nor a trajectory.
+    """
+    path = Path(path)
+    name = name or path.stem
+    config = config or AnalysisConfig()
+    stages = Stages(progress or silent, config.time_limit)
+
+    stages.progress("read", 0.0)
+    log = logparse.read_log(path)
+    tables = stages.run("tables", lambda _: log.tables)
+    if tables is None:
+        raise MissingDataError(stages.missing["tables"])
+    flight = stages.run("flight", lambda _: _longest_flight(log))
+    trajectory = stages.run("trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate))
+    if flight is None and trajectory is None:
+        raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
+
+    experiment = model = thrust = training = validation = None
+    predictions: tuple[Prediction, ...] = ()
+    if flight is None or trajectory is None:
+        stages.missing["experiment"] = stages.missing["flight" if flight is None else "trajectory"]
+    else:
+        cut = stages.run("experiment", lambda _: _cut(log, trajectory, config, name))
+        if cut is not None:
+            experiment, fitted, held_out = cut
+    if experiment is not None:
+        thrust = stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
+        model = stages.run("model", lambda report: _fit(fitted, config, report))
+    if model is not None:
+        fit_model = model
+        training = stages.run("training", lambda _: sysid.validate(fit_model, [fitted]))
+        validation = stages.run("validation", lambda _: sysid.validate(fit_model, [held_out]))
+        simulated = stages.run(
+            "prediction",
+            lambda _: tuple(
+                Prediction(experiment=part, y_hat=fit_model.simulate(part), training=part is fitted)
+                for part in (fitted, held_out)
+            ),
+        )
+        predictions = simulated or ()
+
+    later = (part.findings for part in (trajectory, model, thrust) if part is not None)
+    return FlightResult(
+        name=name,
+        log=_facts(log, path),
+        config=config,
+        flight=flight,
+        motors=tables.motors,
+        modes=tables.modes,
+        gps=tables.gps,
+        baro=tables.baro,
+        trajectory=trajectory,
+        experiment=experiment,
+        model=model,
+        thrust=thrust,
+        predictions=predictions,
+        training=training,
+        validation=validation,
+        findings=(*log.findings, *(finding for part in later for finding in part), *stages.findings),
+        missing=stages.missing,
+        timings=stages.timings,
+    )
+
+
+def _longest_flight(log: FlightLog) -> Span:
+    if not log.flights:
+        raise MissingDataError("no flight in this log: the craft never left the ground as far as the log shows")
+    longest = max(log.flights, key=lambda flight: flight.stop - flight.start)
+    return Span(longest.start, longest.stop)
+
+
+def _cut(
+    log: FlightLog, trajectory: estimation.Trajectory, config: AnalysisConfig, name: str
+) -> tuple[sysid.Experiment, sysid.Experiment, sysid.Experiment]:
+    """Cut the whole flight, the part to fit, and the part that judges."""
+    whole = sysid.Experiment.from_flight(
+        log, trajectory, rate=config.rate, inputs="motors", outputs="position", name=name
+    )
+    return whole, *whole.split(config.training_fraction)
+
+
+def _fit(fitted: sysid.Experiment, config: AnalysisConfig, report: Progress) -> sysid.TransferFunctionModel:
+    return sysid.fit_transfer_functions(
+        [fitted], poles=config.poles, zeros=config.zeros, structure=config.structure, progress=report
+    )
+
+
+def _facts(log: FlightLog, path: Path) -> LogFacts:
+    with path.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    return LogFacts(
+        path=path,
+        size=path.stat().st_size,
+        sha256=sha256,
+        format=log.format,
+        duration=log.duration,
+        start_utc=log.start_utc,
+        boots=len(log.boots),
+        vehicle=log.vehicle,
+        craft=fingerprint(log.vehicle, log.parameters, simulated=log.tables.truth is not None),
+        flights=tuple(Span(flight.start, flight.stop) for flight in log.flights),
+    )

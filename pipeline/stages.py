@@ -1,0 +1,87 @@
+"""The stages of one analysis: each is timed, reports its progress, and may fail without taking the others along."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import TypeVar
+
+from logparse import Finding, RotoridError, Severity
+
+Progress = Callable[[str, float], None]
+T = TypeVar("T")
+
+_LOG = logging.getLogger("rotorid.pipeline")
+
+
+class OutOfTimeError(RotoridError):
+    """A stage took longer than it may; raised from inside its own progress reports."""
+
+
+def silent(stage: str, fraction: float) -> None:
+    """Report progress to nobody."""
+
+
+@dataclass(slots=True)
+class Stages:
+    """Runs stages in order and keeps what they had to say.
+
+    Attributes
+    ----------
+    progress : callable
+        Told the stage's name and how much of it is done, 0 to 1.
+    time_limit : float
+        Seconds that one stage may take, as far as it reports progress.
+    missing : dict of str to str
+        Reason, by stage, why it gave nothing.
+    timings : dict of str to float
+        Seconds, by stage.
+    findings : list of Finding
+    """
+
+    progress: Progress
+    time_limit: float
+    missing: dict[str, str] = field(default_factory=dict)
+    timings: dict[str, float] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+
+    def run(self, name: str, work: Callable[[Progress], T]) -> T | None:
+        """Do `work`; None, with the reason in `missing`, when it cannot be done.
+
+        An error that nobody foresaw is a bug in rotorid, but it must not cost the user what the other stages found:
+        it is logged with its traceback and becomes a finding.
+        """
+        start = perf_counter()
+        deadline = start + self.time_limit
+
+        def report(_: str, fraction: float) -> None:
+            self.progress(name, fraction)
+            if perf_counter() > deadline:
+                raise OutOfTimeError(
+                    f"given up after {self.time_limit:.0f} s; allow more with --time-limit, or fit fewer poles"
+                )
+
+        try:
+            self.progress(name, 0.0)
+            result = work(report)
+        except RotoridError as error:
+            self.missing[name] = str(error)
+            return None
+        except Exception as error:
+            _LOG.exception("unexpected error in stage %s", name)
+            what = f"{type(error).__name__}: {error}"
+            self.missing[name] = f"unexpected {what}"
+            self.findings.append(
+                Finding(
+                    id="internal-error",
+                    severity=Severity.ERROR,
+                    reason=f"Stage “{name}” failed in a way that rotorid did not foresee ({what}).",
+                    advice="This is a bug in rotorid, not in your log; report it together with the log.",
+                )
+            )
+            return None
+        else:
+            self.progress(name, 1.0)
+            return result
+        finally:
+            self.timings[name] = self.timings.get(name, 0.0) + perf_counter() - start
