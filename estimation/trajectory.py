@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
 import pandas as pd
 
 from logparse import Finding, Geodetic
@@ -51,10 +52,12 @@ class Trajectory:
         Index `t` [s], columns of `STATE_COLUMNS`, then estimated biases.
     sigma : DataFrame
         Same index, columns of `SIGMA_COLUMNS`, then the sigma of each bias column.
+    covariance : ndarray, shape (n, 9, 9)
+        Covariance of the errors of position, velocity and attitude at each row, in the order of `SIGMA_COLUMNS`.
     origin : Geodetic
-        Place of the local NED frame.
+        Place of the local NED frame. Latitude and longitude are NaN where no sensor knew them.
     method : str
-        ``"strapdown"`` (IMU-rate error-state EKF) or ``"low-rate"`` (telemetry: attitude-aided filter).
+        ``"strapdown"`` (IMU-rate error-state EKF and smoother) or ``"low-rate"`` (telemetry: attitude-aided filter).
     diagnostics : mapping
         What the filter reports of itself, such as innovation statistics per sensor.
     findings : tuple of Finding
@@ -62,6 +65,7 @@ class Trajectory:
 
     states: pd.DataFrame
     sigma: pd.DataFrame
+    covariance: np.ndarray
     origin: Geodetic
     method: str
     diagnostics: Mapping[str, object] = field(default_factory=dict)

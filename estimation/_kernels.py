@@ -1,0 +1,474 @@
+"""Compiled loops of the strapdown filter and smoother: plain float64 arrays in and out.
+
+A *node* is a time at which something is measured or asked for. Between nodes the nominal state is integrated in
+sub-steps of the IMU; covariance moves from node to node only. With ``S`` the velocity gained by specific force in NED,
+``C`` the integral of the body-to-NED matrix and ``T`` the time between two nodes, the transition of the error state is
+
+    p' = p + T v;  v' = v - [S]x phi - C b_a;  phi' = phi - C b_g;  e' = a e
+
+and identity elsewhere: only these entries are ever multiplied. Measurements are scalar with at most four entries in
+their row of H, so no matrix is inverted. The smoother is the modified Bryson-Frazier form (Bierman 1973), which runs on
+the adjoint ``lam``, ``Lam`` and needs the covariance only where a result is wanted.
+"""
+
+import numpy as np
+from numba import njit
+
+Array = np.ndarray
+
+N = 22  # states.SIZE; a literal so that loops have constant bounds
+PACKED = N * (N + 1) // 2
+
+# Kinds of measurement groups.
+GPS_POSITION, GPS_VELOCITY, BARO, MAG, STANDSTILL = 0, 1, 2, 3, 4
+KINDS = 5
+
+_FLAGS = {"reassoc", "contract", "nsz"}
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _rotation(q: Array, R: Array) -> None:
+    """Body-to-NED matrix of a scalar-first quaternion."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    R[0, 0] = w * w + x * x - y * y - z * z
+    R[0, 1] = 2.0 * (x * y - w * z)
+    R[0, 2] = 2.0 * (x * z + w * y)
+    R[1, 0] = 2.0 * (x * y + w * z)
+    R[1, 1] = w * w - x * x + y * y - z * z
+    R[1, 2] = 2.0 * (y * z - w * x)
+    R[2, 0] = 2.0 * (x * z - w * y)
+    R[2, 1] = 2.0 * (y * z + w * x)
+    R[2, 2] = w * w - x * x - y * y + z * z
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _turn(q: Array, rx: float, ry: float, rz: float, in_body: bool) -> None:
+    """Turn q by a rotation vector given in body axes (right product) or NED axes (left product), and normalise."""
+    angle2 = rx * rx + ry * ry + rz * rz
+    # Series of cos(a/2) and sin(a/2)/a: exact to 1e-12 for the small angles of a step, and free of 0/0.
+    if angle2 < 0.01:
+        c = 1.0 - angle2 / 8.0 + angle2 * angle2 / 384.0
+        s = 0.5 - angle2 / 48.0 + angle2 * angle2 / 3840.0
+    else:
+        angle = np.sqrt(angle2)
+        c = np.cos(0.5 * angle)
+        s = np.sin(0.5 * angle) / angle
+    x, y, z = s * rx, s * ry, s * rz
+    w0, x0, y0, z0 = q[0], q[1], q[2], q[3]
+    sign = 1.0 if in_body else -1.0
+    w1 = c * w0 - x * x0 - y * y0 - z * z0
+    x1 = c * x0 + w0 * x + sign * (y0 * z - z0 * y)
+    y1 = c * y0 + w0 * y + sign * (z0 * x - x0 * z)
+    z1 = c * z0 + w0 * z + sign * (x0 * y - y0 * x)
+    norm = 1.0 / np.sqrt(w1 * w1 + x1 * x1 + y1 * y1 + z1 * z1)
+    q[0], q[1], q[2], q[3] = w1 * norm, x1 * norm, y1 * norm, z1 * norm
+
+
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
+def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float) -> None:
+    """P <- F P F' in place; the first nine rows and columns and those of the GPS error change."""
+    for k in range(N):
+        P[0, k] += T * P[3, k]
+        P[1, k] += T * P[4, k]
+        P[2, k] += T * P[5, k]
+        P[3, k] += S[2] * P[7, k] - S[1] * P[8, k] - (C[0, 0] * P[12, k] + C[0, 1] * P[13, k] + C[0, 2] * P[14, k])
+        P[4, k] += S[0] * P[8, k] - S[2] * P[6, k] - (C[1, 0] * P[12, k] + C[1, 1] * P[13, k] + C[1, 2] * P[14, k])
+        P[5, k] += S[1] * P[6, k] - S[0] * P[7, k] - (C[2, 0] * P[12, k] + C[2, 1] * P[13, k] + C[2, 2] * P[14, k])
+        P[6, k] -= C[0, 0] * P[9, k] + C[0, 1] * P[10, k] + C[0, 2] * P[11, k]
+        P[7, k] -= C[1, 0] * P[9, k] + C[1, 1] * P[10, k] + C[1, 2] * P[11, k]
+        P[8, k] -= C[2, 0] * P[9, k] + C[2, 1] * P[10, k] + C[2, 2] * P[11, k]
+    for i in range(9):
+        r = P[i]
+        r[0] += T * r[3]
+        r[1] += T * r[4]
+        r[2] += T * r[5]
+        r[3] += S[2] * r[7] - S[1] * r[8] - (C[0, 0] * r[12] + C[0, 1] * r[13] + C[0, 2] * r[14])
+        r[4] += S[0] * r[8] - S[2] * r[6] - (C[1, 0] * r[12] + C[1, 1] * r[13] + C[1, 2] * r[14])
+        r[5] += S[1] * r[6] - S[0] * r[7] - (C[2, 0] * r[12] + C[2, 1] * r[13] + C[2, 2] * r[14])
+        r[6] -= C[0, 0] * r[9] + C[0, 1] * r[10] + C[0, 2] * r[11]
+        r[7] -= C[1, 0] * r[9] + C[1, 1] * r[10] + C[1, 2] * r[11]
+        r[8] -= C[2, 0] * r[9] + C[2, 1] * r[10] + C[2, 2] * r[11]
+        r[19] *= a
+        r[20] *= a
+        r[21] *= a
+    for i in range(9, 19):
+        P[i, 19] *= a
+        P[i, 20] *= a
+        P[i, 21] *= a
+        P[19, i] *= a
+        P[20, i] *= a
+        P[21, i] *= a
+    for i in range(19, N):
+        for k in range(19, N):
+            P[i, k] *= a * a
+    for i in range(9, N):
+        for k in range(9):
+            P[i, k] = P[k, i]
+
+
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
+def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: float) -> None:
+    """Take lam <- F' lam and Lam <- F' Lam F in place, the transpose of `_propagate_covariance`."""
+    for j in range(3):
+        lam[9 + j] -= C[0, j] * lam[6] + C[1, j] * lam[7] + C[2, j] * lam[8]
+        lam[12 + j] -= C[0, j] * lam[3] + C[1, j] * lam[4] + C[2, j] * lam[5]
+        lam[19 + j] *= a
+    lam[6] += S[1] * lam[5] - S[2] * lam[4]
+    lam[7] += S[2] * lam[3] - S[0] * lam[5]
+    lam[8] += S[0] * lam[4] - S[1] * lam[3]
+    for j in range(3):
+        lam[3 + j] += T * lam[j]
+    for k in range(N):
+        for j in range(3):
+            Lam[9 + j, k] -= C[0, j] * Lam[6, k] + C[1, j] * Lam[7, k] + C[2, j] * Lam[8, k]
+            Lam[12 + j, k] -= C[0, j] * Lam[3, k] + C[1, j] * Lam[4, k] + C[2, j] * Lam[5, k]
+        Lam[6, k] += S[1] * Lam[5, k] - S[2] * Lam[4, k]
+        Lam[7, k] += S[2] * Lam[3, k] - S[0] * Lam[5, k]
+        Lam[8, k] += S[0] * Lam[4, k] - S[1] * Lam[3, k]
+        Lam[3, k] += T * Lam[0, k]
+        Lam[4, k] += T * Lam[1, k]
+        Lam[5, k] += T * Lam[2, k]
+    for i in range(3, 15):
+        r = Lam[i]
+        for j in range(3):
+            r[9 + j] -= C[0, j] * r[6] + C[1, j] * r[7] + C[2, j] * r[8]
+            r[12 + j] -= C[0, j] * r[3] + C[1, j] * r[4] + C[2, j] * r[5]
+        r[6] += S[1] * r[5] - S[2] * r[4]
+        r[7] += S[2] * r[3] - S[0] * r[5]
+        r[8] += S[0] * r[4] - S[1] * r[3]
+        r[3] += T * r[0]
+        r[4] += T * r[1]
+        r[5] += T * r[2]
+        r[19] *= a
+        r[20] *= a
+        r[21] *= a
+    for i in range(3):
+        for k in range(19, N):
+            Lam[i, k] *= a
+    for i in range(15, 19):
+        for k in range(19, N):
+            Lam[i, k] *= a
+            Lam[k, i] *= a
+    for i in range(19, N):
+        for k in range(19, N):
+            Lam[i, k] *= a * a
+    for k in range(3, 15):
+        for i in range(3):
+            Lam[i, k] = Lam[k, i]
+        for i in range(15, N):
+            Lam[i, k] = Lam[k, i]
+    for i in range(19, N):
+        for k in range(3):
+            Lam[i, k] = Lam[k, i]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _observe(kind: int, axis: int, x: Array, R: Array, field: Array, index: Array, value: Array) -> float:
+    """Predict one scalar measurement from the nominal state and fill its row of H; unused values are 0."""
+    for j in range(4):
+        index[j] = j
+        value[j] = 0.0
+    if kind == GPS_POSITION:
+        index[0], value[0] = axis, 1.0
+        index[1], value[1] = 19 + axis, 1.0
+        return float(x[axis] + x[20 + axis])
+    if kind == BARO:
+        index[0], value[0] = 2, -1.0
+        index[1], value[1] = 15, 1.0
+        return float(x[16] - x[2])
+    if kind == MAG:
+        # R' exp(-[phi]x) m = R' m + R' [m]x phi
+        r0, r1, r2 = R[0, axis], R[1, axis], R[2, axis]
+        index[0], value[0] = 6, r1 * field[2] - r2 * field[1]
+        index[1], value[1] = 7, r2 * field[0] - r0 * field[2]
+        index[2], value[2] = 8, r0 * field[1] - r1 * field[0]
+        index[3], value[3] = 16 + axis, 1.0
+        return float(r0 * field[0] + r1 * field[1] + r2 * field[2] + x[17 + axis])
+    index[0], value[0] = 3 + axis, 1.0
+    return float(x[3 + axis])
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _inject(x: Array, dx: Array) -> None:
+    """Add an error state to the nominal state (p v q b_g b_a b_baro b_m e, 23 numbers)."""
+    for i in range(6):
+        x[i] += dx[i]
+    _turn(x[6:10], dx[6], dx[7], dx[8], False)
+    for i in range(9, N):
+        x[i + 1] += dx[i]
+
+
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
+def forward(
+    x: Array,
+    P: Array,
+    sub_dt: Array,
+    sub_angle: Array,
+    sub_velocity: Array,
+    sub_noise: Array,
+    node_sub: Array,
+    node_group: Array,
+    node_out: Array,
+    group_kind: Array,
+    group_start: Array,
+    scalar_axis: Array,
+    scalar_z: Array,
+    scalar_var: Array,
+    walk: Array,
+    gps_error: Array,
+    gravity: float,
+    earth_rate: Array,
+    field: Array,
+    gate: float,
+    patience: float,
+    keep: bool,
+    node_T: Array,
+    node_S: Array,
+    node_C: Array,
+    scalar_nu: Array,
+    scalar_inv: Array,
+    scalar_K: Array,
+    scalar_index: Array,
+    scalar_value: Array,
+    out_x: Array,
+    out_P: Array,
+) -> float:
+    """Run the filter over all nodes; x (23,) and P (22, 22) are the start and are left at the end.
+
+    Parameters are the arrays that `filter.Problem` documents. ``sub_noise[k]`` holds the variance that the attitude and
+    velocity errors gain in sub-step k. ``keep`` tells whether the history for the smoother is written.
+
+    Returns
+    -------
+    log_likelihood : float
+        Of the accepted measurements, without the constant.
+    """
+    R = np.empty((3, 3))
+    R_next = np.empty((3, 3))
+    S = np.empty(3)
+    C = np.empty((3, 3))
+    PH = np.empty(N)
+    dx = np.empty(N)
+    index = np.empty(4, np.int64)
+    value = np.empty(4)
+    refused = np.zeros(KINDS)
+    likelihood = 0.0
+    _rotation(x[6:10], R)
+    for node in range(node_out.shape[0]):
+        T = 0.0
+        phi_var = 0.0
+        v_var = 0.0
+        S[:] = 0.0
+        C[:] = 0.0
+        for k in range(node_sub[node], node_sub[node + 1]):
+            dt = sub_dt[k]
+            # Rate and force less their biases; Earth's rotation as seen from the body.
+            ax = sub_angle[k, 0] - dt * (x[10] + R[0, 0] * earth_rate[0] + R[2, 0] * earth_rate[2])
+            ay = sub_angle[k, 1] - dt * (x[11] + R[0, 1] * earth_rate[0] + R[2, 1] * earth_rate[2])
+            az = sub_angle[k, 2] - dt * (x[12] + R[0, 2] * earth_rate[0] + R[2, 2] * earth_rate[2])
+            ux = sub_velocity[k, 0] - dt * x[13]
+            uy = sub_velocity[k, 1] - dt * x[14]
+            uz = sub_velocity[k, 2] - dt * x[15]
+            # The body turns by half the angle while it accelerates.
+            bx = ux + 0.5 * (ay * uz - az * uy)
+            by = uy + 0.5 * (az * ux - ax * uz)
+            bz = uz + 0.5 * (ax * uy - ay * ux)
+            sn = R[0, 0] * bx + R[0, 1] * by + R[0, 2] * bz
+            se = R[1, 0] * bx + R[1, 1] * by + R[1, 2] * bz
+            sd = R[2, 0] * bx + R[2, 1] * by + R[2, 2] * bz
+            # Coriolis: -2 w_ie x v with w_ie = (w_n, 0, w_d).
+            gn = sn + 2.0 * dt * earth_rate[2] * x[4]
+            ge = se + 2.0 * dt * (earth_rate[0] * x[5] - earth_rate[2] * x[3])
+            gd = sd + dt * (gravity - 2.0 * earth_rate[0] * x[4])
+            x[0] += dt * (x[3] + 0.5 * gn)
+            x[1] += dt * (x[4] + 0.5 * ge)
+            x[2] += dt * (x[5] + 0.5 * gd)
+            x[3] += gn
+            x[4] += ge
+            x[5] += gd
+            _turn(x[6:10], ax, ay, az, True)
+            _rotation(x[6:10], R_next)
+            S[0] += sn
+            S[1] += se
+            S[2] += sd
+            for i in range(3):
+                for j in range(3):
+                    C[i, j] += 0.5 * dt * (R[i, j] + R_next[i, j])
+                    R[i, j] = R_next[i, j]
+            T += dt
+            phi_var += sub_noise[k, 0]
+            v_var += sub_noise[k, 1]
+        if T > 0.0:
+            a = np.exp(-T / gps_error[0])
+            _propagate_covariance(P, T, S, C, a)
+            for i in range(3):
+                P[3 + i, 3 + i] += v_var
+                P[6 + i, 6 + i] += phi_var
+                x[20 + i] *= a
+                P[19 + i, 19 + i] += (1.0 - a * a) * gps_error[1 + i]
+            for i in range(9, 19):
+                P[i, i] += T * walk[i]
+            for kind in range(KINDS):
+                refused[kind] += T
+        if keep:
+            node_T[node] = T
+            node_S[node] = S
+            node_C[node] = C
+        for group in range(node_group[node], node_group[node + 1]):
+            kind = group_kind[group]
+            first, last = group_start[group], group_start[group + 1]
+            worst = 0.0
+            for m in range(first, last):
+                nu = scalar_z[m] - _observe(kind, scalar_axis[m], x, R, field, index, value)
+                s = scalar_var[m]
+                for i in range(4):
+                    for j in range(4):
+                        s += value[i] * value[j] * P[index[i], index[j]]
+                worst = max(worst, nu * nu / s)
+                scalar_nu[m] = nu
+                scalar_inv[m] = 0.0
+            if worst > gate * gate:
+                if refused[kind] < patience:
+                    continue
+                # Refused for so long that the state is the likelier culprit: let the measurement pull it back.
+                # Unmodelled movement is process noise, which the smoother need not be told.
+                for m in range(first, last):
+                    if kind == MAG:
+                        for i in range(6, 9):
+                            P[i, i] += 0.1
+                    elif kind == BARO:
+                        P[15, 15] += scalar_nu[m] ** 2
+                    else:
+                        row = scalar_axis[m] + (0 if kind == GPS_POSITION else 3)
+                        P[row, row] += scalar_nu[m] ** 2
+            refused[kind] = 0.0
+            for m in range(first, last):
+                nu = scalar_z[m] - _observe(kind, scalar_axis[m], x, R, field, index, value)
+                s = scalar_var[m]
+                for i in range(N):
+                    PH[i] = (
+                        value[0] * P[index[0], i]
+                        + value[1] * P[index[1], i]
+                        + value[2] * P[index[2], i]
+                        + value[3] * P[index[3], i]
+                    )
+                for j in range(4):
+                    s += value[j] * PH[index[j]]
+                inv = 1.0 / s
+                likelihood -= 0.5 * (np.log(s) + nu * nu * inv)
+                for i in range(N):
+                    dx[i] = PH[i] * (inv * nu)
+                for i in range(N):
+                    g = PH[i] * inv
+                    for j in range(N):
+                        P[i, j] -= g * PH[j]
+                _inject(x, dx)
+                _rotation(x[6:10], R)
+                scalar_nu[m] = nu
+                scalar_inv[m] = inv
+                if keep:
+                    for i in range(N):
+                        scalar_K[m, i] = PH[i] * inv
+                    for j in range(4):
+                        scalar_index[m, j] = index[j]
+                        scalar_value[m, j] = value[j]
+        out = node_out[node]
+        if out >= 0:
+            out_x[out] = x
+            at = 0
+            for i in range(N):
+                for j in range(i, N):
+                    out_P[out, at] = P[i, j]
+                    at += 1
+    return likelihood
+
+
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
+def backward(
+    node_T: Array,
+    node_S: Array,
+    node_C: Array,
+    node_group: Array,
+    node_out: Array,
+    group_start: Array,
+    scalar_nu: Array,
+    scalar_inv: Array,
+    scalar_K: Array,
+    scalar_index: Array,
+    scalar_value: Array,
+    gps_error_time: float,
+    out_x: Array,
+    out_P: Array,
+    out_covariance: Array,
+    out_variance: Array,
+) -> None:
+    """Smooth what `forward` kept: ``out_x`` in place, covariance of p, v, phi (n, 9, 9) and all variances (n, 22)."""
+    lam = np.zeros(N)
+    Lam = np.zeros((N, N))
+    P = np.empty((N, N))
+    u = np.empty(N)
+    dx = np.empty(N)
+    W = np.empty((N, N))
+    for node in range(node_out.shape[0] - 1, -1, -1):
+        out = node_out[node]
+        if out >= 0:
+            at = 0
+            for i in range(N):
+                for j in range(i, N):
+                    P[i, j] = out_P[out, at]
+                    P[j, i] = P[i, j]
+                    at += 1
+            for i in range(N):
+                total = 0.0
+                for j in range(N):
+                    total += P[i, j] * lam[j]
+                dx[i] = -total
+            _inject(out_x[out], dx)
+            for i in range(N):
+                for k in range(N):
+                    W[i, k] = 0.0
+                for j in range(N):
+                    g = P[i, j]
+                    for k in range(N):
+                        W[i, k] += g * Lam[j, k]
+                total = 0.0
+                for k in range(N):
+                    total += W[i, k] * P[i, k]
+                out_variance[out, i] = P[i, i] - total
+            for i in range(9):
+                for j in range(i, 9):
+                    total = 0.0
+                    for k in range(N):
+                        total += W[i, k] * P[j, k]
+                    out_covariance[out, i, j] = P[i, j] - total
+                    out_covariance[out, j, i] = P[i, j] - total
+        for group in range(node_group[node + 1] - 1, node_group[node] - 1, -1):
+            for m in range(group_start[group + 1] - 1, group_start[group] - 1, -1):
+                inv = scalar_inv[m]
+                if inv == 0.0:
+                    continue
+                K = scalar_K[m]
+                c = scalar_nu[m] * inv
+                s = inv
+                for i in range(N):
+                    total = 0.0
+                    for j in range(N):
+                        total += Lam[i, j] * K[j]
+                    u[i] = total
+                for i in range(N):
+                    c += K[i] * lam[i]
+                    s += K[i] * u[i]
+                for a in range(4):
+                    h = scalar_value[m, a]
+                    if h == 0.0:
+                        continue
+                    i = scalar_index[m, a]
+                    lam[i] -= h * c
+                    for j in range(N):
+                        Lam[i, j] -= h * u[j]
+                        Lam[j, i] -= h * u[j]
+                    for b in range(4):
+                        Lam[i, scalar_index[m, b]] += h * scalar_value[m, b] * s
+        T = node_T[node]
+        if T > 0.0:
+            _propagate_adjoint(lam, Lam, T, node_S[node], node_C[node], np.exp(-T / gps_error_time))

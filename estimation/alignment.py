@@ -1,0 +1,187 @@
+"""Where the filter starts: position, velocity and attitude at the first IMU sample, and how wrong they may be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from estimation.attitude import matrix_from_quat, quat_from_euler
+from estimation.local_frame import LocalFrame
+from estimation.observations import usable_field, usable_fixes
+from estimation.states import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    BARO_BIAS,
+    GPS_ERROR,
+    GYRO_BIAS,
+    HARD_IRON,
+    POSITION,
+    SIZE,
+    VELOCITY,
+    SensorNoise,
+)
+from estimation.timing import ACCEL, GYRO, usable
+from logparse import Tables
+
+#: A craft counts as standing still while its rates and forces stay this near their medians, rad/s and m/s^2.
+STILL_RATE, STILL_FORCE = 0.03, 0.4
+#: Seconds of standing still that are averaged, and the least that is trusted.
+STILL_LONGEST, STILL_SHORTEST = 5.0, 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """The start of one segment.
+
+    Attributes
+    ----------
+    x : ndarray, shape (23,)
+        Nominal state: position, velocity, quaternion, sensor errors in the order of `states`.
+    P : ndarray, shape (22, 22)
+        Covariance of its error.
+    still : bool
+        Found standing still before flight.
+    yaw_source : str
+        ``"magnetometer"``, ``"autopilot"`` or ``"unknown"``.
+    """
+
+    x: np.ndarray
+    P: np.ndarray
+    still: bool
+    yaw_source: str
+
+
+def still_span(imu: pd.DataFrame) -> float:
+    """Seconds from the first row for which the craft stands still."""
+    t = imu.index.to_numpy(float)
+    head = imu[t <= t[0] + STILL_LONGEST]
+    gyro, force = head[GYRO].to_numpy(float), head[ACCEL].to_numpy(float)
+    first = slice(0, max(3, len(head) // 5))
+    moving = (np.abs(gyro - np.median(gyro[first], axis=0)) > STILL_RATE).any(axis=1)
+    moving |= (np.abs(force - np.median(force[first], axis=0)) > STILL_FORCE).any(axis=1)
+    moving |= (np.abs(gyro) > 0.2).any(axis=1)
+    end = int(np.argmax(moving)) if moving.any() else len(head)
+    return float(t[max(end - 1, 0)] - t[0])
+
+
+def align(
+    tables: Tables,
+    imu: pd.DataFrame,
+    start: float,
+    frame: LocalFrame | None,
+    field: np.ndarray | None,
+    noise: SensorNoise,
+) -> Alignment:
+    """Find the start of a segment from its first seconds.
+
+    Parameters
+    ----------
+    imu : DataFrame
+        The segment's IMU samples.
+    start : float
+        Time of the start, s.
+    frame : LocalFrame or None
+        None without any known place.
+    field : ndarray, shape (3,), or None
+        World magnetic field, NED, T; None without magnetometer.
+    """
+    span = still_span(imu)
+    still = span >= STILL_SHORTEST
+    head = imu[imu.index <= imu.index[0] + (span if still else 1.0)]
+    force = head[ACCEL].to_numpy(float).mean(axis=0)
+    sigma = np.zeros(SIZE)
+    x = np.zeros(23)
+
+    logged = _logged_attitude(tables, start)
+    roll = np.arctan2(-force[1], -force[2])
+    pitch = np.arctan2(force[0], np.hypot(force[1], force[2]))
+    tilt_sigma = np.radians(2.0)
+    if not still:
+        # In flight the force of a multirotor is along its own axis whatever the tilt, so it says little.
+        tilt_sigma = np.radians(15.0)
+        if logged is not None:
+            roll, pitch = logged[0], logged[1]
+            tilt_sigma = np.radians(5.0)
+    yaw, yaw_sigma, yaw_source = _initial_yaw(tables, start, roll, pitch, logged, field)
+    x[6:10] = quat_from_euler(roll, pitch, yaw)
+    sigma[ATTITUDE : ATTITUDE + 3] = tilt_sigma, tilt_sigma, yaw_sigma
+    if still:
+        x[10:13] = head[GYRO].to_numpy(float).mean(axis=0)
+    sigma[GYRO_BIAS : GYRO_BIAS + 3] = min(noise.gyro_bias, 0.003) if still else noise.gyro_bias
+    sigma[ACCEL_BIAS : ACCEL_BIAS + 3] = noise.accel_bias
+
+    _place(tables, start, still, frame, noise, x, sigma)
+    return Alignment(x, np.diag(sigma**2), still, yaw_source)
+
+
+def _logged_attitude(tables: Tables, start: float) -> np.ndarray | None:
+    """Give the autopilot's attitude near the start [rad], None when it is not logged there."""
+    attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
+    if attitude is None:
+        return None
+    t = attitude.index.to_numpy(float)
+    near = int(np.argmin(np.abs(t - start)))
+    return attitude[["roll", "pitch", "yaw"]].to_numpy(float)[near] if abs(t[near] - start) < 1.0 else None
+
+
+def _initial_yaw(
+    tables: Tables,
+    start: float,
+    roll: float,
+    pitch: float,
+    logged: np.ndarray | None,
+    field: np.ndarray | None,
+) -> tuple[float, float, str]:
+    """Heading from the levelled magnetometer, else from the autopilot, else unknown; with 1-sigma, rad."""
+    mag = usable_field(tables.mag)
+    if mag is not None and field is not None:
+        t = mag.index.to_numpy(float)
+        near = np.argsort(np.abs(t - start), kind="stable")[:10]
+        near = near[np.abs(t[near] - start) < 2.0]
+        if near.size:
+            measured = mag[["mag_x", "mag_y", "mag_z"]].to_numpy(float)[near].mean(axis=0)
+            level = matrix_from_quat(quat_from_euler(roll, pitch, 0.0)) @ measured
+            yaw = np.arctan2(field[1], field[0]) - np.arctan2(level[1], level[0])
+            return float(np.arctan2(np.sin(yaw), np.cos(yaw))), np.radians(15.0), "magnetometer"
+    if logged is not None:
+        return float(logged[2]), np.radians(15.0), "autopilot"
+    return 0.0, np.radians(30.0), "unknown"
+
+
+def _place(
+    tables: Tables,
+    start: float,
+    still: bool,
+    frame: LocalFrame | None,
+    noise: SensorNoise,
+    x: np.ndarray,
+    sigma: np.ndarray,
+) -> None:
+    """Fill position, velocity, baro, hard iron and GPS error of the start and their sigmas, in place."""
+    position, velocity = slice(POSITION, POSITION + 3), slice(VELOCITY, VELOCITY + 3)
+    sigma[position] = 1.0
+    sigma[velocity] = 0.1 if still else 5.0
+    fixes = usable_fixes(tables.gps)
+    if fixes is not None and frame is not None:
+        later = fixes[fixes["t_valid"] >= start]
+        first = (later if len(later) else fixes).iloc[0]
+        lag = abs(float(first["t_valid"]) - start)
+        x[0:3] = frame.to_ned(*(np.array([first[c]]) for c in ("lat", "lon", "alt")))[0]
+        sigma[position] = 10.0 + (0.0 if still else 10.0 * lag)
+        speed = first[["v_n", "v_e", "v_d"]].to_numpy(float)
+        if not still and lag < 2.0:
+            x[3:6] = np.where(np.isfinite(speed), speed, 0.0)
+            sigma[velocity] = 1.0 + 3.0 * lag
+        if not still and lag >= 2.0:
+            sigma[velocity] = 10.0
+        accuracy = fixes[["h_acc", "h_acc", "v_acc"]].to_numpy(float)
+        typical = np.array([noise.h_acc, noise.h_acc, noise.v_acc])
+        accuracy = np.where(np.isfinite(accuracy) & (accuracy > 0.0), accuracy, typical)
+        sigma[GPS_ERROR : GPS_ERROR + 3] = noise.gps_error_share * np.median(accuracy, axis=0)
+    baro = usable(tables.baro, ["alt"])
+    if baro is not None:
+        near = int(np.argmin(np.abs(baro.index.to_numpy(float) - start)))
+        x[16] = float(baro["alt"].iloc[near]) + x[2]
+        sigma[BARO_BIAS] = noise.baro_bias
+    if usable_field(tables.mag) is not None:
+        sigma[HARD_IRON : HARD_IRON + 3] = noise.hard_iron

@@ -1,0 +1,58 @@
+"""The door of this room: tables in, trajectory out."""
+
+from datetime import datetime
+
+from estimation.lowrate import estimate_low_rate, is_low_rate
+from estimation.states import SensorNoise
+from estimation.strapdown import estimate_strapdown
+from estimation.timing import ACCEL, GYRO, sample_rate, usable
+from estimation.trajectory import Trajectory
+from logparse import MissingDataError, Tables
+
+#: An IMU logged slower than this cannot carry attitude from sample to sample, Hz.
+SLOWEST_IMU = 10.0
+
+
+def estimate(
+    tables: Tables,
+    *,
+    rate: float = 50.0,
+    start: float | None = None,
+    stop: float | None = None,
+    date: datetime | None = None,
+    noise: SensorNoise | None = None,
+) -> Trajectory:
+    """Estimate the trajectory of a log.
+
+    Parameters
+    ----------
+    tables : Tables
+    rate : float
+        Rows of the trajectory per second.
+    start, stop : float, optional
+        Span of time to give, s on the boot clock; the whole log is used for it all the same.
+    date : datetime, optional
+        When the log was flown, for the magnetic declination; without it the autopilot's declination is taken.
+    noise : SensorNoise, optional
+        What to believe of the sensors.
+
+    Returns
+    -------
+    Trajectory
+        Smoothed: each row uses the log's past and future. Where the IMU has a hole, there are no rows.
+
+    Raises
+    ------
+    MissingDataError
+        When neither an IMU of 10 Hz nor attitude with positions is there.
+    """
+    noise = noise or SensorNoise()
+    imu = usable(tables.imu, GYRO + ACCEL)
+    if imu is not None and len(imu) >= 10 and sample_rate(imu) >= SLOWEST_IMU:
+        return estimate_strapdown(tables, rate=rate, start=start, stop=stop, date=date, noise=noise)
+    if is_low_rate(tables):
+        return estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise)
+    raise MissingDataError(
+        "the log has neither IMU samples at 10 Hz or more nor GPS positions with attitude, so there is nothing to make "
+        "a trajectory from: set LOG_BITMASK to include IMU and GPS (telemetry: SR0_POSITION, SR0_EXTRA1 >= 4)"
+    )

@@ -1,0 +1,232 @@
+"""The strapdown error-state Kalman filter over one segment of a log."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation import _kernels
+from estimation.observations import KIND_NAMES, Observations
+from estimation.states import GPS_ERROR, SIZE, SensorNoise
+from estimation.timing import TICK, InertialSignal
+
+#: Nodes are never further apart than this, s: the error state's transition is of first order in time.
+LONGEST_STEP = 0.04
+#: A sensor refused for so long is believed again, s.
+PATIENCE = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """What surrounds the craft: gravity [m/s^2], Earth's rotation [rad/s] and magnetic field [T] in NED, shape (3,)."""
+
+    gravity: float
+    earth_rate: np.ndarray
+    field: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One segment as the kernels read it.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times of the nodes, s.
+    sub_dt, sub_angle, sub_velocity, sub_noise : ndarray, shapes (k,), (k, 3), (k, 3), (k, 2)
+        IMU increments of the sub-steps and the variance they add to attitude and velocity.
+    node_sub, node_group : ndarray, shape (n + 1,)
+        Node i is reached by sub-steps ``node_sub[i]:node_sub[i + 1]`` and has measurement groups
+        ``node_group[i]:node_group[i + 1]``.
+    node_out : ndarray, shape (n,)
+        Row of the output, -1 for nodes that nobody asked for.
+    observations : Observations
+    world : World
+    noise : SensorNoise
+    x, P : ndarray, shapes (23,), (22, 22)
+        The start.
+    """
+
+    t: np.ndarray
+    sub_dt: np.ndarray
+    sub_angle: np.ndarray
+    sub_velocity: np.ndarray
+    sub_noise: np.ndarray
+    node_sub: np.ndarray
+    node_group: np.ndarray
+    node_out: np.ndarray
+    observations: Observations
+    world: World
+    noise: SensorNoise
+    x: np.ndarray
+    P: np.ndarray
+
+    @property
+    def outputs(self) -> int:
+        """Number of rows asked for."""
+        return int(self.node_out.max(initial=-1)) + 1
+
+
+@dataclass(frozen=True, slots=True)
+class ForwardPass:
+    """What the filter leaves: its estimates, innovations and, when kept, the history that the smoother walks back.
+
+    Attributes
+    ----------
+    x : ndarray, shape (m, 23)
+        Filtered nominal states at the outputs.
+    P : ndarray, shape (m, 253)
+        Their covariances, upper triangle by rows.
+    innovation, inverse_variance : ndarray, shape (s,)
+        Of each scalar measurement; inverse variance 0 where it was refused.
+    log_likelihood : float
+    transition_time, transition_velocity, transition_rotation : ndarray, shapes (n,), (n, 3), (n, 3, 3)
+        T, S and C of the transition to each node (see `_kernels`).
+    gain, index, value : ndarray, shapes (s, 22), (s, 4), (s, 4)
+        Kalman gain of each scalar measurement and its row of H.
+    """
+
+    x: np.ndarray
+    P: np.ndarray
+    innovation: np.ndarray
+    inverse_variance: np.ndarray
+    log_likelihood: float
+    transition_time: np.ndarray
+    transition_velocity: np.ndarray
+    transition_rotation: np.ndarray
+    gain: np.ndarray
+    index: np.ndarray
+    value: np.ndarray
+
+
+def assemble(
+    signal: InertialSignal,
+    observations: Observations,
+    outputs: np.ndarray,
+    x: np.ndarray,
+    P: np.ndarray,
+    world: World,
+    noise: SensorNoise,
+) -> Problem:
+    """Lay out nodes and sub-steps of one segment; `outputs` are times within it, s."""
+    first, last = _ticks(np.array([signal.start, signal.stop]))
+    observations = observations.between(first * TICK, last * TICK)
+    asked = _ticks(outputs)
+    measured = _ticks(observations.t)
+    filler = np.arange(first, last, round(LONGEST_STEP / TICK))
+    nodes = np.unique(np.concatenate([[first], asked, measured, filler]))
+    imu = _ticks(signal.times)
+    steps = np.unique(np.concatenate([nodes, imu[(imu > first) & (imu < nodes[-1])]]))
+    t = steps * TICK
+    angle, velocity, variance = signal.increments(t)
+    node_sub = np.concatenate([[0], np.searchsorted(steps, nodes)])
+    node_out = np.full(len(nodes), -1, np.int64)
+    node_out[np.searchsorted(nodes, asked)] = np.arange(len(asked))
+    return Problem(
+        t=nodes * TICK,
+        sub_dt=np.diff(t),
+        sub_angle=np.ascontiguousarray(angle),
+        sub_velocity=np.ascontiguousarray(velocity),
+        sub_noise=np.ascontiguousarray(variance),
+        node_sub=node_sub.astype(np.int64),
+        node_group=np.concatenate([[0], np.searchsorted(measured, nodes, side="right")]).astype(np.int64),
+        node_out=node_out,
+        observations=observations,
+        world=world,
+        noise=noise,
+        x=x,
+        P=P,
+    )
+
+
+def _ticks(t: np.ndarray) -> np.ndarray:
+    """Round times to the grid on which nodes are merged."""
+    return np.round(np.asarray(t, float) / TICK).astype(np.int64)
+
+
+def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
+    """Filter one segment; `keep` the history when it is to be smoothed."""
+    o = problem.observations
+    nodes, scalars, rows = len(problem.t), len(o.z), problem.outputs
+    kept_nodes, kept_scalars = (nodes, scalars) if keep else (0, 0)
+    x, P = problem.x.copy(), problem.P.copy()
+    result = ForwardPass(
+        x=np.empty((rows, SIZE + 1)),
+        P=np.empty((rows, _kernels.PACKED)),
+        innovation=np.empty(scalars),
+        inverse_variance=np.zeros(scalars),
+        log_likelihood=0.0,
+        transition_time=np.empty(kept_nodes),
+        transition_velocity=np.empty((kept_nodes, 3)),
+        transition_rotation=np.empty((kept_nodes, 3, 3)),
+        gain=np.empty((kept_scalars, SIZE)),
+        index=np.zeros((kept_scalars, 4), np.int64),
+        value=np.zeros((kept_scalars, 4)),
+    )
+    gps_error = np.concatenate([[problem.noise.gps_error_time], np.diag(problem.P)[GPS_ERROR : GPS_ERROR + 3]])
+    likelihood = _kernels.forward(
+        x,
+        P,
+        problem.sub_dt,
+        problem.sub_angle,
+        problem.sub_velocity,
+        problem.sub_noise,
+        problem.node_sub,
+        problem.node_group,
+        problem.node_out,
+        o.kind,
+        o.start,
+        o.axis,
+        o.z,
+        o.variance,
+        problem.noise.random_walks(),
+        gps_error,
+        problem.world.gravity,
+        problem.world.earth_rate,
+        problem.world.field,
+        problem.noise.gate,
+        PATIENCE,
+        keep,
+        result.transition_time,
+        result.transition_velocity,
+        result.transition_rotation,
+        result.innovation,
+        result.inverse_variance,
+        result.gain,
+        result.index,
+        result.value,
+        result.x,
+        result.P,
+    )
+    return replace(result, log_likelihood=float(likelihood))
+
+
+def matched_variance(problem: Problem, result: ForwardPass, nominal: np.ndarray) -> np.ndarray:
+    """Scale each sensor's white variance so that innovations are as large as the filter expects (Mehra 1970).
+
+    The median of the squared innovations stands for their mean, so that outliers do not count. The scale is
+    the same for a sensor throughout the log, and its root is between 1/10 and 5.
+
+    Parameters
+    ----------
+    nominal : ndarray, shape (s,)
+        Variance of each scalar measurement as the sensor's class has it.
+
+    Returns
+    -------
+    ndarray, shape (s,)
+    """
+    o = problem.observations
+    variance = nominal.copy()
+    kinds = o.scalar_kind
+    for kind in range(len(KIND_NAMES)):
+        mine = (kinds == kind) & (result.inverse_variance > 0.0)
+        if np.count_nonzero(mine) < 30:
+            continue
+        expected = 1.0 / result.inverse_variance[mine]
+        # 0.4549 is the median of chi-square with one degree of freedom.
+        excess = np.median(result.innovation[mine] ** 2 / expected) / 0.4549
+        white = np.mean(o.variance[mine])
+        state = np.mean(expected) - white
+        wanted = excess * (state + white) - state
+        variance[kinds == kind] *= min(max(wanted / np.mean(nominal[mine]), 0.01), 25.0)
+    return variance

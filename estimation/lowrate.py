@@ -1,0 +1,257 @@
+"""A trajectory from telemetry: attitude and positions at a few hertz, no IMU worth integrating.
+
+The autopilot's attitude is taken as it is. It tells which way the thrust points, and with the height nearly steady how
+large the horizontal part of it is; what that leaves out (drag, wind, climbing) is a slowly varying acceleration to be
+estimated. So the problem is linear with a known input, and filtered by filterpy's `KalmanFilter`. filterpy's own
+smoothers know no input, and of its two the module's function pairs the wrong F where F varies; so the
+Rauch-Tung-Striebel recursion stands here, on the priors that the filter itself made.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from filterpy.kalman import KalmanFilter
+from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline
+
+from estimation.attitude import matrix_from_quat, multiply, quat_from_euler
+from estimation.local_frame import LocalFrame, is_simulated
+from estimation.observations import observe_gps, reported, usable_fixes
+from estimation.states import SensorNoise
+from estimation.timing import TICK, segments, usable
+from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
+from logparse import Finding, Geodetic, MissingDataError, Severity, Tables
+
+GRAVITY = 9.80665
+#: Acceleration that attitude does not tell: 1-sigma [m/s^2] and correlation time [s], horizontally (drag and gusts) and
+#: vertically (climbs).
+DISTURBANCE_H, TIME_H = 0.7, 3.0
+DISTURBANCE_V, TIME_V = 1.0, 1.0
+#: 1-sigma of an autopilot's attitude, rad: tilt and yaw.
+TILT_SIGMA, YAW_SIGMA = np.radians(0.7), np.radians(3.0)
+#: White 1-sigma of the autopilot's own position and velocity estimate, m and m/s.
+EKF_POSITION, EKF_VELOCITY = 0.05, 0.1
+#: The filter steps at least so often, s; a hole in the data longer than this splits the trajectory, s.
+LONGEST_STEP, LONGEST_HOLE = 0.25, 20.0
+#: States: position, velocity, disturbance, GPS error (three each), baro offset.
+SIZE = 13
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """One row of measurements: time [s], rows of H, values, variances."""
+
+    t: float
+    H: np.ndarray
+    z: np.ndarray
+    variance: np.ndarray
+
+
+def is_low_rate(tables: Tables) -> bool:
+    """Tell whether there is enough for this path: attitude, and positions by GPS or by the autopilot."""
+    attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
+    position = usable_fixes(tables.gps) is not None or usable(tables.ekf, ["p_n", "p_e", "p_d"]) is not None
+    return attitude is not None and len(attitude) >= 4 and position
+
+
+def estimate_low_rate(
+    tables: Tables, *, rate: float, start: float | None, stop: float | None, noise: SensorNoise
+) -> Trajectory:
+    """Filter and smooth telemetry; parameters as in `estimation.estimate`."""
+    attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
+    assert attitude is not None  # the caller asked is_low_rate
+    origin, measured, gps_sigma, source = _measurements(tables, noise)
+    parts = []
+    for piece in segments(attitude, LONGEST_HOLE):
+        begin = max(float(piece.index[0]), -np.inf if start is None else start)
+        end = min(float(piece.index[-1]), np.inf if stop is None else stop)
+        t = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
+        within = [m for m in measured if piece.index[0] <= m.t <= piece.index[-1]]
+        if len(piece) < 4 or len(within) < 2 or t.size == 0:
+            continue
+        parts.append(_smooth_segment(piece, within, t, gps_sigma, noise))
+    if not parts:
+        raise MissingDataError(
+            "attitude and positions are logged, but at no time both for long enough to make a trajectory: raise the "
+            "telemetry rates SR0_POSITION and SR0_EXTRA1 to 4 Hz or more"
+        )
+    states = pd.concat([states for states, _, _ in parts])
+    sigma = pd.concat([sigma for _, sigma, _ in parts])
+    finding = Finding(
+        "low-rate-trajectory",
+        Severity.WARNING,
+        "No IMU at 10 Hz or more: the trajectory comes from the autopilot's attitude and "
+        f"{source} at telemetry rate; accelerations faster than about 1 Hz are missing.",
+        "Analyse the .bin log of the same flight where there is one.",
+        {"attitude_rate_hz": float(1.0 / np.median(np.diff(attitude.index.to_numpy(float))))},
+    )
+    return Trajectory(
+        states=states,
+        sigma=sigma,
+        covariance=np.concatenate([covariance for _, _, covariance in parts]),
+        origin=origin,
+        method="low-rate",
+        diagnostics={
+            "position_source": source,
+            "segments": [(float(s.index[0]), float(s.index[-1])) for s, _, _ in parts],
+        },
+        findings=(finding,),
+    )
+
+
+def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_Measured], np.ndarray, str]:
+    """Give origin, measurements in order of time, 1-sigma of the GPS error (3,) and what the positions came from."""
+    fixes = usable_fixes(tables.gps)
+    ekf = usable(tables.ekf, ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"])
+    rows: list[_Measured] = []
+    gps_sigma = np.array([noise.h_acc, noise.h_acc, noise.v_acc])
+    if fixes is not None:
+        h, v = reported(fixes, "h_acc", noise.h_acc), reported(fixes, "v_acc", noise.v_acc)
+        gps_sigma = np.array([np.median(h), np.median(h), np.median(v)])
+    gps_sigma = gps_sigma * noise.gps_error_share
+    origin = tables.origin
+    if origin is None and fixes is not None:
+        first = fixes.iloc[0]
+        origin = Geodetic(float(first["lat"]), float(first["lon"]), float(first["alt"]))
+    selector = np.zeros((6, SIZE))
+    selector[:3, 0:3] = selector[:3, 9:12] = np.eye(3)
+    selector[3:, 3:6] = np.eye(3)
+    if ekf is not None and (tables.origin is not None or fixes is None):
+        z = ekf[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]].to_numpy(float)
+        variance = np.repeat([EKF_POSITION**2, EKF_VELOCITY**2], 3)
+        rows += [_Measured(t, selector, row, variance) for t, row in zip(ekf.index.to_numpy(float), z, strict=True)]
+        source = "the autopilot's positions"
+    else:
+        assert fixes is not None
+        assert origin is not None
+        frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))
+        (_, t, position, p_variance), (_, _, velocity, v_variance) = observe_gps(fixes, frame, noise)
+        both = np.hstack([position, velocity]), np.hstack([p_variance, v_variance])
+        for when, z, variance in zip(t, *both, strict=True):
+            there = np.isfinite(z)
+            rows.append(_Measured(when, selector[there], z[there], variance[there]))
+        source = "GPS positions"
+    baro = usable(tables.baro, ["alt"])
+    if baro is not None:
+        H = np.zeros((1, SIZE))
+        H[0, 2], H[0, 12] = -1.0, 1.0
+        for when, alt in zip(baro.index.to_numpy(float), baro["alt"].to_numpy(float), strict=True):
+            rows.append(_Measured(when, H, np.array([alt]), np.array([noise.baro**2])))
+    rows.sort(key=lambda row: row.t)
+    return origin or Geodetic(float("nan"), float("nan"), 0.0), rows, gps_sigma, source
+
+
+def _smooth_segment(
+    attitude: pd.DataFrame, measured: list[_Measured], t: np.ndarray, gps_sigma: np.ndarray, noise: SensorNoise
+) -> tuple[pd.DataFrame, pd.DataFrame, np.ndarray]:
+    """Filter, smooth and lay out one stretch of telemetry; gives states, sigma and covariance (n, 9, 9)."""
+    when = attitude.index.to_numpy(float)
+    quat = quat_from_euler(*attitude[["roll", "pitch", "yaw"]].to_numpy(float).T)
+    flips = np.cumprod(np.concatenate([[1.0], np.where((quat[1:] * quat[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)]))
+    turning = Akima1DInterpolator(when, quat * flips[:, None])
+    down_axis = matrix_from_quat(quat)[:, :, 2]
+    # Beyond 60 degrees of tilt the height is not steady, so the tangent is not the acceleration.
+    push = -GRAVITY * down_axis[:, :2] / np.maximum(down_axis[:, 2:], 0.5)
+    thrust = Akima1DInterpolator(when, np.column_stack([push, np.zeros(len(push))]))
+
+    nodes = np.unique(
+        np.concatenate(
+            [
+                np.round(np.array([m.t for m in measured]) / TICK),
+                np.round(np.arange(when[0], when[-1], LONGEST_STEP) / TICK),
+            ]
+        )
+    )
+    x, P = _filter_and_smooth(nodes * TICK, thrust, measured, gps_sigma, noise)
+    node_t = nodes * TICK
+    t_in = np.clip(t, node_t[0], node_t[-1])
+    position = CubicHermiteSpline(node_t, x[:, :3], x[:, 3:6])(t_in)
+    at_node = thrust(np.clip(node_t, when[0], when[-1]))
+    # Velocity between nodes bends as the attitude says.
+    acceleration = x[:, 6:9] + at_node
+    velocity = CubicHermiteSpline(node_t, x[:, 3:6], acceleration)(t_in)
+    disturbance = np.column_stack([np.interp(t_in, node_t, column) for column in x[:, 6:9].T])
+    a = disturbance + thrust(np.clip(t, when[0], when[-1]))
+    q = turning(t)
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    q_rate = turning.derivative()(t)
+    rate_b = 2.0 * multiply(q * np.array([1.0, -1.0, -1.0, -1.0]), q_rate)[:, 1:]
+    force_b = np.einsum("nji,nj->ni", matrix_from_quat(q), a - np.array([0.0, 0.0, GRAVITY]))
+    index = pd.Index(t, name="t")
+    states = pd.DataFrame(
+        np.column_stack([position, velocity, q, rate_b, force_b]), index=index, columns=[*STATE_COLUMNS]
+    )
+    covariance = np.zeros((len(t), 9, 9))
+    flat = P[:, :6, :6].reshape(len(nodes), 36)
+    covariance[:, :6, :6] = np.column_stack([np.interp(t_in, node_t, column) for column in flat.T]).reshape(-1, 6, 6)
+    covariance[:, [6, 7], [6, 7]] = TILT_SIGMA**2
+    covariance[:, 8, 8] = YAW_SIGMA**2
+    sigma = pd.DataFrame(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)), index=index, columns=[*SIGMA_COLUMNS])
+    return states, sigma, covariance
+
+
+def _filter_and_smooth(
+    t: np.ndarray, thrust: Akima1DInterpolator, measured: list[_Measured], gps_sigma: np.ndarray, noise: SensorNoise
+) -> tuple[np.ndarray, np.ndarray]:
+    """Run filterpy's filter over the nodes and Rauch-Tung-Striebel back; gives x (n, 13) and P (n, 13, 13)."""
+    kf = KalmanFilter(dim_x=SIZE, dim_z=1, dim_u=3)
+    kf.x = np.zeros((SIZE, 1))
+    first = next(m for m in measured if len(m.z) >= 3)
+    kf.x[:3, 0] = first.z[:3]
+    offsets = [m for m in measured if len(m.z) == 1]
+    if offsets:
+        kf.x[12, 0] = offsets[0].z[0] + first.z[2]
+    disturbance = np.array([DISTURBANCE_H, DISTURBANCE_H, DISTURBANCE_V])
+    kf.P = np.diag(np.concatenate([np.full(3, 10.0), np.full(3, 10.0), disturbance, gps_sigma, [10.0]]) ** 2)
+    nodes = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
+    x, P = np.empty((len(t), SIZE)), np.empty((len(t), SIZE, SIZE))
+    prior_x, prior_P, F = np.empty_like(x), np.empty_like(P), np.empty_like(P)
+    # Mean input of each step by Simpson's rule.
+    edge = np.clip(t, thrust.x[0], thrust.x[-1])
+    at, middle = thrust(edge), thrust(0.5 * (edge[1:] + edge[:-1]))
+    mean_push = (at[:-1] + 4.0 * middle + at[1:]) / 6.0
+    done = 0
+    for k in range(len(t)):
+        if k:
+            step = t[k] - t[k - 1]
+            kf.F, kf.B, kf.Q = _transition(step, disturbance, gps_sigma, noise)
+            kf.predict(u=mean_push[k - 1][:, None])
+        F[k], prior_x[k], prior_P[k] = kf.F, kf.x[:, 0], kf.P
+        while done < len(measured) and nodes[done] == k:
+            m = measured[done]
+            kf.update(m.z[:, None], R=np.diag(m.variance), H=m.H)
+            done += 1
+        x[k], P[k] = kf.x[:, 0], kf.P
+    for k in range(len(t) - 2, -1, -1):
+        gain = np.linalg.solve(prior_P[k + 1], F[k + 1] @ P[k]).T
+        x[k] += gain @ (x[k + 1] - prior_x[k + 1])
+        P[k] += gain @ (P[k + 1] - prior_P[k + 1]) @ gain.T
+    return x, P
+
+
+def _transition(
+    step: float, disturbance: np.ndarray, gps_sigma: np.ndarray, noise: SensorNoise
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """F, B and Q over one step: the disturbance and the GPS error are Gauss-Markov, the rest follows."""
+    F, B, Q = np.eye(SIZE), np.zeros((SIZE, 3)), np.zeros((SIZE, SIZE))
+    stay = np.exp(-step / noise.gps_error_time)
+    for axis, time in enumerate((TIME_H, TIME_H, TIME_V)):
+        p, v, d, e = axis, 3 + axis, 6 + axis, 9 + axis
+        a = np.exp(-step / time)
+        # Exact integrals of a disturbance that decays with a.
+        to_v = time * (1.0 - a)
+        to_p = time * (step - to_v)
+        F[p, v], F[p, d], F[v, d], F[d, d], F[e, e] = step, to_p, to_v, a, stay
+        B[p, axis], B[v, axis] = 0.5 * step**2, step
+        # White noise of density q drives d; steps are short against the correlation time, so the leading terms do.
+        q = 2.0 * disturbance[axis] ** 2 / time
+        Q[np.ix_([p, v, d], [p, v, d])] = q * np.array(
+            [
+                [step**5 / 20.0, step**4 / 8.0, step**3 / 6.0],
+                [step**4 / 8.0, step**3 / 3.0, step**2 / 2.0],
+                [step**3 / 6.0, step**2 / 2.0, step],
+            ]
+        )
+        Q[e, e] = (1.0 - stay**2) * gps_sigma[axis] ** 2
+    Q[12, 12] = noise.baro_walk**2 * step
+    return F, B, Q

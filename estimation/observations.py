@@ -1,0 +1,141 @@
+"""What the aiding sensors measured, as one stream of scalar measurements for the filter."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from estimation import _kernels
+from estimation.local_frame import LocalFrame
+from estimation.states import SensorNoise
+from estimation.timing import usable
+from logparse import Tables
+
+#: What one sensor measured: kind, times (n,), values (n, c) and variances (n, c).
+Block = tuple[int, np.ndarray, np.ndarray, np.ndarray]
+
+#: Sensor names of the kernel's kinds, in their order.
+KIND_NAMES = ("gps_position", "gps_velocity", "baro", "mag", "standstill")
+
+
+@dataclass(frozen=True, slots=True)
+class Observations:
+    """Groups of scalar measurements that one sensor took at one time, sorted by time.
+
+    Attributes
+    ----------
+    t, kind : ndarray, shape (g,)
+        Time of validity [s] and kind (`KIND_NAMES`) of each group.
+    start : ndarray, shape (g + 1,)
+        Group k consists of the scalars ``start[k]:start[k + 1]``.
+    axis, z, variance : ndarray, shape (m,)
+        Component, value and white variance of each scalar, SI.
+    """
+
+    t: np.ndarray
+    kind: np.ndarray
+    start: np.ndarray
+    axis: np.ndarray
+    z: np.ndarray
+    variance: np.ndarray
+
+    @classmethod
+    def merge(cls, blocks: Sequence[Block]) -> "Observations":
+        """Merge blocks of (kind, t (n,), z (n, c), variance (n, c)); components that are NaN are left out."""
+        if not blocks:
+            nothing = np.empty(0)
+            none = np.empty(0, np.int64)
+            return cls(nothing, none, np.zeros(1, np.int64), none, nothing, nothing)
+        t = np.concatenate([block[1] for block in blocks])
+        kind = np.concatenate([np.full(len(block[1]), block[0], np.int64) for block in blocks])
+        z = np.full((len(t), 3), np.nan)
+        variance = np.full((len(t), 3), np.nan)
+        row = 0
+        for _, block_t, block_z, block_variance in blocks:
+            z[row : row + len(block_t), : block_z.shape[1]] = block_z
+            variance[row : row + len(block_t), : block_z.shape[1]] = block_variance
+            row += len(block_t)
+        order = np.argsort(t, kind="stable")
+        z, variance = z[order], variance[order]
+        there = np.isfinite(z)
+        count = there.sum(axis=1)
+        axis = np.broadcast_to(np.arange(3), z.shape)[there]
+        start = np.concatenate([[0], np.cumsum(count)])
+        return cls(t[order], kind[order], start.astype(np.int64), axis.astype(np.int64), z[there], variance[there])
+
+    def between(self, start: float, stop: float) -> "Observations":
+        """Keep the groups in a span of time."""
+        a, b = np.searchsorted(self.t, [start, stop])
+        m = slice(int(self.start[a]), int(self.start[b]))
+        return Observations(
+            self.t[a:b],
+            self.kind[a:b],
+            self.start[a : b + 1] - self.start[a],
+            self.axis[m],
+            self.z[m],
+            self.variance[m],
+        )
+
+    @property
+    def scalar_kind(self) -> np.ndarray:
+        """Kind of each scalar, shape (m,)."""
+        return np.repeat(self.kind, np.diff(self.start))
+
+
+def usable_fixes(gps: pd.DataFrame | None) -> pd.DataFrame | None:
+    """Keep three-dimensional fixes with a place; rows of lat = lon = 0 are a receiver without one."""
+    fixes = usable(gps, ["lat", "lon", "alt"])
+    if fixes is None:
+        return None
+    fixes = fixes[(fixes["lat"] != 0.0) | (fixes["lon"] != 0.0)]
+    fixes = fixes[~(fixes["fix"] < 3.0)]
+    return None if fixes.empty else fixes
+
+
+def reported(table: pd.DataFrame, column: str, default: float) -> np.ndarray:
+    """Give the reported accuracy, or the default where the receiver says nothing, which some drivers write as 0."""
+    value = table[column].to_numpy(float)
+    return np.where(np.isfinite(value) & (value > 0.0), value, default)
+
+
+def observe_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> list[Block]:
+    """Turn GPS fixes into position and velocity measurements at their times of validity."""
+    t = fixes["t_valid"].to_numpy(float)
+    t = np.where(np.isfinite(t), t, fixes.index.to_numpy(float))
+    position = frame.to_ned(*(fixes[c].to_numpy(float) for c in ("lat", "lon", "alt")))
+    horizontal = reported(fixes, "h_acc", noise.h_acc)
+    vertical = reported(fixes, "v_acc", noise.v_acc)
+    sigma = noise.gps_white_share * np.column_stack([horizontal, horizontal, vertical])
+    velocity = fixes[["v_n", "v_e", "v_d"]].to_numpy(float)
+    speed = np.repeat(reported(fixes, "s_acc", noise.s_acc)[:, None], 3, axis=1)
+    return [
+        (_kernels.GPS_POSITION, t, position, sigma**2),
+        (_kernels.GPS_VELOCITY, t, velocity, speed**2),
+    ]
+
+
+def observe(tables: Tables, frame: LocalFrame | None, noise: SensorNoise) -> Observations:
+    """Collect everything that GPS, baro and magnetometer measured."""
+    blocks: list[Block] = []
+    fixes = usable_fixes(tables.gps)
+    if fixes is not None and frame is not None:
+        blocks += observe_gps(fixes, frame, noise)
+    baro = usable(tables.baro, ["alt"])
+    if baro is not None:
+        alt = baro[["alt"]].to_numpy(float)
+        blocks.append((_kernels.BARO, baro.index.to_numpy(float), alt, np.full_like(alt, noise.baro**2)))
+    mag = usable_field(tables.mag)
+    if mag is not None:
+        field = mag[["mag_x", "mag_y", "mag_z"]].to_numpy(float)
+        blocks.append((_kernels.MAG, mag.index.to_numpy(float), field, np.full_like(field, noise.mag**2)))
+    return Observations.merge(blocks)
+
+
+def usable_field(mag: pd.DataFrame | None) -> pd.DataFrame | None:
+    """Keep magnetometer rows that hold a field: all zeros is how a missing sensor is logged."""
+    rows = usable(mag, ["mag_x", "mag_y", "mag_z"])
+    if rows is None:
+        return None
+    rows = rows[(rows[["mag_x", "mag_y", "mag_z"]] != 0.0).any(axis=1)]
+    return None if rows.empty else rows

@@ -1,0 +1,108 @@
+"""The error states of the strapdown filter and the noise that drives them.
+
+Error states are additive except attitude: the true body-to-NED rotation is ``exp([phi]x) R`` with `phi` a rotation
+about the NED axes. A state that no sensor observes is switched off by zero variance; the layout never changes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+#: First index of each block of the error state (Groves 2013, ch. 14, with sensor errors appended).
+POSITION = 0
+VELOCITY = 3
+ATTITUDE = 6
+GYRO_BIAS = 9
+ACCEL_BIAS = 12
+BARO_BIAS = 15
+HARD_IRON = 16
+GPS_ERROR = 19
+SIZE = 22
+
+#: Column names of the sensor errors in `Trajectory.states` and `.sigma`, in the order of the error state.
+SENSOR_ERROR_COLUMNS: dict[str, str] = {
+    "b_gx": "rad/s; gyro bias about body x",
+    "b_gy": "rad/s",
+    "b_gz": "rad/s",
+    "b_ax": "m/s^2; accelerometer bias along body x",
+    "b_ay": "m/s^2",
+    "b_az": "m/s^2",
+    "b_baro": "m; baro altitude less height above the origin",
+    "b_mx": "T; hard iron along body x that the autopilot's calibration left",
+    "b_my": "T",
+    "b_mz": "T",
+    "e_n": "m; slowly varying GPS position error, north",
+    "e_e": "m; east",
+    "e_d": "m; down",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorNoise:
+    """What the filter believes of the sensors of a small autopilot, before it has seen the log.
+
+    The values are those of sensor classes (data sheets and the literature), not of any log. White noise of the IMU is
+    raised to what the log itself shows (`timing.noise_density`): vibration and aliasing exceed the sensor's own
+    noise by far. White noise of the aiding sensors is scaled by the innovations (`filter.matched_noise`).
+
+    Attributes
+    ----------
+    gyro, accel : float
+        White noise floor, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz). ICM-20689 class: 0.006 deg/s and 150 ug, per sqrt(Hz).
+    gyro_bias_walk, accel_bias_walk : float
+        Random walk of the biases, rad/s/sqrt(s) and m/s^2/sqrt(s): about 10 deg/h and 0.1 mg of wander in a minute.
+    gyro_bias, accel_bias : float
+        1-sigma turn-on bias, rad/s and m/s^2, after the autopilot's calibration.
+    baro : float
+        White noise of the pressure altitude, m.
+    baro_walk : float
+        Drift of the pressure altitude, m/sqrt(s): weather and warming, about 1 m in ten minutes.
+    baro_bias : float
+        1-sigma offset of the baro's zero from the origin, m.
+    mag : float
+        White noise of the magnetometer, T: noise, quantisation, motor currents.
+    hard_iron : float
+        1-sigma hard iron left by the calibration, T.
+    hard_iron_walk : float
+        T/sqrt(s).
+    gps_error_time : float
+        Correlation time of the Gauss-Markov position error of the GPS, s: the carrier-smoothed single-frequency
+        receivers of this class wander over one to a few minutes.
+    gps_error_share : float
+        Share of the reported accuracy that is the slowly varying error.
+    gps_white_share : float
+        Share of the reported accuracy that is white from sample to sample.
+    h_acc, v_acc, s_acc : float
+        Accuracy taken where the receiver reports none (1-sigma), m, m and m/s.
+    gate : float
+        Innovations beyond this many sigma are refused.
+    """
+
+    gyro: float = 1.0e-4
+    accel: float = 1.5e-3
+    gyro_bias_walk: float = 6.0e-6
+    accel_bias_walk: float = 1.5e-4
+    gyro_bias: float = 0.01
+    accel_bias: float = 0.2
+    baro: float = 0.15
+    baro_walk: float = 0.04
+    baro_bias: float = 30.0
+    mag: float = 5.0e-7
+    hard_iron: float = 3.0e-6
+    hard_iron_walk: float = 2.0e-8
+    gps_error_time: float = 100.0
+    gps_error_share: float = 0.9
+    gps_white_share: float = 0.2
+    h_acc: float = 1.0
+    v_acc: float = 1.8
+    s_acc: float = 0.2
+    gate: float = 5.0
+
+    def random_walks(self) -> np.ndarray:
+        """Growth of each error state's variance per second, without the IMU's white noise, shape (22,)."""
+        q = np.zeros(SIZE)
+        q[GYRO_BIAS : GYRO_BIAS + 3] = self.gyro_bias_walk**2
+        q[ACCEL_BIAS : ACCEL_BIAS + 3] = self.accel_bias_walk**2
+        q[BARO_BIAS] = self.baro_walk**2
+        q[HARD_IRON : HARD_IRON + 3] = self.hard_iron_walk**2
+        return q
