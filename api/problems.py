@@ -1,0 +1,161 @@
+"""Every error of the service in one shape: problem details (RFC 9457), or a page saying the same to a browser."""
+
+import logging
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response
+from pydantic import BaseModel, Field
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from api.page_templates import render
+
+MEDIA_TYPE = "application/problem+json"
+
+_log = logging.getLogger("rotorid.api")
+
+
+class InvalidInput(BaseModel):
+    """One part of a request that is not as it should be."""
+
+    where: str = Field(description="Place in the request.", examples=["query: analyze"])
+    detail: str
+
+
+class Problem(BaseModel):
+    """Problem details, RFC 9457."""
+
+    type: str = Field(default="about:blank", description="Stable name of the kind of problem.")
+    title: str = Field(description="The kind of problem in a few words; the same for every occurrence.")
+    status: int = Field(description="HTTP status code.")
+    detail: str = Field(description="What is wrong this time and what to do, for the person who must act.")
+    errors: list[InvalidInput] | None = Field(
+        default=None, description="For requests of the wrong shape: what and where."
+    )
+
+    @classmethod
+    def named(cls, name: str, title: str, status: HTTPStatus, detail: str) -> "Problem":
+        """Make a problem of our own kind, whose type is a URN ending in `name`."""
+        return cls(type=f"urn:rotorid:problem:{name}", title=title, status=status, detail=detail)
+
+    @classmethod
+    def of_status(cls, status: int, detail: str = "") -> "Problem":
+        """Make a problem that says no more than an HTTP status and what happened."""
+        title = HTTPStatus(status).phrase
+        return cls(title=title, status=status, detail=detail or f"{title}.")
+
+
+class ProblemError(Exception):
+    """Raised where a request cannot be answered as asked; the service answers with `problem`."""
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem.detail)
+        self.problem = problem
+
+
+#: For a route's `responses`: errors have one shape whatever their status.
+RESPONSES: dict[int | str, dict[str, Any]] = {
+    "default": {"description": "Any error", "content": {MEDIA_TYPE: {"schema": Problem.model_json_schema()}}}
+}
+
+
+def respond(request: Request, problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
+    """Answer with a problem: as JSON, or as a page where a person opened one in a browser."""
+    wants_page = not request.url.path.startswith("/api/") and "text/html" in request.headers.get("accept", "")
+    if wants_page:
+        return render(request, "problem.html", {"problem": problem}, problem.status, headers)
+    return JSONResponse(problem.model_dump(exclude_none=True), problem.status, headers, MEDIA_TYPE)
+
+
+async def _on_problem(request: Request, error: Exception) -> Response:
+    assert isinstance(error, ProblemError)
+    return respond(request, error.problem)
+
+
+async def _on_http_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    details = {
+        HTTPStatus.NOT_FOUND: f"There is nothing at {request.url.path}.",
+        HTTPStatus.METHOD_NOT_ALLOWED: f"{request.url.path} does not answer to {request.method}.",
+    }
+    generic = error.detail == HTTPStatus(error.status_code).phrase
+    detail = details.get(HTTPStatus(error.status_code), "") if generic else error.detail
+    return respond(request, Problem.of_status(error.status_code, detail), error.headers)
+
+
+async def _on_invalid_request(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    errors = [
+        InvalidInput(where=f"{item['loc'][0]}: {'.'.join(map(str, item['loc'][1:]))}".rstrip(": "), detail=item["msg"])
+        for item in error.errors()
+    ]
+    problem = Problem.named(
+        "invalid-request",
+        "Request of the wrong shape",
+        HTTPStatus.UNPROCESSABLE_ENTITY,
+        "; ".join(f"{item.where}: {item.detail}" for item in errors),
+    )
+    return respond(request, problem.model_copy(update={"errors": errors}))
+
+
+def install(app: FastAPI) -> None:
+    """Make `app` answer every error with problem details."""
+    app.add_exception_handler(ProblemError, _on_problem)
+    app.add_exception_handler(HTTPException, _on_http_error)
+    app.add_exception_handler(RequestValidationError, _on_invalid_request)
+    app.add_middleware(_ProblemShape)
+
+
+class _ProblemShape:
+    """Gives what the handlers do not see the shape of all errors: bugs, and the framework's plain-text errors.
+
+    Bugs are caught here and not by a handler for `Exception`, which would answer outside of all middleware and so
+    without the safe headers. Plain text comes for instance where a Range header is malformed.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        request = Request(scope)
+        started = False
+        replacement: Response | None = None
+
+        async def reshape(message: Message) -> None:
+            nonlocal started, replacement
+            if message["type"] == "http.response.start":
+                started = True
+                replacement = _reshaped(request, message)
+            if replacement is None:
+                await send(message)
+            elif not message.get("more_body", False) and message["type"] == "http.response.body":
+                await replacement(scope, receive, send)
+
+        try:
+            await self.app(scope, receive, reshape)
+        except Exception:
+            _log.exception("%s %s failed", request.method, request.url.path)
+            if started:
+                raise
+            detail = "The service made a mistake; its own log says which. What you uploaded before is not lost."
+            response = respond(request, Problem.of_status(HTTPStatus.INTERNAL_SERVER_ERROR, detail))
+            await response(scope, receive, send)
+
+
+def _reshaped(request: Request, start: Message) -> Response | None:
+    """Give the problem to send in place of a plain-text error that is about to start; None for all else."""
+    headers = Headers(raw=start["headers"])
+    if start["status"] < HTTPStatus.BAD_REQUEST or not headers.get("content-type", "text/plain").startswith(
+        "text/plain"
+    ):
+        return None
+    kept = {name: value for name, value in headers.items() if name not in ("content-type", "content-length")}
+    return respond(request, Problem.of_status(start["status"]), kept)

@@ -1,0 +1,215 @@
+"""Receiving a log: a multipart form whose file goes straight to the disk, whatever its size."""
+
+import asyncio
+import errno
+import re
+from collections.abc import AsyncIterator
+from http import HTTPStatus
+
+from fastapi import Request
+from fastapi.concurrency import run_in_threadpool
+from pydantic import ByteSize
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import MultipartParser, parse_options_header
+from starlette.requests import ClientDisconnect
+
+from api.problems import Problem, ProblemError
+from api.resources import Log
+from api.storage import Storage
+
+#: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
+_BATCH = 1 << 20
+
+#: What a form may add around the file: boundaries, part headers, small fields.
+_FORM_OVERHEAD = 64 << 10
+
+_NAME_LENGTH = 200
+
+#: For a route's `openapi_extra`: the form cannot be declared as a parameter, which would read it into memory.
+FORM = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {
+                        "file": {
+                            "type": "string",
+                            "format": "binary",
+                            "description": "A flight log: DataFlash (.bin, .log), telemetry (.tlog) or PX4 (.ulg).",
+                        }
+                    },
+                }
+            }
+        },
+    }
+}
+
+
+class _Form:
+    """Follows the parser through a form, gathering the bytes of the part called ``file``."""
+
+    def __init__(self, boundary: bytes) -> None:
+        self.filename: str | None = None
+        self.batch = bytearray()
+        self.complete = False
+        self.files = 0
+        self._in_file = False
+        self._header = bytearray()
+        self._value = bytearray()
+        self._disposition = b""
+        self._parser = MultipartParser(
+            boundary,
+            {
+                "on_part_begin": self._on_part_begin,
+                "on_header_field": self._on_header_field,
+                "on_header_value": self._on_header_value,
+                "on_header_end": self._on_header_end,
+                "on_headers_finished": self._on_headers_finished,
+                "on_part_data": self._on_part_data,
+                "on_end": self._on_end,
+            },
+        )
+
+    def feed(self, chunk: bytes) -> None:
+        """Take the next bytes of the request's body."""
+        self._parser.write(chunk)
+
+    def take_batch(self) -> bytearray:
+        """Hand over what was gathered."""
+        batch, self.batch = self.batch, bytearray()
+        return batch
+
+    def _on_part_begin(self) -> None:
+        self._disposition = b""
+
+    def _on_header_field(self, data: bytes, start: int, end: int) -> None:
+        self._header += data[start:end]
+
+    def _on_header_value(self, data: bytes, start: int, end: int) -> None:
+        self._value += data[start:end]
+
+    def _on_header_end(self) -> None:
+        if self._header.lower() == b"content-disposition":
+            self._disposition = bytes(self._value)
+        self._header.clear()
+        self._value.clear()
+
+    def _on_headers_finished(self) -> None:
+        _, options = parse_options_header(self._disposition)
+        self._in_file = options.get(b"name") == b"file" and b"filename" in options
+        if self._in_file:
+            self.files += 1
+            self.filename = options[b"filename"].decode("utf-8", "replace")
+
+    def _on_part_data(self, data: bytes, start: int, end: int) -> None:
+        if self._in_file:
+            self.batch += memoryview(data)[start:end]
+
+    def _on_end(self) -> None:
+        self.complete = True
+
+
+async def receive_log(request: Request, storage: Storage, *, limit: int, stall: float) -> Log:
+    """Take the log out of an upload and keep it.
+
+    Raises
+    ------
+    ProblemError
+        When the request is no upload of one file, ends early, stalls for `stall` seconds or is larger than `limit`.
+    """
+    form = _Form(_boundary(request))
+    if int(request.headers.get("content-length", 0)) > limit + _FORM_OVERHEAD:
+        raise _too_large(limit)
+    try:
+        with storage.receive() as incoming:
+            async for chunk in _body(request, stall):
+                form.feed(chunk)
+                if form.files > 1:
+                    raise _bad_form("The form has more than one file. Upload one log at a time.")
+                if incoming.size + len(form.batch) > limit:
+                    raise _too_large(limit)
+                if len(form.batch) >= _BATCH:
+                    await run_in_threadpool(incoming.write, form.take_batch())
+            if not form.complete:
+                raise _bad_form("The upload ended before the file did. Try again.")
+            if form.filename is None:
+                raise _bad_form("The form has no file called `file`. With curl: curl -F file=@FLIGHT.bin ADDRESS.")
+            await run_in_threadpool(incoming.write, form.take_batch())
+            if incoming.size == 0:
+                raise _empty(_display_name(form.filename))
+            return await run_in_threadpool(storage.keep_log, incoming, _display_name(form.filename))
+    except FormParserError as error:
+        raise _bad_form(f"The multipart form is damaged: {error}.") from error
+    except ClientDisconnect as error:
+        raise _bad_form("The upload was broken off.") from error
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise _disk_full() from error
+        raise
+
+
+async def _body(request: Request, stall: float) -> AsyncIterator[bytes]:
+    """Give the body piece by piece, as long as it keeps coming."""
+    pieces = request.stream()
+    while True:
+        try:
+            async with asyncio.timeout(stall):
+                piece = await anext(pieces)
+        except StopAsyncIteration:
+            return
+        except TimeoutError as error:
+            raise ProblemError(
+                Problem.named(
+                    "upload-stalled",
+                    "The upload stalled",
+                    HTTPStatus.REQUEST_TIMEOUT,
+                    f"Nothing arrived for {stall:g} s. Check the connection and try again.",
+                )
+            ) from error
+        yield piece
+
+
+def _boundary(request: Request) -> bytes:
+    """Read from the headers what separates the parts of the form."""
+    kind, options = parse_options_header(request.headers.get("content-type", ""))
+    if kind != b"multipart/form-data" or not options.get(b"boundary"):
+        raise ProblemError(
+            Problem.named(
+                "not-a-form",
+                "Not a multipart upload",
+                HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
+                "Send the log as the field `file` of a multipart form. With curl: curl -F file=@FLIGHT.bin ADDRESS.",
+            )
+        )
+    return options[b"boundary"]
+
+
+def _display_name(filename: str) -> str:
+    """Reduce what a client calls its file to a name that can be shown: no folders, no control characters."""
+    name = re.split(r"[/\\]", filename)[-1]
+    name = "".join(character for character in name if character.isprintable()).strip()
+    return name[-_NAME_LENGTH:] or "log"
+
+
+def _bad_form(detail: str) -> ProblemError:
+    return ProblemError(Problem.named("bad-upload", "The upload cannot be read", HTTPStatus.BAD_REQUEST, detail))
+
+
+def _empty(name: str) -> ProblemError:
+    detail = f"{name} is empty: the autopilot may have lost power before it wrote anything, or the copy failed."
+    return ProblemError(Problem.named("empty-log", "The log is empty", HTTPStatus.UNPROCESSABLE_ENTITY, detail))
+
+
+def _too_large(limit: int) -> ProblemError:
+    detail = f"The log is larger than the {ByteSize(limit).human_readable(decimal=True)} that this service takes."
+    return ProblemError(
+        Problem.named("log-too-large", "The log is too large", HTTPStatus.REQUEST_ENTITY_TOO_LARGE, detail)
+    )
+
+
+def _disk_full() -> ProblemError:
+    detail = "The service has no room left to keep the log. Its operator has to make room; then try again."
+    return ProblemError(Problem.named("disk-full", "No room left", HTTPStatus.INSUFFICIENT_STORAGE, detail))

@@ -1,0 +1,125 @@
+"""What happens in the process of one analysis, apart from the server so that a crash takes nothing else down."""
+
+import os
+import resource
+import signal
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import accumulate
+from multiprocessing.connection import Connection
+from pathlib import Path, PurePath
+from typing import TypeAlias
+
+Progress: TypeAlias = Callable[[str, float], None]
+
+#: Analyses the log in a file, which its user calls by a name, writes the results into a folder and reports progress.
+Analyze: TypeAlias = Callable[[Path, str, Path, Progress], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Advanced:
+    """The analysis has come to a stage."""
+
+    stage: str
+    progress: float
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """The results are written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """The log cannot be analysed, for a reason that its user should read."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class OutOfMemory:
+    """The analysis needed more memory than it may have."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crashed:
+    """The analysis met a bug of ours."""
+
+    traceback: str
+
+
+Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
+
+
+#: Stages of the pipeline with what they are called on the page and the part of the time that they usually take.
+_STAGES = {
+    "read": ("Reading the log", 0.02),
+    "tables": ("Decoding messages", 0.08),
+    "flight": ("Looking for the flight", 0.01),
+    "trajectory": ("Reconstructing the flight path", 0.14),
+    "experiment": ("Resampling commands and motion", 0.02),
+    "thrust": ("Fitting thrust", 0.03),
+    "model": ("Fitting transfer functions", 0.60),
+    "training": ("Comparing with the fitted part of the flight", 0.01),
+    "validation": ("Judging on the unseen part of the flight", 0.02),
+    "prediction": ("Predicting the flight", 0.02),
+    "report": ("Writing the report", 0.05),
+}
+
+
+def analyze_log(log: Path, name: str, folder: Path, progress: Progress) -> None:
+    """Run the pipeline on a log and write its report."""
+    # Imported here and not above: the server itself never needs the 200 MB of numpy, numba and pandas.
+    import pipeline
+    import reports
+
+    begun = dict(zip(_STAGES, accumulate((share for _, share in _STAGES.values()), initial=0.0), strict=False))
+
+    def overall(stage: str, fraction: float) -> None:
+        words, share = _STAGES.get(stage, (stage, 0.0))
+        progress(words, begun.get(stage, 0.0) + share * fraction)
+
+    result = pipeline.analyze(log, progress=overall, name=PurePath(name).stem)
+    overall("report", 0.0)
+    reports.write(result, folder)
+
+
+def run(
+    reports_to: Connection,
+    analyze: Analyze,
+    log: Path,
+    name: str,
+    folder: Path,
+    time_limit: float,
+    memory_limit: int,
+) -> None:
+    """Run one analysis within its limits and report how it goes, ending with anything but `Advanced`."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which ends its workers itself.
+    os.nice(5)  # Requests come first.
+    # The server ends what takes too long. Should the server be gone, the alarm does.
+    signal.setitimer(signal.ITIMER_REAL, time_limit + 10.0)
+    # Not RLIMIT_AS: mapped files and numba's reservations are address space but not memory.
+    resource.setrlimit(resource.RLIMIT_DATA, (memory_limit, memory_limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    last = Advanced("", -1.0)
+
+    def progress(stage: str, fraction: float) -> None:
+        nonlocal last
+        if stage != last.stage or fraction >= last.progress + 0.01:
+            last = Advanced(stage, min(max(fraction, last.progress, 0.0), 1.0))
+            reports_to.send(last)
+
+    from logparse import RotoridError
+
+    try:
+        analyze(log, name, folder, progress)
+    except RotoridError as error:
+        reports_to.send(Refused(str(error)))
+    except MemoryError:
+        reports_to.send(OutOfMemory())
+    except Exception:
+        reports_to.send(Crashed(traceback.format_exc()))
+    else:
+        reports_to.send(Finished())

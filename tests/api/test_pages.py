@@ -1,0 +1,87 @@
+"""The pages say what there is to say without scripts, and escape what they were given."""
+
+from collections.abc import Callable
+from html.parser import HTMLParser
+
+import httpx
+import pytest
+
+from api.settings import Settings
+
+Upload = Callable[..., httpx.Response]
+
+
+class Outline(HTMLParser):
+    """What a screen reader makes of a page: headings, labels and named things."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def test_every_control_has_a_name(service: httpx.Client) -> None:
+    home = Outline(service.get("/").text)
+    ids = {attributes.get("id") for _, attributes in home.tags}
+    assert home.all("html") == [{"lang": "en"}]
+    assert len(home.all("h1")) == 1
+    assert home.all("label")[0]["for"] == home.all("input")[0]["id"]
+    for _, attributes in home.tags:
+        for reference in ("aria-labelledby", "aria-describedby"):
+            assert attributes.get(reference) in ids | {None}
+    for asset in [*home.all("script"), *home.all("link")]:
+        assert service.get(asset.get("src") or asset["href"] or "").status_code == 200
+
+
+def test_a_browser_without_scripts_is_led_from_form_to_report(service: httpx.Client) -> None:
+    answer = service.post("/", files={"file": ("paper01.BIN", b"slow")})
+    assert answer.status_code == 303
+    page = service.get(answer.headers["Location"])
+    assert "<h1" in page.text
+    assert "Analysing paper01.BIN" in page.text
+    assert Outline(page.text).all("meta")[-1]["http-equiv"] == "refresh"
+    address = Outline(page.text).all("section")[0]["data-address"]
+    while service.get(address or "").json()["state"] != "done":
+        pass
+    frame = Outline(service.get(answer.headers["Location"]).text).all("iframe")[0]
+    assert frame["title"] == "Report on paper01.BIN"
+    assert "<title>report</title>" in service.get(frame["src"] or "").text
+
+
+@pytest.mark.parametrize("content", [b"good log", b"refused"])
+def test_names_are_escaped(service: httpx.Client, upload: Upload, content: bytes) -> None:
+    log = service.post("/api/v1/logs", files={"file": ('<img src=x onerror="alert(1)">', content)}).json()
+    page = service.post("/api/v1/analyses", json={"log": log["id"]}).json()["links"]["page"]
+    while "Analysing" in (text := service.get(page).text):
+        assert "<img" not in text
+    assert "<img" not in text
+    assert "&lt;img src=x" in text
+
+
+def test_a_failed_analysis_says_why(service: httpx.Client) -> None:
+    log = service.post("/api/v1/logs", files={"file": ("a.bin", b"refused")}).json()
+    page = service.post("/api/v1/analyses", json={"log": log["id"]}).json()["links"]["page"]
+    while "Analysing" in (text := service.get(page).text):
+        pass
+    assert "The log cannot be analysed" in text
+    assert "no RCOU messages: set LOG_BITMASK to include motor outputs" in text
+
+
+def test_the_reference_describes_every_operation(service: httpx.Client) -> None:
+    page = service.get("/docs").text
+    for path, operations in service.get("/openapi.json").json()["paths"].items():
+        for method in operations:
+            assert f"{method.upper()} {path}" in page
+
+
+def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROTORID_UPLOAD_LIMIT", "200MB")
+    monkeypatch.setenv("ROTORID_WORKERS", "3")
+    assert (Settings().upload_limit, Settings().workers) == (200_000_000, 3)
+    assert all(field.description for field in Settings.model_fields.values())

@@ -1,0 +1,122 @@
+"""What arrives, arrives whole or not at all, and no upload of any kind upsets the service."""
+
+import re
+import socket
+from pathlib import Path
+
+import httpx
+import pytest
+
+BOUNDARY = "b0undary"
+FORM = {"Content-Type": f"multipart/form-data; boundary={BOUNDARY}"}
+
+
+def form(*parts: tuple[str, bytes], end: bool = True) -> bytes:
+    """Write a multipart form by hand, so that it can be wrong."""
+    body = b"".join(f"--{BOUNDARY}\r\n{head}\r\n\r\n".encode() + data + b"\r\n" for head, data in parts)
+    return body + f"--{BOUNDARY}--\r\n".encode() if end else body
+
+
+def disposition(name: str, filename: str | None = None) -> str:
+    return f'Content-Disposition: form-data; name="{name}"' + (f'; filename="{filename}"' if filename else "")
+
+
+def test_a_log_is_kept_byte_for_byte(service: httpx.Client, folder: Path) -> None:
+    # Payloads hold what looks like line ends and boundaries; 3 MB is several reads of the socket and several writes.
+    content = (bytes(range(256)) + b"\r\n--" + BOUNDARY.encode()[:-1] + b"\r\n") * 11_000
+    response = service.post("/api/v1/logs", files={"file": ("00000012.BIN", content)})
+    assert response.status_code == 201
+    log = response.json()
+    assert (log["name"], log["size"]) == ("00000012.BIN", len(content))
+    assert (folder / "logs" / log["id"] / "log").read_bytes() == content
+    assert service.get(response.headers["Location"]).json() == log
+
+
+@pytest.mark.parametrize(
+    ("sent", "shown"),
+    [
+        ("../../../etc/passwd", "passwd"),
+        (r"C:\logs\flight 1.bin", "flight 1.bin"),
+        ("..", ".."),
+        ("a" * 5000, "a" * 200),
+        ("\u202eexe.nib", "exe.nib"),
+        ("/", "log"),
+        ("<script>alert(1)</script>.bin", "script>.bin"),
+        ("Flüge/Höhe 🚁.bin", "Höhe 🚁.bin"),
+    ],
+)
+def test_a_name_is_only_for_people(service: httpx.Client, folder: Path, sent: str, shown: str) -> None:
+    before = {path.name for path in folder.parent.iterdir()}
+    body = form((disposition("file", sent), b"data"))
+    log = service.post("/api/v1/logs", content=body, headers=FORM)
+    if len(sent) > 4000:  # the form parser's own limit on header lines
+        assert log.status_code == 400
+        return
+    assert log.json()["name"] == shown
+    assert re.fullmatch("[0-9a-f]{32}", log.json()["id"])
+    assert sorted(path.name for path in (folder / "logs" / log.json()["id"]).iterdir()) == ["log", "log.json"]
+    assert {path.name for path in folder.parent.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "says"),
+    [
+        (b"", 400, "ended before the file did"),
+        (b"not a form", 400, "damaged"),
+        (form((disposition("file", "a.bin"), b"data"), end=False), 400, "ended before the file did"),
+        (form((disposition("log", "a.bin"), b"data")), 400, "no file called `file`"),
+        (form((disposition("file"), b"data")), 400, "no file called `file`"),
+        (form(), 400, "no file called `file`"),
+        (form(("X-Other: 1", b"data")), 400, "no file called `file`"),
+        (form((disposition("file", "a.bin"), b"1"), (disposition("file", "b.bin"), b"2")), 400, "more than one file"),
+        (form((disposition("file", "a.bin"), b"")), 422, "a.bin is empty"),
+        (form((disposition("file", "a.bin"), bytes(5 << 20))), 413, "larger than the 4.2MB"),
+        (form(("X: " + "x" * 10_000, b"data")), 400, "damaged"),
+    ],
+)
+def test_a_bad_upload_is_refused_with_its_reason(
+    service: httpx.Client, folder: Path, body: bytes, status: int, says: str
+) -> None:
+    kept = len(list((folder / "logs").iterdir()))
+    response = service.post("/api/v1/logs", content=body, headers=FORM)
+    assert response.status_code == status
+    assert response.headers["Content-Type"] == "application/problem+json"
+    assert says in response.json()["detail"]
+    assert not list((folder / "incoming").iterdir())
+    assert len(list((folder / "logs").iterdir())) == kept
+
+
+def test_a_small_field_beside_the_file_is_ignored(service: httpx.Client) -> None:
+    body = form((disposition("comment"), b"first flight"), (disposition("file", "a.bin"), b"data"))
+    assert service.post("/api/v1/logs", content=body, headers=FORM).json()["size"] == 4
+
+
+def test_what_is_no_form_is_refused(service: httpx.Client) -> None:
+    for headers in ({}, {"Content-Type": "application/json"}, {"Content-Type": "multipart/form-data"}):
+        response = service.post("/api/v1/logs", content=b"{}", headers=headers)
+        assert response.status_code == 415
+        assert "curl -F file=@" in response.json()["detail"]
+
+
+def test_a_body_of_unknown_length_is_limited_as_it_arrives(service: httpx.Client) -> None:
+    head = f"--{BOUNDARY}\r\n{disposition('file', 'a.bin')}\r\n\r\n".encode()
+    # Not much over the limit, so that the client has sent all when the answer comes.
+    response = service.post("/api/v1/logs", content=iter([head, *[bytes(64 << 10)] * 65]), headers=FORM)
+    assert response.status_code == 413
+
+
+def test_an_upload_that_stalls_is_given_up(service: httpx.Client, folder: Path) -> None:
+    with socket.create_connection((service.base_url.host, service.base_url.port or 80), timeout=10.0) as connection:
+        request = (
+            f"POST /api/v1/logs HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\nContent-Type: {FORM['Content-Type']}"
+        )
+        connection.sendall(request.encode() + b"\r\n\r\n" + form((disposition("file", "a.bin"), b"data"), end=False))
+        answer = connection.recv(4096).decode()
+    assert answer.startswith("HTTP/1.1 408 ")
+    assert not list((folder / "incoming").iterdir())
+
+
+def test_other_sites_cannot_upload_through_a_visitors_browser(service: httpx.Client) -> None:
+    for site, status in (("cross-site", 403), ("same-site", 403), ("same-origin", 201), ("none", 201)):
+        response = service.post("/api/v1/logs", files={"file": ("a.bin", b"data")}, headers={"Sec-Fetch-Site": site})
+        assert response.status_code == status
