@@ -2,6 +2,7 @@
 
 from logparse.errors import LogError, MissingDataError, RotoridError
 from logparse.findings import Finding, Severity
+from logparse.log import FlightLog, Messages, read_log
 from logparse.source import Boot, MessageSource
 from logparse.tables import COLUMNS, Geodetic, Tables
 from logparse.vehicle import Motor, Vehicle
@@ -10,13 +11,16 @@ __all__ = [
     "COLUMNS",
     "Boot",
     "Finding",
+    "FlightLog",
     "Geodetic",
     "LogError",
     "MessageSource",
+    "Messages",
     "MissingDataError",
     "Motor",
     "RotoridError",
     "Severity",
     "Tables",
     "Vehicle",
+    "read_log",
 ]

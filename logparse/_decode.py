@@ -1,0 +1,525 @@
+"""Kernels of the DataFlash reader: follow the header chain, and gather fields into columns.
+
+Plain arrays go in and out. `data` is the whole file; `slots` says for each message, in file order, which definition
+(FMT row) it follows, so that with the length of each definition the place of every message is known without storing it.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+Bytes = npt.NDArray[np.uint8]
+Slots = npt.NDArray[np.uint16]
+Int32s = npt.NDArray[np.int32]
+Int64s = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
+#: numba tells integer widths apart where the type checker need not.
+Int = Any
+
+# Why `follow_chain` came back.
+LIMIT = 0
+NEW_FORMAT = 1
+END_OF_FILE = 2
+OUTPUT_FULL = 3
+
+# Indices into `follow_chain`'s state.
+POSITION = 0
+COUNT = 1
+RUNS = 2
+BOOTS = 3
+LOST = 4
+TIME = 5
+HAVE_TIME = 6
+PENDING = 7
+PENDING_TIME = 8
+PENDING_FIRST = 9
+PENDING_INDEX = 10
+PENDING_POSITION = 11
+FORMAT_INDEX = 12
+FORMAT_POSITION = 13
+TIMED_IN_BOOT = 14
+BOOT_START = 15
+TRUNCATED = 16
+STATE_SIZE = 17
+
+#: A clock may step back by this much, us, and still be the same boot (rows of slow tasks are written late).
+BACK_US = 5_000_000
+#: A clock may jump ahead by this much, us, from one row to the next without a second look.
+AHEAD_US = 10_000_000
+#: Rows after a pause are of one clock when they follow each other within this time, us.
+PAUSE_US = 3_600_000_000
+#: So many rows in a row must agree on another clock before it is believed.
+AGREEING = 5
+
+# How a field becomes a column.
+COPY_1 = 0
+COPY_2 = 1
+COPY_4 = 2
+COPY_8 = 3
+COPY_N = 4
+SCALE_I8 = 5
+SCALE_U8 = 6
+SCALE_I16 = 7
+SCALE_U16 = 8
+SCALE_I32 = 9
+SCALE_U32 = 10
+SCALE_I64 = 11
+SCALE_U64 = 12
+SCALE_F32 = 13
+SCALE_F64 = 14
+
+_BLOCK_MESSAGES = 8192
+_BLOCK_BYTES = 256 * 1024
+
+
+@njit(inline="always")
+def _u16(data: Bytes, p: Int) -> Int:
+    return np.uint16(data[p]) | (np.uint16(data[p + np.uint64(1)]) << np.uint16(8))
+
+
+@njit(inline="always")
+def _u32(data: Bytes, p: Int) -> Int:
+    # LLVM makes one load of this.
+    return (
+        np.uint32(data[p])
+        | (np.uint32(data[p + np.uint64(1)]) << np.uint32(8))
+        | (np.uint32(data[p + np.uint64(2)]) << np.uint32(16))
+        | (np.uint32(data[p + np.uint64(3)]) << np.uint32(24))
+    )
+
+
+@njit(inline="always")
+def _u64(data: Bytes, p: Int) -> Int:
+    return np.uint64(_u32(data, p)) | (np.uint64(_u32(data, p + np.uint64(4))) << np.uint64(32))
+
+
+@njit(inline="always")
+def _time_us(data: Bytes, p: Int, time_width: Int, time_offset: Int) -> Int:
+    """Boot clock of the message at `p`, us; -1 where it has none or it cannot be."""
+    if time_width == 8:
+        t = _u64(data, p + np.uint64(time_offset))
+        # Beyond ten thousand years the clock is not a clock.
+        return np.int64(t) if t < np.uint64(1 << 58) else np.int64(-1)
+    if time_width == 4:
+        return np.int64(_u32(data, p + np.uint64(time_offset))) * np.int64(1000)
+    return np.int64(-1)
+
+
+@njit(inline="always")
+def _is_header(data: Bytes, p: Int, n: Int) -> Any:
+    """Whether a message may begin at `p`: a header, or as much of one as the file still holds."""
+    if p >= n:
+        return p == n
+    return data[p] == 0xA3 and (p + np.uint64(1) == n or data[p + np.uint64(1)] == 0x95)
+
+
+@njit(cache=True, nogil=True)
+def find_chained(data: Bytes, start: Int, candidates: Int32s, length: Int32s) -> Int:
+    """Find the first position from `start` where a known message begins whose end is another header or the file's."""
+    n = np.uint64(data.size)
+    p = np.uint64(start)
+    while p + np.uint64(2) < n:
+        if data[p] == 0xA3 and data[p + np.uint64(1)] == 0x95:
+            for slot in candidates[data[p + np.uint64(2)]]:
+                if slot < 0:
+                    break
+                end = p + np.uint64(length[slot])
+                # At the very end of the file a fragment of a header proves nothing.
+                if end == n or (end + np.uint64(1) < n and data[end] == 0xA3 and data[end + np.uint64(1)] == 0x95):
+                    return np.int64(p)
+        p += np.uint64(1)
+    return np.int64(n)
+
+
+@njit(cache=True, nogil=True)
+def follow_chain(
+    data: Bytes, limit: int, candidates: Int32s, length: Int32s, time_width: Int32s, time_offset: Int32s,
+    fmt_rows: Bytes, slots: Slots, first_index: int, run_index: Int64s, run_position: Int64s, gap_start: Int64s,
+    gap_stop: Int64s, boots: Int64s, unknown: Int64s, state: Int64s,
+) -> int:  # fmt: skip
+    """Follow the headers from the state's position up to `limit`; note definitions, breaks and boots on the way.
+
+    Parameters
+    ----------
+    data : uint8 array
+    limit : int
+        Stop at the first message that begins here or later.
+    candidates : int32 array, shape (256, k)
+        Definitions to try for each id, in this order, then -1.
+    length, time_width, time_offset : int32 arrays
+        Of each definition: bytes; bytes of the boot clock (8: us, 4: ms, 0: none) and where they are.
+    fmt_rows : uint8 array, shape (256, 86)
+        Payload of the FMT row in force for each id; another one makes the kernel return `NEW_FORMAT`.
+    slots : uint16 array
+        Output: definition of each message; its first element belongs to message `first_index`.
+    run_index, run_position, gap_start, gap_stop : int64 arrays
+        Output, from the state's RUNS on: where after a break the chain goes on (message index, byte), and the
+        bytes that were skipped before it.
+    boots : int64 array, shape (k, 4)
+        Output: first message, its byte, first and last time [us] of each boot that ended.
+    unknown : int64 array, shape (256,)
+        Output: headers of ids without a definition, where the chain met one.
+    state : int64 array, shape (STATE_SIZE,)
+        Where to go on; carried from call to call.
+
+    Returns
+    -------
+    int
+        LIMIT, NEW_FORMAT, END_OF_FILE or OUTPUT_FULL.
+    """
+    n = np.uint64(data.size)
+    p = np.uint64(state[POSITION])
+    count = state[COUNT]
+    runs = state[RUNS]
+    result = LIMIT
+    while p < np.uint64(limit):
+        if count - first_index + 1 >= slots.size or runs + 1 >= run_index.size or state[BOOTS] + 1 >= boots.shape[0]:
+            result = OUTPUT_FULL
+            break
+        skip_to = np.int64(-1)
+        chosen = np.int32(-1)
+        if p + np.uint64(3) > n:
+            skip_to = np.int64(n)
+            state[TRUNCATED] = np.int64(p)
+        elif data[p] != 0xA3 or data[p + np.uint64(1)] != 0x95:
+            skip_to = find_chained(data, p, candidates, length)
+        else:
+            tried = candidates[data[p + np.uint64(2)]]
+            first = tried[0]
+            fits = False
+            for slot in tried:
+                if slot < 0:
+                    break
+                end = p + np.uint64(length[slot])
+                if end <= n:
+                    fits = True
+                    if _is_header(data, end, n):
+                        chosen = slot
+                        break
+            if chosen < 0:
+                # The chain breaks here: either this message is cut short or grown, or what follows it is damaged.
+                if first < 0:
+                    unknown[data[p + np.uint64(2)]] += 1
+                elif not fits:
+                    state[TRUNCATED] = np.int64(p)
+                skip_to = find_chained(data, p + np.uint64(1), candidates, length)
+                if fits and np.uint64(skip_to) >= p + np.uint64(length[first]):
+                    # Nothing begins inside this message, so it is whole as far as anyone can tell.
+                    chosen = first
+        if chosen >= 0:
+            if data[p + np.uint64(2)] == 128:
+                row = fmt_rows[data[p + np.uint64(3)]]
+                same = True
+                for k in range(86):
+                    if row[k] != data[p + np.uint64(3 + k)]:
+                        same = False
+                        break
+                if not same:
+                    result = NEW_FORMAT
+                    break
+                if state[FORMAT_INDEX] < 0:
+                    state[FORMAT_INDEX] = count
+                    state[FORMAT_POSITION] = np.int64(p)
+            width = time_width[chosen]
+            if width != 0:
+                t = _time_us(data, p, width, time_offset[chosen])
+                if t >= 0:
+                    _advance_clock(t, count, np.int64(p), boots, state)
+            slots[count - first_index] = chosen
+            count += 1
+            p += np.uint64(length[chosen])
+        if skip_to >= 0:
+            if np.uint64(skip_to) > p:
+                gap_start[runs] = np.int64(p)
+                gap_stop[runs] = skip_to
+                run_index[runs] = count
+                run_position[runs] = skip_to
+                runs += 1
+            p = np.uint64(skip_to)
+    if p >= n and result == LIMIT:
+        result = END_OF_FILE
+    state[POSITION] = np.int64(p)
+    state[COUNT] = count
+    state[RUNS] = runs
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _advance_clock(t: Int, index: Int, position: Int, boots: Int64s, state: Int64s) -> None:
+    """Follow the boot clock; a lasting step back is a new boot, a lone odd time stamp is not."""
+    if state[HAVE_TIME] == 0:
+        state[HAVE_TIME] = 1
+        state[TIME] = t
+        state[BOOT_START] = t
+        state[TIMED_IN_BOOT] = 1
+        state[PENDING] = 0
+        state[FORMAT_INDEX] = -1
+        return
+    step = t - state[TIME]
+    if -BACK_US <= step <= AHEAD_US:
+        if step > 0:
+            state[TIME] = t
+        state[TIMED_IN_BOOT] += 1
+        state[PENDING] = 0
+        state[FORMAT_INDEX] = -1
+        return
+    if state[PENDING] > 0 and -BACK_US <= t - state[PENDING_TIME] <= PAUSE_US:
+        state[PENDING] += 1
+        if t > state[PENDING_TIME]:
+            state[PENDING_TIME] = t
+    else:
+        state[PENDING] = 1
+        state[PENDING_TIME] = t
+        state[PENDING_FIRST] = t
+        # The FMT rows with which a new log begins carry no time but belong to the new boot.
+        if state[FORMAT_INDEX] >= 0:
+            state[PENDING_INDEX] = state[FORMAT_INDEX]
+            state[PENDING_POSITION] = state[FORMAT_POSITION]
+        else:
+            state[PENDING_INDEX] = index
+            state[PENDING_POSITION] = position
+    if state[PENDING] < AGREEING:
+        return
+    if state[PENDING_FIRST] < state[TIME] - BACK_US:
+        if state[TIMED_IN_BOOT] >= AGREEING:
+            k = state[BOOTS]
+            boots[k, 2] = state[BOOT_START]
+            boots[k, 3] = state[TIME]
+            boots[k + 1, 0] = state[PENDING_INDEX]
+            boots[k + 1, 1] = state[PENDING_POSITION]
+            state[BOOTS] = k + 1
+        # Otherwise the few rows so far were the odd ones.
+        state[BOOT_START] = state[PENDING_FIRST]
+        state[TIMED_IN_BOOT] = 0
+    state[TIME] = state[PENDING_TIME]
+    state[TIMED_IN_BOOT] += state[PENDING]
+    state[PENDING] = 0
+    state[FORMAT_INDEX] = -1
+
+
+@njit(cache=True, nogil=True)
+def gather(
+    data: Bytes, slots: Slots, stop: int, length: Int32s, run_index: Int64s, run_position: Int64s,
+    table_of_slot: Int32s, first_field: Int64s, offset: Int64s, operation: Int64s, size: Int64s, target: Int64s,
+    factor: Floats, divisor: Floats, row: Int64s, bytes_out: Bytes, state: Int64s,
+) -> None:  # fmt: skip
+    """Copy the fields of the wanted messages into columns, block by block so that a block stays in the cache.
+
+    Parameters
+    ----------
+    data : uint8 array
+    slots : uint16 array
+        Definition of each message, in file order.
+    stop : int
+        Message to stop before.
+    length : int32 array
+        Bytes of a message of each definition.
+    run_index, run_position : int64 arrays
+        Where the chain goes on after a break: message index (counted as in `slots`) and byte.
+    table_of_slot : int32 array
+        Table of each definition, -1 for those not wanted.
+    first_field : int64 array, shape (tables + 1,)
+        The fields of table k are ``first_field[k]`` to ``first_field[k + 1] - 1`` of the arrays below.
+    offset, operation, size : int64 arrays
+        Of each field: its place in the message, what to do (COPY_.. and SCALE_..), bytes to copy for COPY_N.
+    target : int64 array
+        Byte in `bytes_out` where the column of each field begins, a multiple of 8.
+    factor, divisor : float64 arrays
+        Scale of each field.
+    row : int64 array, shape (tables,)
+        Rows written so far; updated.
+    bytes_out : uint8 array
+        Output; its size is a multiple of 8.
+    state : int64 array, shape (3,)
+        Message index, byte and run to begin with; updated.
+    """
+    out_2 = bytes_out.view(np.uint16)
+    out_4 = bytes_out.view(np.uint32)
+    out_8 = bytes_out.view(np.uint64)
+    out_f4 = bytes_out.view(np.float32)
+    out_f8 = bytes_out.view(np.float64)
+    tables = row.size
+    begins = np.zeros(tables + 1, np.int64)
+    fill = np.zeros(tables, np.int64)
+    place = np.empty(_BLOCK_MESSAGES, np.uint64)
+    found = np.empty(_BLOCK_MESSAGES, np.uint64)
+    table_found = np.empty(_BLOCK_MESSAGES, np.int32)
+    index = state[0]
+    position = state[1]
+    run = state[2]
+    while index < stop:
+        # Where the wanted messages of this block are.
+        hits = 0
+        block = position
+        fill[:] = 0
+        while index < stop and hits < _BLOCK_MESSAGES and position - block < _BLOCK_BYTES:
+            if run < run_index.size and run_index[run] == index:
+                while run < run_index.size and run_index[run] == index:
+                    position = run_position[run]
+                    run += 1
+            slot = slots[index]
+            table = table_of_slot[slot]
+            if table >= 0:
+                found[hits] = np.uint64(position)
+                table_found[hits] = table
+                fill[table] += 1
+                hits += 1
+            position += length[slot]
+            index += 1
+        # The same by table.
+        at = np.int64(0)
+        for k in range(tables):
+            begins[k] = at
+            at += fill[k]
+            fill[k] = begins[k]
+        begins[tables] = at
+        for k in range(hits):
+            table = table_found[k]
+            place[fill[table]] = found[k]
+            fill[table] += 1
+        for table in range(tables):
+            a = begins[table]
+            m = begins[table + 1] - a
+            if m == 0:
+                continue
+            first_row = row[table]
+            where = place[a : a + m]
+            for f in range(first_field[table], first_field[table + 1]):
+                o = np.uint64(offset[f])
+                what = operation[f]
+                up = factor[f]
+                down = divisor[f]
+                if what == COPY_4:
+                    column_4 = out_4[target[f] // 4 + first_row :]
+                    for k in range(m):
+                        column_4[k] = _u32(data, where[k] + o)
+                elif what == COPY_8:
+                    column_8 = out_8[target[f] // 8 + first_row :]
+                    for k in range(m):
+                        column_8[k] = _u64(data, where[k] + o)
+                elif what == COPY_2:
+                    column_2 = out_2[target[f] // 2 + first_row :]
+                    for k in range(m):
+                        column_2[k] = _u16(data, where[k] + o)
+                elif what == COPY_1:
+                    column_1 = bytes_out[target[f] + first_row :]
+                    for k in range(m):
+                        column_1[k] = data[where[k] + o]
+                elif what == COPY_N:
+                    width = size[f]
+                    for k in range(m):
+                        cell = bytes_out[target[f] + (first_row + k) * width :]
+                        for b in range(width):
+                            cell[b] = data[where[k] + o + np.uint64(b)]
+                elif what in (SCALE_I8, SCALE_U8):
+                    scaled_4 = out_f4[target[f] // 4 + first_row :]
+                    for k in range(m):
+                        byte = data[where[k] + o]
+                        number = np.float64(np.int8(byte)) if what == SCALE_I8 else np.float64(byte)
+                        scaled_4[k] = number * up / down
+                elif what == SCALE_I16:
+                    scaled_4 = out_f4[target[f] // 4 + first_row :]
+                    for k in range(m):
+                        scaled_4[k] = np.float64(np.int16(_u16(data, where[k] + o))) * up / down
+                elif what == SCALE_U16:
+                    scaled_4 = out_f4[target[f] // 4 + first_row :]
+                    for k in range(m):
+                        scaled_4[k] = np.float64(_u16(data, where[k] + o)) * up / down
+                elif what == SCALE_I32:
+                    scaled_8 = out_f8[target[f] // 8 + first_row :]
+                    for k in range(m):
+                        scaled_8[k] = np.float64(np.int32(_u32(data, where[k] + o))) * up / down
+                elif what == SCALE_U32:
+                    scaled_8 = out_f8[target[f] // 8 + first_row :]
+                    for k in range(m):
+                        scaled_8[k] = np.float64(_u32(data, where[k] + o)) * up / down
+                elif what == SCALE_I64:
+                    scaled_8 = out_f8[target[f] // 8 + first_row :]
+                    for k in range(m):
+                        scaled_8[k] = np.float64(np.int64(_u64(data, where[k] + o))) * up / down
+                elif what == SCALE_U64:
+                    scaled_8 = out_f8[target[f] // 8 + first_row :]
+                    for k in range(m):
+                        scaled_8[k] = np.float64(_u64(data, where[k] + o)) * up / down
+                elif what == SCALE_F32:
+                    column_4 = out_4[target[f] // 4 + first_row :]
+                    scaled_4 = out_f4[target[f] // 4 + first_row :]
+                    for k in range(m):
+                        column_4[k] = _u32(data, where[k] + o)
+                    for k in range(m):
+                        scaled_4[k] = np.float64(scaled_4[k]) * up / down
+                elif what == SCALE_F64:
+                    column_8 = out_8[target[f] // 8 + first_row :]
+                    scaled_8 = out_f8[target[f] // 8 + first_row :]
+                    for k in range(m):
+                        column_8[k] = _u64(data, where[k] + o)
+                    for k in range(m):
+                        scaled_8[k] = scaled_8[k] * up / down
+            row[table] = first_row + m
+    state[0] = index
+    state[1] = position
+    state[2] = run
+
+
+@njit(cache=True, nogil=True)
+def locate(
+    slots: Slots, length: Int32s, run_index: Int64s, run_position: Int64s, start: int, wanted: npt.NDArray[np.bool_],
+    positions: Int64s, indices: Int64s,
+) -> int:  # fmt: skip
+    """Byte and message index of each message whose definition is `wanted` (bool per slot); returns how many."""
+    position = start
+    run = 0
+    found = 0
+    for index in range(slots.size):
+        while run < run_index.size and run_index[run] == index:
+            position = run_position[run]
+            run += 1
+        slot = slots[index]
+        if wanted[slot]:
+            positions[found] = position
+            indices[found] = index
+            found += 1
+        position += length[slot]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def neighbouring_times(
+    data: Bytes, slots: Slots, length: Int32s, run_index: Int64s, run_position: Int64s, start: int,
+    time_width: Int32s, time_offset: Int32s, low: int, high: int, positions: Int64s, before: Int64s, after: Int64s,
+) -> None:  # fmt: skip
+    """Boot clocks of the timed messages around each of `positions` (ascending bytes).
+
+    `before` and `after`, shape (k, 2), receive byte and time [us] of the last timed message before and the first one
+    behind each position; the byte is -1 where there is none. Times outside `low` to `high` are passed over.
+    """
+    position = np.int64(start)
+    run = 0
+    passed = 0
+    waiting = 0
+    last_position: Int = np.int64(-1)
+    last_time: Int = np.int64(0)
+    for index in range(slots.size):
+        while run < run_index.size and run_index[run] == index:
+            position = run_position[run]
+            run += 1
+        slot = slots[index]
+        while passed < positions.size and positions[passed] <= position:
+            before[passed, 0] = last_position
+            before[passed, 1] = last_time
+            passed += 1
+        if time_width[slot] != 0:
+            t = _time_us(data, np.uint64(position), time_width[slot], time_offset[slot])
+            if low <= t <= high:
+                last_position = position
+                last_time = t
+                while waiting < passed:
+                    after[waiting, 0] = position
+                    after[waiting, 1] = t
+                    waiting += 1
+        position += length[slot]
+    while waiting < positions.size:
+        after[waiting, 0] = -1
+        waiting += 1

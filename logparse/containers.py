@@ -1,0 +1,114 @@
+"""Open the file behind a log: mapped into memory, unpacked first when it is a gzip or zip archive."""
+
+import gzip
+import mmap
+import os
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Protocol
+
+from logparse.errors import LogError
+from logparse.findings import Finding, Severity
+
+#: An archive that holds more than this is refused: a few kB can unpack to terabytes.
+MAX_UNPACKED_BYTES = 4 << 30
+
+_PIECE = 1 << 20
+_HEAD = 1 << 16
+
+Buffer = bytes | mmap.mmap
+
+
+def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tuple[Finding, ...]]:
+    """Map a file; what a gzip or zip archive holds is unpacked into a temporary file and mapped.
+
+    Parameters
+    ----------
+    path : Path
+    is_log : callable
+        Whether the first 64 kB of a file look like a log; picks the member of a zip archive.
+
+    Raises
+    ------
+    LogError
+        No such file, unreadable, empty, or an archive that is damaged, too large or without one log.
+    """
+    try:
+        if path.is_dir():
+            raise LogError(f"{path} is a folder, not a log")
+        with path.open("rb") as file:
+            magic = file.read(4)
+            if not magic:
+                raise LogError(f"{path.name} is empty (0 bytes): the autopilot or the download wrote nothing")
+            if magic[:3] == b"\x1f\x8b\x08":
+                with gzip.open(path) as packed:
+                    return _unpacked(packed, path.name)
+            if magic == b"PK\x03\x04":
+                return _zip_member(path, is_log)
+            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), ()
+    except OSError as error:
+        raise LogError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+def _zip_member(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tuple[Finding, ...]]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            logs = []
+            for member in archive.infolist():
+                if member.is_dir() or member.file_size == 0:
+                    continue
+                with archive.open(member) as packed:
+                    if is_log(packed.read(_HEAD)):
+                        logs.append(member)
+            if len(logs) != 1:
+                what = "no log" if not logs else f"{len(logs)} logs"
+                advice = "" if not logs else ": unpack it and give the logs one by one or as a folder"
+                raise LogError(f"{path.name} is a zip archive with {what} in it{advice}")
+            with archive.open(logs[0]) as packed:
+                return _unpacked(packed, path.name)
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        # RuntimeError is what zipfile raises for encrypted members.
+        raise LogError(f"{path.name} is a zip archive that cannot be opened: {error}") from error
+
+
+class _Readable(Protocol):
+    def read(self, size: int, /) -> bytes: ...
+
+
+def _unpacked(packed: _Readable, name: str) -> tuple[Buffer, tuple[Finding, ...]]:
+    """Unpack into a temporary file that disappears with its map; keep what comes before damage."""
+    findings: tuple[Finding, ...] = ()
+    with tempfile.TemporaryFile() as file:
+        size = 0
+        try:
+            while piece := packed.read(_PIECE):
+                size += len(piece)
+                if size > MAX_UNPACKED_BYTES:
+                    raise LogError(
+                        f"{name} unpacks to more than {MAX_UNPACKED_BYTES >> 30} GiB: unpack it and give the log itself"
+                    )
+                file.write(piece)
+        except (EOFError, zlib.error, gzip.BadGzipFile, zipfile.BadZipFile) as error:
+            if size == 0:
+                raise LogError(f"{name} is an archive that cannot be unpacked: {error}") from error
+            findings = (
+                Finding(
+                    "damaged-archive",
+                    Severity.WARNING,
+                    f"The archive is damaged or cut short ({error}); the first {size} bytes of the log were read.",
+                    "Copy or download the file again.",
+                    {"bytes": size},
+                ),
+            )
+        if size == 0:
+            raise LogError(f"{name} is an archive of an empty file")
+        file.flush()
+        return _map(file), findings
+
+
+def _map(file: IO[bytes]) -> mmap.mmap:
+    os.lseek(file.fileno(), 0, os.SEEK_SET)
+    return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)

@@ -1,0 +1,320 @@
+"""`read_log`: any flight log in, a `FlightLog` out."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from datetime import UTC, datetime
+from functools import cached_property
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+import numpy as np
+import pandas as pd
+
+from logparse.containers import Buffer, open_buffer
+from logparse.errors import LogError, RotoridError
+from logparse.findings import Finding, Severity
+from logparse.source import Boot, MessageSource
+from logparse.timebase import utc_from_gps
+
+if TYPE_CHECKING:
+    from logparse.flights import Flight
+    from logparse.tables import Tables
+    from logparse.vehicle import Vehicle
+
+_HEAD = 1 << 16
+
+#: Reader modules in the order of asking; the surest signs first.
+_READERS = (
+    ("logparse.ulog", "open_ulog"),
+    ("logparse.dataflash", "open_dataflash"),
+    ("logparse.dataflash_text", "open_dataflash_text"),
+    ("logparse.tlog", "open_tlog"),
+)
+
+#: Boots that are looked into for the longest flight; in a file with more, the longest boots.
+_MOST_BOOTS = 8
+
+
+@runtime_checkable
+class _BatchSource(Protocol):
+    """A source that decodes several message types in one pass over the file."""
+
+    def decode_many(self, names: Iterable[str], boot: Boot) -> dict[str, pd.DataFrame]: ...
+
+
+@runtime_checkable
+class _ParameterSource(Protocol):
+    """A source whose format keeps parameters outside its messages."""
+
+    def parameters(self, boot: Boot) -> Mapping[str, float]: ...
+
+
+class Messages(Mapping[str, pd.DataFrame]):
+    """The messages of one boot by name as logged, decoded when first asked for.
+
+    Iterating over values or items, and `load`, decode what is missing in one pass over the file.
+    """
+
+    def __init__(self, source: MessageSource, boot: Boot):
+        self._source, self._boot = source, boot
+        self._counts = source.counts(boot)
+        self._frames: dict[str, pd.DataFrame] = {}
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Rows of each message type, without decoding."""
+        return self._counts
+
+    def load(self, names: Iterable[str]) -> None:
+        """Decode several message types at once; names that the log does not have are passed over."""
+        missing = [name for name in names if name in self._counts and name not in self._frames]
+        if isinstance(self._source, _BatchSource) and missing:
+            self._frames.update(self._source.decode_many(missing, self._boot))
+        else:
+            for name in missing:
+                self._frames[name] = self._source.decode(name, self._boot)
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        if name not in self._frames:
+            if name not in self._counts:
+                raise KeyError(name)
+            self._frames[name] = self._source.decode(name, self._boot)
+        return self._frames[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._counts
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._counts)
+
+    def __len__(self) -> int:
+        return len(self._counts)
+
+    def values(self):  # type: ignore[no-untyped-def]
+        """Frames, all decoded."""
+        self.load(self._counts)
+        return super().values()
+
+    def items(self):  # type: ignore[no-untyped-def]
+        """Names and frames, all decoded."""
+        self.load(self._counts)
+        return super().items()
+
+    def __repr__(self) -> str:
+        return f"<Messages of {len(self)} types: {', '.join(self)}>"
+
+
+class FlightLog:
+    """One boot of a flight log.
+
+    Attributes
+    ----------
+    path : Path
+    format : str
+        ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
+    boots : tuple of Boot
+        Power-ups in the file.
+    boot : Boot
+        The one that this log shows.
+    messages : Messages
+        Mapping from message name to DataFrame, as logged: index `t` [s, boot clock], scaled columns, units of the
+        columns in ``frame.attrs["units"]``.
+    """
+
+    def __init__(self, path: Path, source: MessageSource, boot: Boot, findings: tuple[Finding, ...] = ()):
+        self.path = path
+        self.format = source.format
+        self.boots = source.boots
+        self.boot = boot
+        self.messages = Messages(source, boot)
+        self._source = source
+        self._own_findings = list(findings)
+
+    @cached_property
+    def parameters(self) -> Mapping[str, float]:
+        """Autopilot parameters: the last finite value of each in this boot."""
+        if isinstance(self._source, _ParameterSource):
+            found = dict(self._source.parameters(self.boot))
+        elif "PARM" in self.messages:
+            rows = self.messages["PARM"]
+            found = _last_values(rows, "Name", "Value")
+        elif "PARAM_VALUE" in self.messages:
+            rows = self.messages["PARAM_VALUE"]
+            if "system" in rows:
+                rows = rows[rows["system"] == rows["system"].mode().iloc[0]]
+            found = _last_values(rows, "param_id", "param_value")
+        else:
+            found = {}
+        odd = sorted(name for name, value in found.items() if not math.isfinite(value))
+        if odd:
+            self._own_findings.append(
+                Finding(
+                    "parameter-not-a-number",
+                    Severity.WARNING,
+                    f"Parameters without a finite value are left out: {', '.join(odd[:8])}"
+                    + (f" and {len(odd) - 8} more." if len(odd) > 8 else "."),
+                    "Set them again on the autopilot.",
+                    {"count": len(odd)},
+                )
+            )
+        return {name: value for name, value in found.items() if math.isfinite(value)}
+
+    @cached_property
+    def vehicle(self) -> "Vehicle":
+        """The craft as the log describes it."""
+        from logparse.vehicle import describe
+
+        return describe(self.messages, format=self.format, parameters=self.parameters)
+
+    @cached_property
+    def _built(self) -> tuple["Tables", tuple[Finding, ...]]:
+        from logparse.canonical import build_tables
+
+        return build_tables(self.messages, format=self.format, parameters=self.parameters, vehicle=self.vehicle)
+
+    @property
+    def tables(self) -> "Tables":
+        """Canonical tables, the same for every format and firmware."""
+        return self._built[0]
+
+    @cached_property
+    def flights(self) -> tuple["Flight", ...]:
+        """Airborne intervals in this boot."""
+        from logparse.flights import find_flights
+
+        return find_flights(self.tables)
+
+    @property
+    def flight(self) -> "Flight | None":
+        """The longest flight, None where the craft never left the ground."""
+        return max(self.flights, key=lambda flight: flight.stop - flight.start, default=None)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What reading the file and building the tables had to say."""
+        tables = self._built[1]
+        return (*self._own_findings, *self._source.findings, *tables)
+
+    @cached_property
+    def start_utc(self) -> datetime | None:
+        """UTC at t = 0 of the boot clock, from GPS or the ground station's clock; None where nothing tells."""
+        return _start_utc(self.messages)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last message of this boot."""
+        return self.boot.t_end - self.boot.t_start
+
+    def __repr__(self) -> str:
+        return f"<FlightLog {self.path.name}: {self.format}, {self.duration:.1f} s, {len(self.messages)} message types>"
+
+
+def read_log(path: str | Path, boot: int | None = None) -> FlightLog:
+    """Read a flight log of any known format, recognised by its content.
+
+    Parameters
+    ----------
+    path : path-like
+        DataFlash binary or text, MAVLink telemetry or PX4 ulog; also inside a gzip or zip archive.
+    boot : int, optional
+        Which power-up of the autopilot to show, an index into ``log.boots``; default the one with the longest flight.
+
+    Raises
+    ------
+    LogError
+        The file is missing, empty, of an unknown format, or holds no intact message.
+    """
+    path = Path(path)
+    buffer, findings = open_buffer(path, lambda head: _reader(head) is not None)
+    head = bytes(buffer[:_HEAD])
+    opener = _reader(head)
+    if opener is None:
+        raise LogError(f"{path.name} is not a flight log: {_what_it_is(head)}")
+    try:
+        source = opener(buffer)
+    except LogError as error:
+        raise LogError(f"{path.name}: {error}") from error
+    boots = source.boots
+    if boot is not None:
+        if not -len(boots) <= boot < len(boots):
+            raise LogError(f"{path.name} holds {len(boots)} boots; there is no boot {boot}")
+        return FlightLog(path, source, boots[boot], findings)
+    if len(boots) == 1:
+        return FlightLog(path, source, boots[0], findings)
+    longest = sorted(boots, key=lambda b: b.t_start - b.t_end)[:_MOST_BOOTS]
+    return max((FlightLog(path, source, b, findings) for b in longest), key=_flown)
+
+
+def _flown(log: FlightLog) -> tuple[float, float]:
+    """Longest flight, then duration: what makes one boot more interesting than another."""
+    try:
+        flight = log.flight
+    except RotoridError:
+        flight = None
+    return (flight.stop - flight.start if flight else 0.0, log.duration)
+
+
+def _reader(head: bytes) -> Callable[[Buffer], MessageSource] | None:
+    for module, opener in _READERS:
+        if find_spec(module) is not None:
+            reader = import_module(module)
+            if reader.looks_like(head):
+                found: Callable[[Buffer], MessageSource] = getattr(reader, opener)
+                return found
+    return None
+
+
+def _what_it_is(head: bytes) -> str:
+    """Say of an unknown file what it seems to be, for the person who gave it."""
+    stripped = head.lstrip()
+    if not stripped.strip(b"\0\xff"):
+        return "it holds nothing but zeros or erased flash"
+    try:
+        text = stripped[:4096].decode()
+    except UnicodeDecodeError as error:
+        text = stripped[: error.start].decode() if error.start > 4000 else ""
+    if not text or not all(c.isprintable() or c in "\r\n\t" for c in text):
+        return "binary data of an unknown kind. Readable are DataFlash .bin and .log, MAVLink .tlog and PX4 .ulg"
+    first = text.splitlines()[0][:60]
+    if text[0] in "{[":
+        return f"it is JSON ({first!r}), perhaps exported from another program. Give the log that it was made from"
+    return f"it is a text that begins {first!r} and has no FMT lines"
+
+
+def _last_values(rows: pd.DataFrame, name: str, value: str) -> dict[str, float]:
+    return dict(zip(rows[name].astype(str), rows[value].astype(float), strict=True))
+
+
+def _start_utc(messages: Mapping[str, pd.DataFrame]) -> datetime | None:
+    for name in ("GPS", "GPS2"):
+        if name in messages:
+            start = _start_from_gps(messages[name])
+            if start is not None:
+                return start
+    for name, column in (("SYSTEM_TIME", "time_unix_usec"), ("vehicle_gps_position", "time_utc_usec")):
+        if name in messages and column in messages[name]:
+            rows = messages[name]
+            known = rows[rows[column] > 1e15]
+            if len(known):
+                offset = np.median(known[column].to_numpy(np.float64) * 1e-6 - known.index.to_numpy(np.float64))
+                return datetime.fromtimestamp(float(offset), UTC)
+    return None
+
+
+def _start_from_gps(rows: pd.DataFrame) -> datetime | None:
+    """From DataFlash GPS rows: week and ms of week; named TimeMS and Week before 3.3."""
+    names = ("GWk", "GMS") if "GWk" in rows else ("Week", "TimeMS")
+    if not set(names) <= set(rows.columns):
+        return None
+    week, ms = (rows[name].to_numpy(np.float64) for name in names)
+    ms = np.rint(ms / rows.attrs.get("multipliers", {}).get(names[1], 1.0))
+    fixed = week > 1000
+    if "Status" in rows:
+        fixed &= rows["Status"].to_numpy() >= 3
+    if not fixed.any():
+        return None
+    seconds = week * 604800.0 + ms * 1e-3 - rows.index.to_numpy(np.float64)
+    start = float(np.median(seconds[fixed]))
+    return utc_from_gps(0, start * 1e3)
