@@ -1,1 +1,23 @@
-"""Simulation: vehicles with known truth, flown, sensed and logged."""
+"""Simulation: vehicles with known truth, flown, sensed and logged.
+
+World axes NED, body axes FRD, SI units and radians; `t` in seconds from the start of the simulation, which a log
+shifts to its boot clock. All noise comes from one seed, and a seed gives the same log on every machine.
+"""
+
+from simulation.cases import CASES, Case, find, write_case, write_sample_logs
+from simulation.errors import DivergenceError, ParameterError
+from simulation.fly import Flight, Setup, fly, propagate
+
+__all__ = [
+    "CASES",
+    "Case",
+    "DivergenceError",
+    "Flight",
+    "ParameterError",
+    "Setup",
+    "find",
+    "fly",
+    "propagate",
+    "write_case",
+    "write_sample_logs",
+]

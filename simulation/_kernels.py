@@ -1,0 +1,621 @@
+"""Compiled equations of motion, integrator and flight loop; plain arrays and named tuples of numbers.
+
+State vector of a craft with n rotors: position (3, NED, m), velocity (3, NED, m/s), body-to-NED quaternion (4, scalar
+first), angular rate (3, FRD, rad/s), rotor speeds (n, rad/s). No fast-math and no BLAS anywhere: the same seed has to
+give the same log on every machine.
+"""
+
+from math import asin, atan, atan2, cos, exp, isfinite, pi, sin, sqrt, tan
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+POSITION, VELOCITY, ATTITUDE, RATE, ROTORS = 0, 3, 6, 10, 13
+
+#: Ends of a flight, as `fly_cascade` returns them.
+COMPLETED, DIVERGED = 0, 1
+
+#: What the autopilot does, as recorded.
+DISARMED, IDLE, FLYING, LANDING, LANDED = 0, 1, 2, 3, 4
+
+
+class AirParameters(NamedTuple):
+    """Air at the height of the origin, and how it changes above it."""
+
+    density: float
+    temperature: float
+    lapse_rate: float
+    exponent: float
+
+
+class AirframeParameters(NamedTuple):
+    """A multirotor as the equations of motion read it; see `simulation.vehicle.Multirotor`."""
+
+    mass: float
+    gravity: float
+    inertia: np.ndarray  # (3, 3)
+    inertia_inverse: np.ndarray  # (3, 3)
+    rotor_position: np.ndarray  # (n, 3)
+    rotor_axis: np.ndarray  # (n, 3), direction of thrust
+    rotor_spin: np.ndarray  # (n,), +1 clockwise from above
+    thrust_coefficient: np.ndarray  # (n,)
+    torque_coefficient: np.ndarray  # (n,)
+    reference_density: float
+    time_constant: float
+    drag_linear: np.ndarray  # (3,), N s/m
+    drag_area: np.ndarray  # (3,), m^2
+    feet: np.ndarray  # (m, 3)
+    ground: float  # p_d of the ground, m; +inf where there is none
+    foot_stiffness: float
+    foot_damping: float
+    friction: float
+
+
+class DriveParameters(NamedTuple):
+    """Drives and battery as the flight loop reads them; see `simulation.drive`."""
+
+    speed_max: float
+    expo: float
+    voltage_reference: float
+    pwm_min: float
+    pwm_idle: float
+    pwm_zero: float
+    pwm_full: float
+    efficiency: float
+    voltage_full: float
+    voltage_empty: float
+    capacity: float  # A s
+    resistance: float
+    avionics_power: float
+
+
+class CascadeParameters(NamedTuple):
+    """The PID cascade as the flight loop reads it; see `simulation.controllers.Cascade`."""
+
+    mixer: np.ndarray  # (n, 3): roll, pitch, yaw factors
+    angle_p: np.ndarray  # (3,)
+    rate_pid: np.ndarray  # (3, 3): rows roll, pitch, yaw; columns P, I, D
+    position_p: np.ndarray  # (3,)
+    velocity_pid: np.ndarray  # (3, 3): rows north, east, down
+    hover_thrust: float
+    tilt_limit: float
+    speed_limit: np.ndarray  # (3,): horizontal, up, down
+    filter_frequency: float  # Hz, of gyro and accelerometer
+
+
+class SensorParameters(NamedTuple):
+    """Inertial sensors as the flight loop reads them; see `simulation.sensors.InertialErrors`."""
+
+    gyro_white: float  # rad/s per sample
+    accel_white: float  # m/s^2 per sample
+    vibration: float  # m/s^2 per sample at the reference speed
+    gyro_vibration: float  # rad/s per sample at the reference speed
+    vibration_speed: float  # rad/s
+    gyro_bias: np.ndarray  # (3,)
+    accel_bias: np.ndarray  # (3,)
+
+
+@njit(cache=True, nogil=True)
+def air_density(height: float, air: AirParameters) -> float:
+    """Density [kg/m^3] at a height above the origin [m], constant lapse rate."""
+    ratio = max(1.0 - air.lapse_rate * height / air.temperature, 1e-3)
+    density: float = air.density * ratio**air.exponent
+    return density
+
+
+@njit(cache=True, nogil=True)
+def rotation_matrix(q: np.ndarray, C: np.ndarray) -> None:
+    """Fill C (3, 3), body to NED, from the quaternion q (4,), scalar first."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    C[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    C[0, 1] = 2.0 * (x * y - w * z)
+    C[0, 2] = 2.0 * (x * z + w * y)
+    C[1, 0] = 2.0 * (x * y + w * z)
+    C[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    C[1, 2] = 2.0 * (y * z - w * x)
+    C[2, 0] = 2.0 * (x * z - w * y)
+    C[2, 1] = 2.0 * (y * z + w * x)
+    C[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@njit(cache=True, nogil=True)
+def derivative(
+    x: np.ndarray,
+    command: np.ndarray,
+    wind: np.ndarray,
+    frame: AirframeParameters,
+    air: AirParameters,
+    dx: np.ndarray,
+    force: np.ndarray,
+) -> None:
+    """Newton-Euler equations of a multirotor on or above flat ground.
+
+    Parameters
+    ----------
+    x : ndarray, shape (13 + n,)
+        State.
+    command : ndarray, shape (n,)
+        Rotor speeds towards which the drives lag, rad/s.
+    wind : ndarray, shape (3,)
+        Velocity of the air, NED, m/s.
+    dx : ndarray, shape (13 + n,)
+        Filled with the derivative of x.
+    force : ndarray, shape (3,)
+        Filled with the force on the body without gravity, body axes, N.
+    """
+    n = frame.rotor_spin.size
+    C = np.empty((3, 3))
+    rotation_matrix(x[ATTITUDE:RATE], C)
+    wx, wy, wz = x[RATE], x[RATE + 1], x[RATE + 2]
+    density = air_density(-x[2], air)
+    relative = density / frame.reference_density
+
+    # Rotors: thrust k w^2 along the axis, its moment about the centre of gravity, and the reaction torque b w^2,
+    # which turns the body against the rotor.
+    fx, fy, fz, mx, my, mz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        w = x[ROTORS + i]
+        thrust = relative * frame.thrust_coefficient[i] * w * w
+        torque = relative * frame.torque_coefficient[i] * w * w * frame.rotor_spin[i]
+        ax, ay, az = frame.rotor_axis[i, 0], frame.rotor_axis[i, 1], frame.rotor_axis[i, 2]
+        px, py, pz = frame.rotor_position[i, 0], frame.rotor_position[i, 1], frame.rotor_position[i, 2]
+        fx += thrust * ax
+        fy += thrust * ay
+        fz += thrust * az
+        mx += thrust * (py * az - pz * ay) + torque * ax
+        my += thrust * (pz * ax - px * az) + torque * ay
+        mz += thrust * (px * ay - py * ax) + torque * az
+        dx[ROTORS + i] = (command[i] - w) / frame.time_constant
+
+    # Drag in body axes: linear (rotor and induced drag) and quadratic (airframe), both proportional to density.
+    vn, ve, vd = x[VELOCITY] - wind[0], x[VELOCITY + 1] - wind[1], x[VELOCITY + 2] - wind[2]
+    u = C[0, 0] * vn + C[1, 0] * ve + C[2, 0] * vd
+    v = C[0, 1] * vn + C[1, 1] * ve + C[2, 1] * vd
+    s = C[0, 2] * vn + C[1, 2] * ve + C[2, 2] * vd
+    half = 0.5 * density * sqrt(u * u + v * v + s * s)
+    fx -= (relative * frame.drag_linear[0] + half * frame.drag_area[0]) * u
+    fy -= (relative * frame.drag_linear[1] + half * frame.drag_area[1]) * v
+    fz -= (relative * frame.drag_linear[2] + half * frame.drag_area[2]) * s
+
+    # Feet: spring and damper upwards, Coulomb friction smoothed below 2 cm/s.
+    for j in range(frame.feet.shape[0]):
+        rx, ry, rz = frame.feet[j, 0], frame.feet[j, 1], frame.feet[j, 2]
+        depth = x[2] + C[2, 0] * rx + C[2, 1] * ry + C[2, 2] * rz - frame.ground
+        if depth > 0.0:
+            bx, by, bz = wy * rz - wz * ry, wz * rx - wx * rz, wx * ry - wy * rx
+            sn = x[VELOCITY] + C[0, 0] * bx + C[0, 1] * by + C[0, 2] * bz
+            se = x[VELOCITY + 1] + C[1, 0] * bx + C[1, 1] * by + C[1, 2] * bz
+            sd = x[VELOCITY + 2] + C[2, 0] * bx + C[2, 1] * by + C[2, 2] * bz
+            normal = max(0.0, frame.foot_stiffness * depth + frame.foot_damping * sd)
+            grip = frame.friction * normal / sqrt(sn * sn + se * se + 0.02 * 0.02)
+            gn, ge, gd = -grip * sn, -grip * se, -normal
+            gx = C[0, 0] * gn + C[1, 0] * ge + C[2, 0] * gd
+            gy = C[0, 1] * gn + C[1, 1] * ge + C[2, 1] * gd
+            gz = C[0, 2] * gn + C[1, 2] * ge + C[2, 2] * gd
+            fx += gx
+            fy += gy
+            fz += gz
+            mx += ry * gz - rz * gy
+            my += rz * gx - rx * gz
+            mz += rx * gy - ry * gx
+
+    force[0], force[1], force[2] = fx, fy, fz
+    for i in range(3):
+        dx[POSITION + i] = x[VELOCITY + i]
+        dx[VELOCITY + i] = (C[i, 0] * fx + C[i, 1] * fy + C[i, 2] * fz) / frame.mass
+    dx[VELOCITY + 2] += frame.gravity
+
+    qw, qx, qy, qz = x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2], x[ATTITUDE + 3]
+    dx[ATTITUDE] = 0.5 * (-qx * wx - qy * wy - qz * wz)
+    dx[ATTITUDE + 1] = 0.5 * (qw * wx + qy * wz - qz * wy)
+    dx[ATTITUDE + 2] = 0.5 * (qw * wy - qx * wz + qz * wx)
+    dx[ATTITUDE + 3] = 0.5 * (qw * wz + qx * wy - qy * wx)
+
+    J = frame.inertia
+    hx = J[0, 0] * wx + J[0, 1] * wy + J[0, 2] * wz
+    hy = J[1, 0] * wx + J[1, 1] * wy + J[1, 2] * wz
+    hz = J[2, 0] * wx + J[2, 1] * wy + J[2, 2] * wz
+    mx -= wy * hz - wz * hy
+    my -= wz * hx - wx * hz
+    mz -= wx * hy - wy * hx
+    for i in range(3):
+        dx[RATE + i] = (
+            frame.inertia_inverse[i, 0] * mx + frame.inertia_inverse[i, 1] * my + frame.inertia_inverse[i, 2] * mz
+        )
+
+
+@njit(cache=True, nogil=True)
+def rk4_step(
+    x: np.ndarray,
+    command: np.ndarray,
+    wind: np.ndarray,
+    dt: float,
+    frame: AirframeParameters,
+    air: AirParameters,
+    work: np.ndarray,
+) -> None:
+    """Advance x in place by one step of the classical fourth-order Runge-Kutta method.
+
+    `work` (6, 13 + n) is scratch; its first row must already hold the derivative at x.
+    """
+    force = np.empty(3)
+    k1, k2, k3, k4, stage = work[0], work[1], work[2], work[3], work[4]
+    n = x.size
+    for i in range(n):
+        stage[i] = x[i] + 0.5 * dt * k1[i]
+    derivative(stage, command, wind, frame, air, k2, force)
+    for i in range(n):
+        stage[i] = x[i] + 0.5 * dt * k2[i]
+    derivative(stage, command, wind, frame, air, k3, force)
+    for i in range(n):
+        stage[i] = x[i] + dt * k3[i]
+    derivative(stage, command, wind, frame, air, k4, force)
+    for i in range(n):
+        x[i] += dt / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
+    norm = sqrt(x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9])
+    for i in range(ATTITUDE, RATE):
+        x[i] /= norm
+
+
+@njit(cache=True, nogil=True)
+def sensible(x: np.ndarray) -> bool:
+    """Tell whether a state is finite and within 1e6 m, 1e4 m/s and 1e4 rad/s."""
+    for i in range(x.size):
+        if not isfinite(x[i]):
+            return False
+    for i in range(3):
+        if abs(x[i]) > 1e6 or abs(x[VELOCITY + i]) > 1e4 or abs(x[RATE + i]) > 1e4:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def propagate(
+    x0: np.ndarray,
+    commands: np.ndarray,
+    winds: np.ndarray,
+    dt: float,
+    frame: AirframeParameters,
+    air: AirParameters,
+    states: np.ndarray,
+) -> int:
+    """Integrate open loop with commands and wind held over each step.
+
+    `commands` (N, n), `winds` (N, 3); `states` (N + 1, 13 + n) is filled from x0 on. Returns the number of valid rows.
+    """
+    x = x0.copy()
+    work = np.empty((5, x.size))
+    force = np.empty(3)
+    states[0] = x
+    for k in range(commands.shape[0]):
+        derivative(x, commands[k], winds[k], frame, air, work[0], force)
+        rk4_step(x, commands[k], winds[k], dt, frame, air, work)
+        if not sensible(x):
+            return k + 1
+        states[k + 1] = x
+    return len(commands) + 1
+
+
+@njit(cache=True, nogil=True)
+def drive_speed(pwm: float, voltage: float, drive: DriveParameters) -> float:
+    """Settled rotor speed [rad/s] for PWM [us] and voltage [V]; see `simulation.drive.Drive`."""
+    a = min(max((pwm - drive.pwm_zero) / (drive.pwm_full - drive.pwm_zero), 0.0), 1.0)
+    return drive.speed_max * voltage / drive.voltage_reference * sqrt((1.0 - drive.expo) * a + drive.expo * a * a)
+
+
+@njit(cache=True, nogil=True)
+def actuator(u: float, expo: float) -> float:
+    """Invert the thrust curve ``u = (1 - e) a + e a^2`` for a in 0..1."""
+    u = min(max(u, 0.0), 1.0)
+    if expo < 1e-6:
+        return u
+    return (expo - 1.0 + sqrt((1.0 - expo) ** 2 + 4.0 * expo * u)) / (2.0 * expo)
+
+
+@njit(cache=True, nogil=True)
+def mix(throttle: float, roll: float, pitch: float, yaw: float, mixer: np.ndarray, u: np.ndarray) -> bool:
+    """Allocate throttle and torque commands to normalised thrusts u (n,) in 0..1.
+
+    Roll and pitch come first: yaw gets what they leave (but always a fifth of the range), then the throttle moves so
+    that no motor has to leave its range, and what still does is cut. Returns whether anything was limited.
+    """
+    n = u.size
+    room = 1.0
+    for i in range(n):
+        u[i] = roll * mixer[i, 0] + pitch * mixer[i, 1]
+        if mixer[i, 2] != 0.0:
+            up = yaw * mixer[i, 2] > 0.0
+            margin = 1.0 - throttle - u[i] if up else throttle + u[i]
+            room = min(room, max(margin, 0.0) / abs(mixer[i, 2]))
+    room = max(room, 0.2)
+    limited = abs(yaw) > room
+    yaw = min(max(yaw, -room), room)
+    low, high = 0.0, 0.0
+    for i in range(n):
+        u[i] += yaw * mixer[i, 2]
+        low = min(low, u[i])
+        high = max(high, u[i])
+    if throttle + high > 1.0:
+        throttle = max(1.0 - high, 0.0)
+        limited = True
+    if throttle + low < 0.0:
+        throttle = min(-low, 1.0 - high)
+        limited = True
+    for i in range(n):
+        u[i] = min(max(u[i] + throttle, 0.0), 1.0)
+    return limited
+
+
+@njit(cache=True, nogil=True)
+def wrap(angle: float) -> float:
+    """Bring an angle into -pi..pi."""
+    return (angle + pi) % (2.0 * pi) - pi
+
+
+@njit(cache=True, nogil=True)
+def fly_cascade(
+    x: np.ndarray,
+    dt: float,
+    every: int,
+    phase: np.ndarray,
+    reference: np.ndarray,
+    navigation: np.ndarray,
+    winds: np.ndarray,
+    noise: np.ndarray,
+    frame: AirframeParameters,
+    air: AirParameters,
+    drive: DriveParameters,
+    cascade: CascadeParameters,
+    sensors: SensorParameters,
+    records: np.ndarray,
+) -> tuple[int, int, int]:
+    """Fly a reference with the PID cascade of Elhesasy 2024.
+
+    Physics and inertial sensors run every step, attitude control every second step, position control five times
+    slower (every tenth step).
+
+    Parameters
+    ----------
+    x : ndarray, shape (13 + n,)
+        State; advanced in place.
+    dt : float
+        Step, s.
+    every : int
+        Steps between records.
+    phase : ndarray of int, shape (M,)
+        DISARMED, IDLE, FLYING or LANDING at each position-control tick.
+    reference : ndarray, shape (M, 10)
+        Position, velocity, acceleration (NED) and yaw at each tick.
+    navigation : ndarray, shape (M, 9)
+        Errors of the autopilot's own position, velocity and attitude (roll, pitch, yaw) at each tick.
+    winds : ndarray, shape (N, 3)
+        Velocity of the air at each step.
+    noise : ndarray, shape (N, 6)
+        Standard normal noise of gyro and accelerometer at each step.
+    records : ndarray, shape (at least N / every + 1, 54 + 2 n)
+        Filled; columns as in `simulation.fly.RECORD_COLUMNS`.
+
+    Returns
+    -------
+    records : int
+        Rows filled.
+    end : int
+        COMPLETED or DIVERGED.
+    step : int
+        Last step.
+    """
+    n = frame.rotor_spin.size
+    steps = winds.shape[0]
+    work = np.empty((5, x.size))
+    force = np.empty(3)
+    C = np.empty((3, 3))
+    command = np.zeros(n)
+    pwm = np.full(n, drive.pwm_min)
+    u = np.zeros(n)
+
+    # Second-order Butterworth low-pass of the inertial sensors (bilinear transform).
+    ohm = tan(pi * cascade.filter_frequency * dt)
+    scale = 1.0 + sqrt(2.0) * ohm + ohm * ohm
+    b0 = ohm * ohm / scale
+    a1 = 2.0 * (ohm * ohm - 1.0) / scale
+    a2 = (1.0 - sqrt(2.0) * ohm + ohm * ohm) / scale
+    delay1 = np.zeros(6)
+    delay2 = np.zeros(6)
+    measured = np.zeros(6)
+
+    dt_rate = 2.0 * dt
+    dt_position = 10.0 * dt
+    smoothing = 1.0 - exp(-dt_rate * 2.0 * pi * 20.0)  # 20 Hz on the derivative terms
+    smoothing_velocity = 1.0 - exp(-dt_position * 2.0 * pi * 5.0)
+    integral_rate = np.zeros(3)
+    integral_velocity = np.zeros(3)
+    slope_rate = np.zeros(3)
+    slope_velocity = np.zeros(3)
+    last_rate_error = np.zeros(3)
+    last_velocity_error = np.zeros(3)
+    euler = np.zeros(3)
+    target = np.zeros(3)  # attitude target
+    rate_target = np.zeros(3)
+    torque = np.zeros(3)
+    velocity_target = np.zeros(3)
+    accel_target = np.zeros(3)
+    throttle_in, throttle, boost, spool = 0.0, 0.0, 0.0, 0.0
+    limited = False
+    state = DISARMED
+    still = 0
+
+    charge = 0.0
+    voltage = drive.voltage_full
+    current = 0.0
+    row = 0
+    for k in range(steps):
+        tick = k // 10
+        rotation_matrix(x[ATTITUDE:RATE], C)
+        roll_true = atan2(C[2, 1], C[2, 2])
+        pitch_true = -asin(min(max(C[2, 0], -1.0), 1.0))
+        yaw_true = atan2(C[1, 0], C[0, 0])
+
+        if k % 10 == 0:
+            if state != LANDED:
+                state = phase[tick]
+            # Landed: nearly still for one second while the reference keeps sinking.
+            if state == LANDING:
+                speed2 = x[3] * x[3] + x[4] * x[4] + x[5] * x[5]
+                touching = x[2] > -0.05 and speed2 < 0.01
+                still = still + 1 if touching else 0
+                if still * dt_position > 1.0:
+                    state = LANDED
+            if state in (FLYING, LANDING):
+                spool = min(spool + dt_position / 1.0, 1.0)
+                cy, sy = cos(yaw_true + navigation[tick, 8]), sin(yaw_true + navigation[tick, 8])
+                flying = x[2] < -0.1
+                for i in range(3):
+                    error = reference[tick, i] - (x[i] + navigation[tick, i])
+                    velocity_target[i] = reference[tick, 3 + i] + cascade.position_p[i] * error
+                horizontal = sqrt(velocity_target[0] ** 2 + velocity_target[1] ** 2)
+                if horizontal > cascade.speed_limit[0]:
+                    velocity_target[0] *= cascade.speed_limit[0] / horizontal
+                    velocity_target[1] *= cascade.speed_limit[0] / horizontal
+                velocity_target[2] = min(max(velocity_target[2], -cascade.speed_limit[1]), cascade.speed_limit[2])
+                for i in range(3):
+                    error = velocity_target[i] - (x[VELOCITY + i] + navigation[tick, 3 + i])
+                    change = (error - last_velocity_error[i]) / dt_position
+                    slope_velocity[i] += smoothing_velocity * (change - slope_velocity[i])
+                    last_velocity_error[i] = error
+                    if flying and not limited:
+                        integral_velocity[i] += cascade.velocity_pid[i, 1] * error * dt_position
+                    accel_target[i] = (
+                        cascade.velocity_pid[i, 0] * error
+                        + integral_velocity[i]
+                        + cascade.velocity_pid[i, 2] * slope_velocity[i]
+                    )
+                # Horizontal: the cascade's output is an acceleration; lean into it, yaw taken out.
+                for i in range(2):
+                    accel_target[i] += reference[tick, 6 + i]
+                forward = cy * accel_target[0] + sy * accel_target[1]
+                right = -sy * accel_target[0] + cy * accel_target[1]
+                limit = frame.gravity * tan(cascade.tilt_limit)
+                lean = sqrt(forward * forward + right * right)
+                if lean > limit:
+                    forward *= limit / lean
+                    right *= limit / lean
+                target[1] = -atan(forward / frame.gravity)
+                target[0] = atan(right * cos(target[1]) / frame.gravity)
+                target[2] = reference[tick, 9]
+                # Vertical: the output is normalised thrust about hover, more of it when tilted.
+                throttle_in = cascade.hover_thrust * (1.0 - reference[tick, 8] / frame.gravity) - accel_target[2]
+                upright = max(C[2, 2], 0.5)
+                boost = throttle_in / upright - throttle_in
+                accel_target[2] = -(throttle_in / cascade.hover_thrust - 1.0) * frame.gravity
+                throttle = min(max((throttle_in + boost) * spool, 0.0), 1.0)
+            else:
+                spool, throttle_in, throttle, boost = 0.0, 0.0, 0.0, 0.0
+                for i in range(3):
+                    integral_velocity[i] = 0.0
+                    last_velocity_error[i] = 0.0
+                    slope_velocity[i] = 0.0
+                    velocity_target[i] = 0.0
+                    accel_target[i] = 0.0
+                target[0], target[1], target[2] = 0.0, 0.0, wrap(yaw_true + navigation[tick, 8])
+
+        derivative(x, command, winds[k], frame, air, work[0], force)
+
+        # Gyro and accelerometer behind the low-pass; broadband vibration grows with the square of the rotor speed.
+        mean_square = 0.0
+        for i in range(n):
+            mean_square += x[ROTORS + i] * x[ROTORS + i] / n
+        shake = mean_square / (sensors.vibration_speed * sensors.vibration_speed)
+        for i in range(6):
+            if i < 3:
+                white = sensors.gyro_white + sensors.gyro_vibration * shake
+                raw = x[RATE + i] + sensors.gyro_bias[i] + white * noise[k, i]
+            else:
+                white = sensors.accel_white + sensors.vibration * shake
+                raw = force[i - 3] / frame.mass + sensors.accel_bias[i - 3] + white * noise[k, i]
+            if k == 0:
+                delay1[i] = raw / (1.0 + a1 + a2)
+                delay2[i] = delay1[i]
+            element = raw - a1 * delay1[i] - a2 * delay2[i]
+            measured[i] = b0 * (element + 2.0 * delay1[i] + delay2[i])
+            delay2[i] = delay1[i]
+            delay1[i] = element
+
+        if k % 2 == 0:
+            euler[0] = roll_true + navigation[tick, 6]
+            euler[1] = pitch_true + navigation[tick, 7]
+            euler[2] = wrap(yaw_true + navigation[tick, 8])
+            active = state in (FLYING, LANDING)
+            for i in range(3):
+                if active:
+                    rate_target[i] = cascade.angle_p[i] * wrap(target[i] - euler[i])
+                    # The autopilot knows its gyro bias: it flies on the corrected rate.
+                    error = rate_target[i] - (measured[i] - sensors.gyro_bias[i])
+                    change = (error - last_rate_error[i]) / dt_rate
+                    slope_rate[i] += smoothing * (change - slope_rate[i])
+                    last_rate_error[i] = error
+                    if not limited and spool >= 1.0:
+                        integral_rate[i] += cascade.rate_pid[i, 1] * error * dt_rate
+                    out = cascade.rate_pid[i, 0] * error + integral_rate[i] + cascade.rate_pid[i, 2] * slope_rate[i]
+                    torque[i] = min(max(out, -1.0), 1.0) * spool
+                else:
+                    rate_target[i], torque[i], integral_rate[i] = 0.0, 0.0, 0.0
+                    slope_rate[i], last_rate_error[i] = 0.0, 0.0
+            if active:
+                limited = mix(throttle, torque[0], torque[1], torque[2], cascade.mixer, u)
+                for i in range(n):
+                    span = drive.pwm_full - drive.pwm_zero
+                    pwm[i] = int(drive.pwm_zero + span * actuator(u[i], drive.expo))
+            else:
+                for i in range(n):
+                    pwm[i] = drive.pwm_idle if state == IDLE else drive.pwm_min
+
+        # Battery: what the rotors take mechanically over the drives' efficiency; voltage seen through 10 Hz.
+        power = drive.avionics_power
+        relative = air_density(-x[2], air) / frame.reference_density
+        for i in range(n):
+            power += relative * frame.torque_coefficient[i] * x[ROTORS + i] ** 3 / drive.efficiency
+        current = power / max(voltage, 1.0)
+        charge += current * dt
+        full = max(1.0 - charge / drive.capacity, 0.0)
+        open_circuit = drive.voltage_empty + (drive.voltage_full - drive.voltage_empty) * full
+        voltage += (open_circuit - current * drive.resistance - voltage) * min(dt * 2.0 * pi * 10.0, 1.0)
+        for i in range(n):
+            command[i] = drive_speed(pwm[i], voltage, drive)
+
+        if k % every == 0:
+            r = records[row]
+            r[0] = k * dt
+            for i in range(3):
+                r[1 + i] = x[POSITION + i]
+                r[4 + i] = x[VELOCITY + i]
+                r[11 + i] = x[RATE + i]
+                r[14 + i] = force[i] / frame.mass
+                r[17 + i] = work[0, VELOCITY + i]
+                r[20 + i] = winds[k, i]
+                r[29 + i] = target[i]
+                r[32 + i] = euler[i]
+                r[35 + i] = rate_target[i]
+                r[38 + i] = torque[i]
+                r[41 + i] = velocity_target[i]
+                r[44 + i] = accel_target[i]
+            for i in range(4):
+                r[7 + i] = x[ATTITUDE + i]
+            for i in range(6):
+                r[23 + i] = measured[i]
+            r[47] = throttle_in
+            r[48] = throttle
+            r[49] = boost
+            r[50] = voltage
+            r[51] = current
+            r[52] = charge
+            r[53] = state
+            for i in range(n):
+                r[54 + i] = x[ROTORS + i]
+                r[54 + n + i] = pwm[i]
+            row += 1
+
+        rk4_step(x, command, winds[k], dt, frame, air, work)
+        if not sensible(x):
+            return row, DIVERGED, k
+    return row, COMPLETED, steps

@@ -1,0 +1,95 @@
+"""Controllers: the PID cascade with allocation of Elhesasy 2024."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulation._kernels import CascadeParameters
+from simulation.errors import ParameterError
+from simulation.vehicle import Multirotor
+
+Gains = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cascade:
+    """Position P, velocity PID, angle P, rate PID; defaults are Table 1 of Elhesasy 2024.
+
+    The paper flew these gains on ArduPilot, and they only make sense in its units: the rate loops put out torque
+    normalised to -1..1 of the mixer's range, the vertical velocity loop thrust normalised to 0..1, the
+    horizontal velocity loop acceleration in m/s^2 that is turned into lean angles. Attitude control runs five times
+    as often as position control.
+
+    Attributes
+    ----------
+    angle_p : tuple of 3 float
+        Roll, pitch, yaw, 1/s.
+    roll_rate, pitch_rate, yaw_rate : tuple of 3 float
+        P, I, D: normalised torque per rad/s, per rad, per rad/s^2.
+    position_p : tuple of 3 float
+        North, east, down, 1/s.
+    horizontal_velocity : tuple of 3 float
+        P, I, D: m/s^2 per m/s, per m, per m/s^2.
+    vertical_velocity : tuple of 3 float
+        P, I, D: normalised thrust per m/s, per m, per m/s^2.
+    tilt_limit_deg : float
+    speed_horizontal, speed_up, speed_down : float
+        Limits of the velocity target, m/s.
+    filter_frequency : float
+        Corner of the gyro and accelerometer low-pass, Hz.
+    """
+
+    angle_p: Gains = (6.5, 6.5, 2.5)
+    roll_rate: Gains = (0.1, 0.02, 0.001)
+    pitch_rate: Gains = (0.1, 0.02, 0.001)
+    yaw_rate: Gains = (0.5, 0.01, 0.001)
+    position_p: Gains = (2.0, 2.0, 4.0)
+    horizontal_velocity: Gains = (2.5, 0.4, 0.01)
+    vertical_velocity: Gains = (0.45, 0.01, 0.005)
+    tilt_limit_deg: float = 30.0
+    speed_horizontal: float = 10.0
+    speed_up: float = 2.5
+    speed_down: float = 1.5
+    filter_frequency: float = 20.0
+
+    def __post_init__(self) -> None:
+        gains = (
+            *self.angle_p,
+            *self.roll_rate,
+            *self.pitch_rate,
+            *self.yaw_rate,
+            *self.position_p,
+            *self.horizontal_velocity,
+            *self.vertical_velocity,
+        )
+        if not all(math.isfinite(gain) and gain >= 0.0 for gain in gains):
+            raise ParameterError("controller gains must be finite and not negative (a negative one diverges)")
+        if not 0.0 < self.tilt_limit_deg < 60.0:
+            raise ParameterError(f"tilt limit {self.tilt_limit_deg:g} deg must lie between 0 and 60 deg")
+        if not 1.0 <= self.filter_frequency <= 300.0:
+            raise ParameterError(f"filter frequency {self.filter_frequency:g} Hz must lie between 1 and 300 Hz")
+
+    def kernel_parameters(self, vehicle: Multirotor, hover_thrust: float) -> CascadeParameters:
+        """Give the numbers that the flight loop reads; `hover_thrust` is the fraction of thrust that hovers."""
+        return CascadeParameters(
+            mixer=mixer(vehicle),
+            angle_p=np.array(self.angle_p),
+            rate_pid=np.array((self.roll_rate, self.pitch_rate, self.yaw_rate)),
+            position_p=np.array(self.position_p),
+            velocity_pid=np.array((self.horizontal_velocity, self.horizontal_velocity, self.vertical_velocity)),
+            hover_thrust=hover_thrust,
+            tilt_limit=math.radians(self.tilt_limit_deg),
+            speed_limit=np.array((self.speed_horizontal, self.speed_up, self.speed_down)),
+            filter_frequency=self.filter_frequency,
+        )
+
+
+def mixer(vehicle: Multirotor) -> np.ndarray:
+    """Roll, pitch and yaw factor of each motor, the largest of each scaled to 0.5 as ArduPilot does; shape (n, 3)."""
+    factors = np.array([(-m.position[1], m.position[0], -float(m.spin)) for m in vehicle.rotors])
+    largest = np.abs(factors).max(axis=0)
+    factors[np.abs(factors) < 1e-9 * largest.max()] = 0.0
+    if (largest == 0.0).any():
+        raise ParameterError(f"{vehicle.name}: the rotors cannot make torque about every axis")
+    return np.ascontiguousarray(0.5 * factors / largest)

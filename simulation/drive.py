@@ -1,0 +1,123 @@
+"""Drives: from the autopilot's PWM to rotor speed, and the battery behind them."""
+
+import math
+from dataclasses import dataclass
+
+from simulation._kernels import DriveParameters
+from simulation.errors import ParameterError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drive:
+    """ESC, motor and propeller as a static curve followed by a first-order lag.
+
+    With ``a = (pwm - low) / (high - low)`` clipped to 0..1, where `low` and `high` are the PWM at `spin_min` and
+    `spin_max` of the PWM range, the speed settles at
+    ``speed_max (V / voltage_reference) sqrt((1 - expo) a + expo a^2)``, so thrust follows the curve that ArduPilot
+    inverts with MOT_THST_EXPO. The speed approaches it with `time_constant`.
+
+    Attributes
+    ----------
+    speed_max : float
+        Rotor speed at full command and reference voltage, rad/s.
+    time_constant : float
+        Of the first-order lag, s.
+    expo : float
+        Curvature of thrust against command, 0 (linear) to 1 (quadratic).
+    voltage_reference : float
+        Battery voltage at which `speed_max` holds, V.
+    pwm_min, pwm_max : float
+        Ends of the PWM range, us.
+    spin_arm, spin_min, spin_max : float
+        Fractions of the PWM range at idle, at zero thrust and at full thrust.
+    efficiency : float
+        Mechanical power over electrical power.
+    """
+
+    speed_max: float
+    time_constant: float
+    expo: float = 0.65
+    voltage_reference: float = 16.8
+    pwm_min: float = 1000.0
+    pwm_max: float = 2000.0
+    spin_arm: float = 0.1
+    spin_min: float = 0.15
+    spin_max: float = 0.95
+    efficiency: float = 0.7
+
+    def __post_init__(self) -> None:
+        for name in ("speed_max", "time_constant", "voltage_reference", "efficiency"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ParameterError(f"drive: {name} must be positive, not {value:g}")
+        if not 0.0 <= self.expo <= 1.0:
+            raise ParameterError(f"drive: expo must lie in 0..1, not {self.expo:g}")
+        if not 0.0 <= self.spin_arm <= self.spin_min < self.spin_max <= 1.0:
+            raise ParameterError("drive: wants 0 <= spin_arm <= spin_min < spin_max <= 1")
+        if not 0.0 < self.pwm_min < self.pwm_max:
+            raise ParameterError("drive: wants 0 < pwm_min < pwm_max")
+
+    @property
+    def pwm_at_zero_thrust(self) -> float:
+        """PWM [us] at which thrust begins."""
+        return self.pwm_min + self.spin_min * (self.pwm_max - self.pwm_min)
+
+    @property
+    def pwm_at_full_thrust(self) -> float:
+        """PWM [us] at which thrust ends to grow."""
+        return self.pwm_min + self.spin_max * (self.pwm_max - self.pwm_min)
+
+    def speed(self, pwm: float, voltage: float | None = None) -> float:
+        """Settled rotor speed [rad/s] at `pwm` [us] and `voltage` [V] (default: the reference voltage)."""
+        span = self.pwm_at_full_thrust - self.pwm_at_zero_thrust
+        a = min(max((pwm - self.pwm_at_zero_thrust) / span, 0.0), 1.0)
+        ratio = 1.0 if voltage is None else voltage / self.voltage_reference
+        return self.speed_max * ratio * math.sqrt((1.0 - self.expo) * a + self.expo * a * a)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Battery:
+    """Lithium polymer pack: open-circuit voltage falling linearly with charge drawn, and a resistance.
+
+    Attributes
+    ----------
+    voltage_full, voltage_empty : float
+        Open-circuit voltage at full and no charge, V.
+    capacity : float
+        A h.
+    resistance : float
+        Of pack and wiring, ohm.
+    avionics_power : float
+        Drawn besides the drives, W.
+    """
+
+    voltage_full: float = 16.8
+    voltage_empty: float = 14.0
+    capacity: float = 5.2
+    resistance: float = 0.012
+    avionics_power: float = 6.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.voltage_empty < self.voltage_full:
+            raise ParameterError("battery: wants 0 < voltage_empty < voltage_full")
+        if not (self.capacity > 0.0 and self.resistance >= 0.0 and self.avionics_power >= 0.0):
+            raise ParameterError("battery: capacity must be positive, resistance and avionics_power not negative")
+
+
+def drive_parameters(drive: Drive, battery: Battery) -> DriveParameters:
+    """Give the numbers that the flight loop reads."""
+    return DriveParameters(
+        speed_max=drive.speed_max,
+        expo=drive.expo,
+        voltage_reference=drive.voltage_reference,
+        pwm_min=drive.pwm_min,
+        pwm_idle=drive.pwm_min + drive.spin_arm * (drive.pwm_max - drive.pwm_min),
+        pwm_zero=drive.pwm_at_zero_thrust,
+        pwm_full=drive.pwm_at_full_thrust,
+        efficiency=drive.efficiency,
+        voltage_full=battery.voltage_full,
+        voltage_empty=battery.voltage_empty,
+        capacity=battery.capacity * 3600.0,
+        resistance=battery.resistance,
+        avionics_power=battery.avionics_power,
+    )

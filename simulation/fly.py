@@ -1,0 +1,265 @@
+"""Fly a vehicle: open loop with given rotor commands, or a mission under the PID cascade."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+import pymap3d
+
+from simulation import _kernels
+from simulation.atmosphere import Atmosphere
+from simulation.controllers import Cascade
+from simulation.drive import drive_parameters
+from simulation.errors import DivergenceError, ParameterError
+from simulation.mission import TICK, Mission, Reference
+from simulation.place import Place
+from simulation.sensors import Sensors
+from simulation.vehicle import Multirotor
+from simulation.wind import Wind
+
+#: Step of the physics, s: ten to a position-control tick.
+STEP = TICK / 10.0
+
+STATE_COLUMNS = ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "q_w", "q_x", "q_y", "q_z", "w_x", "w_y", "w_z")
+
+#: What the flight loop records, before the rotor speeds (w1 ...) and motor outputs (m1 ..., us). Specific force f,
+#: acceleration a (NED) and wind are true; gyro and accel are what the filtered sensors say; the rest is the
+#: autopilot's.
+RECORD_COLUMNS = (
+    "t",
+    *STATE_COLUMNS,
+    *("f_x", "f_y", "f_z"),
+    *("a_n", "a_e", "a_d"),
+    *("wind_n", "wind_e", "wind_d"),
+    *("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"),
+    *("roll_ref", "pitch_ref", "yaw_ref"),
+    *("roll", "pitch", "yaw"),
+    *("w_x_ref", "w_y_ref", "w_z_ref"),
+    *("out_roll", "out_pitch", "out_yaw"),
+    *("v_n_ref", "v_e_ref", "v_d_ref"),
+    *("a_n_ref", "a_e_ref", "a_d_ref"),
+    *("throttle_in", "throttle", "angle_boost"),
+    *("voltage", "current", "charge"),
+    "state",
+)
+
+
+def propagate(
+    vehicle: Multirotor,
+    initial: np.ndarray,
+    command: Callable[[float], np.ndarray],
+    duration: float,
+    *,
+    dt: float = 1e-3,
+    gravity: float = 9.80665,
+    atmosphere: Atmosphere | None = None,
+    wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ground: bool = False,
+) -> pd.DataFrame:
+    """Integrate a vehicle open loop by the fourth-order Runge-Kutta method.
+
+    Parameters
+    ----------
+    vehicle : Multirotor
+    initial : ndarray, shape (13 + n,)
+        Position, velocity (NED), quaternion, angular rate, rotor speeds.
+    command : callable
+        Commanded rotor speeds (n,) [rad/s] at the start of each step, held over it.
+    duration, dt : float
+        s.
+    gravity : float
+        m/s^2.
+    atmosphere : Atmosphere, optional
+        Default: standard at sea level.
+    wind : tuple of 3 float
+        Velocity of the air, NED, m/s.
+    ground : bool
+        Whether there is ground to stand on.
+
+    Returns
+    -------
+    DataFrame
+        Index `t` [s], state columns and rotor speeds w1 ... wn.
+
+    Raises
+    ------
+    ParameterError
+        The initial state has the wrong size or is not finite, or the step is not positive.
+    DivergenceError
+        The state left every sensible range.
+    """
+    n = len(vehicle.rotors)
+    x0 = np.array(initial, dtype=float)
+    if x0.shape != (13 + n,) or not np.isfinite(x0).all():
+        raise ParameterError(f"the initial state needs {13 + n} finite numbers for {n} rotors, not {x0.shape}")
+    if not (dt > 0.0 and duration > 0.0):
+        raise ParameterError(f"step {dt:g} s and duration {duration:g} s must be positive")
+    x0[6:10] /= math.sqrt(float((x0[6:10] ** 2).sum()))
+    steps = round(duration / dt)
+    commands = np.array([command(k * dt) for k in range(steps)], dtype=float).reshape(steps, n)
+    winds = np.tile(np.array(wind, dtype=float), (steps, 1))
+    states = np.empty((steps + 1, 13 + n))
+    air = (atmosphere or Atmosphere.standard(0.0)).kernel_parameters()
+    frame = vehicle.kernel_parameters(gravity, ground=ground)
+    rows = _kernels.propagate(x0, commands, winds, dt, frame, air, states)
+    if rows <= steps:
+        raise _divergence(rows * dt, states[rows - 1])
+    columns = [*STATE_COLUMNS, *(f"w{k}" for k in range(1, n + 1))]
+    return pd.DataFrame(states, index=pd.Index(np.arange(steps + 1) * dt, name="t"), columns=columns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """Everything that determines a simulated flight.
+
+    Attributes
+    ----------
+    mission : Mission
+    place : Place
+    vehicle : Multirotor
+    wind : Wind
+    cascade : Cascade
+    sensors : Sensors
+    seed : int
+        Of all noise.
+    """
+
+    mission: Mission
+    place: Place
+    vehicle: Multirotor
+    wind: Wind = field(default_factory=Wind)
+    cascade: Cascade = field(default_factory=Cascade)
+    sensors: Sensors = field(default_factory=Sensors)
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flight:
+    """A simulated flight before it is logged.
+
+    Attributes
+    ----------
+    setup : Setup
+    truth : DataFrame
+        Index `t` [s from boot]; `RECORD_COLUMNS` without t, then w1 ... and m1 ...
+    reference : Reference
+    navigation : ndarray, shape (M, 9)
+        Errors of the autopilot's own position, velocity and attitude at each tick.
+    hover_thrust : float
+        Fraction of thrust that the autopilot takes for hover.
+    airborne : tuple of 2 float
+        First and last time off the ground, s.
+    disarm : float
+        Time at which the autopilot disarmed after landing, s.
+    tick, step : float
+        Length of a position-control tick and of a physics step, s.
+    """
+
+    setup: Setup
+    truth: pd.DataFrame
+    reference: Reference
+    navigation: np.ndarray
+    hover_thrust: float
+    airborne: tuple[float, float]
+    disarm: float
+    tick: float = TICK
+    step: float = STEP
+
+    def geodetic(self, rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Latitude [deg], longitude [deg] and altitude [m] of the positions p_n, p_e, p_d in `rows`."""
+        place = self.setup.place
+        north, east, down = (rows[name].to_numpy() for name in ("p_n", "p_e", "p_d"))
+        lat, lon, alt = pymap3d.ned2geodetic(north, east, down, place.lat_deg, place.lon_deg, place.alt)
+        return lat, lon, alt
+
+
+def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
+    """Fly a mission.
+
+    Parameters
+    ----------
+    setup : Setup
+    rate : float
+        Records per second; 800 Hz divided by a whole number.
+    after : float
+        Time recorded after the motors stop, s.
+
+    Raises
+    ------
+    ParameterError
+        The craft cannot hover there.
+    DivergenceError
+        The craft tumbled away; the message says when and in which state.
+    """
+    every = round(1.0 / (rate * STEP))
+    if every < 1 or abs(every * rate * STEP - 1.0) > 1e-9:
+        raise ParameterError(f"record rate {rate:g} Hz must divide {1.0 / STEP:g} Hz")
+    vehicle, place, mission = setup.vehicle, setup.place, setup.mission
+    gravity, atmosphere = place.gravity, place.atmosphere
+    density = atmosphere.density_at(mission.takeoff)
+    # The hover throttle that the autopilot has learnt: weight over thrust with a pack under load.
+    voltage = 0.94 * vehicle.battery.voltage_full
+    hover_thrust = vehicle.hover_thrust(gravity, density, voltage)
+    hover_speed = vehicle.hover_speed(gravity, density)
+
+    reference = mission.reference()
+    ticks = len(reference.phase)
+    steps = ticks * 10
+    # RandomState, not Generator: its streams are frozen for good, so a seed gives the same log under any NumPy.
+    random = np.random.RandomState(setup.seed)
+    noise = random.standard_normal((steps, 6))
+    winds = np.ascontiguousarray(setup.wind.sample(steps, STEP, random))
+    navigation = setup.sensors.navigation.sample(ticks, TICK, random)
+
+    n = len(vehicle.rotors)
+    yaw = math.radians(mission.heading_deg)
+    x = np.zeros(13 + n)
+    x[6], x[9] = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    records = np.empty((steps // every + 1, len(RECORD_COLUMNS) + 2 * n))
+    rows, end, step = _kernels.fly_cascade(
+        x,
+        STEP,
+        every,
+        reference.phase,
+        reference.samples,
+        navigation,
+        winds,
+        noise,
+        vehicle.kernel_parameters(gravity),
+        atmosphere.kernel_parameters(),
+        drive_parameters(vehicle.drive, vehicle.battery),
+        setup.cascade.kernel_parameters(vehicle, hover_thrust),
+        setup.sensors.inertial.kernel_parameters(STEP, hover_speed),
+        records,
+    )
+    if end == _kernels.DIVERGED:
+        raise _divergence(step * STEP, x)
+    names = (*RECORD_COLUMNS[1:], *(f"w{k + 1}" for k in range(n)), *(f"m{k + 1}" for k in range(n)))
+    truth = pd.DataFrame(records[:rows, 1:], index=pd.Index(records[:rows, 0], name="t"), columns=list(names))
+
+    up = truth.index[truth["p_d"] < -0.05]
+    landed = truth.index[truth["state"] == _kernels.LANDED]
+    if len(up) == 0:
+        raise DivergenceError(f"the craft never left the ground at {place.name} (hover thrust {hover_thrust:.2f})")
+    if len(landed) == 0:
+        raise DivergenceError(
+            f"the craft did not come to rest on the ground: at {truth.index[-1]:.1f} s it is "
+            f"{-truth['p_d'].iloc[-1]:.1f} m above it, having left it at {up[0]:.1f} s"
+        )
+    disarm = float(landed[0])
+    return Flight(
+        setup=setup,
+        truth=truth.loc[: disarm + after],
+        reference=reference,
+        navigation=navigation,
+        hover_thrust=hover_thrust,
+        airborne=(float(up[0]), float(up[-1])),
+        disarm=disarm,
+    )
+
+
+def _divergence(t: float, x: np.ndarray) -> DivergenceError:
+    values = ", ".join(f"{name} {value:.4g}" for name, value in zip(STATE_COLUMNS, x, strict=False))
+    return DivergenceError(f"the simulation diverged at {t:.3f} s; last state: {values}")
