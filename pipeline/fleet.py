@@ -165,7 +165,7 @@ def analyze_group(
     stages = Stages(progress or silent, config.time_limit * len(flights))
     fitted = [flight.experiment for flight in training if flight.experiment is not None]
     judges = [flight.experiment for flight in held_out if flight.experiment is not None]
-    model = thrust = training_validation = validation = None
+    model = thrust = validation = None
     predictions: tuple[Prediction, ...] = ()
     if fitted:
         thrust = stages.run("thrust", lambda _: sysid.fit_thrust(fitted, mass=config.mass))
@@ -179,17 +179,12 @@ def analyze_group(
         stages.missing["model"] = stages.missing["thrust"] = "none of its flights was chosen for training"
     if model is not None:
         joint = model
-        training_validation = stages.run("training", lambda _: sysid.validate(joint, fitted))
-        if judges:
-            validation = stages.run("validation", lambda _: sysid.validate(joint, judges))
-        simulated = stages.run(
-            "prediction",
-            lambda _: tuple(
-                Prediction(experiment=experiment, y_hat=joint.simulate(experiment), training=number < len(fitted))
-                for number, experiment in enumerate((*fitted, *judges))
-            ),
+        validation = stages.run("validation", lambda _: sysid.validate(joint, [*fitted, *judges]))
+    if validation is not None:
+        predictions = tuple(
+            Prediction(experiment=record, y_hat=validation.predictions[record.name], training=number < len(fitted))
+            for number, record in enumerate((*fitted, *judges))
         )
-        predictions = simulated or ()
     findings = [finding for part in (model, thrust) if part is not None for finding in part.findings]
     return GroupResult(
         name=craft_name(flights),
@@ -200,7 +195,6 @@ def analyze_group(
         model=model,
         thrust=thrust,
         predictions=predictions,
-        training_validation=training_validation,
         validation=validation,
         findings=(*findings, *stages.findings),
         missing=stages.missing,

@@ -52,7 +52,7 @@ def analyze(
     if flight is None and trajectory is None:
         raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
 
-    experiment = model = thrust = training = validation = None
+    experiment = model = thrust = validation = None
     predictions: tuple[Prediction, ...] = ()
     if flight is None or trajectory is None:
         stages.missing["experiment"] = stages.missing["flight" if flight is None else "trajectory"]
@@ -65,16 +65,12 @@ def analyze(
         model = stages.run("model", lambda report: _fit(fitted, config, report))
     if model is not None:
         fit_model = model
-        training = stages.run("training", lambda _: sysid.validate(fit_model, [fitted]))
-        validation = stages.run("validation", lambda _: sysid.validate(fit_model, [held_out]))
-        simulated = stages.run(
-            "prediction",
-            lambda _: tuple(
-                Prediction(experiment=part, y_hat=fit_model.simulate(part), training=part is fitted)
-                for part in (fitted, held_out)
-            ),
+        validation = stages.run("validation", lambda _: sysid.validate(fit_model, [fitted, held_out]))
+    if validation is not None:
+        predictions = tuple(
+            Prediction(experiment=part, y_hat=validation.predictions[part.name], training=part is fitted)
+            for part in (fitted, held_out)
         )
-        predictions = simulated or ()
 
     later = (part.findings for part in (trajectory, model, thrust) if part is not None)
     return FlightResult(
@@ -91,7 +87,6 @@ def analyze(
         model=model,
         thrust=thrust,
         predictions=predictions,
-        training=training,
         validation=validation,
         findings=(*log.findings, *(finding for part in later for finding in part), *stages.findings),
         missing=stages.missing,

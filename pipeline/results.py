@@ -120,8 +120,8 @@ class FlightResult:
         Fitted to the first part of the flight.
     predictions : tuple of Prediction
         Of `model`: the training part, then the held-out part.
-    training, validation : Validation or None
-        Of `model` on the part it was fitted to, and on the held-out part.
+    validation : Validation or None
+        Of `model` on both parts; the column ``trained`` of its table tells them apart.
     findings : tuple of Finding
         Of every stage, in the order of the work.
     missing : mapping of str to str
@@ -143,7 +143,6 @@ class FlightResult:
     model: TransferFunctionModel | None = None
     thrust: ThrustModel | None = None
     predictions: tuple[Prediction, ...] = ()
-    training: Validation | None = None
     validation: Validation | None = None
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
@@ -175,8 +174,8 @@ class GroupResult:
     thrust : ThrustModel or None
     predictions : tuple of Prediction
         Of `model`, one per flight.
-    training_validation, validation : Validation or None
-        Of `model` on the flights it was fitted to, and on the others.
+    validation : Validation or None
+        Of `model` on all flights; the column ``trained`` of its table tells which it was fitted to.
     findings : tuple of Finding
     missing : mapping of str to str
         Why there is no ``"model"`` or ``"thrust"``.
@@ -190,7 +189,6 @@ class GroupResult:
     model: TransferFunctionModel | None = None
     thrust: ThrustModel | None = None
     predictions: tuple[Prediction, ...] = ()
-    training_validation: Validation | None = None
     validation: Validation | None = None
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)

@@ -1,0 +1,77 @@
+"""Whether to trust a model, in one word and one sentence, from flight time that it was not fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from sysid import Validation
+
+#: A free run is close to the flight when it explains at least this part of its RMS movement, in per cent of fit.
+CLOSE_PERCENT = 50.0
+
+
+class Trust(StrEnum):
+    """How far a model may be trusted to predict flights like those that judged it."""
+
+    YES = "yes"
+    LIMITED = "limited"
+    NO = "no"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A word for the eye, a sentence for the reader."""
+
+    trust: Trust
+    sentence: str
+
+
+def judge(validation: Validation | None, unseen: str = "flight time that it was not fitted to") -> Verdict:
+    """Sum a validation up.
+
+    Parameters
+    ----------
+    validation : Validation or None
+    unseen : str
+        What judged the model, in words.
+    """
+    if validation is None or not validation.unseen:
+        return Verdict(Trust.UNKNOWN, "No model could be judged on flight time that it was not fitted to.")
+    scored = validation.table[~validation.table["trained"]]
+    outputs = [str(output) for output in scored["output"].unique()]
+    fit = scored.groupby("output", sort=False)["fit_percent"].mean()
+    beats = [output for output in outputs if validation.trusted[output]]
+    errors = ", ".join(f"{validation.average[output]:.3g}" for output in outputs)
+    measured = f"its free run on {unseen} errs by {errors} m RMS in {_and(outputs)}"
+    if not all(np.isfinite(validation.average[output]) for output in outputs):
+        return Verdict(Trust.NO, f"Do not trust the model: its free run on {unseen} diverges.")
+    if not beats:
+        return Verdict(
+            Trust.NO,
+            f"Do not trust the model: {measured}, no better than assuming that the craft stands still or keeps its mean.",
+        )
+    if len(beats) < len(outputs):
+        lost = [output for output in outputs if output not in beats]
+        return Verdict(
+            Trust.LIMITED,
+            f"Trust the model in {_and(beats)} only: {measured}; in {_and(lost)} that is no better than assuming that "
+            "the craft stands still or keeps its mean.",
+        )
+    loose = [output for output in outputs if not fit[output] >= CLOSE_PERCENT]
+    if loose:
+        return Verdict(
+            Trust.LIMITED,
+            f"Trust the model with care: {measured}. That beats every guess without a model, but leaves more than "
+            f"{100 - CLOSE_PERCENT:.0f} % of the movement in {_and(loose)} unexplained.",
+        )
+    return Verdict(Trust.YES, f"The model can be trusted for flights like these: {measured}.")
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,0 +1,394 @@
+"""The plots of a report, as Plotly figures in plain dicts.
+
+Colours are names such as ``"@ink"`` that the page replaces by those of its light or dark theme; the same name means the
+same thing in every plot: ``@ink`` measured, ``@own`` predicted by the flight's own model, ``@joint`` predicted by the
+joint model of the craft, ``@residual``, ``@gps``, ``@baro``. Figures whose `time` is true share one time axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+import pymap3d
+from numpy.typing import ArrayLike, NDArray
+
+from logparse import Geodetic
+from pipeline.results import FlightResult, Prediction, Span
+from reports.numbers import mode_spans
+
+#: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.
+MOST_POINTS = 1500
+TIME_TITLE = "time on the log’s clock (s)"
+
+Trace = dict[str, Any]
+Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One plot of the page.
+
+    Attributes
+    ----------
+    id : str
+        Of its element in the page.
+    caption : str
+        What to see in it.
+    data, layout : list and dict
+        As Plotly takes them.
+    height : int
+        Pixels.
+    time : bool
+        Whether its x axis is the time shared by the page.
+    """
+
+    id: str
+    caption: str
+    data: list[Trace]
+    layout: dict[str, Any]
+    height: int
+    time: bool = True
+
+
+def flight_figures(result: FlightResult, joint: Prediction | None = None) -> list[Figure]:
+    """Draw what was flown and how the models did; a plot whose data is missing is left out.
+
+    Parameters
+    ----------
+    result : FlightResult
+    joint : Prediction, optional
+        What the joint model of the craft makes of this flight.
+    """
+    candidates = (track(result), altitude(result), motors(result), prediction(result, joint))
+    return [figure for figure in candidates if figure is not None]
+
+
+def track(result: FlightResult) -> Figure | None:
+    """Draw the flight seen from above, east to the right and north up, with equal scales."""
+    data: list[Trace] = []
+    span = result.flight
+    if result.trajectory is not None:
+        states = _within(result.trajectory.states, span)
+        if states.empty:
+            return None
+        north, east = states["p_n"].to_numpy(), states["p_e"].to_numpy()
+        gps = _gps_offsets(result)
+        if gps is not None:
+            data.append(_dots(gps[1], gps[0], "GPS", "@gps"))
+        data.append(_line(east, north, "flown", "@ink", hover="%{x:.1f} m east<br>%{y:.1f} m north"))
+        for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
+            data.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "x": _rounded(east[[at]], 2),
+                    "y": _rounded(north[[at]], 2),
+                    "name": label,
+                    "marker": {"symbol": symbol, "size": 10, "color": "@ink", "line": {"width": 2}},
+                    "hoverinfo": "name",
+                }
+            )
+    else:
+        gps = _gps_offsets(result)
+        if gps is None:
+            return None
+        data.append(_line(gps[1], gps[0], "GPS", "@gps"))
+    layout = _layout(
+        xaxis={"title": {"text": "east (m)"}, "zeroline": False},
+        yaxis={"title": {"text": "north (m)"}, "scaleanchor": "x", "scaleratio": 1, "zeroline": False},
+    )
+    return Figure(
+        "track",
+        "The flight from above, both axes to the same scale, metres from the origin of the local frame.",
+        data,
+        layout,
+        430,
+        time=False,
+    )
+
+
+def altitude(result: FlightResult) -> Figure | None:
+    """Draw height above the start of the flight as estimated and as the sensors saw it."""
+    data: list[Trace] = []
+    span = _margin(result.flight)
+    for table, column, name, color in (
+        (result.baro, "alt", "barometer", "@baro"),
+        (result.gps, "alt", "GPS", "@gps"),
+    ):
+        if table is not None and column in table:
+            values = _within(table[column], span).dropna()
+            if len(values) > 1:
+                data.append(_line(values.index, values - _start(values, result.flight), name, color, width=1.2))
+    if result.trajectory is not None:
+        up = -_within(result.trajectory.states["p_d"], span)
+        if len(up) > 1:
+            data.append(_line(up.index, up - _start(up, result.flight), "estimated", "@ink"))
+    if not data:
+        return None
+    layout = _layout(
+        xaxis=_time_axis(span),
+        yaxis={"title": {"text": "height (m)"}},
+        **_modes(result),
+    )
+    caption = "Height above the start of the flight. The estimate should run between barometer and GPS. Bands are flight modes."
+    return Figure("altitude", caption, data, layout, 300)
+
+
+def motors(result: FlightResult) -> Figure | None:
+    """Draw the commands of every motor in a row of its own."""
+    if result.motors is None or result.motors.shape[1] == 0:
+        return None
+    span = _margin(result.flight)
+    table = _within(result.motors, span)
+    if len(table) < 2:
+        return None
+    count = table.shape[1]
+    values = table.to_numpy(dtype=float)
+    inside = _within(result.motors, result.flight).to_numpy(dtype=float)
+    used = inside[np.isfinite(inside)]
+    if used.size == 0:
+        return None
+    low, high = (float(v) for v in np.percentile(used, [0.5, 99.5]))
+    pad = max(0.15 * (high - low), 10.0)
+    row = 1.0 / count
+    data: list[Trace] = []
+    axes: dict[str, Any] = {}
+    for number in range(count):
+        suffix = "" if number == 0 else str(number + 1)
+        name = str(table.columns[number]).removeprefix("m")
+        data.append(
+            _line(table.index, values[:, number], f"motor {name}", "@ink", width=1.0, decimals=0)
+            | {"yaxis": f"y{suffix}", "showlegend": False}
+        )
+        top = 1.0 - number * row
+        axes[f"yaxis{suffix}"] = {
+            "domain": [top - row * 0.86, top],
+            "range": [low - pad, high + pad],
+            "title": {"text": name, "standoff": 6},
+            "nticks": 3,
+            "tickfont": {"size": 10},
+        }
+    axes["xaxis"] = _time_axis(span) | {"anchor": f"y{count}" if count > 1 else "y"}
+    layout = _layout(**axes, **_modes(result, label=False))
+    caption = (
+        "PWM command of every motor (µs), one row for each motor number, all to the same scale. "
+        "Motors of a healthy craft in hover stay close to each other and away from their limits."
+    )
+    return Figure("motors", caption, data, layout, 70 + 58 * count)
+
+
+def prediction(result: FlightResult, joint: Prediction | None = None) -> Figure | None:
+    """Draw measured and predicted x, y and z, each with its residual below."""
+    if not result.predictions and joint is None:
+        return None
+    whole = result.experiment or (joint.experiment if joint is not None else result.predictions[0].experiment)
+    outputs = whole.output_names
+    block = 1.0 / len(outputs)
+    data: list[Trace] = []
+    axes: dict[str, Any] = {}
+    for number, output in enumerate(outputs):
+        main = "" if number == 0 else str(2 * number + 1)
+        below = str(2 * number + 2)
+        top = 1.0 - number * block
+        first = number == 0
+        measured = whole.y[:, number]
+        data.append(
+            _line(whole.t, measured, "measured", "@ink", width=2.2)
+            | {"yaxis": f"y{main}", "legendgroup": "measured", "showlegend": first}
+        )
+        shown = [measured]
+        for part, color, name in _drawn(result.predictions, joint):
+            offset = _alignment(whole, part, number)
+            y_hat = part.y_hat[:, number] + offset
+            y = part.experiment.y[:, number] + offset
+            group = {"legendgroup": name, "showlegend": first and _is_first(part, result.predictions, joint)}
+            data.append(_line(part.experiment.t, y_hat, name, color, width=1.6) | {"yaxis": f"y{main}"} | group)
+            data.append(
+                _line(part.experiment.t, y - y_hat, f"residual, {name}", color, width=1.2)
+                | {"yaxis": f"y{below}", "legendgroup": name, "showlegend": False}
+            )
+            shown.append(y_hat)
+        axes[f"yaxis{main}"] = {
+            "domain": [top - block * 0.60, top],
+            "title": {"text": f"{output} (m)"},
+            "range": _readable_range(measured, shown),
+        }
+        axes[f"yaxis{below}"] = {
+            "domain": [top - block * 0.90, top - block * 0.65],
+            "title": {"text": "residual (m)", "font": {"size": 10}},
+            "nticks": 4,
+            "zeroline": True,
+        }
+    axes["xaxis"] = _time_axis(_margin(result.flight)) | {"anchor": f"y{2 * len(outputs)}"}
+    bands, labels = [], []
+    for part in result.predictions:
+        if part.training:
+            continue
+        bands.append(_band(part.span, "@held", 0.10))
+        labels.append(_band_label(part.span, "held out: not used in the fit"))
+    layout = _layout(**axes, shapes=bands, annotations=labels)
+    caption = (
+        "Position x (north), y (east) and z (up) as measured, and as the model predicts it from the motor commands and the "
+        "initial state alone; below each its residual. Judge the model by the shaded part, which the fit has not seen."
+    )
+    if not result.predictions:
+        caption = caption.replace("Judge the model by the shaded part, which the fit has not seen.", "").strip()
+    return Figure("prediction", caption, data, layout, 240 * len(outputs))
+
+
+def _drawn(own: Sequence[Prediction], joint: Prediction | None) -> Iterable[tuple[Prediction, str, str]]:
+    for part in own:
+        yield part, "@own", "predicted"
+    if joint is not None:
+        yield joint, "@joint", "predicted by the joint model"
+
+
+def _is_first(part: Prediction, own: Sequence[Prediction], joint: Prediction | None) -> bool:
+    return part is joint or (len(own) > 0 and part is own[0])
+
+
+def _alignment(whole: Any, part: Prediction, column: int) -> float:
+    """Offset between the zero of a part's outputs and that of the whole flight's, m."""
+    at = int(np.searchsorted(whole.t, part.experiment.t[0] - 1e-6))
+    return float(whole.y[min(at, len(whole.t) - 1), column] - part.experiment.y[0, column])
+
+
+def _readable_range(measured: NDArray[np.float64], shown: Sequence[NDArray[np.float64]]) -> list[float]:
+    """Keep the measured signal readable when a prediction runs away: at most three times its span."""
+    low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
+    span = max(high - low, 0.5)
+    values = np.concatenate(shown)
+    values = values[np.isfinite(values)]
+    low_all, high_all = max(float(values.min()), low - span), min(float(values.max()), high + span)
+    return [min(low, low_all) - 0.06 * span, max(high, high_all) + 0.06 * span]
+
+
+def _layout(**parts: Any) -> dict[str, Any]:
+    base: dict[str, Any] = {
+        "margin": {"l": 58, "r": 14, "t": 34, "b": 44},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "font": {"family": "system-ui, sans-serif", "size": 12, "color": "@text"},
+        "legend": {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"},
+        "hovermode": "closest",
+    }
+    base.update(parts)
+    for name, axis in base.items():
+        if name.startswith(("xaxis", "yaxis")):
+            base[name] = {
+                "gridcolor": "@grid",
+                "linecolor": "@grid",
+                "zerolinecolor": "@grid",
+                "automargin": False,
+            } | axis
+    return base
+
+
+def _time_axis(span: Span | None) -> dict[str, Any]:
+    axis: dict[str, Any] = {"title": {"text": TIME_TITLE}, "hoverformat": ".1f"}
+    return axis if span is None else axis | {"range": [span.start, span.stop]}
+
+
+def _modes(result: FlightResult, label: bool = True) -> dict[str, Any]:
+    """Draw flight modes as quiet bands, every other one tinted, with their names on top."""
+    shapes, labels = [], []
+    for number, mode in enumerate(mode_spans(result)):
+        span = Span(mode["start_s"], mode["stop_s"])
+        if number % 2 == 0:
+            shapes.append(_band(span, "@band", 1.0))
+        if label and result.flight is not None and span.duration > 0.06 * result.flight.duration:
+            labels.append(_band_label(span, str(mode["mode"])))
+    return {"shapes": shapes, "annotations": labels}
+
+
+def _band(span: Span, color: str, opacity: float) -> dict[str, Any]:
+    return {
+        "type": "rect",
+        "xref": "x",
+        "yref": "paper",
+        "x0": span.start,
+        "x1": span.stop,
+        "y0": 0,
+        "y1": 1,
+        "fillcolor": color,
+        "opacity": opacity,
+        "line": {"width": 0},
+        "layer": "below",
+    }
+
+
+def _band_label(span: Span, text: str) -> dict[str, Any]:
+    return {
+        "x": span.start,
+        "y": 1,
+        "xref": "x",
+        "yref": "paper",
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "text": plotly_text(text),
+        "showarrow": False,
+        "font": {"size": 11, "color": "@quiet"},
+    }
+
+
+def plotly_text(text: str) -> str:
+    """Escape text for Plotly, which reads some HTML in labels."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def _line(
+    x: ArrayLike, y: ArrayLike, name: str, color: str, width: float = 2.0, decimals: int = 3, hover: str | None = None
+) -> Trace:
+    xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    step = max(1, -(-len(xs) // MOST_POINTS))
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": _rounded(xs[::step], 3),
+        "y": _rounded(ys[::step], decimals),
+        "name": name,
+        "line": {"color": color, "width": width},
+        "hovertemplate": f"{hover or '%{x:.1f} s: %{y:.4g}'}<extra>{name}</extra>",
+    }
+
+
+def _dots(x: ArrayLike, y: ArrayLike, name: str, color: str) -> Trace:
+    trace = _line(x, y, name, color)
+    del trace["line"]
+    return trace | {"mode": "markers", "marker": {"color": color, "size": 4}, "hoverinfo": "skip"}
+
+
+def _rounded(values: NDArray[np.float64], decimals: int) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in np.round(values, decimals)]
+
+
+def _within(table: Frame, span: Span | None) -> Frame:
+    return table if span is None else table.loc[span.start : span.stop]
+
+
+def _margin(span: Span | None) -> Span | None:
+    return None if span is None else Span(span.start - 0.02 * span.duration, span.stop + 0.02 * span.duration)
+
+
+def _start(values: pd.Series, flight: Span | None) -> float:
+    """Value at the start of the flight: heights are drawn relative to it."""
+    if flight is None:
+        return float(values.iloc[0])
+    return float(values.iloc[min(int(values.index.searchsorted(flight.start)), len(values) - 1)])
+
+
+def _gps_offsets(result: FlightResult) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Give the GPS fixes in metres north and east of the trajectory's origin, else of the first fix."""
+    if result.gps is None:
+        return None
+    table = _within(result.gps[["lat", "lon"]], result.flight).dropna()
+    if len(table) < 2:
+        return None
+    lat, lon = table["lat"].to_numpy(dtype=float), table["lon"].to_numpy(dtype=float)
+    origin = result.trajectory.origin if result.trajectory is not None else Geodetic(lat[0], lon[0], 0.0)
+    north, east, _ = pymap3d.geodetic2ned(lat, lon, origin.alt, origin.lat, origin.lon, origin.alt, deg=False)
+    return np.asarray(north), np.asarray(east)

@@ -1,0 +1,270 @@
+"""Results as one plain structure of numbers and text: what report.json holds and every page and table is drawn from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipeline.results import FleetResult, FlightResult, GroupResult, Prediction, Span
+from pipeline.verdict import judge
+
+if TYPE_CHECKING:
+    from logparse import Finding, Vehicle
+    from sysid import Validation
+
+Numbers = dict[str, Any]
+
+#: Results of Elhesasy 2024, Table 4: the average over nine validation flights of its own craft, m.
+PAPER_AVERAGE = {"x": 0.3195, "y": 0.2691, "z": 0.2472}
+
+
+def flight_numbers(result: FlightResult) -> Numbers:
+    """Gather what is known of one log; whatever is not finite becomes None."""
+    verdict = judge(result.validation, "the held-out last part of the flight")
+    return _plain(
+        {
+            "kind": "flight",
+            "rotorid": version("rotorid"),
+            "name": result.name,
+            "log": _log(result),
+            "vehicle": _vehicle(result.log.vehicle),
+            "flight": _flight(result),
+            "config": _config(result),
+            "verdict": {"trust": str(verdict.trust), "sentence": verdict.sentence},
+            "rmse": _rmse_rows(result.validation, result.predictions, "own", flight=result.name),
+            "validation": None if result.validation is None else result.validation.to_dict(),
+            "model": None if result.model is None else _model_facts(result.model),
+            "thrust": None if result.thrust is None else result.thrust.to_dict(),
+            "trajectory": _trajectory(result),
+            "findings": [_finding(finding) for finding in result.findings],
+            "missing": dict(result.missing),
+            "timings_s": dict(result.timings),
+        }
+    )
+
+
+def fleet_numbers(result: FleetResult) -> Numbers:
+    """Gather what is known of a folder of logs: the joint models first, then every flight for itself."""
+    return _plain(
+        {
+            "kind": "fleet",
+            "rotorid": version("rotorid"),
+            "groups": [_group(group) for group in result.groups],
+            "flights": [flight_numbers(flight) for flight in result.flights],
+            "failures": [{"file": failure.path.name, "reason": failure.reason} for failure in result.failures],
+            "timings_s": dict(result.timings),
+        }
+    )
+
+
+def rmse_rows(numbers: Numbers) -> list[Numbers]:
+    """List all RMSE rows of a report, joint models first."""
+    if numbers["kind"] == "flight":
+        return list(numbers["rmse"])
+    rows = [row for group in numbers["groups"] for row in group["rmse"]]
+    return rows + [row for flight in numbers["flights"] for row in flight["rmse"]]
+
+
+def average(rows: Sequence[Numbers], key: str = "rmse_m") -> Numbers:
+    """Average a column of RMSE rows over flights, output by output, as the last line of the paper's Table 4 does."""
+    outputs = list(rows[0][key]) if rows else []
+    return {
+        output: float(np.mean([math.nan if row[key][output] is None else row[key][output] for row in rows]))
+        for output in outputs
+    }
+
+
+def models(result: FlightResult | FleetResult) -> Numbers:
+    """Gather the fitted models with every coefficient: what models.json holds."""
+    if isinstance(result, FlightResult):
+        return _plain({"rotorid": version("rotorid"), "flights": [_models(result.name, result)]})
+    return _plain(
+        {
+            "rotorid": version("rotorid"),
+            "joint": [_models(group.name, group) for group in result.groups],
+            "flights": [_models(flight.name, flight) for flight in result.flights],
+        }
+    )
+
+
+def _models(name: str, result: FlightResult | GroupResult) -> Numbers:
+    return {
+        "name": name,
+        "transfer_functions": None if result.model is None else result.model.to_dict(),
+        "thrust": None if result.thrust is None else result.thrust.to_dict(),
+        "missing": {stage: reason for stage, reason in result.missing.items() if stage in ("model", "thrust")},
+    }
+
+
+def _log(result: FlightResult) -> Numbers:
+    log = result.log
+    return {
+        "file": log.path.name,
+        "bytes": log.size,
+        "sha256": log.sha256,
+        "format": log.format,
+        "duration_s": log.duration,
+        "start_utc": None if log.start_utc is None else log.start_utc.isoformat(),
+        "boots": log.boots,
+        "flights": [_span(flight) for flight in log.flights],
+    }
+
+
+def _vehicle(vehicle: Vehicle) -> Numbers:
+    names = [name for name in vehicle.__slots__ if name != "motors"]
+    motors = [{name: getattr(motor, name) for name in motor.__slots__} for motor in vehicle.motors]
+    return {name: getattr(vehicle, name) for name in names} | {"motors": motors}
+
+
+def _config(result: FlightResult) -> Numbers:
+    return {name: getattr(result.config, name) for name in result.config.__slots__}
+
+
+def _span(span: Span) -> Numbers:
+    return {"start_s": span.start, "stop_s": span.stop, "duration_s": span.duration}
+
+
+def _flight(result: FlightResult) -> Numbers | None:
+    if result.flight is None:
+        return None
+    facts: Numbers = _span(result.flight)
+    facts["modes"] = mode_spans(result)
+    if result.trajectory is not None:
+        states = result.trajectory.states.loc[result.flight.start : result.flight.stop]
+        if len(states):
+            north, east = (states[name] - states[name].iloc[0] for name in ("p_n", "p_e"))
+            speed = np.linalg.norm(states[["v_n", "v_e", "v_d"]].to_numpy(), axis=1)
+            facts |= {
+                "height_m": float(states["p_d"].iloc[0] - states["p_d"].min()),
+                "distance_m": float(np.hypot(north, east).max()),
+                "speed_max_m_s": float(speed.max()),
+            }
+    return facts
+
+
+def mode_spans(result: FlightResult) -> list[Numbers]:
+    """List the flight modes with the time that each was in force, within the analysed flight."""
+    if result.modes is None or result.flight is None or result.modes.empty:
+        return []
+    start, stop = result.flight.start, result.flight.stop
+    times = result.modes.index.to_numpy(dtype=float)
+    names = [str(name) for name in result.modes["mode"]]
+    spans: list[Numbers] = []
+    for name, begin, end in zip(names, times, [*times[1:], math.inf], strict=True):
+        begin, end = max(float(begin), start), min(float(end), stop)
+        if end <= begin:
+            continue
+        if spans and spans[-1]["mode"] == name:
+            spans[-1]["stop_s"] = end
+        else:
+            spans.append({"mode": name, "start_s": begin, "stop_s": end})
+    return spans
+
+
+def _rmse_rows(
+    validation: Validation | None,
+    predictions: Iterable[Prediction],
+    model: str,
+    flight: str | None = None,
+    craft: str | None = None,
+) -> list[Numbers]:
+    """Turn a validation's table (a row for each record and output) into a row for each record, held-out ones first."""
+    if validation is None:
+        return []
+    spans = {prediction.experiment.name: prediction.span for prediction in predictions}
+    rows = []
+    for record, table in validation.table.groupby("flight", sort=False):
+        by_output = table.set_index("output")
+        span = spans.get(str(record))
+        rows.append(
+            {
+                "flight": flight or str(record),
+                "model": model,
+                "craft": craft,
+                "part": "training" if bool(by_output["trained"].iloc[0]) else "held-out",
+                "start_s": None if span is None else span.start,
+                "duration_s": None if span is None else span.duration,
+                "rmse_m": by_output["rmse"].to_dict(),
+                "fit_percent": by_output["fit_percent"].to_dict(),
+                "rmse_mean_m": by_output["rmse_mean"].to_dict(),
+                "rmse_constant_position_m": by_output["rmse_constant_position"].to_dict(),
+            }
+        )
+    return sorted(rows, key=lambda row: row["part"] == "training")
+
+
+def _group(group: GroupResult) -> Numbers:
+    verdict = judge(group.validation, "flights that it was not fitted to")
+    rows = _rmse_rows(group.validation, group.predictions, "joint", craft=group.name)
+    return {
+        "name": group.name,
+        "vehicle": _vehicle(group.vehicle),
+        "training": list(group.training),
+        "held_out": list(group.held_out),
+        "split": group.split,
+        "verdict": {"trust": str(verdict.trust), "sentence": verdict.sentence},
+        "rmse": rows,
+        "rmse_average_m": average([row for row in rows if row["part"] == "held-out"]),
+        "validation": None if group.validation is None else group.validation.to_dict(),
+        "model": None if group.model is None else _model_facts(group.model),
+        "thrust": None if group.thrust is None else group.thrust.to_dict(),
+        "findings": [_finding(finding) for finding in group.findings],
+        "missing": dict(group.missing),
+    }
+
+
+def _model_facts(model: Any) -> Numbers:
+    facts: Numbers = model.to_dict()
+    facts.pop("findings", None)
+    return facts
+
+
+def _trajectory(result: FlightResult) -> Numbers | None:
+    trajectory = result.trajectory
+    if trajectory is None:
+        return None
+    span = result.flight or Span(-math.inf, math.inf)
+    sigma = trajectory.sigma.loc[span.start : span.stop].median()
+    return {
+        "method": trajectory.method,
+        "origin": {
+            "latitude_deg": math.degrees(trajectory.origin.lat),
+            "longitude_deg": math.degrees(trajectory.origin.lon),
+            "altitude_m": trajectory.origin.alt,
+        },
+        "sigma_median": {str(name): float(value) for name, value in sigma.items()},
+        "diagnostics": dict(trajectory.diagnostics),
+    }
+
+
+def _finding(finding: Finding) -> Numbers:
+    return {
+        "id": finding.id,
+        "severity": str(finding.severity),
+        "reason": finding.reason,
+        "advice": finding.advice,
+        "evidence": dict(finding.evidence),
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Reduce to what JSON can say: no NumPy types, no tuples, and None for NaN and infinities."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (bool, np.bool_)) or value is None:
+        return None if value is None else bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, complex):
+        return [_plain(value.real), _plain(value.imag)]
+    return str(value)

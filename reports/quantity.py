@@ -1,0 +1,91 @@
+"""Numbers for people: with their unit, and with no more digits than their uncertainty or purpose allows."""
+
+import math
+from collections.abc import Sequence
+
+#: What stands where a number could not be determined; the reason stands beside it.
+NOT_DETERMINED = "not determined"
+MINUS = "\N{MINUS SIGN}"
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_FIGURE_SPACE = "\N{FIGURE SPACE}"
+_POINT_SPACE = "\N{PUNCTUATION SPACE}"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Write a number with so many significant digits; very large and small ones as powers of ten.
+
+    Whole digits before the decimal point are never rounded away below 100 000.
+    """
+    if value is None or not math.isfinite(value):
+        return NOT_DETERMINED
+    if value == 0.0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if -4 <= exponent < 6:
+        text = f"{value:.{max(digits - 1 - exponent, 0)}f}"
+    else:
+        text = f"{value / 10.0**exponent:.{digits - 1}f} × 10{str(exponent).translate(_SUPERSCRIPT)}"
+    return text.replace("-", MINUS)
+
+
+def uncertain(value: float | None, sigma: float | None, unit: str = "") -> str:
+    """Write a value with its 1-sigma: ``1.19 ± 0.02 N``; two digits of a sigma that starts with 1, else one."""
+    tail = f" {unit}" if unit else ""
+    if value is None or not math.isfinite(value):
+        return NOT_DETERMINED
+    if sigma is None or not math.isfinite(sigma) or sigma <= 0.0:
+        return number(value) + tail
+    exponent = math.floor(math.log10(sigma))
+    decimals = -exponent + (1 if round(sigma / 10.0**exponent, 1) < 2.0 else 0)
+    magnitude = math.floor(math.log10(max(abs(value), sigma)))
+    if exponent >= -3 and magnitude < 6:
+        places = max(decimals, 0)
+        return f"{value:.{places}f} ± {sigma:.{places}f}".replace("-", MINUS) + tail
+    places = max(decimals + magnitude, 0)
+    scale = 10.0**magnitude
+    power = f"10{str(magnitude).translate(_SUPERSCRIPT)}"
+    return f"({value / scale:.{places}f} ± {sigma / scale:.{places}f}) × {power}".replace("-", MINUS) + tail
+
+
+def column(values: Sequence[float | None], digits: int = 3) -> list[str]:
+    """Write the numbers of a table column so that their decimal points stand below each other when right-aligned."""
+    texts = ["–" if value is None or not math.isfinite(value) else number(value, digits) for value in values]
+    decimals = [len(text.partition(".")[2]) for text in texts]
+    most = max(decimals, default=0)
+    aligned = []
+    for text, places in zip(texts, decimals, strict=True):
+        point = _POINT_SPACE if most and not places else ""
+        aligned.append(text + point + _FIGURE_SPACE * (most - places))
+    return aligned
+
+
+def duration(seconds: float | None) -> str:
+    """Write a time span: ``48 s``, ``2 min 05 s``, ``1 h 02 min``."""
+    if seconds is None or not math.isfinite(seconds):
+        return NOT_DETERMINED
+    if seconds < 10.0:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 120:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+def size(count: int) -> str:
+    """Write a file size: ``16 kB``, ``3.1 MB``."""
+    if count < 1_000_000:
+        return f"{max(round(count / 1000), 1)} kB"
+    return f"{count / 1e6:.3g} MB"
+
+
+def complex_numbers(pairs: Sequence[tuple[float, float]], digits: int = 3) -> list[str]:
+    """Write roots given as (real, imaginary): ``−0.21``, and conjugate pairs once, as ``−0.21 ± 0.45 i``."""
+    texts = []
+    for real, imaginary in pairs:
+        if abs(imaginary) <= 1e-9 * max(abs(real), 1e-9):
+            texts.append(number(real, digits))
+        elif imaginary > 0.0:
+            texts.append(f"{number(real, digits)} ± {number(imaginary, digits)} i")
+    return texts

@@ -1,0 +1,93 @@
+"""The answer first: what a log is and what was identified from it, in sentences for the top of a report."""
+
+from reports.numbers import Numbers
+from reports.quantity import duration, number, size, uncertain
+
+FORMATS = {
+    "dataflash": "DataFlash log",
+    "dataflash-text": "DataFlash text log",
+    "tlog": "MAVLink telemetry log",
+    "mavlink-raw": "MAVLink stream without time stamps",
+    "ulog": "PX4 log",
+}
+TRUST_WORDS = {"yes": "trust", "limited": "with care", "no": "do not trust", "unknown": "not judged"}
+
+
+def craft(vehicle: Numbers) -> str:
+    """Name a craft: ``ArduCopter 4.7.0, octa plus``; empty when the log says nothing of it."""
+    firmware = " ".join(part for part in (vehicle["firmware"] or vehicle["autopilot"], vehicle["version"]) if part)
+    frame = " ".join(part for part in (vehicle["frame_class"], vehicle["frame_type"]) if part)
+    return ", ".join(part for part in (firmware, frame) if part)
+
+
+def facts(numbers: Numbers) -> str:
+    """One line under the title: file, format, size, craft, when."""
+    log = numbers["log"]
+    parts = [log["file"], FORMATS.get(log["format"], log["format"]), size(log["bytes"]), craft(numbers["vehicle"])]
+    if log["start_utc"]:
+        parts.append(log["start_utc"][:16].replace("T", " ") + " UTC")
+    return " · ".join(part for part in parts if part)
+
+
+def sentences(numbers: Numbers) -> list[str]:
+    """Say what the log is and what was identified; the verdict follows these."""
+    return [part for part in (_what_it_is(numbers), _what_was_identified(numbers)) if part]
+
+
+def _what_it_is(numbers: Numbers) -> str:
+    log, flight, vehicle = numbers["log"], numbers["flight"], numbers["vehicle"]
+    motors = len(vehicle["motors"])
+    kind = FORMATS.get(log["format"], "log")
+    name = f"of a craft with {motors} motors" if motors else "of a craft whose motors it does not describe"
+    text = f"A {kind} {name}, {duration(log['duration_s'])} long."
+    if flight is None:
+        return text + " It holds no flight."
+    flown = f" The craft was in the air for {duration(flight['duration_s'])}"
+    if flight.get("height_m") is not None:
+        flown += f", up to {number(flight['height_m'], 2)} m above and {number(flight['distance_m'], 2)} m away from its start"
+    more = len(log["flights"]) - 1
+    others = f" ({more} shorter flight{'s' if more > 1 else ''} in the same log not analysed)" if more > 0 else ""
+    return text + flown + others + "."
+
+
+def _what_was_identified(numbers: Numbers) -> str:
+    model, thrust = numbers["model"], numbers["thrust"]
+    parts = []
+    if model is not None:
+        count = len(model["inputs"]) * len(model["outputs"])
+        fitted = next((row for row in numbers["rmse"] if row["part"] == "training"), None)
+        of_what = f" from the first {duration(fitted['duration_s'])} of the flight" if fitted else ""
+        parts.append(
+            f"{count} transfer functions ({model['poles']} poles, {model['zeros']} zeros) from motor PWM to position{of_what}"
+        )
+    coefficient = thrust_coefficient(thrust)
+    if coefficient:
+        parts.append(f"the thrust coefficient {coefficient}")
+    if not parts:
+        return "Nothing could be identified."
+    return f"Identified: {' and '.join(parts)}."
+
+
+def joint_sentences(group: Numbers) -> list[str]:
+    """Say what was identified from several flights of one craft, and from which."""
+    count = len(group["training"]) + len(group["held_out"])
+    text = f"{count} flights of one craft ({group['name']}): {len(group['training'])} to fit, {len(group['held_out'])} to judge."
+    model = group["model"]
+    if model is None:
+        return [text, f"No joint model: {group['missing'].get('model', 'not fitted')}."]
+    functions = len(model["inputs"]) * len(model["outputs"])
+    identified = (
+        f"Identified jointly: {functions} transfer functions ({model['poles']} poles, {model['zeros']} zeros) "
+        "from motor PWM to position"
+    )
+    coefficient = thrust_coefficient(group["thrust"])
+    if coefficient:
+        identified += f" and the thrust coefficient {coefficient}"
+    return [text, identified + "."]
+
+
+def thrust_coefficient(thrust: Numbers | None) -> str:
+    """Write the common thrust coefficient with its uncertainty; empty when there is none."""
+    if not thrust:
+        return ""
+    return uncertain(None, None)
