@@ -6,12 +6,22 @@ state), ``predict(experiment, horizon)`` (restarted at every sample), ``to_dict(
 """
 
 from sysid.experiment import Experiment, ExperimentError
+from sysid.pem import fit_transfer_functions
+from sysid.thrust import ThrustCoefficient, ThrustModel, fit_thrust
 from sysid.transfer_function import FitReport, TransferFunction, TransferFunctionModel
+from sysid.validation import Model, Validation, validate
 
 __all__ = [
     "Experiment",
     "ExperimentError",
     "FitReport",
+    "Model",
+    "ThrustCoefficient",
+    "ThrustModel",
     "TransferFunction",
     "TransferFunctionModel",
+    "Validation",
+    "fit_thrust",
+    "fit_transfer_functions",
+    "validate",
 ]

@@ -1,4 +1,4 @@
-"""What a deterministic model leaves unexplained, carried on from the measurements: the innovation form for `predict`."""
+"""What a deterministic model leaves unexplained, carried on from the measurements: an innovation form."""
 
 from __future__ import annotations
 

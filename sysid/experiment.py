@@ -240,9 +240,9 @@ def require_alike(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
     for record in records[1:]:
         if record.input_names != first.input_names or record.output_names != first.output_names:
             raise ExperimentError(
-                f"{record.name} has inputs {', '.join(record.input_names)} and outputs {', '.join(record.output_names)}, "
-                f"{first.name} has {', '.join(first.input_names)} and {', '.join(first.output_names)}; "
-                "only records of one kind can be fitted jointly"
+                f"{record.name} has inputs {', '.join(record.input_names)} and outputs "
+                f"{', '.join(record.output_names)}, {first.name} has {', '.join(first.input_names)} and "
+                f"{', '.join(first.output_names)}; only records of one kind can be fitted jointly"
             )
         if abs(record.dt - first.dt) > 1e-3 * first.dt:
             raise ExperimentError(

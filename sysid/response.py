@@ -43,7 +43,7 @@ class Discretised:
     @property
     def order(self) -> int:
         """Order n of the denominators."""
-        return self.a.shape[1]
+        return int(self.a.shape[1])
 
     def forced(self, inputs: Floats, group: Sequence[int], sensitivities: bool = True) -> Floats:
         """Respond to inputs from rest.

@@ -93,10 +93,7 @@ def from_poles(poles: Floats) -> Floats:
     for p in upper:
         w = abs(p)
         theta += [np.log(w), np.log(max(-p.real / w, DAMPING[0]))]
-    if len(real) % 2:
-        last = [np.log(real.pop(len(real) // 2))]
-    else:
-        last = []
+    last = [np.log(real.pop(len(real) // 2))] if len(real) % 2 else []
     for first, second in zip(real[::2], real[1::2], strict=True):
         w = np.sqrt(first * second)
         theta += [np.log(w), np.log((first + second) / (2.0 * w))]

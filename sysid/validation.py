@@ -1,0 +1,258 @@
+"""Models against flights: free run and horizons, beside what anyone could predict without a model, and a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+
+from sysid.experiment import Experiment, Floats, require_alike
+from sysid.response import INITIAL_SECONDS
+
+#: How far ahead predictions are compared with the baselines, s.
+HORIZONS = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
+
+#: Samples over which the velocity at the start of a free run is taken, s.
+VELOCITY_SECONDS = 1.0
+
+#: A model beats a baseline when its error is at least this part smaller; less is chance.
+MARGIN = 0.05
+
+
+class Model(Protocol):
+    """What every model of this room offers."""
+
+    @property
+    def name(self) -> str:
+        """What it is, for tables."""
+
+    @property
+    def training(self) -> tuple[str, ...]:
+        """Names of the records it was fitted to."""
+
+    def simulate(self, experiment: Experiment) -> Floats:
+        """Run freely from the initial state; shape (N, p)."""
+
+    def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
+        """Predict every sample from measurements up to `horizon` seconds before it; shape (N, p)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Validation:
+    """What a model is worth on given records.
+
+    Attributes
+    ----------
+    model : str
+        Its name.
+    table : DataFrame
+        One row per flight and output of the free run: ``flight output unit trained duration rmse fit_percent rmse_mean
+        rmse_constant_position rmse_constant_velocity``. ``trained`` says whether the model has seen the record;
+        ``fit_percent`` is ``100 (1 - |y - y_hat| / |y - mean y|)``. The first three seconds, from which the initial
+        state is found, are not scored. ``rmse_mean`` is the record's own mean, known only afterwards; the other two
+        baselines carry on position, or position and velocity, from the third second.
+    horizons : DataFrame
+        One row per flight, output and horizon [s]: ``flight output trained horizon rmse rmse_constant_position
+        rmse_constant_velocity``.
+    average : mapping
+        Per output the mean of ``rmse`` over the flights that the model has not seen; over all where it has seen all.
+    verdicts : tuple of str
+        One sentence per output.
+    trusted : mapping
+        Per output whether the free run beats every baseline on average over the unseen flights.
+    unseen : bool
+        False when every record was used for the fit, so that nothing is validated.
+    predictions : mapping
+        Free run of every record by name, shape (N, p), for plots.
+    """
+
+    model: str
+    table: pd.DataFrame
+    horizons: pd.DataFrame
+    average: Mapping[str, float]
+    verdicts: tuple[str, ...]
+    trusted: Mapping[str, bool]
+    unseen: bool
+    predictions: Mapping[str, Floats]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give tables, averages and verdicts for JSON."""
+        return {
+            "model": self.model,
+            "scored_from_seconds": INITIAL_SECONDS,
+            "table": _records(self.table),
+            "horizons": _records(self.horizons),
+            "average": dict(self.average),
+            "verdicts": list(self.verdicts),
+            "trusted": dict(self.trusted),
+            "unseen": self.unseen,
+        }
+
+
+def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence[float] = HORIZONS) -> Validation:
+    """Judge a model on records, those it has not seen above all.
+
+    Parameters
+    ----------
+    model : Model
+    experiments : sequence of Experiment
+        Of the model's kind; which of them it was fitted to is known from their names.
+    horizons : sequence of float
+        s.
+    """
+    records = require_alike(experiments)
+    rows: list[dict[str, object]] = []
+    ahead: list[dict[str, object]] = []
+    predictions: dict[str, Floats] = {}
+    for record in records:
+        simulated = model.simulate(record)
+        predictions[record.name] = simulated
+        trained = record.name in model.training
+        rows += _free_run_rows(record, simulated, trained)
+        for horizon in horizons:
+            steps = max(round(horizon / record.dt), 1)
+            if steps * record.dt < 0.5 * record.duration:
+                ahead += _horizon_rows(record, model.predict(record, horizon), steps, trained)
+    table, curve = pd.DataFrame(rows), pd.DataFrame(ahead, columns=_HORIZON_COLUMNS)
+    unseen = bool((~table["trained"]).any())
+    scored = table[~table["trained"]] if unseen else table
+    scored_ahead = curve[~curve["trained"].astype(bool)] if unseen else curve
+    average = {str(output): float(group["rmse"].mean()) for output, group in scored.groupby("output", sort=False)}
+    verdicts, trusted = [], {}
+    for output in records[0].output_names:
+        sentence, good = _verdict(
+            output,
+            scored[scored["output"] == output],
+            scored_ahead[scored_ahead["output"] == output],
+            records[0].units.get(output, ""),
+            unseen,
+        )
+        verdicts.append(sentence)
+        trusted[output] = good and unseen
+    return Validation(
+        model=model.name,
+        table=table,
+        horizons=curve,
+        average=average,
+        verdicts=tuple(verdicts),
+        trusted=trusted,
+        unseen=unseen,
+        predictions=predictions,
+    )
+
+
+_HORIZON_COLUMNS = [
+    "flight",
+    "output",
+    "trained",
+    "horizon",
+    "rmse",
+    "rmse_constant_position",
+    "rmse_constant_velocity",
+]
+
+
+def _rms(error: Floats) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _slopes(y: Floats, dt: float) -> Floats:
+    """Velocity at every sample from the past second only, by a least-squares line; shape (N,)."""
+    reach = max(round(VELOCITY_SECONDS / dt), 1)
+    lag = np.arange(reach + 1)
+    weights = (lag.mean() - lag) / (np.sum((lag - lag.mean()) ** 2) * dt)
+    padded = np.concatenate([np.full(reach, y[0]), y])
+    return np.asarray(np.convolve(padded, weights, mode="valid"))
+
+
+def _free_run_rows(record: Experiment, simulated: Floats, trained: bool) -> list[dict[str, object]]:
+    first = min(round(INITIAL_SECONDS / record.dt), len(record.t) - 2)
+    since = record.t[first:] - record.t[first]
+    rows: list[dict[str, object]] = []
+    for column, output in enumerate(record.output_names):
+        y = record.y[:, column]
+        late = y[first:]
+        velocity = _slopes(y, record.dt)[first]
+        rmse, mean = _rms(late - simulated[first:, column]), _rms(late - late.mean())
+        rows.append(
+            {
+                "flight": record.name,
+                "output": output,
+                "unit": record.units.get(output, ""),
+                "trained": trained,
+                "duration": record.duration,
+                "rmse": rmse,
+                "fit_percent": 100.0 * (1.0 - rmse / mean) if mean > 0.0 else float("nan"),
+                "rmse_mean": mean,
+                "rmse_constant_position": _rms(late - late[0]),
+                "rmse_constant_velocity": _rms(late - late[0] - velocity * since),
+            }
+        )
+    return rows
+
+
+def _horizon_rows(record: Experiment, predicted: Floats, steps: int, trained: bool) -> list[dict[str, object]]:
+    first = round(INITIAL_SECONDS / record.dt) + steps
+    if first >= len(record.t):
+        return []
+    rows: list[dict[str, object]] = []
+    for column, output in enumerate(record.output_names):
+        y = record.y[:, column]
+        held = y[first - steps : -steps]
+        moved = held + steps * record.dt * _slopes(y, record.dt)[first - steps : -steps]
+        rows.append(
+            {
+                "flight": record.name,
+                "output": output,
+                "trained": trained,
+                "horizon": steps * record.dt,
+                "rmse": _rms(y[first:] - predicted[first:, column]),
+                "rmse_constant_position": _rms(y[first:] - held),
+                "rmse_constant_velocity": _rms(y[first:] - moved),
+            }
+        )
+    return rows
+
+
+def _verdict(output: str, rows: pd.DataFrame, ahead: pd.DataFrame, unit: str, unseen: bool) -> tuple[str, bool]:
+    """Say in one sentence what the numbers of the tables, averaged over flights, mean."""
+    unit = f" {unit}" if unit else ""
+    rmse = float(rows["rmse"].mean())
+    baselines = {
+        "the mean": float(rows["rmse_mean"].mean()),
+        "constant position": float(rows["rmse_constant_position"].mean()),
+        "constant velocity": float(rows["rmse_constant_velocity"].mean()),
+    }
+    best = min(baselines, key=lambda name: baselines[name])
+    good = rmse < (1.0 - MARGIN) * baselines[best]
+    flights = len(rows)
+    where = f"{flights} {'unseen ' if unseen else 'training '}record{'s' if flights != 1 else ''}"
+    numbers = f"free-run RMSE {rmse:.3g}{unit} on {where}, against {baselines[best]:.3g}{unit} for {best}"
+    beaten = ahead.groupby("horizon")[["rmse", "rmse_constant_position", "rmse_constant_velocity"]].mean()
+    reach = 0.0
+    for horizon, row in beaten.iterrows():
+        if row["rmse"] < (1.0 - MARGIN) * min(row["rmse_constant_position"], row["rmse_constant_velocity"]):
+            reach = max(reach, float(str(horizon)))
+    short = (
+        f"with measurements it predicts better than constant velocity up to {reach:g} s ahead"
+        if reach > 0.0
+        else "with measurements it predicts no better than constant position or velocity"
+    )
+    if not unseen:
+        return f"{output}: not validated, every record was used for the fit; {numbers}; {short}.", False
+    if good:
+        return f"{output}: the model generalises: {numbers}; {short}.", True
+    return f"{output}: do not trust the free run: {numbers}; {short}.", False
+
+
+def _records(table: pd.DataFrame) -> list[dict[str, object]]:
+    return [
+        {
+            str(key): (None if isinstance(value, float) and not np.isfinite(value) else value)
+            for key, value in row.items()
+        }
+        for row in table.to_dict(orient="records")
+    ]
