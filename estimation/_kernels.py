@@ -6,7 +6,7 @@ sub-steps of the IMU; covariance moves from node to node only. With ``S`` the ve
 
     p' = p + T v;  v' = v - [S]x phi - C b_a;  phi' = phi - C b_g;  e' = a e
 
-and identity elsewhere: only these entries are ever multiplied. Measurements are scalar with at most four entries in
+and identity elsewhere: only these entries are ever multiplied. Measurements are scalar with at most seven entries in
 their row of H, so no matrix is inverted. The smoother is the modified Bryson-Frazier form (Bierman 1973), which runs on
 the adjoint ``lam``, ``Lam`` and needs the covariance only where a result is wanted.
 """
@@ -16,8 +16,9 @@ from numba import njit
 
 Array = np.ndarray
 
-N = 22  # states.SIZE; a literal so that loops have constant bounds
+N = 25  # states.SIZE; a literal so that loops have constant bounds
 PACKED = N * (N + 1) // 2
+ENTRIES = 7  # most entries that a row of H has
 
 # Kinds of measurement groups.
 GPS_POSITION, GPS_VELOCITY, BARO, MAG, STANDSTILL = 0, 1, 2, 3, 4
@@ -91,16 +92,13 @@ def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float) -> N
         r[19] *= a
         r[20] *= a
         r[21] *= a
-    for i in range(9, 19):
+    for i in range(9, N):
         P[i, 19] *= a
         P[i, 20] *= a
         P[i, 21] *= a
-        P[19, i] *= a
-        P[20, i] *= a
-        P[21, i] *= a
-    for i in range(19, N):
-        for k in range(19, N):
-            P[i, k] *= a * a
+    for i in range(19, 22):
+        for k in range(9, N):
+            P[i, k] *= a
     for i in range(9, N):
         for k in range(9):
             P[i, k] = P[k, i]
@@ -142,55 +140,61 @@ def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: 
         r[19] *= a
         r[20] *= a
         r[21] *= a
-    for i in range(3):
-        for k in range(19, N):
+    for i in range(15, N):
+        Lam[i, 19] *= a
+        Lam[i, 20] *= a
+        Lam[i, 21] *= a
+    for i in range(19, 22):
+        for k in range(15, N):
             Lam[i, k] *= a
-    for i in range(15, 19):
-        for k in range(19, N):
+        for k in range(3):
             Lam[i, k] *= a
-            Lam[k, i] *= a
-    for i in range(19, N):
-        for k in range(19, N):
-            Lam[i, k] *= a * a
+            Lam[k, i] = Lam[i, k]
     for k in range(3, 15):
         for i in range(3):
             Lam[i, k] = Lam[k, i]
         for i in range(15, N):
             Lam[i, k] = Lam[k, i]
-    for i in range(19, N):
-        for k in range(3):
-            Lam[i, k] = Lam[k, i]
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _observe(kind: int, axis: int, x: Array, R: Array, field: Array, index: Array, value: Array) -> float:
-    """Predict one scalar measurement from the nominal state and fill its row of H; unused values are 0."""
-    for j in range(4):
-        index[j] = j
-        value[j] = 0.0
+def _observe(
+    kind: int, axis: int, x: Array, R: Array, rate: Array, acceleration: Array, index: Array, value: Array
+) -> tuple[float, int, float]:
+    """Predict one scalar measurement and fill its row of H (index, value).
+
+    Gives the prediction, the number of entries and how fast the prediction changes with time.
+    """
     if kind == GPS_POSITION:
         index[0], value[0] = axis, 1.0
         index[1], value[1] = 19 + axis, 1.0
-        return float(x[axis] + x[20 + axis])
+        return x[axis] + x[20 + axis], 2, x[3 + axis]
     if kind == BARO:
         index[0], value[0] = 2, -1.0
         index[1], value[1] = 15, 1.0
-        return float(x[16] - x[2])
+        return x[16] - x[2], 2, x[5]
     if kind == MAG:
         # R' exp(-[phi]x) m = R' m + R' [m]x phi
         r0, r1, r2 = R[0, axis], R[1, axis], R[2, axis]
-        index[0], value[0] = 6, r1 * field[2] - r2 * field[1]
-        index[1], value[1] = 7, r2 * field[0] - r0 * field[2]
-        index[2], value[2] = 8, r0 * field[1] - r1 * field[0]
+        m0, m1, m2 = x[23], x[24], x[25]
+        index[0], value[0] = 6, r1 * m2 - r2 * m1
+        index[1], value[1] = 7, r2 * m0 - r0 * m2
+        index[2], value[2] = 8, r0 * m1 - r1 * m0
         index[3], value[3] = 16 + axis, 1.0
-        return float(r0 * field[0] + r1 * field[1] + r2 * field[2] + x[17 + axis])
+        index[4], value[4] = 22, r0
+        index[5], value[5] = 23, r1
+        index[6], value[6] = 24, r2
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        b_j = R[0, j] * m0 + R[1, j] * m1 + R[2, j] * m2
+        b_k = R[0, k] * m0 + R[1, k] * m1 + R[2, k] * m2
+        return r0 * m0 + r1 * m1 + r2 * m2 + x[17 + axis], 7, rate[k] * b_j - rate[j] * b_k
     index[0], value[0] = 3 + axis, 1.0
-    return float(x[3 + axis])
+    return x[3 + axis], 1, acceleration[axis]
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _inject(x: Array, dx: Array) -> None:
-    """Add an error state to the nominal state (p v q b_g b_a b_baro b_m e, 23 numbers)."""
+    """Add an error state to the nominal state (p v q b_g b_a b_baro b_m e m, 26 numbers)."""
     for i in range(6):
         x[i] += dx[i]
     _turn(x[6:10], dx[6], dx[7], dx[8], False)
@@ -218,7 +222,7 @@ def forward(
     gps_error: Array,
     gravity: float,
     earth_rate: Array,
-    field: Array,
+    jitter: Array,
     gate: float,
     patience: float,
     keep: bool,
@@ -233,7 +237,7 @@ def forward(
     out_x: Array,
     out_P: Array,
 ) -> float:
-    """Run the filter over all nodes; x (23,) and P (22, 22) are the start and are left at the end.
+    """Run the filter over all nodes; x (26,) and P (25, 25) are the start and are left at the end.
 
     Parameters are the arrays that `filter.Problem` documents. ``sub_noise[k]`` holds the variance that the attitude and
     velocity errors gain in sub-step k. ``keep`` tells whether the history for the smoother is written.
@@ -241,7 +245,7 @@ def forward(
     Returns
     -------
     log_likelihood : float
-        Of the accepted measurements, without the constant.
+        Of the measurements, without the constant; what is refused counts as if it lay at the gate.
     """
     R = np.empty((3, 3))
     R_next = np.empty((3, 3))
@@ -249,8 +253,10 @@ def forward(
     C = np.empty((3, 3))
     PH = np.empty(N)
     dx = np.empty(N)
-    index = np.empty(4, np.int64)
-    value = np.empty(4)
+    index = np.zeros(ENTRIES, np.int64)
+    value = np.zeros(ENTRIES)
+    rate = np.zeros(3)
+    acceleration = np.zeros(3)
     refused = np.zeros(KINDS)
     likelihood = 0.0
     _rotation(x[6:10], R)
@@ -295,6 +301,8 @@ def forward(
                 for j in range(3):
                     C[i, j] += 0.5 * dt * (R[i, j] + R_next[i, j])
                     R[i, j] = R_next[i, j]
+            rate[0], rate[1], rate[2] = ax / dt, ay / dt, az / dt
+            acceleration[0], acceleration[1], acceleration[2] = gn / dt, ge / dt, gd / dt
             T += dt
             phi_var += sub_noise[k, 0]
             v_var += sub_noise[k, 1]
@@ -306,7 +314,7 @@ def forward(
                 P[6 + i, 6 + i] += phi_var
                 x[20 + i] *= a
                 P[19 + i, 19 + i] += (1.0 - a * a) * gps_error[1 + i]
-            for i in range(9, 19):
+            for i in range(9, N):
                 P[i, i] += T * walk[i]
             for kind in range(KINDS):
                 refused[kind] += T
@@ -318,17 +326,21 @@ def forward(
             kind = group_kind[group]
             first, last = group_start[group], group_start[group + 1]
             worst = 0.0
+            spread = 0.0
             for m in range(first, last):
-                nu = scalar_z[m] - _observe(kind, scalar_axis[m], x, R, field, index, value)
-                s = scalar_var[m]
-                for i in range(4):
-                    for j in range(4):
+                z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, index, value)
+                nu = scalar_z[m] - z
+                s = scalar_var[m] + (jitter[kind] * speed) ** 2
+                for i in range(count):
+                    for j in range(count):
                         s += value[i] * value[j] * P[index[i], index[j]]
                 worst = max(worst, nu * nu / s)
+                spread += np.log(s)
                 scalar_nu[m] = nu
                 scalar_inv[m] = 0.0
             if worst > gate * gate:
                 if refused[kind] < patience:
+                    likelihood -= 0.5 * (spread + gate * gate)
                     continue
                 # Refused for so long that the state is the likelier culprit: let the measurement pull it back.
                 # Unmodelled movement is process noise, which the smoother need not be told.
@@ -343,16 +355,15 @@ def forward(
                         P[row, row] += scalar_nu[m] ** 2
             refused[kind] = 0.0
             for m in range(first, last):
-                nu = scalar_z[m] - _observe(kind, scalar_axis[m], x, R, field, index, value)
-                s = scalar_var[m]
+                z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, index, value)
+                nu = scalar_z[m] - z
+                s = scalar_var[m] + (jitter[kind] * speed) ** 2
                 for i in range(N):
-                    PH[i] = (
-                        value[0] * P[index[0], i]
-                        + value[1] * P[index[1], i]
-                        + value[2] * P[index[2], i]
-                        + value[3] * P[index[3], i]
-                    )
-                for j in range(4):
+                    PH[i] = value[0] * P[index[0], i]
+                for j in range(1, count):
+                    for i in range(N):
+                        PH[i] += value[j] * P[index[j], i]
+                for j in range(count):
                     s += value[j] * PH[index[j]]
                 inv = 1.0 / s
                 likelihood -= 0.5 * (np.log(s) + nu * nu * inv)
@@ -369,9 +380,9 @@ def forward(
                 if keep:
                     for i in range(N):
                         scalar_K[m, i] = PH[i] * inv
-                    for j in range(4):
+                    for j in range(ENTRIES):
                         scalar_index[m, j] = index[j]
-                        scalar_value[m, j] = value[j]
+                        scalar_value[m, j] = value[j] if j < count else 0.0
         out = node_out[node]
         if out >= 0:
             out_x[out] = x
@@ -402,7 +413,7 @@ def backward(
     out_covariance: Array,
     out_variance: Array,
 ) -> None:
-    """Smooth what `forward` kept: ``out_x`` in place, covariance of p, v, phi (n, 9, 9) and all variances (n, 22)."""
+    """Smooth what `forward` kept: ``out_x`` in place, covariance of p, v, phi (n, 9, 9) and all variances (n, 25)."""
     lam = np.zeros(N)
     Lam = np.zeros((N, N))
     P = np.empty((N, N))
@@ -458,7 +469,7 @@ def backward(
                 for i in range(N):
                     c += K[i] * lam[i]
                     s += K[i] * u[i]
-                for a in range(4):
+                for a in range(ENTRIES):
                     h = scalar_value[m, a]
                     if h == 0.0:
                         continue
@@ -467,7 +478,7 @@ def backward(
                     for j in range(N):
                         Lam[i, j] -= h * u[j]
                         Lam[j, i] -= h * u[j]
-                    for b in range(4):
+                    for b in range(ENTRIES):
                         Lam[i, scalar_index[m, b]] += h * scalar_value[m, b] * s
         T = node_T[node]
         if T > 0.0:

@@ -12,6 +12,7 @@ from estimation.states import (
     ACCEL_BIAS,
     ATTITUDE,
     BARO_BIAS,
+    FIELD,
     GPS_ERROR,
     GYRO_BIAS,
     HARD_IRON,
@@ -35,9 +36,9 @@ class Alignment:
 
     Attributes
     ----------
-    x : ndarray, shape (23,)
+    x : ndarray, shape (26,)
         Nominal state: position, velocity, quaternion, sensor errors in the order of `states`.
-    P : ndarray, shape (22, 22)
+    P : ndarray, shape (25, 25)
         Covariance of its error.
     still : bool
         Found standing still before flight.
@@ -90,7 +91,7 @@ def align(
     head = imu[imu.index <= imu.index[0] + (span if still else 1.0)]
     force = head[ACCEL].to_numpy(float).mean(axis=0)
     sigma = np.zeros(SIZE)
-    x = np.zeros(23)
+    x = np.zeros(26)
 
     logged = _logged_attitude(tables, start)
     roll = np.arctan2(-force[1], -force[2])
@@ -111,6 +112,10 @@ def align(
     sigma[ACCEL_BIAS : ACCEL_BIAS + 3] = noise.accel_bias
 
     _place(tables, start, still, frame, noise, x, sigma)
+    if field is not None:
+        x[23:26] = field
+        sigma[HARD_IRON : HARD_IRON + 3] = noise.hard_iron
+        sigma[FIELD : FIELD + 3] = noise.field
     return Alignment(x, np.diag(sigma**2), still, yaw_source)
 
 
@@ -183,5 +188,3 @@ def _place(
         near = int(np.argmin(np.abs(baro.index.to_numpy(float) - start)))
         x[16] = float(baro["alt"].iloc[near]) + x[2]
         sigma[BARO_BIAS] = noise.baro_bias
-    if usable_field(tables.mag) is not None:
-        sigma[HARD_IRON : HARD_IRON + 3] = noise.hard_iron

@@ -17,11 +17,10 @@ PATIENCE = 10.0
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """What surrounds the craft: gravity [m/s^2], Earth's rotation [rad/s] and magnetic field [T] in NED, shape (3,)."""
+    """What surrounds the craft: gravity [m/s^2] and Earth's rotation in NED [rad/s], shape (3,)."""
 
     gravity: float
     earth_rate: np.ndarray
-    field: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +41,7 @@ class Problem:
     observations : Observations
     world : World
     noise : SensorNoise
-    x, P : ndarray, shapes (23,), (22, 22)
+    x, P : ndarray, shapes (26,), (25, 25)
         The start.
     """
 
@@ -72,16 +71,16 @@ class ForwardPass:
 
     Attributes
     ----------
-    x : ndarray, shape (m, 23)
+    x : ndarray, shape (m, 26)
         Filtered nominal states at the outputs.
-    P : ndarray, shape (m, 253)
+    P : ndarray, shape (m, 325)
         Their covariances, upper triangle by rows.
     innovation, inverse_variance : ndarray, shape (s,)
         Of each scalar measurement; inverse variance 0 where it was refused.
     log_likelihood : float
     transition_time, transition_velocity, transition_rotation : ndarray, shapes (n,), (n, 3), (n, 3, 3)
         T, S and C of the transition to each node (see `_kernels`).
-    gain, index, value : ndarray, shapes (s, 22), (s, 4), (s, 4)
+    gain, index, value : ndarray, shapes (s, 25), (s, 7), (s, 7)
         Kalman gain of each scalar measurement and its row of H.
     """
 
@@ -159,8 +158,8 @@ def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
         transition_velocity=np.empty((kept_nodes, 3)),
         transition_rotation=np.empty((kept_nodes, 3, 3)),
         gain=np.empty((kept_scalars, SIZE)),
-        index=np.zeros((kept_scalars, 4), np.int64),
-        value=np.zeros((kept_scalars, 4)),
+        index=np.zeros((kept_scalars, _kernels.ENTRIES), np.int64),
+        value=np.zeros((kept_scalars, _kernels.ENTRIES)),
     )
     gps_error = np.concatenate([[problem.noise.gps_error_time], np.diag(problem.P)[GPS_ERROR : GPS_ERROR + 3]])
     likelihood = _kernels.forward(
@@ -182,7 +181,7 @@ def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
         gps_error,
         problem.world.gravity,
         problem.world.earth_rate,
-        problem.world.field,
+        problem.noise.jitter(),
         problem.noise.gate,
         PATIENCE,
         keep,

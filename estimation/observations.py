@@ -128,7 +128,7 @@ def observe(tables: Tables, frame: LocalFrame | None, noise: SensorNoise) -> Obs
     mag = usable_field(tables.mag)
     if mag is not None:
         field = mag[["mag_x", "mag_y", "mag_z"]].to_numpy(float)
-        blocks.append((_kernels.MAG, mag.index.to_numpy(float), field, np.full_like(field, noise.mag**2)))
+        blocks.append((_kernels.MAG, mag.index.to_numpy(float) - 0.05, field, np.full_like(field, noise.mag**2)))
     return Observations.merge(blocks)
 
 

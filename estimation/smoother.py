@@ -15,11 +15,11 @@ class Smoothed:
 
     Attributes
     ----------
-    x : ndarray, shape (m, 23)
+    x : ndarray, shape (m, 26)
         Nominal states at the outputs.
     covariance : ndarray, shape (m, 9, 9)
         Covariance of position, velocity and attitude errors.
-    variance : ndarray, shape (m, 22)
+    variance : ndarray, shape (m, 25)
         Variance of each error state.
     """
 

@@ -17,7 +17,8 @@ ACCEL_BIAS = 12
 BARO_BIAS = 15
 HARD_IRON = 16
 GPS_ERROR = 19
-SIZE = 22
+FIELD = 22
+SIZE = 25
 
 #: Column names of the sensor errors in `Trajectory.states` and `.sigma`, in the order of the error state.
 SENSOR_ERROR_COLUMNS: dict[str, str] = {
@@ -34,6 +35,9 @@ SENSOR_ERROR_COLUMNS: dict[str, str] = {
     "e_n": "m; slowly varying GPS position error, north",
     "e_e": "m; east",
     "e_d": "m; down",
+    "m_n": "T; Earth's magnetic field at the place, north",
+    "m_e": "T; east",
+    "m_d": "T; down",
 }
 
 
@@ -50,7 +54,8 @@ class SensorNoise:
     gyro, accel : float
         White noise floor, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz). ICM-20689 class: 0.006 deg/s and 150 ug, per sqrt(Hz).
     gyro_bias_walk, accel_bias_walk : float
-        Random walk of the biases, rad/s/sqrt(s) and m/s^2/sqrt(s): about 10 deg/h and 0.1 mg of wander in a minute.
+        Random walk of the biases, rad/s/sqrt(s) and m/s^2/sqrt(s): warming and bias
+        instability, about 30 deg/h and 0.1 mg in a minute.
     gyro_bias, accel_bias : float
         1-sigma turn-on bias, rad/s and m/s^2, after the autopilot's calibration.
     baro : float
@@ -65,6 +70,9 @@ class SensorNoise:
         1-sigma hard iron left by the calibration, T.
     hard_iron_walk : float
         T/sqrt(s).
+    field : float
+        1-sigma of the world magnetic field's model, T. The World Magnetic Model's own error is 0.09-0.17 uT per component
+        (NOAA, WMM2020 report); roofs and cars nearby add to it.
     gps_error_time : float
         Correlation time of the Gauss-Markov position error of the GPS, s: the carrier-smoothed single-frequency
         receivers of this class wander over one to a few minutes.
@@ -72,6 +80,8 @@ class SensorNoise:
         Share of the reported accuracy that is the slowly varying error.
     gps_white_share : float
         Share of the reported accuracy that is white from sample to sample.
+    gps_jitter, baro_jitter, mag_jitter : float
+        How well the time of a sample is known, s; it counts as noise while the measured quantity changes.
     h_acc, v_acc, s_acc : float
         Accuracy taken where the receiver reports none (1-sigma), m, m and m/s.
     gate : float
@@ -80,29 +90,37 @@ class SensorNoise:
 
     gyro: float = 1.0e-4
     accel: float = 1.5e-3
-    gyro_bias_walk: float = 6.0e-6
+    gyro_bias_walk: float = 2.0e-5
     accel_bias_walk: float = 1.5e-4
     gyro_bias: float = 0.01
-    accel_bias: float = 0.2
+    accel_bias: float = 0.1
     baro: float = 0.15
     baro_walk: float = 0.04
     baro_bias: float = 30.0
     mag: float = 5.0e-7
     hard_iron: float = 3.0e-6
     hard_iron_walk: float = 2.0e-8
+    field: float = 2.5e-7
     gps_error_time: float = 100.0
     gps_error_share: float = 0.9
     gps_white_share: float = 0.2
+    gps_jitter: float = 0.01
+    baro_jitter: float = 0.01
+    mag_jitter: float = 0.01
     h_acc: float = 1.0
     v_acc: float = 1.8
     s_acc: float = 0.2
     gate: float = 5.0
 
     def random_walks(self) -> np.ndarray:
-        """Growth of each error state's variance per second, without the IMU's white noise, shape (22,)."""
+        """Growth of each error state's variance per second, without the IMU's white noise, shape (25,)."""
         q = np.zeros(SIZE)
         q[GYRO_BIAS : GYRO_BIAS + 3] = self.gyro_bias_walk**2
         q[ACCEL_BIAS : ACCEL_BIAS + 3] = self.accel_bias_walk**2
         q[BARO_BIAS] = self.baro_walk**2
         q[HARD_IRON : HARD_IRON + 3] = self.hard_iron_walk**2
         return q
+
+    def jitter(self) -> np.ndarray:
+        """Uncertainty of the time of each kind of measurement (see `observations.KIND_NAMES`), s, shape (5,)."""
+        return np.array([self.gps_jitter, self.gps_jitter, self.baro_jitter, self.mag_jitter, 0.0])

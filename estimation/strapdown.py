@@ -58,7 +58,6 @@ def estimate_strapdown(
     world = World(
         gravity=frame.gravity if frame else STANDARD_GRAVITY,
         earth_rate=frame.earth_rate if frame else np.zeros(3),
-        field=field.ned if field else np.zeros(3),
     )
     if field is None:
         tables = replace(tables, mag=None)
@@ -70,7 +69,7 @@ def estimate_strapdown(
     for piece in pieces:
         if piece.index[-1] - piece.index[0] < SHORTEST_SEGMENT or len(piece) < 10:
             continue
-        segment = _estimate_segment(tables, piece, observations, rate, start, stop, frame, world, noise)
+        segment = _estimate_segment(tables, piece, observations, rate, start, stop, frame, field.ned if field else None, world, noise)
         if segment is not None:
             done.append(segment)
     findings += _holes(pieces)
@@ -121,6 +120,7 @@ def _estimate_segment(
     start: float | None,
     stop: float | None,
     frame: LocalFrame | None,
+    field: np.ndarray | None,
     world: World,
     noise: SensorNoise,
 ) -> _Segment | None:
@@ -130,7 +130,6 @@ def _estimate_segment(
     t = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
     if t.size == 0:
         return None
-    field = world.field if world.field.any() else None
     aligned = alignment.align(tables, imu, signal.start, frame, field, noise)
     # A first run over the segment finds the attitude to linearise about and the white noise of the aiding sensors.
     first = np.array([signal.start])
