@@ -14,9 +14,7 @@ from http import HTTPStatus
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerProcess
 
-from pydantic import ByteSize
-
-from api import worker
+from api import sizes, worker
 from api.problems import Problem
 from api.resources import Analysis, Log, State
 from api.storage import Storage, new_id
@@ -210,7 +208,7 @@ def _too_large(limit: int) -> Problem:
         "analysis-too-large",
         "The analysis needed too much memory",
         HTTPStatus.UNPROCESSABLE_ENTITY,
-        f"The analysis needed more than the {ByteSize(limit).human_readable()} that this service allows. Analyse a "
+        f"The analysis needed more than the {sizes.in_words(limit)} that this service allows. Analyse a "
         "shorter log, or run `rotorid analyze` yourself, which has no limit.",
     )
 

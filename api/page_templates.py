@@ -7,19 +7,14 @@ from typing import Any
 from fastapi import Request
 from fastapi.responses import Response
 from fastapi.templating import Jinja2Templates
-from pydantic import ByteSize
+
+from api import sizes
 
 _FOLDER = Path(__file__).parent
 
 
-def _size(count: int) -> str:
-    """Write a number of bytes as a person would: ``1 GB``, ``3.2 MB``."""
-    text = ByteSize(count).human_readable(decimal=True, separator=" ")
-    return text.replace(".0 ", " ")
-
-
 _templates = Jinja2Templates(directory=_FOLDER / "templates")
-_templates.env.filters["size"] = _size
+_templates.env.filters["size"] = sizes.in_words
 
 
 def render(

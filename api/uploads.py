@@ -8,11 +8,11 @@ from http import HTTPStatus
 
 from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
-from pydantic import ByteSize
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import ClientDisconnect
 
+from api import sizes
 from api.problems import Problem, ProblemError
 from api.resources import Log
 from api.storage import Storage
@@ -204,7 +204,7 @@ def _empty(name: str) -> ProblemError:
 
 
 def _too_large(limit: int) -> ProblemError:
-    detail = f"The log is larger than the {ByteSize(limit).human_readable(decimal=True)} that this service takes."
+    detail = f"The log is larger than the {sizes.in_words(limit)} that this service takes."
     return ProblemError(
         Problem.named("log-too-large", "The log is too large", HTTPStatus.REQUEST_ENTITY_TOO_LARGE, detail)
     )

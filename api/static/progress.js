@@ -33,7 +33,7 @@ async function follow() {
     if (answer.started) {
       // Both times by the service's clock; the visitor's may be wrong.
       const now = new Date(response.headers.get("Date"));
-      elapsed.textContent = `since ${duration(now - new Date(answer.started))}`;
+      elapsed.textContent = `${duration(now - new Date(answer.started))} so far`;
     }
   } catch {
     say("The service does not answer; trying again");

@@ -28,8 +28,9 @@ function fail(reason) {
   document.title = "Not analysed · rotorid";
   show(form);
   input.value = "";  // so that choosing the same file again counts as a change
-  problem.textContent = reason;
   problem.hidden = false;
+  problem.textContent = reason;
+  input.focus();
 }
 
 function start(files) {

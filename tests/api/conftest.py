@@ -38,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def service(folder: Path) -> Iterator[httpx.Client]:
     """Run a service whose pipeline is a stand-in, with limits that a test can reach."""
     settings = Settings(
-        data=folder, upload_limit=4 << 20, upload_stall=0.5, workers=2, time_limit=5.0, memory_limit=1 << 30
+        data=folder, upload_limit=4_000_000, upload_stall=0.5, workers=2, time_limit=5.0, memory_limit=10**9
     )
     with running(create_app(settings, standins.analyze, preload=())) as client:
         yield client

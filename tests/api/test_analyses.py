@@ -48,7 +48,7 @@ def test_one_call_answers_with_models_and_report(service: httpx.Client, upload: 
         (b"refused", "unusable-log", "set LOG_BITMASK to include motor outputs"),
         (b"bug", "analysis-crashed", "mistake of rotorid, not yours"),
         (b"crash", "analysis-crashed", "mistake of rotorid, not yours"),
-        (b"greedy", "analysis-too-large", "more than the 1.0GiB"),
+        (b"greedy", "analysis-too-large", "more than the 1 GB"),
         (b"hang", "analysis-too-slow", "ended after 5 s"),
     ],
 )

@@ -70,7 +70,7 @@ def test_a_name_is_only_for_people(service: httpx.Client, folder: Path, sent: st
         (form(("X-Other: 1", b"data")), 400, "no file called `file`"),
         (form((disposition("file", "a.bin"), b"1"), (disposition("file", "b.bin"), b"2")), 400, "more than one file"),
         (form((disposition("file", "a.bin"), b"")), 422, "a.bin is empty"),
-        (form((disposition("file", "a.bin"), bytes(5 << 20))), 413, "larger than the 4.2MB"),
+        (form((disposition("file", "a.bin"), bytes(5 << 20))), 413, "larger than the 4 MB"),
         (form(("X: " + "x" * 10_000, b"data")), 400, "damaged"),
     ],
 )
