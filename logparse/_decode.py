@@ -300,6 +300,20 @@ def _advance_clock(t: Int, index: Int, position: Int, boots: Int64s, state: Int6
 
 
 @njit(cache=True, nogil=True)
+def follow_clock(times: Int64s, is_format: npt.NDArray[np.bool_], boots: Int64s, state: Int64s) -> None:
+    """Find the boots among rows of a text log: `times` in us (-1: none), whether a row is a FMT row.
+
+    `boots` and `state` are as in `follow_chain`, with row numbers for bytes.
+    """
+    for index in range(times.size):
+        if is_format[index] and state[FORMAT_INDEX] < 0:
+            state[FORMAT_INDEX] = index
+            state[FORMAT_POSITION] = index
+        if times[index] >= 0 and state[BOOTS] + 1 < boots.shape[0]:
+            _advance_clock(times[index], np.int64(index), np.int64(index), boots, state)
+
+
+@njit(cache=True, nogil=True)
 def gather(
     data: Bytes, slots: Slots, stop: int, length: Int32s, run_index: Int64s, run_position: Int64s,
     table_of_slot: Int32s, first_field: Int64s, offset: Int64s, operation: Int64s, size: Int64s, target: Int64s,

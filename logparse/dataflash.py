@@ -8,7 +8,7 @@ header: payloads can hold bytes that look like one header, hardly two at the rig
 """
 
 import mmap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -20,6 +20,7 @@ import pandas as pd
 import pyarrow as pa
 
 from logparse import _decode
+from logparse.boots import Span, boot_spans
 from logparse.containers import Buffer
 from logparse.dataflash_findings import scan_findings
 from logparse.dataflash_format import (
@@ -29,8 +30,9 @@ from logparse.dataflash_format import (
     HEADER,
     Definition,
     Field,
+    UnitTable,
+    boot_clock,
     clean_text,
-    decimal_multiplier,
 )
 from logparse.errors import LogError
 from logparse.findings import Finding, Severity
@@ -81,50 +83,20 @@ class _Slot:
 
     def __post_init__(self) -> None:
         self.fields = self.definition.fields(self.length)
-        self.time, self.time_scale = _boot_clock(self.name, self.fields)
+        self.time, self.time_scale = boot_clock(self.name, self.fields)
 
     @property
     def name(self) -> str:
         return self.definition.name or f"ID{self.definition.id}"
 
-    def scale(self, index: int, multipliers: Mapping[str, float]) -> tuple[float, float]:
-        """Factor and divisor from the stored number to the unit."""
-        item = self.fields[index]
-        if item.type.divisor != 1:
-            # The legacy character carries the scale; a multiplier beside it says the same once more.
-            return 1.0, float(item.type.divisor)
-        stated = multipliers.get(self.multipliers[index], 0.0) if index < len(self.multipliers) else 0.0
-        if item is self.time or item.type.is_text or item.type.items != 1 or stated in (0.0, 1.0):
-            return 1.0, 1.0
-        # Dividing by 1000 is exact to the last digit where multiplying by 0.001 is not.
-        inverse = 1.0 / stated
-        return (1.0, float(round(inverse))) if abs(inverse - round(inverse)) < 1e-9 * inverse else (stated, 1.0)
+    def scales(self, table: UnitTable) -> list[tuple[float, float]]:
+        """Factor and divisor of each field."""
+        ids = self.multipliers.ljust(len(self.fields), "-")
+        return [table.scale(item, multiplier, self.time) for item, multiplier in zip(self.fields, ids, strict=False)]
 
-
-def _boot_clock(name: str, fields: tuple[Field, ...]) -> tuple[Field | None, int]:
-    """Find the field that holds the boot clock, and its counts per second."""
-    by_name = {item.name: item for item in fields}
-    if "Week" in by_name and "T" in by_name and by_name["T"].char in "Ii":
-        # GPS rows of 3.1/3.2: TimeMS is the receiver's ms of week, T is the boot clock.
-        return by_name["T"], 1000
-    if not fields:
-        return None, 0
-    first = fields[0]
-    if first.name in ("TimeUS", "US") and first.char in "Qq":
-        return first, 1_000_000
-    if first.name == "TimeMS" and first.char in "Ii" and "Week" not in by_name and name[:3] not in ("ACC", "GYR"):
-        # TimeMS of ACC and GYR rows is a count of the sensor, not of the autopilot.
-        return first, 1000
-    return None, 0
-
-
-@dataclass(frozen=True)
-class _Span:
-    """Messages of one boot: ``first`` to ``last - 1``, the first of them at byte `position`."""
-
-    first: int
-    last: int
-    position: int
+    def unit_labels(self, table: UnitTable) -> dict[str, str]:
+        """Name the unit of each field that has one."""
+        return table.units(self.fields, self.units, self.time, self.time_scale)
 
 
 class DataflashSource:
@@ -211,7 +183,7 @@ class DataflashSource:
         self._run_index, self._run_position, self._gap_start, self._gap_stop = (array[:n_runs] for array in runs)
         self._truncated = int(state[_decode.TRUNCATED])
         self._unknown = unknown
-        self._set_boots(boots, state)
+        self._spans = boot_spans(boots, state, len(self._sequence), len(self._data))
         return unknown
 
     def _define(self, definition: Definition, index: int) -> None:
@@ -277,28 +249,12 @@ class DataflashSource:
         buffer.madvise(mmap.MADV_DONTNEED, start, stop - start)
         return stop
 
-    def _set_boots(self, rows: npt.NDArray[np.int64], state: npt.NDArray[np.int64]) -> None:
-        n = int(state[_decode.BOOTS])
-        rows = rows[: n + 1].copy()
-        rows[n, 2] = state[_decode.BOOT_START]
-        rows[n, 3] = state[_decode.TIME]
-        ahead = int(state[_decode.PENDING_TIME] - state[_decode.TIME])
-        if state[_decode.PENDING] > 0 and 0 < ahead <= _decode.PAUSE_US:
-            rows[n, 3] = state[_decode.PENDING_TIME]
-        boots, spans = [], []
-        for k, (first, position, start, end) in enumerate(rows.tolist()):
-            last, stop = (int(rows[k + 1, 0]), int(rows[k + 1, 1])) if k < n else (len(self._sequence), len(self._data))
-            boots.append(Boot(position, stop, start * 1e-6, end * 1e-6))
-            spans.append(_Span(first, last, position))
-        self._boots = tuple(boots)
-        self._spans = dict(zip(boots, spans, strict=True))
-
     @property
     def boots(self) -> tuple[Boot, ...]:
         """Power-ups in the file."""
-        return self._boots
+        return tuple(self._spans)
 
-    def _runs(self, span: _Span) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def _runs(self, span: Span) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Give the breaks within a span: message index counted from the span's first, byte where the chain goes on."""
         a = int(np.searchsorted(self._run_index, span.first, "right" if span.first else "left"))
         b = int(np.searchsorted(self._run_index, span.last, "left"))
@@ -320,16 +276,14 @@ class DataflashSource:
 
     def _read_units(self) -> None:
         """Give each definition the units and multipliers that the FMTU rows behind it name."""
-        self._unit_labels: dict[str, str] = {}
-        self._multipliers: dict[str, float] = {}
+        self._unit_table = UnitTable()
         wanted = {slot.name for slot in self._slots} & {"UNIT", "MULT", "FMTU"}
         if "FMTU" not in wanted:
             return
         for values in self._rows("UNIT", ("Id", "Label")):
-            self._unit_labels[chr(int(values[1]) & 0xFF)] = clean_text(bytes(values[2]))
+            self._unit_table.add_unit(int(values[1]), clean_text(bytes(values[2])))
         for values in self._rows("MULT", ("Id", "Mult")):
-            if np.isfinite(values[2]):
-                self._multipliers[chr(int(values[1]) & 0xFF)] = decimal_multiplier(float(values[2]))
+            self._unit_table.add_multiplier(int(values[1]), float(values[2]))
         by_id: dict[int, list[_Slot]] = {}
         for slot in self._slots:
             by_id.setdefault(slot.definition.id, []).append(slot)
@@ -355,7 +309,7 @@ class DataflashSource:
             fields = {item.name: item for item in slot.fields}
             if slot.name != name or not set(columns) <= set(fields):
                 continue
-            positions, indices = self._locate(_Span(0, len(self._sequence), 0), {number})
+            positions, indices = self._locate(Span(0, len(self._sequence), 0), {number})
             raw = [
                 np.stack([self._data[positions + fields[c].offset + b] for b in range(fields[c].type.size)], axis=-1)
                 for c in columns
@@ -364,7 +318,7 @@ class DataflashSource:
             rows.extend(zip(indices.tolist(), *values, strict=True))
         return sorted(rows, key=lambda row: row[0])
 
-    def _locate(self, span: _Span, slots: set[int]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def _locate(self, span: Span, slots: set[int]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         wanted = np.zeros(max(1, len(self._slots)), np.bool_)
         wanted[list(slots)] = True
         sequence = self._sequence[span.first : span.last]
@@ -379,17 +333,7 @@ class DataflashSource:
         units: dict[str, str] = {}
         for slot in self._slots:
             if slot.name == name:
-                units.update(self._slot_units(slot))
-        return units
-
-    def _slot_units(self, slot: _Slot) -> dict[str, str]:
-        units = {}
-        for item, unit_id in zip(slot.fields, slot.units, strict=False):
-            label = self._unit_labels.get(unit_id, "")
-            if label and label not in ("UNKNOWN", "instance"):
-                units[item.name] = label
-        if slot.time is not None:
-            units[slot.time.name] = "us" if slot.time_scale == 1_000_000 else "ms"
+                units.update(slot.unit_labels(self._unit_table))
         return units
 
     # Columns
@@ -405,7 +349,7 @@ class DataflashSource:
         sequence = self._sequence[span.first : span.last]
         found = np.bincount(sequence, minlength=len(self._slots))
         tables = [k for k in np.flatnonzero(found).tolist() if self._slots[k].name in set(names)]
-        layout = _Layout([self._slots[k] for k in tables], [int(found[k]) for k in tables], self._multipliers)
+        layout = _Layout([self._slots[k] for k in tables], [int(found[k]) for k in tables], self._unit_table)
         table_of_slot = np.full(max(1, len(self._slots)), -1, np.int32)
         table_of_slot[tables] = np.arange(len(tables))
         run_index, run_position = self._runs(span)
@@ -445,14 +389,14 @@ class DataflashSource:
                 self._mended[slot.name] = mended
         index = pd.Index(t, name="t", copy=False)
         frame = pd.DataFrame(layout.columns(table), index=index, copy=False)
-        frame.attrs["units"] = self._slot_units(slot)
+        frame.attrs["units"] = slot.unit_labels(self._unit_table)
         frame.attrs["multipliers"] = layout.multipliers(table)
         instance = slot.units.find("#")
         if 0 <= instance < len(slot.fields):
             frame.attrs["instance"] = slot.fields[instance].name
         return frame
 
-    def _joined(self, span: _Span, parts: list[tuple[int, pd.DataFrame]]) -> pd.DataFrame:
+    def _joined(self, span: Span, parts: list[tuple[int, pd.DataFrame]]) -> pd.DataFrame:
         """Rows of one name under several definitions, in file order; columns that one lacks are missing there."""
         order = np.concatenate([self._locate(span, {number})[1] for number, _ in parts]).argsort(kind="stable")
         attrs: dict[Any, Any] = {}
@@ -465,7 +409,7 @@ class DataflashSource:
         return joined
 
     def _interpolated_times(
-        self, span: _Span, boot: Boot, slots: list[int]
+        self, span: Span, boot: Boot, slots: list[int]
     ) -> dict[int, npt.NDArray[np.float64]]:  # fmt: skip
         """Boot clock of messages that carry none, from the bytes between the timed messages around them."""
         located = {number: self._locate(span, {number})[0] for number in slots}
@@ -563,7 +507,7 @@ class DataflashSource:
     def dropped_by_autopilot(self) -> int:
         """Messages that the autopilot counted as dropped (DSF.Dp), over all boots."""
         counts: dict[int, int] = {}
-        starts = [self._spans[boot].first for boot in self._boots]
+        starts = [self._spans[boot].first for boot in self.boots]
         for index, dropped in self._rows("DSF", ("Dp",)):
             boot = int(np.searchsorted(starts, index, "right"))
             counts[boot] = max(counts.get(boot, 0), int(dropped))
@@ -573,9 +517,9 @@ class DataflashSource:
 class _Layout:
     """Where the columns of some tables lie in one block of memory."""
 
-    def __init__(self, slots: list[_Slot], rows: list[int], multipliers: Mapping[str, float]):
+    def __init__(self, slots: list[_Slot], rows: list[int], units: UnitTable):
         self.slots, self.rows = slots, rows
-        self._scales = [[slot.scale(k, multipliers) for k in range(len(slot.fields))] for slot in slots]
+        self._scales = [slot.scales(units) for slot in slots]
         first, offset, operation, size, target, factor, divisor = [0], [], [], [], [], [], []
         self._places: list[list[tuple[int, np.dtype]]] = []
         end = 0

@@ -5,6 +5,8 @@ Every message is ``A3 95 id`` and a payload whose layout a FMT row has declared.
 Source: ArduPilot, libraries/AP_Logger/LogStructure.h and README.md.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -139,8 +141,8 @@ MULTIPLIERS = MappingProxyType(
     }
 )
 
-#: Columns that hold the boot clock when they come first in a message: seconds per count.
-TIME_COLUMNS = MappingProxyType({"TimeUS": 1e-6, "TimeMS": 1e-3})
+#: Columns that hold a clock when they come first in a message; their values stay as logged.
+TIME_COLUMNS = frozenset({"TimeUS", "TimeMS"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,6 +238,66 @@ def clean_text(raw: bytes) -> str:
         return raw.decode()
     except UnicodeDecodeError:
         return raw.decode("latin-1")
+
+
+def boot_clock(name: str, fields: Sequence[Field]) -> tuple[Field | None, int]:
+    """Find the field of a message that holds the boot clock, and the clock's counts per second."""
+    by_name = {item.name: item for item in fields}
+    if "Week" in by_name and "T" in by_name and by_name["T"].char in "Ii":
+        # GPS rows of 3.1/3.2: TimeMS is the receiver's ms of week, T is the boot clock.
+        return by_name["T"], 1000
+    if not fields:
+        return None, 0
+    first = fields[0]
+    if first.name in ("TimeUS", "US") and first.char in "Qq":
+        return first, 1_000_000
+    if first.name == "TimeMS" and first.char in "Ii" and "Week" not in by_name and name[:3] not in ("ACC", "GYR"):
+        # TimeMS of ACC and GYR rows is a count of the sensor, not of the autopilot.
+        return first, 1000
+    return None, 0
+
+
+class UnitTable:
+    """What the UNIT and MULT rows of a log say about the ids in its FMTU rows."""
+
+    def __init__(self) -> None:
+        self._labels: dict[str, str] = {}
+        self._multipliers: dict[str, float] = {}
+
+    def add_unit(self, unit_id: int, label: str) -> None:
+        """Take a UNIT row."""
+        self._labels[chr(unit_id & 0xFF)] = label
+
+    def add_multiplier(self, multiplier_id: int, multiplier: float) -> None:
+        """Take a MULT row."""
+        if math.isfinite(multiplier):
+            self._multipliers[chr(multiplier_id & 0xFF)] = decimal_multiplier(multiplier)
+
+    def units(self, fields: Sequence[Field], unit_ids: str, clock: Field | None, counts: int) -> dict[str, str]:
+        """Name the unit of each field that has one."""
+        units = {}
+        for item, unit_id in zip(fields, unit_ids, strict=False):
+            label = self._labels.get(unit_id, "")
+            if label and label not in ("UNKNOWN", "instance"):
+                units[item.name] = label
+        if clock is not None:
+            units[clock.name] = "us" if counts == 1_000_000 else "ms"
+        return units
+
+    def scale(self, item: Field, multiplier_id: str, clock: Field | None) -> tuple[float, float]:
+        """Factor and divisor from the stored number to the unit.
+
+        A legacy character carries its own scale; a multiplier beside it says the same once more. The clock stays
+        as logged.
+        """
+        if item.type.divisor != 1:
+            return 1.0, float(item.type.divisor)
+        stated = self._multipliers.get(multiplier_id, 0.0)
+        if item is clock or item.type.is_text or item.type.items != 1 or stated in (0.0, 1.0):
+            return 1.0, 1.0
+        # Dividing by 1000 is exact to the last digit where multiplying by 0.001 is not.
+        inverse = 1.0 / stated
+        return (1.0, float(round(inverse))) if abs(inverse - round(inverse)) < 1e-9 * inverse else (stated, 1.0)
 
 
 def decimal_multiplier(stored: float) -> float:

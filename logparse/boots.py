@@ -1,0 +1,45 @@
+"""Power-ups of the autopilot within one file, as the kernels that follow the boot clock leave them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from logparse import _decode
+from logparse.source import Boot
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Messages of one boot: ``first`` to ``last - 1``, the first of them at byte (or line) `position`."""
+
+    first: int
+    last: int
+    position: int
+
+
+def boot_spans(
+    rows: npt.NDArray[np.int64], state: npt.NDArray[np.int64], messages: int, size: int
+) -> dict[Boot, Span]:  # fmt: skip
+    """Give the boots and their messages.
+
+    Parameters
+    ----------
+    rows, state : int64 arrays
+        As `_decode.follow_chain` or `_decode.follow_clock` left them at the end of the file.
+    messages, size : int
+        Messages and bytes (or lines) in the file.
+    """
+    n = int(state[_decode.BOOTS])
+    rows = rows[: n + 1].copy()
+    rows[n, 2:] = state[_decode.BOOT_START], state[_decode.TIME]
+    ahead = int(state[_decode.PENDING_TIME] - state[_decode.TIME])
+    if state[_decode.PENDING] > 0 and 0 < ahead <= _decode.PAUSE_US:
+        # The last rows came after a pause and were too few to be sure of; nothing speaks against them.
+        rows[n, 3] = state[_decode.PENDING_TIME]
+    lasts = [*rows[1:, 0].tolist(), messages]
+    stops = [*rows[1:, 1].tolist(), size]
+    return {
+        Boot(position, stop, start * 1e-6, end * 1e-6): Span(first, last, position)
+        for (first, position, start, end), last, stop in zip(rows.tolist(), lasts, stops, strict=True)
+    }
