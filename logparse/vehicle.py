@@ -1,37 +1,16 @@
 """The craft as its log describes it: firmware, frame, motors and how commands become PWM."""
 
-from dataclasses import dataclass
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 
+import numpy as np
+import pandas as pd
 
-@dataclass(frozen=True, slots=True)
-class Motor:
-    """One motor of the autopilot's frame.
+from logparse.frames import FRAME_CLASSES, FRAME_TYPES, MOTOR_COUNTS, Motor, motor_table, servo_function_motor
 
-    Attributes
-    ----------
-    number : int
-        Motor number of the frame, from 1 (SERVOn_FUNCTION 33-40, 82-85).
-    channel : int or None
-        Servo output that drives it, from 1; None when the log does not tell.
-    angle : float
-        Direction of the arm seen from above, rad clockwise from the nose, in (-pi, pi].
-    spin : int
-        Rotation seen from above: +1 clockwise, -1 counter-clockwise. A clockwise propeller pushes the craft's
-        nose to the left (negative yaw torque).
-    layer : int
-        +1 upper and -1 lower motor of a coaxial pair or two-layer frame, 0 otherwise.
-    roll, pitch, yaw : float
-        Mixer factors as ArduPilot normalises them (AP_MotorsMatrix), roll right / pitch up / yaw right positive.
-    """
-
-    number: int
-    channel: int | None
-    angle: float
-    spin: int
-    layer: int
-    roll: float
-    pitch: float
-    yaw: float
+__all__ = ["Motor", "PwmRange", "Vehicle", "describe", "pwm_range"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +18,10 @@ class Vehicle:
     """What a log says about the craft; None where it says nothing.
 
     `frame_class` is ``"quad"``, ``"hexa"``, ``"octa"``, ``"octa-quad"``, ``"y6"``, ``"tri"`` ...; `frame_type` is
-    ``"plus"``, ``"x"``, ``"v"``, ``"h"`` ... PWM limits in us; spin fractions and `thrust_expo` as in MOT_SPIN_ARM,
-    MOT_SPIN_MIN, MOT_SPIN_MAX and MOT_THST_EXPO; voltages of MOT_BAT_VOLT_MAX / _MIN in V (0: no compensation).
+    ``"plus"``, ``"x"``, ``"v"``, ``"h"`` ...; `frame_source` says where both come from: ``"FRAME_CLASS"``,
+    ``"message"``, ``"MAV_TYPE"``, ``"CA_ROTOR"``, ``"SYS_AUTOSTART"``, or ``"assumed"`` when the log has only the type.
+    PWM limits in us; spin fractions and `thrust_expo` as in MOT_SPIN_ARM, MOT_SPIN_MIN, MOT_SPIN_MAX and
+    MOT_THST_EXPO; voltages of MOT_BAT_VOLT_MAX / _MIN in V (0: no compensation).
     """
 
     autopilot: str | None = None
@@ -50,6 +31,7 @@ class Vehicle:
     board_id: str | None = None
     frame_class: str | None = None
     frame_type: str | None = None
+    frame_source: str | None = None
     motors: tuple[Motor, ...] = ()
     pwm_min: float = 1000.0
     pwm_max: float = 2000.0
@@ -59,3 +41,369 @@ class Vehicle:
     thrust_expo: float = 0.65
     battery_voltage_max: float = 0.0
     battery_voltage_min: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PwmRange:
+    """How motor commands become PWM: limits [us] and fractions of their range, as in `Vehicle`."""
+
+    pwm_min: float
+    pwm_max: float
+    spin_arm: float
+    spin_min: float
+    spin_max: float
+    thrust_expo: float
+
+    def pwm(self, fraction: float) -> float:
+        """PWM [us] at a fraction of the range."""
+        return self.pwm_min + fraction * (self.pwm_max - self.pwm_min)
+
+
+def pwm_range(parameters: Mapping[str, float]) -> PwmRange:
+    """Read the PWM range and thrust curve from the parameters of any ArduCopter since 3.0.
+
+    MOT_PWM_MIN and _MAX count when both are set; otherwise ArduCopter drives the motors over the throttle
+    channel's calibrated range (RC3_MIN, RC3_MAX). Before 3.4 MOT_SPIN_ARMED is in us above the minimum, THR_MIN
+    in thousandths of the range, and before 3.3 the thrust curve is a straight line to MOT_TCRV_MIDPCT percent
+    at half and to MOT_TCRV_MAXPCT at full throttle; it is given as the MOT_THST_EXPO that passes through the
+    same middle point.
+    """
+
+    def get(name: str) -> float | None:
+        value = parameters.get(name)
+        return None if value is None or not math.isfinite(value) else float(value)
+
+    low, high = get("MOT_PWM_MIN"), get("MOT_PWM_MAX")
+    if not low or not high or high <= low:
+        channel = int(get("RCMAP_THROTTLE") or 3)
+        low, high = get(f"RC{channel}_MIN"), get(f"RC{channel}_MAX")
+    if not low or not high or high <= low:
+        low, high = 1000.0, 2000.0
+    span = high - low
+
+    arm = get("MOT_SPIN_ARM")
+    if arm is None:
+        armed_us = get("MOT_SPIN_ARMED")
+        arm = 0.1 if armed_us is None else armed_us / span
+    lowest = get("MOT_SPIN_MIN")
+    if lowest is None:
+        throttle_min = get("THR_MIN")
+        lowest = 0.15 if throttle_min is None else throttle_min / 1000.0
+    curve = get("MOT_TCRV_ENABLE")
+    top, expo = get("MOT_SPIN_MAX"), get("MOT_THST_EXPO")
+    if top is None:
+        top = get("MOT_THST_MAX")
+    if curve is not None:
+        middle, full = get("MOT_TCRV_MIDPCT"), get("MOT_TCRV_MAXPCT")
+        if curve >= 1.0 and middle and full and middle < full:
+            share = middle / full
+            top, expo = full / 100.0, float(np.clip((share - 0.5) / (share * (1.0 - share)), 0.0, 1.0))
+        else:
+            top, expo = 1.0, 0.0
+    return PwmRange(
+        pwm_min=low,
+        pwm_max=high,
+        spin_arm=arm,
+        spin_min=lowest,
+        spin_max=0.95 if top is None else top,
+        thrust_expo=0.65 if expo is None else expo,
+    )
+
+
+def describe(
+    messages: Mapping[str, pd.DataFrame],
+    *,
+    format: str,  # noqa: A002 -- the word of the door
+    parameters: Mapping[str, float],
+) -> Vehicle:
+    """Say what a log knows about its craft.
+
+    Parameters
+    ----------
+    messages : mapping of str to DataFrame
+        Decoded messages by name as logged.
+    format : str
+        ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
+    parameters : mapping of str to float
+        The autopilot's parameters.
+
+    Returns
+    -------
+    Vehicle
+    """
+    if format == "ulog":
+        return _describe_px4(messages, parameters)
+    texts = list(_texts(messages))
+    firmware, version, git_hash = _firmware(messages, texts)
+    frame_class, frame_type, source = _frame(messages, texts, parameters)
+    motors: tuple[Motor, ...] = ()
+    if frame_class is not None:
+        motors = motor_table(frame_class, frame_type, _channels(parameters, frame_class))
+    levels = pwm_range(parameters)
+    autopilot = _autopilot(messages)
+    if autopilot is None and (firmware is not None or "FORMAT_VERSION" in parameters or format.startswith("dataflash")):
+        autopilot = "ArduPilot"
+    return Vehicle(
+        autopilot=autopilot,
+        firmware=firmware,
+        version=version,
+        git_hash=git_hash,
+        board_id=_board(texts),
+        frame_class=frame_class,
+        frame_type=frame_type,
+        frame_source=source,
+        motors=motors,
+        pwm_min=levels.pwm_min,
+        pwm_max=levels.pwm_max,
+        spin_arm=levels.spin_arm,
+        spin_min=levels.spin_min,
+        spin_max=levels.spin_max,
+        thrust_expo=levels.thrust_expo,
+        battery_voltage_max=_first(parameters, "MOT_BAT_VOLT_MAX", "MOT_THST_BAT_MAX"),
+        battery_voltage_min=_first(parameters, "MOT_BAT_VOLT_MIN", "MOT_THST_BAT_MIN"),
+    )
+
+
+def _first(parameters: Mapping[str, float], *names: str) -> float:
+    """Value of the first parameter that exists, 0 when none does."""
+    for name in names:
+        value = parameters.get(name)
+        if value is not None and math.isfinite(value):
+            return float(value)
+    return 0.0
+
+
+def _texts(messages: Mapping[str, pd.DataFrame]) -> Iterable[str]:
+    """Text messages of the autopilot in the order logged, without repetition."""
+    seen: dict[str, None] = {}
+    for name, column in (("MSG", "Message"), ("STATUSTEXT", "text")):
+        if name in messages and column in messages[name]:
+            for text in messages[name][column].unique():
+                if isinstance(text, str):
+                    seen.setdefault(text.strip("\x00 "))
+    return seen
+
+
+_FIRMWARE = re.compile(
+    r"^(?P<name>ArduCopter|APM:Copter|ArduPlane|APM:Plane|ArduRover|APM:Rover|ArduSub|Blimp|AntennaTracker|ACM)"
+    r"\s+V(?P<version>\d[\w.\-]*)(?:\s+\((?P<hash>[0-9a-fA-F]{6,40})\))?"
+)
+
+
+def _firmware(messages: Mapping[str, pd.DataFrame], texts: Iterable[str]) -> tuple[str | None, str | None, str | None]:
+    """Find the firmware's name, version and git hash."""
+    for text in texts:
+        match = _FIRMWARE.match(text)
+        if match:
+            return match["name"].replace("APM:", "Ardu"), match["version"], match["hash"]
+    if "AUTOPILOT_VERSION" in messages and len(messages["AUTOPILOT_VERSION"]):
+        packed = int(messages["AUTOPILOT_VERSION"]["flight_sw_version"].iloc[-1])
+        if packed > 0:
+            return None, f"{packed >> 24}.{packed >> 16 & 255}.{packed >> 8 & 255}", None
+    return None, None, None
+
+
+_BOARD = re.compile(r"^\S+ [0-9A-Fa-f]{8} [0-9A-Fa-f]{8} [0-9A-Fa-f]{8}$")
+_SITL_ID = re.compile(r"^[0-9a-f]{32}$")
+
+
+def _board(texts: Iterable[str]) -> str | None:
+    """Board name and its serial number, as the autopilot prints them; its simulator prints a bare hash."""
+    for text in texts:
+        if _BOARD.match(text):
+            return text
+        if _SITL_ID.match(text):
+            return f"SITL {text}"
+    return None
+
+
+def _autopilot(messages: Mapping[str, pd.DataFrame]) -> str | None:
+    """Name the autopilot of a telemetry log by its heartbeats."""
+    beats = vehicle_heartbeats(messages)
+    if beats is None or not len(beats):
+        return None
+    return {3: "ArduPilot", 12: "PX4"}.get(int(beats["autopilot"].mode().iloc[0]))
+
+
+#: MAV_TYPE of vehicles that fly on rotors, and what frame class it names.
+_MAV_TYPES: Mapping[int, str] = {2: "quad", 13: "hexa", 14: "octa", 15: "tri", 29: "dodeca-hexa", 35: "deca"}
+
+
+def vehicle_heartbeats(messages: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
+    """Heartbeats of the vehicle's autopilot in a telemetry log, those of the ground station left out.
+
+    The vehicle is the sender with an autopilot (MAV_AUTOPILOT other than invalid) that is heard most often.
+    """
+    if "HEARTBEAT" not in messages:
+        return None
+    beats = messages["HEARTBEAT"]
+    # MAV_AUTOPILOT_INVALID is 8; ground stations, gimbals and companions use it or their own MAV_TYPE (6, 18, 26).
+    beats = beats[(beats["autopilot"] != 8) & ~beats["type"].isin([6, 18, 26])]
+    senders = [name for name in ("system", "component") if name in beats]
+    if senders and len(beats):
+        counts = beats.groupby(senders).size()
+        best = counts.index[int(np.argmax(counts.to_numpy()))]
+        for name, value in zip(senders, best if isinstance(best, tuple) else (best,), strict=True):
+            beats = beats[beats[name] == value]
+    return beats
+
+
+_FRAME_MESSAGE = re.compile(r"^Frame: (?P<class>[A-Z0-9_ ]+?)(?:/(?P<type>\w+))?$")
+_CLASS_WORDS = {
+    "OCTAQUAD": "octa-quad",
+    "OCTA_QUAD": "octa-quad",
+    "DODECAHEXA": "dodeca-hexa",
+    "DODECA_HEXA": "dodeca-hexa",
+}
+_TYPE_WORDS = {"PLUSREV": "plus-rev", "X_REV": "bf-x-rev", "DEFAULT": "y6a"}
+
+
+def _frame(
+    messages: Mapping[str, pd.DataFrame], texts: Iterable[str], parameters: Mapping[str, float]
+) -> tuple[str | None, str | None, str | None]:
+    """Find frame class, type and where they come from.
+
+    Copter 3.5 and later has FRAME_CLASS and FRAME_TYPE. Before, the class is built into the firmware (3.2 and
+    later print it) and FRAME holds the type.
+    """
+    said_class = said_type = None
+    for text in texts:
+        match = _FRAME_MESSAGE.match(text)
+        if match and match["class"] != "UNSUPPORTED":
+            said_class = _CLASS_WORDS.get(match["class"], match["class"].lower())
+            said_type = match["type"]
+    if said_type is not None:
+        said_type = _TYPE_WORDS.get(said_type.upper(), said_type.lower().replace("_", "-"))
+    number = parameters.get("FRAME_TYPE", parameters.get("FRAME"))
+    frame_type = None if number is None else FRAME_TYPES.get(int(number))
+    if frame_type is None:
+        frame_type = said_type
+
+    declared = FRAME_CLASSES.get(int(parameters.get("FRAME_CLASS", 0)))
+    if declared is not None:
+        return declared, frame_type, "FRAME_CLASS"
+    if said_class in FRAME_CLASSES.values():
+        return said_class, frame_type, "message"
+    if "MOT" in messages:
+        # Before 3.1 the motors have their own message with one column each.
+        count = sum(bool(re.fullmatch(r"Mot\d+", str(column))) for column in messages["MOT"])
+        for name in ("quad", "hexa", "octa"):
+            if MOTOR_COUNTS[name] == count:
+                return name, frame_type, "message"
+    beats = vehicle_heartbeats(messages)
+    if beats is not None and len(beats):
+        name_of_type = _MAV_TYPES.get(int(beats["type"].mode().iloc[0]))
+        if name_of_type is not None:
+            return name_of_type, frame_type or "x", "MAV_TYPE"
+    if "FRAME" in parameters:
+        return ("y6" if frame_type in ("y6b", "y6f") else "quad"), frame_type, "assumed"
+    return None, frame_type, None
+
+
+def _channels(parameters: Mapping[str, float], frame_class: str) -> Mapping[int, int] | None:
+    """Servo output of each motor number; None when the log keeps to the convention that motor k is on output k."""
+    channels: dict[int, int] = {}
+    for name, value in parameters.items():
+        match = re.fullmatch(r"SERVO(\d+)_FUNCTION", name)
+        if match and math.isfinite(value):
+            motor = servo_function_motor(int(value))
+            if motor is not None:
+                channels.setdefault(motor, int(match[1]))
+    needed = MOTOR_COUNTS.get(frame_class, 0)
+    # Copter 3.5 assigns its motors without writing the functions, and a damaged log can lack some of them.
+    return channels if len(channels) >= min(needed, 3) > 0 else None
+
+
+def _describe_px4(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str, float]) -> Vehicle:
+    """Describe the craft of a PX4 log by its control allocation (CA_ROTORn) or airframe (SYS_AUTOSTART) parameters."""
+    motors, frame_class, frame_type, source = _px4_motors(parameters)
+    count = len(motors)
+    lows = [parameters.get(f"PWM_MAIN_MIN{k}", parameters.get(f"PWM_AUX_MIN{k}")) for k in range(1, count + 1)]
+    highs = [parameters.get(f"PWM_MAIN_MAX{k}", parameters.get(f"PWM_AUX_MAX{k}")) for k in range(1, count + 1)]
+    low = min(
+        (value for value in lows if value), default=parameters.get("PWM_MIN", parameters.get("PWM_MAIN_MIN", 1000.0))
+    )
+    high = max(
+        (value for value in highs if value), default=parameters.get("PWM_MAX", parameters.get("PWM_MAIN_MAX", 2000.0))
+    )
+    vehicle = Vehicle(
+        autopilot="PX4",
+        firmware="PX4",
+        frame_class=frame_class,
+        frame_type=frame_type,
+        frame_source=source,
+        motors=motors,
+        # PX4 maps thrust 0..1 straight onto the PWM range; THR_MDL_FAC is the same curve as MOT_THST_EXPO.
+        pwm_min=float(low),
+        pwm_max=float(high),
+        spin_arm=0.0,
+        spin_min=0.0,
+        spin_max=1.0,
+        thrust_expo=float(parameters.get("THR_MDL_FAC", 0.0)),
+    )
+    info = messages.get("information")
+    if info is not None and {"key", "value"} <= set(info.columns):
+        facts = dict(zip(info["key"], info["value"], strict=True))
+        git_hash, board = facts.get("ver_sw"), facts.get("ver_hw")
+        vehicle = replace(
+            vehicle,
+            git_hash=None if git_hash is None else str(git_hash),
+            board_id=None if board is None else str(board),
+        )
+    return vehicle
+
+
+#: First airframe number of each hundred or thousand that PX4 gives to a multirotor frame.
+_PX4_AIRFRAMES = (
+    (4000, 4999, "quad", "x"),
+    (5000, 5999, "quad", "plus"),
+    (6000, 6999, "hexa", "x"),
+    (7000, 7999, "hexa", "plus"),
+    (8000, 8999, "octa", "x"),
+    (9000, 9999, "octa", "plus"),
+    (12000, 12999, "octa-quad", "x"),
+)
+
+
+def _px4_motors(
+    parameters: Mapping[str, float],
+) -> tuple[tuple[Motor, ...], str | None, str | None, str | None]:
+    """Motors, class, type and source of the frame. PX4 numbers the motors of its standard frames as ArduPilot does."""
+    channels: dict[int, int] = {}
+    for bank, offset in (("MAIN", 0), ("AUX", 0 if not any(n.startswith("PWM_MAIN_FUNC") for n in parameters) else 8)):
+        for k in range(1, 17):
+            function = int(parameters.get(f"PWM_{bank}_FUNC{k}", 0))
+            if 101 <= function <= 112:
+                channels.setdefault(function - 100, k + offset)
+    count = int(parameters.get("CA_ROTOR_COUNT", 0))
+    if count > 0:
+        rows = []
+        for k in range(count):
+            x, y = (float(parameters.get(f"CA_ROTOR{k}_P{axis}", 0.0)) for axis in "XY")
+            rows.append((-y, x, float(np.sign(parameters.get(f"CA_ROTOR{k}_KM", 0.05)))))
+        largest = [max(max(abs(row[axis]) for row in rows), 1e-9) for axis in range(3)]
+        motors = tuple(
+            Motor(
+                number=number,
+                channel=channels.get(number, number if not channels else None),
+                angle=math.atan2(-roll, pitch),
+                spin=-int(yaw),
+                layer=0,
+                roll=0.5 * roll / largest[0],
+                pitch=0.5 * pitch / largest[1],
+                yaw=0.5 * yaw / largest[2],
+            )
+            for number, (roll, pitch, yaw) in enumerate(rows, start=1)
+        )
+        angles = {round(motor.angle, 2) for motor in motors}
+        if len(angles) == count:
+            frame_class = {3: "tri", 4: "quad", 6: "hexa", 8: "octa"}.get(count)
+        else:
+            frame_class = {6: "y6", 8: "octa-quad"}.get(count)
+        frame_type = "plus" if any(abs(motor.angle) < 0.1 for motor in motors) else "x"
+        return motors, frame_class, frame_type, "CA_ROTOR"
+    airframe = int(parameters.get("SYS_AUTOSTART", 0))
+    for first, last, frame_class, frame_type in _PX4_AIRFRAMES:
+        if first <= airframe <= last:
+            return motor_table(frame_class, frame_type, channels or None), frame_class, frame_type, "SYS_AUTOSTART"
+    return (), None, None, None

@@ -1,0 +1,69 @@
+"""Canonical tables of DataFlash logs, binary or text."""
+
+import re
+from collections.abc import Mapping
+
+import pandas as pd
+
+from logparse.canonical import dataflash_control as control
+from logparse.canonical import dataflash_events, dataflash_sensors
+from logparse.canonical.remarks import Remarks
+from logparse.tables import Tables
+from logparse.vehicle import Vehicle
+
+
+def build(
+    messages: Mapping[str, pd.DataFrame], parameters: Mapping[str, float], vehicle: Vehicle, remarks: Remarks
+) -> Tables:
+    """Build all tables that the messages allow."""
+    imu, further_imu = dataflash_sensors.imu(messages, remarks)
+    gps, further_gps = dataflash_sensors.gps(
+        messages, parameters, _old_receiver(messages, parameters, vehicle), remarks
+    )
+    baro, further_baro = dataflash_sensors.baro(messages, parameters, remarks)
+    mag, further_mag = dataflash_sensors.mag(messages, parameters, remarks)
+    battery, further_battery = dataflash_sensors.battery(messages, remarks)
+    ekf = control.estimate(messages, parameters)
+    further = {
+        "imu": further_imu,
+        "gps": further_gps,
+        "baro": further_baro,
+        "mag": further_mag,
+        "battery": further_battery,
+    }
+    return Tables(
+        motors=dataflash_sensors.motors(messages, vehicle.motors, remarks),
+        imu=imu,
+        gps=gps,
+        baro=baro,
+        mag=mag,
+        battery=battery,
+        esc=dataflash_sensors.esc(messages, vehicle.motors),
+        attitude=control.attitude(messages),
+        setpoints=control.setpoints(messages),
+        rates=control.rates(messages),
+        ekf=ekf,
+        truth=control.truth(messages),
+        rangefinder=dataflash_sensors.rangefinder(messages, remarks),
+        modes=dataflash_events.modes(messages),
+        events=dataflash_events.events(messages),
+        further={name: tables for name, tables in further.items() if tables},
+        parameters=parameters,
+        origin=control.origin(messages, gps, ekf),
+    )
+
+
+def _old_receiver(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str, float], vehicle: Vehicle) -> bool:
+    """Whether the GPS receiver is of u-blox generation 6 or before, or the firmware takes it for one.
+
+    Copter 3.5 and later print the receiver's hardware; earlier ones reckon with the older receivers' lag.
+    """
+    if "MSG" in messages:
+        for text in messages["MSG"]["Message"]:
+            match = re.search(r"u-blox \d HW: (\w{8})", str(text))
+            if match:
+                return int(match[1], 16) < 0x00070000
+    match = re.match(r"(\d+)\.(\d+)", vehicle.version or "")
+    if match is None:
+        return "FRAME_CLASS" not in parameters
+    return (int(match[1]), int(match[2])) < (3, 5)

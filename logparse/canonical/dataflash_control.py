@@ -1,0 +1,240 @@
+"""What the autopilot estimated and wanted, in DataFlash logs: attitude, own position, targets, rates, truth."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+import pymap3d
+
+from logparse.canonical.instances import instances
+from logparse.canonical.series import Array, euler_angles, join, quaternions, sample, series, wrap
+from logparse.canonical.units import quantity
+from logparse.tables import COLUMNS, Geodetic
+
+Messages = Mapping[str, pd.DataFrame]
+
+
+def attitude(messages: Messages) -> pd.DataFrame | None:
+    """Roll, pitch and yaw: ATT or the faster ANG, or the filter's quaternion or angles where neither is logged."""
+    candidates = [name for name in ("ATT", "ANG") if name in messages and len(messages[name]) > 1]
+    if candidates:
+        # ANG comes at the rate of the attitude loop where fast attitude logging is on.
+        return _angles(max((messages[name] for name in candidates), key=len))
+    core = _core(messages, ("XKQ", "NKQ", "XKQ1", "NKQ1"))
+    if core is not None and {"Q1", "Q2", "Q3", "Q4"} <= set(core.columns):
+        roll, pitch, yaw = euler_angles(*(quantity(core, f"Q{k}", "") for k in range(1, 5)))
+        return series(core.index, {"roll": roll, "pitch": pitch, "yaw": yaw})
+    for names in (("XKF1", "NKF1", "EKF1"), ("AHR2",)):
+        core = _core(messages, names)
+        if core is not None:
+            return _angles(core)
+    return None
+
+
+def _angles(frame: pd.DataFrame, prefix: str = "") -> pd.DataFrame:
+    """Roll, pitch, yaw [rad] of a message that has them in degrees."""
+    columns = {name.lower(): wrap(quantity(frame, f"{prefix}{name}", "deg")) for name in ("Roll", "Pitch", "Yaw")}
+    return series(frame.index, columns)
+
+
+def _core(messages: Messages, names: tuple[str, ...]) -> pd.DataFrame | None:
+    """Rows of the filter core in use, from the first of the messages that is logged.
+
+    XKF4 and NKF4 name the core in use (PI); before the instance column each core had its own message, of which
+    the first belongs to core 0.
+    """
+    for name in names:
+        if name not in messages or not len(messages[name]):
+            continue
+        frame = messages[name]
+        if "C" not in frame:
+            return frame
+        cores = np.unique(frame["C"].to_numpy())
+        state = "XKF4" if name.startswith("X") else "NKF4"
+        primary = int(cores[0])
+        if state in messages and "PI" in messages[state] and len(messages[state]):
+            used = int(messages[state]["PI"].mode().iloc[0])
+            primary = used if used in cores else primary
+        part = frame[frame["C"] == primary]
+        part.attrs = frame.attrs
+        return part
+    return None
+
+
+def estimate(messages: Messages, parameters: Mapping[str, float]) -> pd.DataFrame | None:
+    """Position, velocity and attitude of the filter that the autopilot flew on: XKF1, NKF1 or EKF1."""
+    names = ("XKF1", "NKF1", "EKF1")
+    if int(parameters.get("AHRS_EKF_TYPE", 3)) == 2:
+        names = ("NKF1", "XKF1", "EKF1")
+    core = _core(messages, names)
+    if core is None:
+        return None
+    columns = {f"p_{axis.lower()}": quantity(core, f"P{axis}", "m") for axis in "NED"}
+    columns |= {f"v_{axis.lower()}": quantity(core, f"V{axis}", "m/s") for axis in "NED"}
+    columns |= {name.lower(): wrap(quantity(core, name, "deg")) for name in ("Roll", "Pitch", "Yaw")}
+    return series(core.index, columns)
+
+
+def origin(messages: Messages, gps: pd.DataFrame | None, ekf: pd.DataFrame | None) -> Geodetic | None:
+    """Origin of the autopilot's local frame.
+
+    ORGN of type 0 where it is logged (since 3.5; before, type 0 was 1). Otherwise the place that brings the
+    filter's positions onto the GPS fixes, or the first good fix where there is no filter.
+    """
+    if "ORGN" in messages and len(messages["ORGN"]):
+        rows = messages["ORGN"]
+        lat, lon, alt = quantity(rows, "Lat", "deg"), quantity(rows, "Lng", "deg"), quantity(rows, "Alt", "m")
+        kind = rows["Type"].to_numpy() if "Type" in rows else np.zeros(len(rows))
+        good = np.isfinite(lat) & np.isfinite(lon) & ~((lat == 0.0) & (lon == 0.0))
+        for wanted in (0, 1):
+            found = np.flatnonzero(good & (kind == wanted))
+            if len(found):
+                k = found[0]
+                return Geodetic(lat=float(lat[k]), lon=float(lon[k]), alt=float(alt[k]))
+    return origin_of_fixes(gps, ekf)
+
+
+def origin_of_fixes(gps: pd.DataFrame | None, ekf: pd.DataFrame | None) -> Geodetic | None:
+    """Place that brings the autopilot's positions onto the GPS fixes, or the first good fix without any."""
+    if gps is None:
+        return None
+    good = gps[(gps["fix"] >= 3.0) & gps[["lat", "lon", "alt"]].notna().all(axis=1)]
+    if not len(good):
+        return None
+    first = Geodetic(*(float(good[name].iloc[0]) for name in ("lat", "lon", "alt")))
+    if ekf is None:
+        return first
+    # NaN before the filter has a position; exact zeros are its start value.
+    position = ekf[["p_n", "p_e", "p_d"]]
+    position = position[(position[["p_n", "p_e"]] != 0.0).any(axis=1)].dropna()
+    if len(position) < 2:
+        return first
+    at = sample(position, good["t_valid"].to_numpy(), gap=0.5)
+    use = np.isfinite(at).all(axis=1)
+    if np.count_nonzero(use) < 5:
+        return first
+    north, east, down = pymap3d.geodetic2ned(
+        good["lat"].to_numpy()[use],
+        good["lon"].to_numpy()[use],
+        good["alt"].to_numpy()[use],
+        first.lat,
+        first.lon,
+        first.alt,
+        deg=False,
+    )
+    offset = np.median(np.column_stack((north, east, down)) - at[use], axis=0)
+    lat, lon, alt = pymap3d.ned2geodetic(*offset, first.lat, first.lon, first.alt, deg=False)
+    return Geodetic(lat=float(lat), lon=float(lon), alt=float(alt))
+
+
+#: Longest time [s] between samples of one message over which targets are interpolated.
+_GAP = 0.3
+
+
+def setpoints(messages: Messages) -> pd.DataFrame | None:
+    """Targets of position, velocity, attitude and throttle, on the times of the most frequent of their messages."""
+    parts = [
+        *_position_targets(messages),
+        *(_attitude_targets(messages[name]) for name in ("ATT", "ANG") if name in messages),
+        _throttle(messages),
+    ]
+    return join((part for part in parts if part is not None), COLUMNS["setpoints"], gap=_GAP)
+
+
+def _position_targets(messages: Messages) -> list[pd.DataFrame]:
+    """Targets of the position controller, one table for each message that holds some."""
+    parts = []
+    for axis in "NED":
+        name = f"PSC{axis}"
+        if name in messages:  # since 4.1
+            frame = messages[name]
+            low = axis.lower()
+            parts.append(
+                series(
+                    frame.index,
+                    {f"p_{low}": quantity(frame, f"TP{axis}", "m"), f"v_{low}": quantity(frame, f"TV{axis}", "m/s")},
+                )
+            )
+    if parts:
+        return parts
+    if "PSC" in messages:  # 4.0
+        frame = messages["PSC"]
+        columns = {f"p_{low}": quantity(frame, f"TP{axis}", "m") for low, axis in (("n", "X"), ("e", "Y"))}
+        columns |= {f"v_{low}": quantity(frame, f"TV{axis}", "m/s") for low, axis in (("n", "X"), ("e", "Y"))}
+        parts.append(series(frame.index, columns))
+    elif "NTUN" in messages and "DPosX" in messages["NTUN"]:  # 3.1 to 3.6, in cm
+        frame = messages["NTUN"]
+        columns = {f"p_{low}": quantity(frame, f"DPos{axis}", "cm") for low, axis in (("n", "X"), ("e", "Y"))}
+        columns |= {f"v_{low}": quantity(frame, f"DVel{axis}", "cm/s") for low, axis in (("n", "X"), ("e", "Y"))}
+        parts.append(series(frame.index, columns))
+    if "PSCZ" in messages:
+        frame = messages["PSCZ"]
+        columns = {"p_d": -quantity(frame, "TPZ", "m"), "v_d": -quantity(frame, "TVZ", "m/s")}
+        parts.append(series(frame.index, columns))
+    elif "CTUN" in messages and "DAlt" in messages["CTUN"]:
+        frame = messages["CTUN"]
+        columns = {"p_d": -quantity(frame, "DAlt", "m"), "v_d": -quantity(frame, "DCRt", "cm/s")}
+        parts.append(series(frame.index, columns))
+    return parts
+
+
+def _attitude_targets(frame: pd.DataFrame) -> pd.DataFrame | None:
+    """Attitude targets of ATT and ANG (3.0 has no DesRoll)."""
+    return _angles(frame, "Des") if "DesRoll" in frame else None
+
+
+def _throttle(messages: Messages) -> pd.DataFrame | None:
+    """Throttle output 0..1: CTUN.ThO, or ThrOut in thousandths before 3.4."""
+    if "CTUN" not in messages:
+        return None
+    frame = messages["CTUN"]
+    column = next((name for name in ("ThO", "ThrOut") if name in frame), None)
+    if column is None:
+        return None
+    values = quantity(frame, column, "")
+    finite = values[np.isfinite(values)]
+    if len(finite) and np.max(np.abs(finite)) > 2.0:
+        values = values / 1000.0
+    return series(frame.index, {"throttle": values})
+
+
+def rates(messages: Messages) -> pd.DataFrame | None:
+    """Rate controller: targets, rates and outputs of RATE."""
+    if "RATE" not in messages:
+        return None
+    frame = messages["RATE"]
+    columns: dict[str, Array] = {}
+    for axis, letter in (("x", "R"), ("y", "P"), ("z", "Y")):
+        columns[f"w_{axis}_ref"] = quantity(frame, f"{letter}Des", "deg/s")
+    for axis, letter in (("x", "R"), ("y", "P"), ("z", "Y")):
+        columns[f"w_{axis}"] = quantity(frame, letter, "deg/s")
+    for name, letter in (("roll", "R"), ("pitch", "P"), ("yaw", "Y"), ("thrust", "A")):
+        columns[f"out_{name}"] = quantity(frame, f"{letter}Out", "")
+    return series(frame.index, columns)
+
+
+def truth(messages: Messages) -> pd.DataFrame | None:
+    """Truth of ArduPilot's simulator: position and velocity of SIM2 with the attitude of SIM."""
+    if "SIM2" not in messages or not len(messages["SIM2"]):
+        return None
+    frame = messages["SIM2"]
+    columns = {f"p_{axis.lower()}": quantity(frame, f"P{axis}", "m") for axis in "NED"}
+    columns |= {f"v_{axis.lower()}": quantity(frame, f"V{axis}", "m/s") for axis in "NED"}
+    result = series(frame.index, columns)
+    names = ["q_w", "q_x", "q_y", "q_z"]
+    result[names] = np.nan
+    simulated = next((part for _, part in instances(messages, "SIM")), None)
+    if simulated is None or len(simulated) < 2:
+        return result
+    if "Q1" in simulated:
+        q = np.column_stack([quantity(simulated, f"Q{k}", "") for k in range(1, 5)])
+    else:
+        q = quaternions(*(quantity(simulated, name, "deg") for name in ("Roll", "Pitch", "Yaw")))
+    turned = pd.DataFrame(series(simulated.index, dict(zip(names, q.T, strict=True)))).dropna()
+    values = turned.to_numpy()
+    # Neighbouring quaternions on the same side of the sphere, so that interpolation takes the short way.
+    flips = np.cumsum(np.append(False, np.sum(values[1:] * values[:-1], axis=1) < 0.0)) % 2
+    values[flips == 1] *= -1.0
+    at = sample(pd.DataFrame(values, index=turned.index, columns=names), result.index.to_numpy(), gap=0.2)
+    result[names] = at / np.linalg.norm(at, axis=1, keepdims=True)
+    return result

@@ -1,0 +1,83 @@
+"""Modes and events of DataFlash logs."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import pandas as pd
+
+from logparse.canonical.modes import COPTER_EVENTS, COPTER_SUBSYSTEMS, copter_mode
+from logparse.canonical.series import distinct
+
+Messages = Mapping[str, pd.DataFrame]
+
+
+def modes(messages: Messages) -> pd.DataFrame | None:
+    """Flight modes from MODE; one row for each change."""
+    if "MODE" not in messages or not len(messages["MODE"]):
+        return None
+    frame = messages["MODE"]
+    values = frame["ModeNum"] if "ModeNum" in frame else frame["Mode"]
+    return mode_table(frame.index.to_numpy(), (_mode_name(value) for value in values))
+
+
+def _mode_name(value: object) -> str:
+    """Mode by number; text logs of 3.1 have the name instead."""
+    try:
+        return copter_mode(int(float(str(value))))
+    except ValueError:
+        return str(value).strip().upper().replace(" ", "_")
+
+
+def mode_table(t: np.ndarray, names: Iterable[str]) -> pd.DataFrame:
+    """Modes with their times, repetitions dropped."""
+    order, times = distinct(t)
+    mode = pd.Series(np.asarray(list(names), dtype=object)[order], index=pd.Index(times, name="t"), dtype="str")
+    return mode[mode != mode.shift()].to_frame("mode")
+
+
+def event_table(parts: Iterable[tuple[np.ndarray, Iterable[str], Iterable[str]]]) -> pd.DataFrame | None:
+    """Join lists of (times, events, details) into one table in time order; an event repeated without change goes."""
+    times: list[float] = []
+    events: list[str] = []
+    details: list[str] = []
+    for t, names, texts in parts:
+        for time, name, text in zip(t, names, texts, strict=True):
+            times.append(float(time))
+            events.append(name)
+            details.append(text)
+    order, distinct_times = distinct(times)
+    if not len(order):
+        return None
+    table = pd.DataFrame(
+        {
+            "event": pd.array([events[k] for k in order], dtype="str"),
+            "detail": pd.array([details[k] for k in order], dtype="str"),
+        },
+        index=pd.Index(distinct_times, name="t", dtype=np.float64),
+    )
+    return table[(table != table.shift()).any(axis=1)]
+
+
+def events(messages: Messages) -> pd.DataFrame | None:
+    """Events of EV, ERR, ARM and the texts of MSG."""
+    parts: list[tuple[np.ndarray, Iterable[str], Iterable[str]]] = []
+    if "EV" in messages:
+        frame = messages["EV"]
+        ids = [int(value) for value in frame["Id"]]
+        parts.append((frame.index.to_numpy(), (COPTER_EVENTS.get(k, f"EVENT_{k}") for k in ids), ("" for _ in ids)))
+    if "ERR" in messages:
+        frame = messages["ERR"]
+        texts = [
+            f"{COPTER_SUBSYSTEMS.get(int(subsystem), f'SUBSYSTEM_{int(subsystem)}')} {int(code)}"
+            for subsystem, code in zip(frame["Subsys"], frame["ECode"], strict=True)
+        ]
+        parts.append((frame.index.to_numpy(), ("ERROR" for _ in texts), texts))
+    if "ARM" in messages and "EV" not in messages:
+        frame = messages["ARM"]
+        names = ["ARMED" if state else "DISARMED" for state in frame["ArmState"]]
+        parts.append((frame.index.to_numpy(), names, ("" for _ in names)))
+    if "MSG" in messages:
+        frame = messages["MSG"]
+        texts = [str(text).strip("\x00 ") for text in frame["Message"]]
+        parts.append((frame.index.to_numpy(), ("MESSAGE" for _ in texts), texts))
+    return event_table(parts)

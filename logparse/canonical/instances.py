@@ -1,0 +1,71 @@
+"""Sensors that come several times: messages with a number in their name, or with an instance column."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import pandas as pd
+
+#: Columns that hold the instance, by age of the firmware.
+INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C")
+
+
+def instances(
+    messages: Mapping[str, pd.DataFrame], *names: str, columns: Iterable[str] = INSTANCE_COLUMNS[:3]
+) -> list[tuple[str, pd.DataFrame]]:
+    """List the instances of a sensor in their order, each with its name for findings.
+
+    Parameters
+    ----------
+    messages : mapping of str to DataFrame
+    *names : str
+        Messages of instance 0, 1, 2 ...; one with an instance column stands for all of its instances.
+    columns : iterable of str
+        Columns that may hold the instance.
+    """
+    found: list[tuple[str, pd.DataFrame]] = []
+    for name in names:
+        if name not in messages:
+            continue
+        frame = messages[name]
+        column = next((column for column in columns if column in frame), None)
+        if column is None:
+            if len(frame):
+                found.append((name, frame))
+            continue
+        values = frame[column].to_numpy()
+        for value in np.unique(values):
+            part = frame[values == value]
+            part.attrs = frame.attrs
+            found.append((f"{name}[{int(value)}]", part))
+    return found
+
+
+def pick(
+    candidates: list[tuple[str, pd.DataFrame]], key: str, preferred: int = 0
+) -> tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]:
+    """Pick the first healthy instance of a sensor and keep the others that measured anything.
+
+    An instance is healthy when column `key` has at least half as many values as that of the best instance.
+
+    Parameters
+    ----------
+    candidates : list of (str, DataFrame)
+        Canonical tables of each instance.
+    key : str
+        Column that must have values.
+    preferred : int
+        Instance to try first, as the autopilot's parameters choose it.
+
+    Returns
+    -------
+    table : DataFrame or None
+    further : tuple of DataFrame
+    """
+    tables = [table for _, table in candidates]
+    counts = [int(table[key].notna().sum()) for table in tables]
+    best = max(counts, default=0)
+    if best == 0:
+        return None, ()
+    order = sorted(range(len(tables)), key=lambda k: (k != preferred, k))
+    chosen = next(k for k in order if counts[k] >= 0.5 * best)
+    return tables[chosen], tuple(tables[k] for k in range(len(tables)) if k != chosen and counts[k] > 0)

@@ -1,0 +1,152 @@
+"""Time series as the canonical tables want them: one value per time, times strictly increasing."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+Array = npt.NDArray[np.float64]
+
+
+def series(t: npt.ArrayLike, columns: Mapping[str, npt.ArrayLike]) -> pd.DataFrame:
+    """Make a table from samples in the order in which they were logged.
+
+    Rows without a time are dropped, rows that step backwards are sorted in, and of rows with the same time the
+    last counts. Infinite values become NaN.
+
+    Parameters
+    ----------
+    t : array_like, shape (N,)
+        Seconds on the boot clock.
+    columns : mapping of str to array_like, shape (N,)
+
+    Returns
+    -------
+    DataFrame
+        Index `t` strictly increasing, float64 columns.
+    """
+    times = np.asarray(t, dtype=np.float64)
+    keep = order_of(times)
+    data = {}
+    for name, values in columns.items():
+        column = np.asarray(values, dtype=np.float64)[keep]
+        column[~np.isfinite(column)] = np.nan
+        data[name] = column
+    return pd.DataFrame(data, index=pd.Index(times[keep], name="t", dtype=np.float64))
+
+
+def order_of(t: Array) -> npt.NDArray[np.intp]:
+    """Positions of the samples that make `t` strictly increasing; of equal times the last logged."""
+    order = np.argsort(t, kind="stable")
+    order = order[np.isfinite(t[order])]
+    if len(order) == 0:
+        return order
+    last = np.append(np.diff(t[order]) > 0.0, True)
+    return np.asarray(order[last])
+
+
+def distinct(t: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
+    """Order events by time without losing those that share one: later ones move by a microsecond each.
+
+    Returns
+    -------
+    order : ndarray of int
+        Positions of the events with a time.
+    times : ndarray, shape (len(order),)
+        Strictly increasing.
+    """
+    times = np.asarray(t, dtype=np.float64)
+    order = np.argsort(times, kind="stable")
+    order = order[np.isfinite(times[order])]
+    steps = 1e-6 * np.arange(len(order))
+    # The running maximum of (t - k us) plus k us is the smallest strictly increasing sequence not before t.
+    return order, np.maximum.accumulate(times[order] - steps) + steps
+
+
+def sample(table: pd.DataFrame, t: Array, *, gap: float, angles: bool = False) -> Array:
+    """Interpolate every column of a table linearly at other times.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Index strictly increasing.
+    t : ndarray, shape (N,)
+    gap : float
+        Times farther than this [s] from the nearest sample get NaN.
+    angles : bool
+        The columns are angles in rad: interpolate across the +-pi seam and wrap the result.
+
+    Returns
+    -------
+    ndarray, shape (N, columns)
+    """
+    result = np.full((len(t), table.shape[1]), np.nan)
+    source = table.index.to_numpy()
+    for k, name in enumerate(table.columns):
+        values = table[name].to_numpy(dtype=np.float64)
+        valid = np.isfinite(values)
+        if not valid.any():
+            continue
+        times, values = source[valid], values[valid]
+        right = np.searchsorted(times, t).clip(0, len(times) - 1)
+        left = (right - 1).clip(0)
+        near = np.minimum(np.abs(times[right] - t), np.abs(t - times[left])) <= gap
+        interpolated = np.interp(t, times, np.unwrap(values) if angles else values)
+        result[near, k] = wrap(interpolated[near]) if angles else interpolated[near]
+    return result
+
+
+def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -> pd.DataFrame | None:
+    """Bring tables with different times onto the times of the one with most rows.
+
+    Parameters
+    ----------
+    parts : iterable of DataFrame
+        Of two with the same column the longer counts. Columns roll, pitch and yaw are angles [rad].
+    columns : iterable of str
+        Columns of the result; NaN where no part has them.
+    gap : float
+        Longest time [s] to a sample over which values are interpolated.
+    """
+    tables = sorted((part for part in parts if len(part)), key=len)
+    if not tables:
+        return None
+    t = tables[-1].index.to_numpy()
+    values: dict[str, Array] = {name: np.full(len(t), np.nan) for name in columns}
+    for table in tables:
+        for name in table.columns:
+            angle = name in ("roll", "pitch", "yaw")
+            values[str(name)] = sample(table[[name]], t, gap=gap, angles=angle)[:, 0]
+    return pd.DataFrame(values, index=pd.Index(t, name="t", dtype=np.float64))
+
+
+def wrap(angle: npt.ArrayLike) -> Array:
+    """Bring angles [rad] into (-pi, pi]."""
+    return np.asarray(np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi), dtype=np.float64)
+
+
+def euler_angles(q_w: Array, q_x: Array, q_y: Array, q_z: Array) -> tuple[Array, Array, Array]:
+    """Roll, pitch and yaw [rad] of body-to-NED quaternions (yaw-pitch-roll order)."""
+    norm = np.sqrt(q_w**2 + q_x**2 + q_y**2 + q_z**2)
+    norm = np.where(norm > 0.5, norm, np.nan)
+    w, x, y, z = q_w / norm, q_x / norm, q_y / norm, q_z / norm
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
+def quaternions(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """Body-to-NED quaternions, shape (N, 4), scalar first, of Euler angles [rad] (yaw-pitch-roll order)."""
+    cr, sr = np.cos(roll / 2.0), np.sin(roll / 2.0)
+    cp, sp = np.cos(pitch / 2.0), np.sin(pitch / 2.0)
+    cy, sy = np.cos(yaw / 2.0), np.sin(yaw / 2.0)
+    return np.column_stack(
+        (
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        )
+    )

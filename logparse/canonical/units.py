@@ -1,0 +1,106 @@
+"""Logged units to SI and radians."""
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+#: Factor and offset to SI by unit as DataFlash (FMTU) and MAVLink name it: SI = value * factor + offset.
+SI: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {
+        "": (1.0, 0.0),
+        "1": (1.0, 0.0),
+        "rad": (1.0, 0.0),
+        "deg": (math.pi / 180.0, 0.0),
+        "degheading": (math.pi / 180.0, 0.0),
+        "deglatitude": (math.pi / 180.0, 0.0),
+        "deglongitude": (math.pi / 180.0, 0.0),
+        "cdeg": (math.pi / 18000.0, 0.0),
+        "degE7": (math.pi / 180e7, 0.0),
+        "rad/s": (1.0, 0.0),
+        "deg/s": (math.pi / 180.0, 0.0),
+        "mrad/s": (1e-3, 0.0),
+        "m": (1.0, 0.0),
+        "dm": (1e-1, 0.0),
+        "cm": (1e-2, 0.0),
+        "mm": (1e-3, 0.0),
+        "m/s": (1.0, 0.0),
+        "dm/s": (1e-1, 0.0),
+        "cm/s": (1e-2, 0.0),
+        "mm/s": (1e-3, 0.0),
+        "m/s/s": (1.0, 0.0),
+        "cm/s/s": (1e-2, 0.0),
+        "mG": (9.80665e-3, 0.0),
+        "Gauss": (1e-4, 0.0),
+        "gauss": (1e-4, 0.0),
+        "mGauss": (1e-7, 0.0),
+        "mgauss": (1e-7, 0.0),
+        "V": (1.0, 0.0),
+        "cV": (1e-2, 0.0),
+        "mV": (1e-3, 0.0),
+        "A": (1.0, 0.0),
+        "cA": (1e-2, 0.0),
+        "mA": (1e-3, 0.0),
+        "Pa": (1.0, 0.0),
+        "hPa": (1e2, 0.0),
+        "mbar": (1e2, 0.0),
+        "K": (1.0, 0.0),
+        "degC": (1.0, 273.15),
+        "cdegC": (1e-2, 273.15),
+        "rpm": (math.pi / 30.0, 0.0),
+        "s": (1.0, 0.0),
+        "ms": (1e-3, 0.0),
+        "us": (1e-6, 0.0),
+    }
+)
+
+
+def quantity(frame: pd.DataFrame, column: str, unit: str) -> npt.NDArray[np.float64]:
+    """Read a column of a message in SI units.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Message; ``frame.attrs["units"]`` names the units that the log declares.
+    column : str
+        Column as logged; NaN throughout when the message does not have it.
+    unit : str
+        Unit that the firmware logs in; it counts where the log declares none of the same kind.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+    """
+    if column not in frame:
+        return np.full(len(frame), np.nan)
+    declared = str(frame.attrs.get("units", {}).get(column, ""))
+    if not _alike(declared, unit):
+        declared = unit
+    factor, offset = SI[declared]
+    values = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+    return np.asarray(values * factor + offset, dtype=np.float64)
+
+
+#: Units of one kind; a declaration of another kind is a slip of the firmware and does not count.
+_KINDS = (
+    {"rad", "deg", "degheading", "deglatitude", "deglongitude", "cdeg", "degE7"},
+    {"rad/s", "deg/s", "mrad/s"},
+    {"m", "dm", "cm", "mm"},
+    {"m/s", "dm/s", "cm/s", "mm/s"},
+    {"m/s/s", "cm/s/s", "mG"},
+    {"Gauss", "gauss", "mGauss", "mgauss"},
+    {"V", "cV", "mV"},
+    {"A", "cA", "mA"},
+    {"Pa", "hPa", "mbar"},
+    {"K", "degC", "cdegC"},
+    {"s", "ms", "us"},
+    {"rpm", "rad/s"},
+)
+
+
+def _alike(declared: str, unit: str) -> bool:
+    """Whether two units measure the same kind of thing."""
+    return any(declared in kind and unit in kind for kind in _KINDS)
