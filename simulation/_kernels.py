@@ -14,7 +14,7 @@ from numba import njit
 POSITION, VELOCITY, ATTITUDE, RATE, ROTORS = 0, 3, 6, 10, 13
 
 #: Ends of a flight, as `fly_cascade` returns them.
-COMPLETED, DIVERGED = 0, 1
+COMPLETED, DIVERGED, OVERTURNED = 0, 1, 2
 
 #: What the autopilot does, as recorded.
 DISARMED, IDLE, FLYING, LANDING, LANDED = 0, 1, 2, 3, 4
@@ -401,7 +401,7 @@ def fly_cascade(
     records : int
         Rows filled.
     end : int
-        COMPLETED or DIVERGED.
+        COMPLETED, DIVERGED or OVERTURNED (tilted by more than 90 deg, which no mission asks for).
     step : int
         Last step.
     """
@@ -453,6 +453,8 @@ def fly_cascade(
         tick = k // 10
         rotation_matrix(x[ATTITUDE:RATE], C)
         roll_true = atan2(C[2, 1], C[2, 2])
+        if C[2, 2] < 0.0:
+            return row, OVERTURNED, k
         pitch_true = -asin(min(max(C[2, 0], -1.0), 1.0))
         yaw_true = atan2(C[1, 0], C[0, 0])
 

@@ -236,6 +236,8 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
     )
     if end == _kernels.DIVERGED:
         raise _divergence(step * STEP, x)
+    if end == _kernels.OVERTURNED:
+        raise _divergence(step * STEP, x, "the craft turned over")
     names = (*RECORD_COLUMNS[1:], *(f"w{k + 1}" for k in range(n)), *(f"m{k + 1}" for k in range(n)))
     truth = pd.DataFrame(records[:rows, 1:], index=pd.Index(records[:rows, 0], name="t"), columns=list(names))
 
@@ -260,6 +262,6 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
     )
 
 
-def _divergence(t: float, x: np.ndarray) -> DivergenceError:
+def _divergence(t: float, x: np.ndarray, what: str = "the simulation diverged") -> DivergenceError:
     values = ", ".join(f"{name} {value:.4g}" for name, value in zip(STATE_COLUMNS, x, strict=False))
-    return DivergenceError(f"the simulation diverged at {t:.3f} s; last state: {values}")
+    return DivergenceError(f"{what} at {t:.3f} s; last state: {values}")

@@ -1,0 +1,67 @@
+"""Drives and rotors against their closed forms."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from simulation import ParameterError, propagate
+from simulation._kernels import actuator, drive_speed
+from simulation.drive import Battery, Drive, drive_parameters
+from simulation.rotor import QuadraticRotor
+from simulation.vehicle import elhesasy_octocopter
+
+OCTA = elhesasy_octocopter()
+
+
+def test_rotor_speed_steps_with_the_first_order_lag():
+    start = np.zeros(13 + 8)
+    start[6] = 1.0
+    flight = propagate(OCTA, start, lambda t: np.full(8, 700.0), 0.2, gravity=0.0)
+    expected = 700.0 * (1.0 - np.exp(-flight.index.to_numpy() / 0.04))
+    assert np.abs(flight["w1"] - expected).max() < 1e-4
+
+
+def test_thrust_follows_the_curve_that_the_autopilot_inverts():
+    """With MOT_THST_EXPO e: T / T_max = (1 - e) a + e a^2, and `actuator` is its inverse."""
+    drive = Drive(speed_max=1000.0, time_constant=0.04, expo=0.65)
+    numbers = drive_parameters(drive, Battery())
+    for u in np.linspace(0.0, 1.0, 11):
+        pwm = drive.pwm_at_zero_thrust + actuator(u, 0.65) * (drive.pwm_at_full_thrust - drive.pwm_at_zero_thrust)
+        assert (drive.speed(pwm) / 1000.0) ** 2 == pytest.approx(u, abs=1e-12)
+        assert drive_speed(pwm, 15.0, numbers) == pytest.approx(drive.speed(pwm, 15.0), rel=1e-12)
+    assert drive.speed(1100.0) == 0.0
+    assert drive.speed(2000.0) == 1000.0
+    assert drive.speed(2000.0, 8.4) == 500.0
+
+
+def test_rotor_speed_for_a_thrust_is_the_inverse_of_thrust():
+    rotor = QuadraticRotor(thrust_coefficient=1.105e-5, torque_coefficient=1.779e-7)
+    assert rotor.thrust(rotor.speed_for(5.0, 0.9), 0.9) == pytest.approx(5.0)
+    assert rotor.torque(500.0) / rotor.thrust(500.0) == pytest.approx(1.779e-7 / 1.105e-5)
+
+
+def test_a_craft_too_heavy_for_thin_air_is_refused():
+    heavy = dataclasses.replace(OCTA, mass=9.5)
+    assert math.isfinite(OCTA.hover_thrust(9.8, 1.2, 16.0))
+    with pytest.raises(ParameterError, match=r"9\.5 kg cannot be flown in air of 0\.900"):
+        heavy.hover_thrust(9.8, 0.9, 16.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Drive(speed_max=-1.0, time_constant=0.04), "speed_max must be positive"),
+        (lambda: Drive(speed_max=900.0, time_constant=0.0), "time_constant must be positive"),
+        (lambda: Drive(speed_max=900.0, time_constant=0.04, expo=1.5), "expo must lie in 0..1"),
+        (lambda: Drive(speed_max=900.0, time_constant=0.04, spin_min=0.99), "spin_arm <= spin_min < spin_max"),
+        (lambda: Drive(speed_max=900.0, time_constant=0.04, pwm_min=2000.0), "pwm_min < pwm_max"),
+        (lambda: QuadraticRotor(thrust_coefficient=0.0, torque_coefficient=1e-7), "thrust_coefficient"),
+        (lambda: Battery(voltage_empty=17.0), "voltage_empty < voltage_full"),
+        (lambda: Battery(capacity=0.0), "capacity must be positive"),
+    ],
+)
+def test_drives_that_cannot_exist_are_refused(make, message):
+    with pytest.raises(ParameterError, match=message):
+        make()

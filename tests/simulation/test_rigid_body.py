@@ -1,0 +1,209 @@
+"""The equations of motion against closed forms, conservation laws and an independent integrator."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from simulation import DivergenceError, ParameterError, propagate
+from simulation.atmosphere import SEA_LEVEL_DENSITY, Atmosphere
+from simulation.vehicle import OCTA_PLUS_ANGLES_DEG, RotorMount, elhesasy_octocopter
+
+OCTA = elhesasy_octocopter()
+N = len(OCTA.rotors)
+STILL = np.zeros(N)
+#: No drag, and an inertia with products, so that nothing is special about the body axes.
+BARE = dataclasses.replace(
+    OCTA,
+    drag_linear=(0.0, 0.0, 0.0),
+    drag_area=(0.0, 0.0, 0.0),
+    inertia=np.array([[0.060, 0.004, -0.006], [0.004, 0.075, 0.003], [-0.006, 0.003, 0.105]]),
+)
+
+
+def state(position=(0, 0, 0), velocity=(0, 0, 0), quaternion=(1, 0, 0, 0), rate=(0, 0, 0), speeds=STILL):
+    return np.concatenate((position, velocity, quaternion, rate, speeds)).astype(float)
+
+
+def rotations(frame):
+    """Body-to-NED rotations of each row."""
+    return Rotation.from_quat(frame[["q_x", "q_y", "q_z", "q_w"]].to_numpy())
+
+
+def test_tumbling_without_moments_keeps_energy_and_angular_momentum():
+    flight = propagate(BARE, state(rate=(3.0, -2.0, 5.0)), lambda t: STILL, 10.0, gravity=0.0)
+    rate = flight[["w_x", "w_y", "w_z"]].to_numpy()
+    momentum_b = rate @ BARE.inertia
+    energy = 0.5 * np.einsum("ti,ti->t", rate, momentum_b)
+    momentum_n = rotations(flight).apply(momentum_b)
+    # RK4 at 1 ms loses about (w dt)^4 of a revolution per revolution: parts in 1e10 over 10 s.
+    assert np.abs(energy / energy[0] - 1.0).max() < 1e-9
+    assert np.abs(momentum_n - momentum_n[0]).max() < 1e-9 * np.linalg.norm(momentum_n[0])
+
+
+def test_without_force_the_velocity_stays():
+    flight = propagate(BARE, state(velocity=(3.0, -1.0, 2.0), rate=(1.0, 2.0, 3.0)), lambda t: STILL, 5.0, gravity=0.0)
+    assert np.abs(flight[["v_n", "v_e", "v_d"]].to_numpy() - [3.0, -1.0, 2.0]).max() < 1e-12
+    assert flight["p_n"].iloc[-1] == pytest.approx(15.0, abs=1e-9)
+
+
+def test_free_fall_follows_the_parabola():
+    flight = propagate(BARE, state(velocity=(4.0, 0.0, -6.0)), lambda t: STILL, 3.0)
+    t = flight.index.to_numpy()
+    assert np.abs(flight["p_d"] - (-6.0 * t + 0.5 * 9.80665 * t * t)).max() < 1e-9
+    assert np.abs(flight["p_n"] - 4.0 * t).max() < 1e-9
+
+
+@pytest.mark.parametrize("altitude", [0.0, 2850.0])
+def test_hover_speed_holds_the_craft(altitude):
+    """The closed form w = sqrt(m g / (n k rho / rho0)); 691 rad/s at sea level with Table 2 of Elhesasy 2024."""
+    air = Atmosphere.standard(altitude)
+    speed = OCTA.hover_speed(9.80665, air.density_at(0.0))
+    if altitude == 0.0:
+        assert speed == pytest.approx(math.sqrt(4.3 * 9.80665 / (8 * 1.105e-5)), rel=1e-5)
+    hover = np.full(N, speed)
+    flight = propagate(OCTA, state(speeds=hover), lambda t: hover, 5.0, atmosphere=air)
+    assert np.abs(flight[["p_n", "p_e", "p_d"]].to_numpy()).max() < 1e-6
+
+
+def test_terminal_velocity_of_a_fall_flat_on_the_air():
+    """Weight equals linear plus quadratic drag at the density of the height reached (which changes by 5 % here)."""
+    flight = propagate(OCTA, state(), lambda t: STILL, 20.0)
+    last = flight.iloc[-1]
+    density = Atmosphere.standard(0.0).density_at(-last["p_d"])
+    linear = OCTA.drag_linear[2] * density / SEA_LEVEL_DENSITY
+    quadratic = 0.5 * density * OCTA.drag_area[2]
+    weight = OCTA.mass * 9.80665
+    terminal = (-linear + math.sqrt(linear**2 + 4.0 * quadratic * weight)) / (2.0 * quadratic)
+    # The craft follows the slowly thickening air with a lag of a few seconds: within 0.5 %.
+    assert last["v_d"] == pytest.approx(terminal, rel=5e-3)
+
+
+def test_steady_wind_carries_a_craft_without_weight_along():
+    flight = propagate(OCTA, state(), lambda t: STILL, 300.0, dt=0.01, gravity=0.0, wind=(2.0, -1.0, 0.0))
+    assert flight[["v_n", "v_e"]].iloc[-1].to_numpy() == pytest.approx([2.0, -1.0], rel=1e-6)
+
+
+def test_moments_of_single_rotors_are_those_of_the_paper():
+    """Elhesasy 2024 eq. 14-16 with the signs restored: Mx, My (nose up) and Mz of each motor.
+
+    The paper counts Mz positive for the clockwise `+` rotors in axes with z up; with z down the reaction of a
+    clockwise rotor is negative, as the geometry asks.
+    """
+    c = math.sqrt(0.5)
+    arm, k, b = 0.35, 1.105e-5, 1.779e-7
+    roll = arm * k * np.array([0, 0, -c, -c, c, c, 1, -1])
+    pitch = arm * k * np.array([1, -1, c, -c, c, -c, 0, 0])
+    yaw = -b * np.array([1, 1, -1, -1, -1, -1, 1, 1])
+    speed, dt = 400.0, 1e-6
+    for motor in range(N):
+        speeds = np.zeros(N)
+        speeds[motor] = speed
+        flight = propagate(OCTA, state(speeds=speeds), lambda t, s=speeds: s, dt, dt=dt)
+        moment = OCTA.inertia @ flight[["w_x", "w_y", "w_z"]].iloc[-1].to_numpy() / dt
+        expected = np.array([roll[motor], pitch[motor], yaw[motor]]) * speed**2
+        assert moment == pytest.approx(expected, rel=1e-5, abs=1e-7)
+
+
+def test_rotor_geometry_is_octa_plus():
+    for angle, mount in zip(OCTA_PLUS_ANGLES_DEG, OCTA.rotors, strict=True):
+        assert math.degrees(math.atan2(mount.position[1], mount.position[0])) % 360 == pytest.approx(angle % 360)
+        assert math.hypot(*mount.position[:2]) == pytest.approx(0.35)
+
+
+def test_integrator_is_of_fourth_order():
+    """Halving the step divides the error by 16 as long as the error is above rounding."""
+    speeds = np.linspace(600.0, 760.0, N)
+    start = state(velocity=(5.0, -2.0, 1.0), rate=(1.0, -2.0, 1.5), speeds=speeds)
+
+    def end(dt):
+        return propagate(OCTA, start, lambda t: speeds, 0.64, dt=dt, wind=(2.0, 1.0, 0.0)).iloc[-1].to_numpy()
+
+    exact = end(0.0005)
+    errors = [np.linalg.norm(end(dt) - exact) for dt in (0.016, 0.008, 0.004)]
+    orders = np.log2([errors[0] / errors[1], errors[1] / errors[2]])
+    assert orders == pytest.approx([4.0, 4.0], abs=0.25)
+
+
+def test_agrees_with_an_independent_model_under_solve_ivp():
+    """The same physics written with rotation matrices from SciPy, integrated by DOP853 at tight tolerance."""
+    speeds = np.linspace(560.0, 780.0, N)
+    command = np.linspace(760.0, 600.0, N)
+    wind = np.array([3.0, -1.5, 0.5])
+    air = Atmosphere.standard(500.0, warmer=7.0)
+    start = state((0, 0, -20.0), (4.0, -3.0, 1.0), (0.9, 0.3, -0.2, 0.25), (0.8, -1.1, 0.6), speeds)
+    start[6:10] /= np.linalg.norm(start[6:10])
+    positions = np.array([mount.position for mount in OCTA.rotors])
+    spins = np.array([mount.spin for mount in OCTA.rotors])
+
+    def rhs(t, x):
+        v, q, w, speed = x[3:6], x[6:10], x[10:13], x[13:]
+        C = Rotation.from_quat([q[1], q[2], q[3], q[0]]).as_matrix()
+        density = air.density_at(-x[2])
+        thrust = 1.105e-5 * density / 1.225 * speed**2
+        forces = np.zeros((N, 3))
+        forces[:, 2] = -thrust
+        moment = np.cross(positions, forces).sum(axis=0)
+        moment[2] -= (spins * 1.779e-7 * density / 1.225 * speed**2).sum()
+        air_b = C.T @ (v - wind)
+        drag = np.array(OCTA.drag_linear) * density / 1.225
+        drag = drag + 0.5 * density * np.array(OCTA.drag_area) * np.linalg.norm(air_b)
+        force = forces.sum(axis=0) - drag * air_b
+        q_dot = 0.5 * np.array(
+            [
+                -q[1] * w[0] - q[2] * w[1] - q[3] * w[2],
+                q[0] * w[0] + q[2] * w[2] - q[3] * w[1],
+                q[0] * w[1] - q[1] * w[2] + q[3] * w[0],
+                q[0] * w[2] + q[1] * w[1] - q[2] * w[0],
+            ]
+        )
+        w_dot = np.linalg.solve(OCTA.inertia, moment - np.cross(w, OCTA.inertia @ w))
+        v_dot = C @ force / OCTA.mass + np.array([0.0, 0.0, 9.80665])
+        return np.concatenate((v, v_dot, q_dot, w_dot, (command - speed) / OCTA.drive.time_constant))
+
+    solution = solve_ivp(rhs, (0.0, 2.0), start, method="DOP853", rtol=1e-12, atol=1e-12)
+    flight = propagate(OCTA, start, lambda t: command, 2.0, dt=5e-4, atmosphere=air, wind=tuple(wind))
+    # Global error of RK4 at half a millisecond, dominated by the rotor lag of 40 ms: (dt / 40 ms)^4 / 120 ~ 1e-10.
+    assert flight.iloc[-1].to_numpy() == pytest.approx(solution.y[:, -1], rel=1e-7, abs=1e-7)
+
+
+def test_dropped_craft_comes_to_rest_on_its_feet():
+    flight = propagate(OCTA, state(position=(0, 0, -0.3), velocity=(0.4, 0, 0)), lambda t: STILL, 3.0, ground=True)
+    last = flight.iloc[-1]
+    assert abs(last["p_d"]) < 1e-4
+    assert np.abs(last[["v_n", "v_e", "v_d", "w_x", "w_y", "w_z"]]).max() < 1e-3
+    assert 2.0 * math.acos(min(last["q_w"], 1.0)) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": -1.0}, "mass must be positive"),
+        ({"mass": float("nan")}, "mass must be positive"),
+        ({"inertia": np.diag((0.1, 0.1, 0.5))}, "no body has principal moments"),
+        ({"inertia": np.diag((0.1, -0.1, 0.1))}, "not positive definite"),
+        ({"inertia": np.eye(2)}, "symmetric 3 x 3"),
+        ({"rotors": ()}, "needs rotors"),
+        ({"rotors": (RotorMount((0.1, 0, 0), 2),)}, r"spin \+1 or -1"),
+        ({"rotors": (RotorMount((0.1, 0, 0), 1, axis=(0, 0, -2.0)),)}, "unit vector"),
+        ({"drag_linear": (-0.1, 0.0, 0.0)}, "drag cannot be negative"),
+    ],
+)
+def test_bodies_that_cannot_exist_are_refused(change, message):
+    with pytest.raises(ParameterError, match=message):
+        dataclasses.replace(OCTA, **change)
+
+
+def test_diverging_flight_stops_with_time_and_state():
+    """A step as long as several rotor time constants is outside the stability region of RK4."""
+    spinning = state(speeds=np.full(N, 500.0))
+    with pytest.raises(DivergenceError, match=r"diverged at \d+\.\d+ s; last state: p_n"):
+        propagate(OCTA, spinning, lambda t: STILL, 60.0, dt=0.2)
+
+
+def test_initial_state_must_fit_the_craft():
+    with pytest.raises(ParameterError, match="21 finite numbers"):
+        propagate(OCTA, np.zeros(17), lambda t: STILL, 1.0)
