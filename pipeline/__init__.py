@@ -7,9 +7,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pipeline.analyze import analyze
     from pipeline.config import AnalysisConfig, ConfigError
     from pipeline.fleet import analyze_fleet
+    from pipeline.flight import analyze
     from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, LogFacts, Prediction, Span
 
 __all__ = [
@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 _HOME = {
-    "analyze": "pipeline.analyze",
+    "analyze": "pipeline.flight",
     "analyze_fleet": "pipeline.fleet",
     "AnalysisConfig": "pipeline.config",
     "ConfigError": "pipeline.config",

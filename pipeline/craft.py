@@ -1,7 +1,7 @@
 """Which logs are of the same craft, and which are two recordings of the same flight."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 from logparse import Vehicle
 from pipeline.results import FlightResult
@@ -63,13 +63,21 @@ def same_flight(a: FlightResult, b: FlightResult) -> bool:
     """
     if a.log.sha256 == b.log.sha256:
         return True
-    if a.log.start_utc is None or b.log.start_utc is None or a.flight is None or b.flight is None:
-        return False
     if a.log.vehicle.frame_class != b.log.vehicle.frame_class:
         return False
-    start = max(log.log.start_utc + timedelta(seconds=log.flight.start) for log in (a, b))
-    stop = min(log.log.start_utc + timedelta(seconds=log.flight.stop) for log in (a, b))
-    return (stop - start).total_seconds() > 0.5 * min(a.flight.duration, b.flight.duration)
+    spans = [span for span in (_time_of_day(a), _time_of_day(b)) if span is not None]
+    if len(spans) < 2:
+        return False
+    overlap = min(stop for _, stop in spans) - max(start for start, _ in spans)
+    return overlap > 0.5 * min(stop - start for start, stop in spans)
+
+
+def _time_of_day(result: FlightResult) -> tuple[datetime, datetime] | None:
+    """When the flight began and ended, UTC; None where the log does not tell."""
+    if result.log.start_utc is None or result.flight is None:
+        return None
+    start, stop = (result.log.start_utc + timedelta(seconds=t) for t in (result.flight.start, result.flight.stop))
+    return start, stop
 
 
 def craft_name(flights: Sequence[FlightResult]) -> str:

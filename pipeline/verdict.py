@@ -54,7 +54,7 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     if not beats:
         return Verdict(
             Trust.NO,
-            f"Do not trust the model: {measured}, no better than assuming that the craft stands still or keeps its mean.",
+            f"Do not trust the model: {measured}, no better than assuming that the craft stands still.",
         )
     if len(beats) < len(outputs):
         lost = [output for output in outputs if output not in beats]

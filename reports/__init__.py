@@ -1,1 +1,5 @@
 """Reports: results as pages, tables and files."""
+
+from reports.folder import write
+
+__all__ = ["write"]

@@ -134,7 +134,10 @@ def altitude(result: FlightResult) -> Figure | None:
         yaxis={"title": {"text": "height (m)"}},
         **_modes(result),
     )
-    caption = "Height above the start of the flight. The estimate should run between barometer and GPS. Bands are flight modes."
+    caption = (
+        "Height above the start of the flight. The estimate should run between barometer and GPS. "
+        "Bands are flight modes."
+    )
     return Figure("altitude", caption, data, layout, 300)
 
 
@@ -232,11 +235,11 @@ def prediction(result: FlightResult, joint: Prediction | None = None) -> Figure 
         labels.append(_band_label(part.span, "held out: not used in the fit"))
     layout = _layout(**axes, shapes=bands, annotations=labels)
     caption = (
-        "Position x (north), y (east) and z (up) as measured, and as the model predicts it from the motor commands and the "
-        "initial state alone; below each its residual. Judge the model by the shaded part, which the fit has not seen."
+        "Position x (north), y (east) and z (up) as measured, and as the model predicts it from the motor commands and "
+        "the initial state alone; below each its residual."
     )
-    if not result.predictions:
-        caption = caption.replace("Judge the model by the shaded part, which the fit has not seen.", "").strip()
+    if result.predictions:
+        caption += " Judge the model by the shaded part, which the fit has not seen."
     return Figure("prediction", caption, data, layout, 240 * len(outputs))
 
 

@@ -25,7 +25,7 @@ PAPER_AVERAGE = {"x": 0.3195, "y": 0.2691, "z": 0.2472}
 def flight_numbers(result: FlightResult) -> Numbers:
     """Gather what is known of one log; whatever is not finite becomes None."""
     verdict = judge(result.validation, "the held-out last part of the flight")
-    return _plain(
+    return plain(
         {
             "kind": "flight",
             "rotorid": version("rotorid"),
@@ -49,7 +49,7 @@ def flight_numbers(result: FlightResult) -> Numbers:
 
 def fleet_numbers(result: FleetResult) -> Numbers:
     """Gather what is known of a folder of logs: the joint models first, then every flight for itself."""
-    return _plain(
+    return plain(
         {
             "kind": "fleet",
             "rotorid": version("rotorid"),
@@ -81,8 +81,8 @@ def average(rows: Sequence[Numbers], key: str = "rmse_m") -> Numbers:
 def models(result: FlightResult | FleetResult) -> Numbers:
     """Gather the fitted models with every coefficient: what models.json holds."""
     if isinstance(result, FlightResult):
-        return _plain({"rotorid": version("rotorid"), "flights": [_models(result.name, result)]})
-    return _plain(
+        return plain({"rotorid": version("rotorid"), "flights": [_models(result.name, result)]})
+    return plain(
         {
             "rotorid": version("rotorid"),
             "joint": [_models(group.name, group) for group in result.groups],
@@ -251,8 +251,12 @@ def _finding(finding: Finding) -> Numbers:
     }
 
 
+def plain(numbers: Numbers) -> Numbers:
+    """Reduce a structure to what JSON can say: no NumPy types, no tuples, and None for NaN and infinities."""
+    return {str(key): _plain(item) for key, item in numbers.items()}
+
+
 def _plain(value: Any) -> Any:
-    """Reduce to what JSON can say: no NumPy types, no tuples, and None for NaN and infinities."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -23,7 +23,7 @@ def craft(vehicle: Numbers) -> str:
 def facts(numbers: Numbers) -> str:
     """One line under the title: file, format, size, craft, when."""
     log = numbers["log"]
-    parts = [log["file"], FORMATS.get(log["format"], log["format"]), size(log["bytes"]), craft(numbers["vehicle"])]
+    parts = [FORMATS.get(log["format"], log["format"]), size(log["bytes"]), craft(numbers["vehicle"])]
     if log["start_utc"]:
         parts.append(log["start_utc"][:16].replace("T", " ") + " UTC")
     return " · ".join(part for part in parts if part)
@@ -44,7 +44,9 @@ def _what_it_is(numbers: Numbers) -> str:
         return text + " It holds no flight."
     flown = f" The craft was in the air for {duration(flight['duration_s'])}"
     if flight.get("height_m") is not None:
-        flown += f", up to {number(flight['height_m'], 2)} m above and {number(flight['distance_m'], 2)} m away from its start"
+        flown += (
+            f", up to {number(flight['height_m'], 2)} m above its start and {number(flight['distance_m'], 2)} m away"
+        )
     more = len(log["flights"]) - 1
     others = f" ({more} shorter flight{'s' if more > 1 else ''} in the same log not analysed)" if more > 0 else ""
     return text + flown + others + "."
@@ -56,22 +58,22 @@ def _what_was_identified(numbers: Numbers) -> str:
     if model is not None:
         count = len(model["inputs"]) * len(model["outputs"])
         fitted = next((row for row in numbers["rmse"] if row["part"] == "training"), None)
-        of_what = f" from the first {duration(fitted['duration_s'])} of the flight" if fitted else ""
-        parts.append(
-            f"{count} transfer functions ({model['poles']} poles, {model['zeros']} zeros) from motor PWM to position{of_what}"
-        )
+        fit_on = f", fitted to the first {duration(fitted['duration_s'])} of the flight" if fitted else ""
+        order = f"{model['poles']} poles, {model['zeros']} zeros"
+        parts.append(f"{count} transfer functions ({order}) from motor PWM to position{fit_on}")
     coefficient = thrust_coefficient(thrust)
     if coefficient:
         parts.append(f"the thrust coefficient {coefficient}")
     if not parts:
         return "Nothing could be identified."
-    return f"Identified: {' and '.join(parts)}."
+    return f"Identified: {'; '.join(parts)}."
 
 
 def joint_sentences(group: Numbers) -> list[str]:
     """Say what was identified from several flights of one craft, and from which."""
     count = len(group["training"]) + len(group["held_out"])
-    text = f"{count} flights of one craft ({group['name']}): {len(group['training'])} to fit, {len(group['held_out'])} to judge."
+    split = f"{len(group['training'])} to fit, {len(group['held_out'])} to judge"
+    text = f"{count} flights of one craft ({group['name']}): {split}."
     model = group["model"]
     if model is None:
         return [text, f"No joint model: {group['missing'].get('model', 'not fitted')}."]
@@ -88,6 +90,14 @@ def joint_sentences(group: Numbers) -> list[str]:
 
 def thrust_coefficient(thrust: Numbers | None) -> str:
     """Write the common thrust coefficient with its uncertainty; empty when there is none."""
-    if not thrust:
+    if not thrust or not thrust["common"]["determined"]:
         return ""
-    return uncertain(None, None)
+    common = thrust["common"]
+    if common["newton"] is not None:
+        return f"k = {uncertain(common['newton'], common['newton_sigma'], 'N')} per motor at full command"
+    return f"k/m = {uncertain(common['per_mass'], common['sigma'], 'm/s²')} per motor at full command"
+
+
+def first_reason(numbers: Numbers) -> str:
+    """Give the first reason why a flight has no validated model."""
+    return next(iter(numbers["missing"].values()), "no model")

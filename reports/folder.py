@@ -1,0 +1,89 @@
+"""Results as a folder: a page for people, JSON and CSV with the same numbers for machines."""
+
+import csv
+import json
+import re
+from pathlib import Path
+
+from pipeline.results import FleetResult, FlightResult
+from reports import html
+from reports.numbers import Numbers, fleet_numbers, flight_numbers, models, rmse_rows
+
+
+def write(result: FlightResult | FleetResult, folder: str | Path) -> Path:
+    """Write ``report.html``, ``report.json``, ``models.json`` and ``rmse.csv``; for a fleet a page per flight as well.
+
+    Parameters
+    ----------
+    result : FlightResult or FleetResult
+    folder : str or Path
+        Made when missing; files of the same names are replaced.
+
+    Returns
+    -------
+    Path
+        Of ``report.html``.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    if isinstance(result, FlightResult):
+        numbers = flight_numbers(result)
+        page = html.flight_page(result, numbers)
+    else:
+        numbers = fleet_numbers(result)
+        folders = folder_names([flight.name for flight in result.flights])
+        page = html.fleet_page(result, numbers, folders)
+        _write_flight_pages(result, numbers, folder, folders)
+    (folder / "report.json").write_text(_json(numbers), encoding="utf-8")
+    (folder / "models.json").write_text(_json(models(result)), encoding="utf-8")
+    _write_rmse(rmse_rows(numbers), folder / "rmse.csv")
+    report = folder / "report.html"
+    report.write_text(page, encoding="utf-8")
+    return report
+
+
+def folder_names(names: list[str]) -> dict[str, str]:
+    """Give every flight a folder name that any file system takes, unique without regard to case."""
+    folders: dict[str, str] = {}
+    for name in names:
+        base = re.sub(r"[^\w.()+-]+", "_", name).strip("._")[:100] or "flight"
+        folder, number = base, 1
+        while folder.casefold() in (other.casefold() for other in folders.values()):
+            number += 1
+            folder = f"{base}_{number}"
+        folders[name] = folder
+    return folders
+
+
+def _write_flight_pages(result: FleetResult, numbers: Numbers, folder: Path, folders: dict[str, str]) -> None:
+    joint = {part.experiment.name: part for group in result.groups for part in group.predictions}
+    joint_rows = {row["flight"]: row for group in numbers["groups"] for row in group["rmse"]}
+    for flight, flight_numbers_ in zip(result.flights, numbers["flights"], strict=True):
+        page = html.flight_page(
+            flight,
+            flight_numbers_,
+            joint=joint.get(flight.name),
+            joint_row=joint_rows.get(flight.name),
+            back="../../report.html",
+        )
+        path = folder / "flights" / folders[flight.name] / "report.html"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(page, encoding="utf-8")
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _write_rmse(rows: list[Numbers], path: Path) -> None:
+    """Write a line per flight, part and model; an error that could not be computed is an empty cell."""
+    outputs = list(dict.fromkeys(output for row in rows for output in row["rmse_m"]))
+    kinds = {"rmse_m": "rmse_{}_m", "fit_percent": "fit_{}_percent", "rmse_mean_m": "rmse_mean_{}_m"}
+    heads = [pattern.format(output) for pattern in kinds.values() for output in outputs]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["flight", "part", "model", "craft", "start_s", "duration_s", *heads])
+        for row in rows:
+            cells = [row[kind].get(output) for kind in kinds for output in outputs]
+            facts = [row[name] for name in ("flight", "part", "model", "craft", "start_s", "duration_s")]
+            table.writerow(["" if cell is None else cell for cell in (*facts, *cells)])

@@ -1,0 +1,137 @@
+"""Results as pages that open offline: everything inside, everything from a log escaped."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any
+from urllib.parse import quote
+
+import jinja2
+from markupsafe import Markup
+
+from pipeline.results import FleetResult, FlightResult, Prediction
+from reports import summary, views
+from reports.details import details
+from reports.figures import Figure, flight_figures
+from reports.numbers import Numbers
+
+
+def flight_page(
+    result: FlightResult,
+    numbers: Numbers,
+    joint: Prediction | None = None,
+    joint_row: Numbers | None = None,
+    back: str | None = None,
+) -> str:
+    """Render the page of one flight.
+
+    Parameters
+    ----------
+    result : FlightResult
+        For the plots.
+    numbers : dict
+        Of the same result, for everything else.
+    joint : Prediction, optional
+        What the joint model of the craft makes of this flight.
+    joint_row : dict, optional
+        Its RMSE row.
+    back : str, optional
+        Link to the page of the fleet.
+    """
+    figures = flight_figures(result, joint)
+    return _render(
+        "flight.html",
+        figures,
+        numbers=numbers,
+        back=back,
+        facts=summary.facts(numbers),
+        sentences=summary.sentences(numbers),
+        missing=views.missing_stages(numbers),
+        rmse=views.flight_rmse(numbers, joint_row),
+        thrust=views.thrust_coefficients(numbers["thrust"], numbers["missing"]),
+        model=views.transfer_functions(numbers["model"], numbers["missing"]),
+        details=details(numbers),
+    )
+
+
+def fleet_page(result: FleetResult, numbers: Numbers, folders: dict[str, str]) -> str:
+    """Render the page of several logs.
+
+    Parameters
+    ----------
+    result : FleetResult
+    numbers : dict
+        Of the same result.
+    folders : dict of str to str
+        Folder of every flight's own page, by the flight's name.
+    """
+    flights, failures = numbers["flights"], numbers["failures"]
+    links = {name: f"flights/{quote(folder)}/report.html" for name, folder in folders.items()}
+    counts = [f"{len(flights)} log{'s' if len(flights) != 1 else ''} analysed"]
+    if failures:
+        counts.append(f"{len(failures)} gave nothing")
+    return _render(
+        "fleet.html",
+        [],
+        numbers=numbers,
+        title=f"{len(flights)} flight logs" if len(flights) != 1 else "1 flight log",
+        facts=" · ".join(counts),
+        groups=[views.group(group, links) for group in numbers["groups"]],
+        alone="No craft has two usable flights here, so there is no joint model; every flight stands for itself.",
+        failures=[(failure["file"], failure["reason"]) for failure in failures],
+        flights=views.flight_rows(flights, links),
+    )
+
+
+def _render(template: str, figures: Sequence[Figure], **view: Any) -> str:
+    drawn = [
+        {"id": figure.id, "data": figure.data, "layout": figure.layout, "height": figure.height, "time": figure.time}
+        for figure in figures
+    ]
+    return (
+        _environment()
+        .get_template(template)
+        .render(
+            figures=figures,
+            figures_json=script_json(drawn),
+            plotly=_packed_plotly() if figures else "",
+            style=Markup(_text("style.css")),
+            script=Markup(_text("plots.js")) if figures else Markup(),
+            **view,
+        )
+    )
+
+
+def script_json(value: object) -> Markup:
+    """Write JSON that may stand inside a script element whatever text it holds."""
+    text = json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    for unsafe in "<>&\u2028\u2029":
+        text = text.replace(unsafe, f"\\u{ord(unsafe):04x}")
+    return Markup(text)
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("reports", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _text(name: str) -> str:
+    return (files("reports") / "templates" / name).read_text(encoding="utf-8")
+
+
+@cache
+def _packed_plotly() -> Markup:
+    """Pack Plotly's script as base64 of gzip: 2 MB instead of 5 in every page."""
+    script = (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
+    return Markup(base64.b64encode(gzip.compress(script, compresslevel=9, mtime=0)).decode("ascii"))
