@@ -57,11 +57,7 @@ def _trajectory_details(trajectory: Numbers) -> list[Row]:
     origin = trajectory["origin"]
     rows = [
         ("method", trajectory["method"]),
-        (
-            "origin",
-            f"{origin['latitude_deg']:.6f}°, {origin['longitude_deg']:.6f}°, "
-            f"{origin['altitude_m']:.1f} m above sea level",
-        ),
+        ("origin", _place(origin)),
     ]
     units = {"p": "m", "v": "m/s", "phi": "°"}
     for name, value in trajectory["sigma_median"].items():
@@ -71,6 +67,13 @@ def _trajectory_details(trajectory: Numbers) -> list[Row]:
             rows.append((f"median 1-sigma of {name}", f"{number(shown, 2)} {units[kind]}"))
     rows += [(name.replace("_", " "), _shown(value)) for name, value in trajectory["diagnostics"].items()]
     return rows
+
+
+def _place(origin: Numbers) -> str:
+    if origin["latitude_deg"] is None or origin["longitude_deg"] is None:
+        return "not determined: no GPS"
+    height = "" if origin["altitude_m"] is None else f", {origin['altitude_m']:.1f} m above sea level"
+    return f"{origin['latitude_deg']:.6f}°, {origin['longitude_deg']:.6f}°{height}"
 
 
 def _shown(value: object) -> str:

@@ -160,6 +160,7 @@ def motors(result: FlightResult) -> Figure | None:
     row = 1.0 / count
     data: list[Trace] = []
     axes: dict[str, Any] = {}
+    labels = []
     for number in range(count):
         suffix = "" if number == 0 else str(number + 1)
         name = str(table.columns[number]).removeprefix("m")
@@ -171,12 +172,26 @@ def motors(result: FlightResult) -> Figure | None:
         axes[f"yaxis{suffix}"] = {
             "domain": [top - row * 0.86, top],
             "range": [low - pad, high + pad],
-            "title": {"text": name, "standoff": 6},
             "nticks": 3,
             "tickfont": {"size": 10},
         }
+        labels.append(
+            {
+                "text": plotly_text(name),
+                "x": 0,
+                "xref": "paper",
+                "xanchor": "right",
+                "xshift": -40,
+                "y": 0.5,
+                "yref": f"y{suffix} domain",
+                "showarrow": False,
+                "font": {"size": 13},
+            }
+        )
     axes["xaxis"] = _time_axis(span) | {"anchor": f"y{count}" if count > 1 else "y"}
-    layout = _layout(**axes, **_modes(result, label=False))
+    modes = _modes(result)
+    modes["annotations"] += labels
+    layout = _layout(**axes, **modes)
     caption = (
         "PWM command of every motor (µs), one row for each motor number, all to the same scale. "
         "Motors of a healthy craft in hover stay close to each other and away from their limits."
@@ -232,7 +247,7 @@ def prediction(result: FlightResult, joint: Prediction | None = None) -> Figure 
         if part.training:
             continue
         bands.append(_band(part.span, "@held", 0.10))
-        labels.append(_band_label(part.span, "held out: not used in the fit"))
+        labels.append(_band_label(part.span, "held out"))
     layout = _layout(**axes, shapes=bands, annotations=labels)
     caption = (
         "Position x (north), y (east) and z (up) as measured, and as the model predicts it from the motor commands and "
@@ -272,7 +287,7 @@ def _readable_range(measured: NDArray[np.float64], shown: Sequence[NDArray[np.fl
 
 def _layout(**parts: Any) -> dict[str, Any]:
     base: dict[str, Any] = {
-        "margin": {"l": 58, "r": 14, "t": 34, "b": 44},
+        "margin": {"l": 58, "r": 14, "t": 46, "b": 44},
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
         "font": {"family": "system-ui, sans-serif", "size": 12, "color": "@text"},
@@ -296,14 +311,14 @@ def _time_axis(span: Span | None) -> dict[str, Any]:
     return axis if span is None else axis | {"range": [span.start, span.stop]}
 
 
-def _modes(result: FlightResult, label: bool = True) -> dict[str, Any]:
+def _modes(result: FlightResult) -> dict[str, Any]:
     """Draw flight modes as quiet bands, every other one tinted, with their names on top."""
     shapes, labels = [], []
     for number, mode in enumerate(mode_spans(result)):
         span = Span(mode["start_s"], mode["stop_s"])
-        if number % 2 == 0:
+        if number % 2 == 1:
             shapes.append(_band(span, "@band", 1.0))
-        if label and result.flight is not None and span.duration > 0.06 * result.flight.duration:
+        if result.flight is not None and span.duration > 0.06 * result.flight.duration:
             labels.append(_band_label(span, str(mode["mode"])))
     return {"shapes": shapes, "annotations": labels}
 
@@ -392,6 +407,10 @@ def _gps_offsets(result: FlightResult) -> tuple[NDArray[np.float64], NDArray[np.
     if len(table) < 2:
         return None
     lat, lon = table["lat"].to_numpy(dtype=float), table["lon"].to_numpy(dtype=float)
-    origin = result.trajectory.origin if result.trajectory is not None else Geodetic(lat[0], lon[0], 0.0)
+    origin = Geodetic(lat[0], lon[0], 0.0)
+    if result.trajectory is not None:
+        origin = result.trajectory.origin
+        if not np.isfinite([origin.lat, origin.lon, origin.alt]).all():
+            return None
     north, east, _ = pymap3d.geodetic2ned(lat, lon, origin.alt, origin.lat, origin.lon, origin.alt, deg=False)
     return np.asarray(north), np.asarray(east)

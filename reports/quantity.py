@@ -47,15 +47,24 @@ def uncertain(value: float | None, sigma: float | None, unit: str = "") -> str:
     return f"({value / scale:.{places}f} ± {sigma / scale:.{places}f}) × {power}".replace("-", MINUS) + tail
 
 
-def column(values: Sequence[float | None], digits: int = 3) -> list[str]:
-    """Write the numbers of a table column so that their decimal points stand below each other when right-aligned."""
+def column(values: Sequence[float | None], digits: int = 3, places: int = 3) -> list[str]:
+    """Write the numbers of a table column so that their decimal points stand below each other when right-aligned.
+
+    No number has more than `places` digits behind the point.
+    """
     texts = ["–" if value is None or not math.isfinite(value) else number(value, digits) for value in values]
+    texts = [
+        f"{value:.{places}f}".replace("-", MINUS)
+        if value is not None and len(text.partition(".")[2]) > places
+        else text
+        for text, value in zip(texts, values, strict=True)
+    ]
     decimals = [len(text.partition(".")[2]) for text in texts]
     most = max(decimals, default=0)
     aligned = []
-    for text, places in zip(texts, decimals, strict=True):
-        point = _POINT_SPACE if most and not places else ""
-        aligned.append(text + point + _FIGURE_SPACE * (most - places))
+    for text, behind in zip(texts, decimals, strict=True):
+        point = _POINT_SPACE if most and not behind else ""
+        aligned.append(text + point + _FIGURE_SPACE * (most - behind))
     return aligned
 
 

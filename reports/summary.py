@@ -13,6 +13,11 @@ FORMATS = {
 TRUST_WORDS = {"yes": "trust", "limited": "with care", "no": "do not trust", "unknown": "not judged"}
 
 
+def order(model: Numbers) -> str:
+    """Name the order of a model's transfer functions: ``5 poles, 3 zeros``."""
+    return ", ".join(f"{model[kind]} {kind if model[kind] != 1 else kind[:-1]}" for kind in ("poles", "zeros"))
+
+
 def craft(vehicle: Numbers) -> str:
     """Name a craft: ``ArduCopter 4.7.0, octa plus``; empty when the log says nothing of it."""
     firmware = " ".join(part for part in (vehicle["firmware"] or vehicle["autopilot"], vehicle["version"]) if part)
@@ -59,8 +64,7 @@ def _what_was_identified(numbers: Numbers) -> str:
         count = len(model["inputs"]) * len(model["outputs"])
         fitted = next((row for row in numbers["rmse"] if row["part"] == "training"), None)
         fit_on = f", fitted to the first {duration(fitted['duration_s'])} of the flight" if fitted else ""
-        order = f"{model['poles']} poles, {model['zeros']} zeros"
-        parts.append(f"{count} transfer functions ({order}) from motor PWM to position{fit_on}")
+        parts.append(f"{count} transfer functions ({order(model)}) from motor PWM to position{fit_on}")
     coefficient = thrust_coefficient(thrust)
     if coefficient:
         parts.append(f"the thrust coefficient {coefficient}")
@@ -78,10 +82,7 @@ def joint_sentences(group: Numbers) -> list[str]:
     if model is None:
         return [text, f"No joint model: {group['missing'].get('model', 'not fitted')}."]
     functions = len(model["inputs"]) * len(model["outputs"])
-    identified = (
-        f"Identified jointly: {functions} transfer functions ({model['poles']} poles, {model['zeros']} zeros) "
-        "from motor PWM to position"
-    )
+    identified = f"Identified jointly: {functions} transfer functions ({order(model)}) from motor PWM to position"
     coefficient = thrust_coefficient(group["thrust"])
     if coefficient:
         identified += f" and the thrust coefficient {coefficient}"

@@ -63,7 +63,6 @@ def flight_rmse(numbers: Numbers, joint_row: Numbers | None) -> View | None:
         "state alone.",
         "label": "Part of the flight",
         "outputs": list(lines[0][2]["rmse_m"]),
-        "note_label": "",
         "rows": [
             {"kind": kind, "label": label, "link": None, "cells": line}
             for (kind, label, _), line in zip(lines, cells, strict=True)
@@ -101,7 +100,6 @@ def group_rmse(group: Numbers, links: dict[str, str]) -> View | None:
         f"the initial state alone. {group['split'][0].upper()}{group['split'][1:]}.",
         "label": "Flight",
         "outputs": outputs,
-        "note_label": "",
         "rows": rows,
     }
 
@@ -186,15 +184,17 @@ def thrust_coefficients(thrust: Numbers | None, missing: Numbers) -> View:
     common, motors = thrust["common"], thrust["per_motor"]
     heads = ["k/m (m/s²)", "k (N)"] if thrust["mass"] else ["k/m (m/s²)"]
     rows = []
+    single = any(value["determined"] for value in motors.values())
     for label, value in (
         ("All motors alike", common),
-        *((f"Motor {name.removeprefix('m')}", motors[name]) for name in motors),
+        *((f"Motor {name.removeprefix('m')}", motors[name]) for name in motors if single),
     ):
         cells = [uncertain(value["per_mass"], value["sigma"])]
         if thrust["mass"]:
             cells.append(uncertain(value["newton"], value["newton_sigma"]))
         rows.append({"label": label, "cells": cells})
     reasons = dict.fromkeys(value["reason"] for value in (common, *motors.values()) if value["reason"])
+    of_what = "" if single else " for single motors"
     mass = (
         f"k from the given mass of {number(thrust['mass'], 4)} kg."
         if thrust["mass"]
@@ -204,7 +204,7 @@ def thrust_coefficients(thrust: Numbers | None, missing: Numbers) -> View:
         "rows": rows,
         "head": heads,
         "caption": f"Thrust of one motor at full command in sea-level air, from the accelerometer. {mass}",
-        "reasons": [f"Not determined: {reason}" for reason in reasons],
+        "reasons": [f"Not determined{of_what if common['determined'] else ''}: {reason}." for reason in reasons],
         "facts": f"The craft hovers at {number(thrust['hover_pwm'], 4)} µs, "
         f"{number(100 * thrust['hover_command'], 2)} % of full command; "
         f"the model leaves {number(thrust['rmse'], 2)} m/s² of the specific force unexplained.",

@@ -1,0 +1,164 @@
+"""A flight whose truth is simple, taken through the real identification, for pages and files to be made of."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import sysid
+from estimation import Trajectory
+from logparse import Finding, Geodetic, Motor, Severity, Vehicle
+from pipeline import AnalysisConfig, FleetResult, FlightResult, GroupResult, LogFacts, Prediction, Span
+from pipeline.results import Failure
+
+#: Text as an attacker would put it into a log.
+HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>\u2028"
+
+
+def made_flight(
+    name: str = "flight01",
+    *,
+    motors: int = 2,
+    poles: int = 2,
+    zeros: int = 1,
+    duration: float = 60.0,
+    seed: int = 1,
+    fit: bool = True,
+) -> FlightResult:
+    """Fly a craft whose position is a damped second-order answer to its motors, and identify it."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(40.0, 40.0 + duration, 0.1)
+    hover = 1550.0
+    steps = np.repeat(rng.normal(0.0, 60.0, (len(t) // 30 + 1, motors)), 30, axis=0)[: len(t)]
+    u = hover + steps + rng.normal(0.0, 8.0, (len(t), motors))
+    mix = rng.normal(0.0, 0.02, (3, motors))
+    y = np.zeros((len(t), 3))
+    velocity = np.zeros(3)
+    for k in range(len(t) - 1):
+        velocity = velocity + 0.1 * (mix @ (u[k] - hover) - 0.6 * y[k] - 0.9 * velocity)
+        y[k + 1] = y[k] + 0.1 * velocity
+    y += rng.normal(0.0, 0.02, y.shape)
+    names = tuple(f"m{k + 1}" for k in range(motors))
+    angles = np.linspace(0.0, 2 * np.pi, motors, endpoint=False)
+    vehicle = Vehicle(
+        autopilot="ArduCopter",
+        firmware="ArduCopter",
+        version="4.5.7",
+        frame_class="octa" if motors == 8 else "quad",
+        frame_type="plus",
+        motors=tuple(Motor(k + 1, k + 1, float(angles[k]), 1 - 2 * (k % 2), 0, 0.0, 0.0, 0.0) for k in range(motors)),
+    )
+    record = sysid.Experiment.from_arrays(
+        t,
+        u,
+        y,
+        name=name,
+        input_names=names,
+        output_names=("x", "y", "z"),
+        units={"x": "m", "y": "m", "z": "m"},
+        vehicle=vehicle,
+    )
+    wide = np.arange(20.0, 60.0 + duration, 0.05)
+    states = pd.DataFrame({"p_n": 0.0, "p_e": 0.0, "p_d": 0.0, "v_n": 0.0, "v_e": 0.0, "v_d": 0.0}, index=wide)
+    for column, sign, number in (("p_n", 1.0, 0), ("p_e", 1.0, 1), ("p_d", -1.0, 2)):
+        states[column] = sign * np.interp(wide, t, y[:, number])
+        states[f"v{column[1:]}"] = np.gradient(states[column], wide)
+    sigma = pd.DataFrame(0.1, index=wide, columns=["p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "phi_n", "phi_e", "phi_d"])
+    trajectory = Trajectory(
+        states=states,
+        sigma=sigma,
+        covariance=np.zeros((len(wide), 9, 9)),
+        origin=Geodetic(0.8, 0.1, 200.0),
+        method="strapdown",
+        diagnostics={"gps_nis": 1.04},
+    )
+    lat = 0.8 + (states["p_n"] + rng.normal(0, 0.4, len(wide))) / 6.371e6
+    lon = 0.1 + (states["p_e"] + rng.normal(0, 0.4, len(wide))) / 6.371e6 / np.cos(0.8)
+    gps = pd.DataFrame({"lat": lat, "lon": lon, "alt": 200.0 - states["p_d"] + rng.normal(0, 0.6, len(wide))}).iloc[::4]
+    baro = pd.DataFrame({"alt": -states["p_d"] + rng.normal(0, 0.15, len(wide))}).iloc[::2]
+    model = validation = None
+    predictions: tuple[Prediction, ...] = ()
+    if fit:
+        fitted, held_out = record.split(0.7)
+        model = sysid.fit_transfer_functions([fitted], poles=poles, zeros=zeros)
+        validation = sysid.validate(model, [fitted, held_out])
+        predictions = tuple(
+            Prediction(experiment=part, y_hat=validation.predictions[part.name], training=part is fitted)
+            for part in (fitted, held_out)
+        )
+    flight = Span(float(t[0]), float(t[-1]))
+    return FlightResult(
+        name=name,
+        log=LogFacts(
+            path=Path(f"/logs/{name}.BIN"),
+            size=2_756_608,
+            sha256="0" * 64,
+            format="dataflash",
+            duration=duration + 60.0,
+            start_utc=datetime(2024, 5, 2, 9, 30, tzinfo=UTC),
+            boots=1,
+            vehicle=vehicle,
+            craft="craft",
+            flights=(flight,),
+        ),
+        config=AnalysisConfig(poles=poles, zeros=zeros),
+        flight=flight,
+        motors=pd.DataFrame(u, index=t, columns=list(names)),
+        modes=pd.DataFrame({"mode": ["STABILIZE", "AUTO", "LAND"]}, index=[10.0, 44.0, 40.0 + 0.85 * duration]),
+        gps=gps,
+        baro=baro,
+        trajectory=trajectory,
+        experiment=record,
+        model=model,
+        validation=validation,
+        predictions=predictions,
+        findings=(
+            Finding(
+                "gps-lag",
+                Severity.WARNING,
+                "GPS positions were written 0.18 s after they were true.",
+                "Set GPS_DELAY_MS to what your receiver needs.",
+                {"lag_s": 0.18},
+            ),
+            Finding("backward-rows", Severity.INFO, "212 rows go slightly backwards in time and were sorted."),
+        ),
+        missing={"thrust": "no voltage was logged; set LOG_BITMASK to include CURRENT"},
+        timings={"read": 0.021, "trajectory": 0.84, "model": 6.2},
+    )
+
+
+@pytest.fixture(scope="session")
+def flight() -> FlightResult:
+    return made_flight()
+
+
+@pytest.fixture(scope="session")
+def fleet(flight: FlightResult) -> FleetResult:
+    other = made_flight("flight02", seed=2, fit=False)
+    assert flight.experiment is not None
+    assert other.experiment is not None
+    model = sysid.fit_transfer_functions([flight.experiment], poles=2, zeros=1)
+    validation = sysid.validate(model, [flight.experiment, other.experiment])
+    group = GroupResult(
+        name="ArduCopter quad plus",
+        vehicle=flight.log.vehicle,
+        training=("flight01",),
+        held_out=("flight02",),
+        split="every second flight in order of name trains, the others judge",
+        model=model,
+        validation=validation,
+        predictions=tuple(
+            Prediction(experiment=one.experiment, y_hat=validation.predictions[one.name], training=one is flight)
+            for one in (flight, other)
+            if one.experiment is not None
+        ),
+        missing={"thrust": "no accelerometer"},
+    )
+    return FleetResult(
+        flights=(flight, other),
+        failures=(Failure(Path("/logs/notes.bin"), "not a flight log: text without a single FMT row"),),
+        groups=(group,),
+        config=AnalysisConfig(),
+    )
