@@ -18,12 +18,15 @@ _ABOVE_IDLE = 0.03
 _PAUSE = 5.0
 #: Gap [s] in the data that ends a flight, and the same in sample intervals for slow telemetry.
 _GAP, _GAP_SAMPLES = 5.0, 20.0
-#: Height [m] that makes a flight; pressure under the propellers feigns up to about a metre on the ground.
-_RISE = 1.5
+#: Height [m] that makes a flight; pressure under the propellers feigns up to about a metre on the ground. A lower
+#: hover counts when the craft also moved about its axes: root mean square angular rate [rad/s].
+_RISE, _HOP, _TURNING = 1.5, 0.5, 0.05
 #: Height [m] at which the craft has left the ground, or is back on it.
 _LIFT = 0.3
-#: Movement [m] that makes a flight where no height is logged, and shortest flight [s].
-_MOVEMENT, _SHORTEST = 8.0, 3.0
+#: Horizontal movement [m] with a speed [m/s] that makes a flight at constant height, and shortest flight [s].
+_MOVEMENT, _SPEED, _SHORTEST = 8.0, 2.5, 3.0
+#: Median disagreement [m] with the barometer at which the autopilot's height does not count.
+_DISAGREEMENT = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +70,7 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
     for start, stop in candidates:
         if stop - start < _SHORTEST or not _flew(start, stop, height, tables):
             continue
-        flight = Flight(start, stop) if height is None else _trimmed(start, stop, height)
+        flight = Flight(start, stop) if height is None else _trimmed(start, stop, height, tables.events)
         if flight.duration >= _SHORTEST:
             flights.append(flight)
     return tuple(flights)
@@ -112,14 +115,21 @@ def _intervals(t: Array, on: npt.NDArray[np.bool_]) -> list[tuple[float, float]]
 
 
 def _height(tables: Tables) -> "pd.Series[float] | None":
-    """Height above some ground [m, up], from the autopilot's estimate, the barometer or GPS, whichever varies."""
+    """Height above some ground [m, up]: the autopilot's estimate, the barometer or GPS.
+
+    The estimate is smoother than the barometer, which feels the propellers, but can run away with a bad GPS.
+    """
+    heights = []
     for table, name, sign in ((tables.ekf, "p_d", -1.0), (tables.baro, "alt", 1.0), (tables.gps, "alt", 1.0)):
-        if table is None:
-            continue
-        height = (sign * table[name]).dropna()
-        if len(height) > 5 and float(height.max() - height.min()) > 0.0:
-            return height
-    return None
+        height = None if table is None else (sign * table[name]).dropna()
+        varies = height is not None and len(height) > 5 and float(height.max() - height.min()) > 0.0
+        heights.append(height if varies else None)
+    estimate, barometer, fixes = heights
+    if estimate is not None and barometer is not None:
+        difference = estimate.to_numpy() - np.interp(estimate.index, barometer.index, barometer)
+        if float(np.median(np.abs(difference - np.median(difference)))) > _DISAGREEMENT:
+            return barometer
+    return next((height for height in (estimate, barometer, fixes) if height is not None), None)
 
 
 def _risen(height: "pd.Series[float]", tables: Tables) -> list[tuple[float, float]]:
@@ -141,42 +151,61 @@ def _risen(height: "pd.Series[float]", tables: Tables) -> list[tuple[float, floa
 
 def _flew(start: float, stop: float, height: "pd.Series[float] | None", tables: Tables) -> bool:
     """Whether the craft rose or moved far enough while its motors ran."""
-    if height is not None:
-        inside = height.loc[start:stop]
-        if len(inside) > 1 and float(inside.max() - inside.min()) > _RISE:
+    inside = None if height is None else height.loc[start:stop]
+    if inside is not None and len(inside) > 1:
+        rise = float(inside.max() - inside.min())
+        if rise > _RISE or (rise > _HOP and _turning(start, stop, tables) > _TURNING):
             return True
     if tables.gps is not None:
         fixes = tables.gps.loc[start:stop]
-        fixes = fixes[(fixes["fix"] >= 3.0) & fixes["lat"].notna()]
-        if len(fixes) > 1:
+        fixes = fixes[(fixes["fix"] >= 3.0) & fixes["lat"].notna() & ~(fixes["hdop"] > 3.0)]
+        speed = np.hypot(fixes["v_n"].to_numpy(), fixes["v_e"].to_numpy())
+        speed = speed[np.isfinite(speed)]
+        if len(speed) > 1 and float(np.quantile(speed, 0.9)) > _SPEED:
             radius = 6.37e6
             north = radius * float(fixes["lat"].max() - fixes["lat"].min())
             east = radius * float(fixes["lon"].max() - fixes["lon"].min()) * float(np.cos(fixes["lat"].iloc[0]))
             return north > _MOVEMENT or east > _MOVEMENT
-    if height is None and tables.motors is not None:
-        # Nothing but motors: a craft in the air is steered all the time, one on a stand gets a few commands.
-        values = tables.motors.loc[start:stop].to_numpy()
-        return bool(np.nanmean(np.nanstd(values, axis=0)) > 5.0)
+    if inside is None and tables.gps is None:
+        return _turning(start, stop, tables) > _TURNING
     return False
 
 
-def _trimmed(start: float, stop: float, height: "pd.Series[float]") -> Flight:
+def _turning(start: float, stop: float, tables: Tables) -> float:
+    """Root mean square of the angular rate [rad/s] about its mean; 0 where no gyro is logged."""
+    if tables.imu is None:
+        return 0.0
+    rates = tables.imu.loc[start:stop, ["gyro_x", "gyro_y", "gyro_z"]]
+    return float(np.sqrt((rates.var(ddof=0)).sum())) if len(rates) > 1 else 0.0
+
+
+def _trimmed(start: float, stop: float, height: "pd.Series[float]", events: pd.DataFrame | None) -> Flight:
     """Cut the time on the ground off both ends of a powered interval.
 
-    The ground is the height just before the motors ran up, and just after they ran down. Where the log does not
-    show the ground (it starts or ends in the air) the interval is kept.
+    The ground is the height just before the motors ran up, and just after they ran down or, where the log ends with
+    disarming, at that moment. Where the log does not show the ground (it starts or ends in the air) the interval is
+    kept.
     """
     inside = height.loc[start:stop]
-    before = height.loc[start - 3.0 : start]
-    after = height.loc[stop : stop + 3.0]
     if len(inside) < 3:
         return Flight(start, stop)
-    if len(before) > 1:
-        up = inside[inside > float(before.median()) + _LIFT]
-        if len(up):
+    before, after = height.loc[start - 3.0 : start], height.loc[stop : stop + 3.0]
+    if len(after) < 2 and _landed_at(stop, events):
+        after = inside.iloc[-5:]
+    for ground, first in ((before, True), (after, False)):
+        if len(ground) < 2:
+            continue
+        up = inside[inside > float(ground.median()) + _LIFT]
+        if len(up) and first:
             start = max(start, float(up.index[0]))
-    if len(after) > 1:
-        up = inside[inside > float(after.median()) + _LIFT]
-        if len(up):
+        elif len(up):
             stop = min(stop, float(up.index[-1]))
     return Flight(start, stop)
+
+
+def _landed_at(time: float, events: pd.DataFrame | None) -> bool:
+    """Whether the autopilot said within two seconds that it is on the ground."""
+    if events is None:
+        return False
+    near = events.loc[time - 2.0 : time + 2.0, "event"]
+    return bool(near.isin(["LAND_COMPLETE", "LAND_COMPLETE_MAYBE", "DISARMED"]).any())

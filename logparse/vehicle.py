@@ -139,6 +139,8 @@ def describe(
     motors: tuple[Motor, ...] = ()
     if frame_class is not None:
         motors = motor_table(frame_class, frame_type, _channels(parameters, frame_class))
+    if frame_class == "y6" and frame_type not in ("y6b", "y6f"):
+        frame_type = "y6a"
     levels = pwm_range(parameters)
     autopilot = _autopilot(messages)
     if autopilot is None and (firmware is not None or "FORMAT_VERSION" in parameters or format.startswith("dataflash")):

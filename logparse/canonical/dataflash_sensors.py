@@ -82,12 +82,12 @@ def _output(frame: pd.DataFrame, channel: int) -> str | None:
 
 def _pulses(values: "pd.Series[float]", message: str, remarks: Remarks) -> Array:
     """Pulse widths [us]; 0 means no pulse, which is no error."""
-    pulses = values.to_numpy(dtype=np.float64)
+    pulses = np.asarray(values, dtype=np.float64)
     low, high = PULSE_RANGE
-    bad = ~((pulses >= low) & (pulses <= high))
     silent = pulses == 0.0
-    pulses = np.asarray(np.where(silent, np.nan, pulses), dtype=np.float64)
-    return remarks.remove(pulses, bad & ~silent, message, f"pulse of a motor outside {low:.0f}..{high:.0f} us")
+    bad = ~((pulses >= low) & (pulses <= high)) & ~silent
+    pulses = np.where(silent, np.nan, pulses)
+    return remarks.remove(pulses, bad, message, f"pulse of a motor outside {low:.0f}..{high:.0f} us")
 
 
 def imu(messages: Messages, remarks: Remarks) -> Sensor:
@@ -147,7 +147,7 @@ def _imu_table(
     values = remarks.remove(values, (values == 0.0).all(axis=1), name, "gyro and accelerometer all zero")
     with np.errstate(invalid="ignore"):
         wild = (np.abs(values[:, :3]) > 100.0).any(axis=1) | (np.abs(values[:, 3:]) > 500.0).any(axis=1)
-    values = remarks.remove(values, wild, name, "above 100 rad/s or 500 m/s^2")
+    values = remarks.remove(values, np.asarray(wild), name, "above 100 rad/s or 500 m/s^2")
     if healthy is not None:
         values = remarks.remove(values, np.asarray(~healthy), name, "sensor marked unhealthy by the autopilot")
     names = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")

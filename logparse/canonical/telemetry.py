@@ -122,7 +122,11 @@ def _imu(sender: Sender, remarks: Remarks) -> Sensor:
             [quantity(frame, f"{axis}gyro", units[0]) for axis in "xyz"]
             + [quantity(frame, f"{axis}acc", units[1]) for axis in "xyz"]
         )
-        values = remarks.remove(values, (values == 0.0).all(axis=1), name, "gyro and accelerometer all zero")
+        zero = (values == 0.0).all(axis=1)
+        if zero.all():
+            # Sent for a unit that does not exist.
+            continue
+        values = remarks.remove(values, zero, name, "gyro and accelerometer all zero")
         names = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
         tables.append((name, series(frame.index, dict(zip(names, values.T, strict=True)))))
     return pick(tables, "accel_z")
@@ -210,8 +214,8 @@ def _ground_pressure(parameters: Mapping[str, float], instance: int, pressure: A
     first = float(np.nanmedian(pressure[:20])) if np.isfinite(pressure[:20]).any() else 101325.0
     for name in (f"BARO{instance}_GND_PRESS", "GND_ABS_PRESS", "BARO_GND_PRESS"):
         ground = parameters.get(name, 0.0)
-        # Within 500 m of height of the log's start.
-        if abs(ground - first) < 6000.0:
+        # 101325 is the default before the calibration; a calibration on this ground is within 100 m of the start.
+        if ground != 101325.0 and abs(ground - first) < 1200.0:
             return float(ground)
     return first
 
@@ -368,8 +372,8 @@ def _setpoints(sender: Sender, origin: Geodetic | None) -> pd.DataFrame | None:
             origin.alt,
             deg=False,
         )
-        # MAV_FRAME_GLOBAL_INT (5) has altitudes above sea level; the others are relative to home or terrain.
-        down = np.where(frame["coordinate_frame"].to_numpy() == 5, place[2], np.nan)
+        # MAV_FRAME_GLOBAL (0) and _INT (5) have altitudes above sea level; the others are relative to home or terrain.
+        down = np.where(np.isin(frame["coordinate_frame"].to_numpy(), (0, 5)), place[2], np.nan)
         columns = dict(zip(("p_n", "p_e", "p_d"), (*place[:2], down), strict=True))
         parts.append(_targets(frame, columns))
     if "VFR_HUD" in sender:
