@@ -272,29 +272,27 @@ def sensible(x: np.ndarray) -> bool:
 
 @njit(cache=True, nogil=True)
 def propagate(
-    x0: np.ndarray,
-    commands: np.ndarray,
-    winds: np.ndarray,
+    x: np.ndarray,
+    command: np.ndarray,
+    wind: np.ndarray,
     dt: float,
     frame: AirframeParameters,
     air: AirParameters,
     states: np.ndarray,
 ) -> int:
-    """Integrate open loop with commands and wind held over each step.
+    """Integrate with one command (n,) and one wind (3,) held, x in place; each row of `states` is the end of a step.
 
-    `commands` (N, n), `winds` (N, 3); `states` (N + 1, 13 + n) is filled from x0 on. Returns the number of valid rows.
+    Returns the number of steps done, fewer than rows if the state left every sensible range.
     """
-    x = x0.copy()
     work = np.empty((5, x.size))
     force = np.empty(3)
-    states[0] = x
-    for k in range(commands.shape[0]):
-        derivative(x, commands[k], winds[k], frame, air, work[0], force)
-        rk4_step(x, commands[k], winds[k], dt, frame, air, work)
+    for k in range(states.shape[0]):
+        derivative(x, command, wind, frame, air, work[0], force)
+        rk4_step(x, command, wind, dt, frame, air, work)
         if not sensible(x):
-            return k + 1
-        states[k + 1] = x
-    return len(commands) + 1
+            return k
+        states[k] = x
+    return len(states)
 
 
 @njit(cache=True, nogil=True)

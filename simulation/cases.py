@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from simulation import elhesasy2024
 from simulation.dataflash_log import FlightLog, write_bin
 from simulation.errors import ParameterError
 from simulation.fly import Flight, Setup, fly
@@ -15,7 +16,6 @@ from simulation.mission import GoTo, Mission, Turn, Wait
 from simulation.place import Place
 from simulation.sensors import Gps, Inertial, Magnetometer, Sensors
 from simulation.telemetry_log import write_tlog
-from simulation.vehicle import elhesasy_octocopter
 from simulation.wind import Wind
 
 
@@ -64,7 +64,9 @@ def _octocopter(
     imu_rate: float = 50.0,
     telemetry: bool = False,
 ) -> Case:
-    setup = Setup(mission=mission, place=place, vehicle=elhesasy_octocopter(), wind=wind, sensors=sensors, seed=seed)
+    setup = Setup(
+        mission=mission, place=place, vehicle=elhesasy2024.octocopter(), wind=wind, sensors=sensors, seed=seed
+    )
     return Case(
         name=name,
         summary=summary,
@@ -256,7 +258,7 @@ def describe_truth(case: Case, flight: Flight) -> dict[str, object]:
     """Say in numbers what an identification of the flight should find; keys carry their units."""
     setup = case.setup
     vehicle, place, wind, sensors = setup.vehicle, setup.place, setup.wind, setup.sensors
-    drive, rotor, battery = vehicle.drive, vehicle.rotor, vehicle.battery
+    drive, rotor, battery = vehicle.drive, vehicle.rotors[0].rotor, vehicle.battery
     air = place.atmosphere
     flying = flight.truth.loc[flight.airborne[0] : flight.airborne[1]]
     density = [air.density_at(-p_d) for p_d in flying["p_d"]]
@@ -315,7 +317,7 @@ def describe_truth(case: Case, flight: Flight) -> dict[str, object]:
             "voltage_reference_v": drive.voltage_reference,
             "pwm_at_zero_thrust_us": drive.pwm_at_zero_thrust,
             "pwm_at_full_thrust_us": drive.pwm_at_full_thrust,
-            "thrust_max_per_motor_n": round(vehicle.thrust_max, 5),
+            "thrust_max_per_motor_n": round(rotor.thrust(drive.speed_max, rotor.reference_density), 5),
             "drag_linear_n_s_m": list(vehicle.drag_linear),
             "drag_area_m2": list(vehicle.drag_area),
             "battery": {

@@ -1,4 +1,4 @@
-"""Fly a vehicle: open loop with given rotor commands, or a mission under the PID cascade."""
+"""Fly a vehicle: under given rotor commands, or a mission under the PID cascade."""
 
 import math
 from collections.abc import Callable
@@ -9,7 +9,7 @@ import pandas as pd
 import pymap3d
 
 from simulation import _kernels
-from simulation.atmosphere import Atmosphere
+from simulation.atmosphere import GRAVITY, Atmosphere
 from simulation.controllers import Cascade
 from simulation.drive import drive_parameters
 from simulation.errors import DivergenceError, ParameterError
@@ -49,16 +49,17 @@ RECORD_COLUMNS = (
 def propagate(
     vehicle: Multirotor,
     initial: np.ndarray,
-    command: Callable[[float], np.ndarray],
+    command: Callable[[float, np.ndarray], np.ndarray],
     duration: float,
     *,
     dt: float = 1e-3,
-    gravity: float = 9.80665,
+    hold: int = 1,
+    gravity: float = GRAVITY,
     atmosphere: Atmosphere | None = None,
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ground: bool = False,
 ) -> pd.DataFrame:
-    """Integrate a vehicle open loop by the fourth-order Runge-Kutta method.
+    """Integrate a vehicle under given rotor commands by the fourth-order Runge-Kutta method.
 
     Parameters
     ----------
@@ -66,9 +67,11 @@ def propagate(
     initial : ndarray, shape (13 + n,)
         Position, velocity (NED), quaternion, angular rate, rotor speeds.
     command : callable
-        Commanded rotor speeds (n,) [rad/s] at the start of each step, held over it.
+        Commanded rotor speeds (n,) [rad/s] for the time [s] and the state (13 + n,): open loop or a controller.
     duration, dt : float
         s.
+    hold : int
+        Steps over which a command is held.
     gravity : float
         m/s^2.
     atmosphere : Atmosphere, optional
@@ -91,21 +94,26 @@ def propagate(
         The state left every sensible range.
     """
     n = len(vehicle.rotors)
-    x0 = np.array(initial, dtype=float)
-    if x0.shape != (13 + n,) or not np.isfinite(x0).all():
-        raise ParameterError(f"the initial state needs {13 + n} finite numbers for {n} rotors, not {x0.shape}")
-    if not (dt > 0.0 and duration > 0.0):
-        raise ParameterError(f"step {dt:g} s and duration {duration:g} s must be positive")
-    x0[6:10] /= math.sqrt(float((x0[6:10] ** 2).sum()))
+    x = np.array(initial, dtype=float)
+    if x.shape != (13 + n,) or not np.isfinite(x).all():
+        raise ParameterError(f"the initial state needs {13 + n} finite numbers for {n} rotors, not {x.shape}")
+    if not (dt > 0.0 and duration > 0.0 and hold >= 1):
+        raise ParameterError(f"step {dt:g} s, duration {duration:g} s and hold {hold} must be positive")
+    x[6:10] /= math.sqrt(float((x[6:10] ** 2).sum()))
     steps = round(duration / dt)
-    commands = np.array([command(k * dt) for k in range(steps)], dtype=float).reshape(steps, n)
-    winds = np.tile(np.array(wind, dtype=float), (steps, 1))
     states = np.empty((steps + 1, 13 + n))
+    states[0] = x
     air = (atmosphere or Atmosphere.standard(0.0)).kernel_parameters()
     frame = vehicle.kernel_parameters(gravity, ground=ground)
-    rows = _kernels.propagate(x0, commands, winds, dt, frame, air, states)
-    if rows <= steps:
-        raise _divergence(rows * dt, states[rows - 1])
+    wind_n = np.array(wind, dtype=float)
+    for k in range(0, steps, hold):
+        chunk = states[1 + k : 1 + min(k + hold, steps)]
+        speeds = np.ascontiguousarray(command(k * dt, x.copy()), dtype=float)
+        if speeds.shape != (n,):
+            raise ParameterError(f"a command for {n} rotors has {n} speeds, not {speeds.shape}")
+        done = _kernels.propagate(x, speeds, wind_n, dt, frame, air, chunk)
+        if done < len(chunk):
+            raise _divergence((k + done + 1) * dt, states[k + done])
     columns = [*STATE_COLUMNS, *(f"w{k}" for k in range(1, n + 1))]
     return pd.DataFrame(states, index=pd.Index(np.arange(steps + 1) * dt, name="t"), columns=columns)
 

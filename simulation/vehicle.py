@@ -1,4 +1,4 @@
-"""Multirotors: rotors on a rigid body, and the paper's octocopter."""
+"""Multirotors: rotors on a rigid body."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,6 +18,8 @@ class RotorMount:
 
     Attributes
     ----------
+    rotor : QuadraticRotor
+        Its thrust and torque.
     position : tuple of 3 float
         From the centre of gravity, body FRD, m.
     spin : int
@@ -28,6 +30,7 @@ class RotorMount:
         Unit vector of the thrust, body FRD.
     """
 
+    rotor: QuadraticRotor
     position: tuple[float, float, float]
     spin: int
     layer: int = 0
@@ -72,13 +75,12 @@ class Multirotor:
         About the centre of gravity, body FRD, kg m^2. Off-diagonal elements are minus the products of inertia.
     rotors : tuple of RotorMount
         In the order of the autopilot's motor numbers.
-    rotor : QuadraticRotor
-        Thrust and torque, the same for all rotors.
     drive : Drive
+        The same for all rotors.
     battery : Battery
     gear : LandingGear
     drag_linear : tuple of 3 float
-        Drag per airspeed along body x, y, z at the rotor's reference density, N s/m.
+        Drag per airspeed along body x, y, z at the rotors' reference density, N s/m.
     drag_area : tuple of 3 float
         Drag coefficient times area along body x, y, z, m^2.
     frame_class, frame_type : int
@@ -89,7 +91,6 @@ class Multirotor:
     mass: float
     inertia: np.ndarray
     rotors: tuple[RotorMount, ...]
-    rotor: QuadraticRotor
     drive: Drive
     battery: Battery = field(default_factory=Battery)
     gear: LandingGear = field(default_factory=LandingGear)
@@ -109,17 +110,14 @@ class Multirotor:
                 raise ParameterError(f"{self.name}: rotor {k} must spin +1 or -1, not {mount.spin}")
             if abs(math.hypot(*mount.axis) - 1.0) > 1e-9:
                 raise ParameterError(f"{self.name}: the axis of rotor {k} is not a unit vector")
+        if len({mount.rotor.reference_density for mount in self.rotors}) > 1:
+            raise ParameterError(f"{self.name}: the coefficients of all rotors must hold at one reference density")
         if min(*self.drag_linear, *self.drag_area) < 0.0:
             raise ParameterError(f"{self.name}: drag cannot be negative (it would drive the craft)")
 
-    @property
-    def thrust_max(self) -> float:
-        """Thrust of one rotor at full command, reference voltage and reference density, N."""
-        return self.rotor.thrust(self.drive.speed_max, self.rotor.reference_density)
-
     def hover_speed(self, gravity: float, density: float = SEA_LEVEL_DENSITY) -> float:
-        """Rotor speed [rad/s] at which the rotors carry the weight together; for upright rotors."""
-        return self.rotor.speed_for(self.mass * gravity / len(self.rotors), density)
+        """Speed [rad/s] at which all rotors, turning alike, carry the weight together; for upright rotors."""
+        return math.sqrt(self.mass * gravity / sum(mount.rotor.thrust(1.0, density) for mount in self.rotors))
 
     def hover_thrust(self, gravity: float, density: float, voltage: float) -> float:
         """Fraction of full thrust, at this density and voltage, that carries the weight.
@@ -129,7 +127,8 @@ class Multirotor:
         ParameterError
             The craft cannot hover: the fraction is above 0.9.
         """
-        available = len(self.rotors) * self.rotor.thrust(self.drive.speed(self.drive.pwm_max, voltage), density)
+        full_speed = self.drive.speed(self.drive.pwm_max, voltage)
+        available = sum(mount.rotor.thrust(full_speed, density) for mount in self.rotors)
         fraction = self.mass * gravity / available
         if fraction > 0.9:
             raise ParameterError(
@@ -148,7 +147,6 @@ class Multirotor:
         ground : bool
             Whether there is ground to stand on; the origin is then where the centre of gravity rests.
         """
-        n = len(self.rotors)
         gear = self.gear
         stiffness = self.mass * gravity / gear.sag if gravity > 0.0 else 0.0
         r = gear.reach / math.sqrt(2.0)
@@ -161,9 +159,9 @@ class Multirotor:
             rotor_position=np.array([mount.position for mount in self.rotors], dtype=float),
             rotor_axis=np.array([mount.axis for mount in self.rotors], dtype=float),
             rotor_spin=np.array([mount.spin for mount in self.rotors], dtype=float),
-            thrust_coefficient=np.full(n, self.rotor.thrust_coefficient),
-            torque_coefficient=np.full(n, self.rotor.torque_coefficient),
-            reference_density=self.rotor.reference_density,
+            thrust_coefficient=np.array([mount.rotor.thrust_coefficient for mount in self.rotors]),
+            torque_coefficient=np.array([mount.rotor.torque_coefficient for mount in self.rotors]),
+            reference_density=self.rotors[0].rotor.reference_density,
             time_constant=self.drive.time_constant,
             drag_linear=np.array(self.drag_linear, dtype=float),
             drag_area=np.array(self.drag_area, dtype=float),
@@ -185,48 +183,3 @@ def _check_inertia(name: str, inertia: np.ndarray) -> None:
         raise ParameterError(
             f"{name}: no body has principal moments {principal} kg m^2: the largest exceeds the sum of the others"
         )
-
-
-#: Angle of each motor of ArduPilot's octa-plus [deg clockwise from the nose], by motor number.
-OCTA_PLUS_ANGLES_DEG = (0.0, 180.0, 45.0, 135.0, -45.0, -135.0, -90.0, 90.0)
-#: Spin of each motor seen from above: the `+` arms clockwise, the `x` arms counter-clockwise.
-OCTA_PLUS_SPINS = (1, 1, -1, -1, -1, -1, 1, 1)
-
-#: Elhesasy 2024, Table 2, as printed [kg m^2]; see `elhesasy_octocopter`.
-ELHESASY_PRINTED_INERTIA = np.array([[0.6006, 1.65e-6, 3.57e-6], [1.65e-6, 0.6016, 1.31e-6], [3.57e-6, 1.31e-6, 1.05]])
-
-
-def elhesasy_octocopter() -> Multirotor:
-    """Two-layer octocopter of Elhesasy 2024 (Tables 2 and 3).
-
-    Mass, arm, k and b are as printed. The inertia is a tenth of the print: the printed Izz of 1.05 kg m^2 would need
-    all 4.3 kg to sit half a metre from the axis, beyond the rotors at 0.35 m, while a tenth of it fits a frame with
-    motors of 80 g; and only with a tenth do the gains of Table 1 give damped loops (damping 0.7 instead of 0.2 in
-    roll and pitch). Not printed and chosen here: full speed 1050 rad/s at 16.8 V (thrust is 2.3 times weight at sea
-    level), lag 40 ms, drag, battery of 5.2 A h (the printed 1.3 A h would last two minutes), feet.
-    """
-    arm = 0.35
-    mounts = tuple(
-        RotorMount(
-            position=(
-                arm * math.cos(math.radians(angle)),
-                arm * math.sin(math.radians(angle)),
-                -0.07 if spin > 0 else -0.01,
-            ),
-            spin=spin,
-            layer=spin,
-        )
-        for angle, spin in zip(OCTA_PLUS_ANGLES_DEG, OCTA_PLUS_SPINS, strict=True)
-    )
-    return Multirotor(
-        name="Elhesasy 2024 octocopter",
-        mass=4.3,
-        inertia=np.diag((0.06006, 0.06016, 0.105)),
-        rotors=mounts,
-        rotor=QuadraticRotor(thrust_coefficient=1.105e-5, torque_coefficient=1.779e-7),
-        drive=Drive(speed_max=1050.0, time_constant=0.04),
-        drag_linear=(0.45, 0.45, 0.25),
-        drag_area=(0.055, 0.055, 0.09),
-        frame_class=3,
-        frame_type=0,
-    )

@@ -6,16 +6,15 @@ import math
 import numpy as np
 import pytest
 
-from simulation import DivergenceError, ParameterError, Setup, fly
+from simulation import DivergenceError, ParameterError, Setup, elhesasy2024, fly
 from simulation._kernels import FLYING, mix
 from simulation.controllers import Cascade, mixer
 from simulation.mission import GoTo, Mission, Turn, Wait
 from simulation.place import Place
 from simulation.sensors import Inertial, Navigation, Sensors
-from simulation.vehicle import ELHESASY_PRINTED_INERTIA, elhesasy_octocopter
 from simulation.wind import Wind
 
-OCTA = elhesasy_octocopter()
+OCTA = elhesasy2024.octocopter()
 SEA = Place(name="sea", lat_deg=45.0, lon_deg=0.0, alt=0.0)
 #: Instruments without any error, to see the craft alone.
 PERFECT = Sensors(
@@ -37,13 +36,13 @@ def test_table_1_makes_damped_loops_with_a_tenth_of_the_printed_inertia_only():
     """
     factors = mixer(OCTA)
     arms = np.array([mount.position for mount in OCTA.rotors])
-    per_unit = OCTA.thrust_max * (-arms[:, 1] @ factors[:, 0])
+    per_unit = OCTA.rotors[0].rotor.thrust(OCTA.drive.speed_max) * (-arms[:, 1] @ factors[:, 0])
     rate_gain = 0.1 * per_unit / OCTA.inertia[0, 0]
-    printed = 0.1 * per_unit / ELHESASY_PRINTED_INERTIA[0, 0]
+    printed = 0.1 * per_unit / elhesasy2024.PRINTED_INERTIA[0, 0]
     assert 0.5 * math.sqrt(rate_gain / 6.5) == pytest.approx(0.73, abs=0.04)
     assert 0.5 * math.sqrt(printed / 6.5) < 0.25
     # And the print would put every gram of the craft beyond its rotors.
-    assert ELHESASY_PRINTED_INERTIA[2, 2] > OCTA.mass * 0.35**2
+    assert elhesasy2024.PRINTED_INERTIA[2, 2] > OCTA.mass * 0.35**2
 
 
 def test_mixer_is_that_of_octa_plus():

@@ -6,19 +6,18 @@ import math
 import numpy as np
 import pytest
 
-from simulation import ParameterError, propagate
+from simulation import ParameterError, elhesasy2024, propagate
 from simulation._kernels import actuator, drive_speed
 from simulation.drive import Battery, Drive, drive_parameters
 from simulation.rotor import QuadraticRotor
-from simulation.vehicle import elhesasy_octocopter
 
-OCTA = elhesasy_octocopter()
+OCTA = elhesasy2024.octocopter()
 
 
 def test_rotor_speed_steps_with_the_first_order_lag():
     start = np.zeros(13 + 8)
     start[6] = 1.0
-    flight = propagate(OCTA, start, lambda t: np.full(8, 700.0), 0.2, gravity=0.0)
+    flight = propagate(OCTA, start, lambda t, x: np.full(8, 700.0), 0.2, gravity=0.0)
     expected = 700.0 * (1.0 - np.exp(-flight.index.to_numpy() / 0.04))
     assert np.abs(flight["w1"] - expected).max() < 1e-4
 
