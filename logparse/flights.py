@@ -126,6 +126,11 @@ def _height(tables: Tables) -> "pd.Series[float] | None":
         heights.append(height if varies else None)
     estimate, barometer, fixes = heights
     if estimate is not None and barometer is not None:
+        # A filter that started in flight does not show the take-off.
+        nearest = np.searchsorted(estimate.index, barometer.index).clip(0, len(estimate) - 1)
+        covered = np.abs(estimate.index.to_numpy()[nearest] - barometer.index.to_numpy()) < 2.0
+        if float(covered.mean()) < 0.95:
+            return barometer
         difference = estimate.to_numpy() - np.interp(estimate.index, barometer.index, barometer)
         if float(np.median(np.abs(difference - np.median(difference)))) > _DISAGREEMENT:
             return barometer

@@ -54,9 +54,10 @@ def build(
 
 
 def _old_receiver(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str, float], vehicle: Vehicle) -> bool:
-    """Whether the GPS receiver is of u-blox generation 6 or before, or the firmware takes it for one.
+    """Whether the GPS receiver is likely of u-blox generation 6 or before.
 
-    Copter 3.5 and later print the receiver's hardware; earlier ones reckon with the older receivers' lag.
+    Copter 3.5 and later print the receiver's hardware. Before, only a newer one uses two constellations at once and
+    so more satellites than GPS alone shows.
     """
     if "MSG" in messages:
         for text in messages["MSG"]["Message"]:
@@ -64,6 +65,7 @@ def _old_receiver(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str,
             if match:
                 return int(match[1], 16) < 0x00070000
     match = re.match(r"(\d+)\.(\d+)", vehicle.version or "")
-    if match is None:
-        return "FRAME_CLASS" not in parameters
-    return (int(match[1]), int(match[2])) < (3, 5)
+    recent = "FRAME_CLASS" in parameters if match is None else (int(match[1]), int(match[2])) >= (3, 5)
+    if recent or "GPS" not in messages or "NSats" not in messages["GPS"]:
+        return not recent
+    return int(messages["GPS"]["NSats"].max()) <= 13

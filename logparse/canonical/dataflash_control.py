@@ -72,7 +72,10 @@ def estimate(messages: Messages, parameters: Mapping[str, float]) -> pd.DataFram
     columns = {f"p_{axis.lower()}": quantity(core, f"P{axis}", "m") for axis in "NED"}
     columns |= {f"v_{axis.lower()}": quantity(core, f"V{axis}", "m/s") for axis in "NED"}
     columns |= {name.lower(): wrap(quantity(core, name, "deg")) for name in ("Roll", "Pitch", "Yaw")}
-    return series(core.index, columns)
+    table = series(core.index, columns)
+    # Until the filter runs its states are logged as zeros.
+    table[(table[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]] == 0.0).all(axis=1)] = np.nan
+    return table
 
 
 def origin(messages: Messages, gps: pd.DataFrame | None, ekf: pd.DataFrame | None) -> Geodetic | None:
@@ -104,7 +107,7 @@ def origin_of_fixes(gps: pd.DataFrame | None, ekf: pd.DataFrame | None) -> Geode
     first = Geodetic(*(float(good[name].iloc[0]) for name in ("lat", "lon", "alt")))
     if ekf is None:
         return first
-    # NaN before the filter has a position; exact zeros are its start value.
+    # North and east of exactly zero are the filter's start values.
     position = ekf[["p_n", "p_e", "p_d"]]
     position = position[(position[["p_n", "p_e"]] != 0.0).any(axis=1)].dropna()
     if len(position) < 2:
