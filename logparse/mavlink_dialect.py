@@ -56,6 +56,12 @@ class MessageDefinition:
     fields: tuple[str, ...]
     units: Mapping[str, str]
 
+    def place(self, field: str) -> tuple[np.dtype[Any], int]:
+        """Dtype of a field and where it begins in the payload."""
+        places: Any = self.wire.fields
+        dtype, offset = places[field][:2]
+        return dtype, offset
+
 
 @cache
 def pymavlink_dialect() -> Any:

@@ -1,0 +1,512 @@
+"""Read MAVLink telemetry logs (.tlog): every message of every sender, whatever happened to the file.
+
+`open_tlog` walks the stream once, verifies every frame's checksum, sorts the frames by message and finds the
+power-ups of the autopilot (`tlog_clock`). Columns are decoded when they are asked for. Values are the protocol's
+own: see the units of each column.
+
+After damage the reader goes on at the next frame whose checksum is right. A frame of an unknown message cannot be
+verified; it is skipped as one where the next frame follows it.
+"""
+
+import mmap
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import pyarrow as pa
+
+from logparse import _mavlink
+from logparse.containers import Buffer
+from logparse.dataflash_format import clean_text
+from logparse.errors import LogError
+from logparse.findings import Finding
+from logparse.mavlink_dialect import MessageDefinition, definitions
+from logparse.source import Boot
+from logparse.tlog_clock import BootClock, find_boots, logger_clock
+from logparse.tlog_findings import scan_findings
+
+_STAMP_BYTES = 8
+#: Frames per chunk: few enough that a chunk of the file and its columns stay in the processor's cache.
+_CHUNK_FRAMES = 1 << 14
+_MOST_BREAKS = 1 << 10
+_MOST_UNKNOWN = 64
+#: Clock windows, ms of boot time: shorter where there is no logger time to tell the time between.
+_WINDOW_MS, _RAW_WINDOW_MS = 1000, 100
+#: Bytes of a mapped file that are kept in memory before they are given back.
+_KEEP = 1 << 26
+#: Bytes by which a stream with time stamps is told from one without.
+_SAMPLE = 1 << 18
+#: Intact frames that make a file of unknown content telemetry; chance gives less than one in a hundred heads.
+_ENOUGH_FRAMES = 3
+#: MAV_AUTOPILOT_PX4, which sends integer parameters bit by bit in the float field.
+_PX4 = 12
+_INTEGER_PARAMETERS = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """One column of a message: an element of a field."""
+
+    name: str
+    offset: int
+    dtype: np.dtype[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Dialect:
+    """The dialect as the kernels take it; a message's slot is its place in `messages`."""
+
+    messages: tuple[MessageDefinition, ...]
+    slot_of_name: Mapping[str, int]
+    slot_of_id: npt.NDArray[np.int16]
+    crc_extra: npt.NDArray[np.uint16]
+    checksum_tables: npt.NDArray[np.uint16]
+    boot_field: npt.NDArray[np.int64]
+    clock_kind: npt.NDArray[np.int64]
+    clock_offset: npt.NDArray[np.int64]
+
+
+@cache
+def _dialect() -> _Dialect:
+    messages = tuple(definitions().values())
+    slot_of_id = np.full(max(message.id for message in messages) + 1, -1, np.int16)
+    boot_field = np.full(len(messages), -1, np.int64)
+    clock = np.zeros((len(messages), 2), np.int64)
+    for slot, message in enumerate(messages):
+        slot_of_id[message.id] = slot
+        for name, dtype, kind in (
+            ("time_boot_ms", "<u4", _mavlink.CLOCK_BOOT_MS),
+            ("time_usec", "<u4", _mavlink.CLOCK_US32),
+            ("time_usec", "<u8", _mavlink.CLOCK_US64),
+        ):
+            if clock[slot, 0] == _mavlink.CLOCK_NONE and name in message.fields:
+                field_dtype, offset = message.place(name)
+                if field_dtype == dtype:
+                    clock[slot] = kind, offset
+                    if kind == _mavlink.CLOCK_BOOT_MS:
+                        boot_field[slot] = offset
+    return _Dialect(
+        messages,
+        {message.name: slot for slot, message in enumerate(messages)},
+        slot_of_id,
+        np.array([message.crc_extra for message in messages], np.uint16),
+        _mavlink.checksum_tables(),
+        boot_field,
+        clock[:, 0].copy(),
+        clock[:, 1].copy(),
+    )
+
+
+@cache
+def _columns(name: str) -> tuple[_Column, ...]:
+    """List the columns of a message: arrays by element, ``voltages[0]``, except text."""
+    definition = definitions()[name]
+    columns = []
+    for field in definition.fields:
+        dtype, offset = definition.place(field)
+        if dtype.shape:
+            base = dtype.base
+            columns += [_Column(f"{field}[{k}]", offset + k * base.itemsize, base) for k in range(dtype.shape[0])]
+        else:
+            columns.append(_Column(field, offset, dtype))
+    return tuple(columns)
+
+
+@dataclass(frozen=True, slots=True)
+class _Chunk:
+    """Some thousand successive frames, sorted by message (see `_mavlink.sort_by_slot`)."""
+
+    first_mark: int
+    last_mark: int
+    ordered: npt.NDArray[Any]
+    starts: npt.NDArray[np.int32]
+
+
+class _Scan:
+    """One walk over a stream, with or without time stamps."""
+
+    def __init__(self, data: npt.NDArray[np.uint8], stamp_bytes: int):
+        self.data, self.stamp_bytes = data, stamp_bytes
+        self.chunks: list[_Chunk] = []
+        self.breaks = np.zeros((_MOST_BREAKS, 2), np.int64)
+        self.unknown = np.zeros((_MOST_UNKNOWN, 2), np.int64)
+        self.bad_by_slot = np.zeros(len(_dialect().messages), np.int64)
+        self.link_frames, self.link_lost, self.link_votes = (np.zeros(_mavlink.LINKS, np.int64) for _ in range(3))
+        self.state = np.zeros(_mavlink.STATE_SIZE, np.int64)
+        self.state[_mavlink.TAIL] = len(data)
+        self._last_seq = np.full(_mavlink.LINKS, -1, np.int16)
+        self._open_windows = np.zeros((_mavlink.LINKS, _mavlink.WINDOW_SIZE), np.int64)
+        self._windows: list[npt.NDArray[np.int64]] = []
+
+    def run(self, release: "_Release | None" = None) -> None:
+        """Walk to the end of the stream."""
+        dialect = _dialect()
+        # Four bytes per frame where they do.
+        offsets = np.empty(_CHUNK_FRAMES, np.uint32 if len(self.data) < 1 << 32 else np.uint64)
+        slots = np.empty(_CHUNK_FRAMES, np.uint16)
+        windows = np.empty((_CHUNK_FRAMES // 4, 1 + _mavlink.WINDOW_SIZE), np.int64)
+        while self.state[_mavlink.POSITION] < len(self.data):
+            n, n_windows = _mavlink.scan(
+                self.data, self.stamp_bytes, dialect.slot_of_id, dialect.crc_extra, dialect.checksum_tables,
+                dialect.boot_field, dialect.slot_of_name["HEARTBEAT"],
+                _WINDOW_MS if self.stamp_bytes else _RAW_WINDOW_MS, self.state, offsets, slots, self.breaks,
+                self.unknown, self.bad_by_slot, self._last_seq, self.link_frames, self.link_lost, self.link_votes,
+                self._open_windows, windows,
+            )  # fmt: skip
+            if n:
+                ordered, starts = _mavlink.sort_by_slot(offsets[:n], slots[:n], len(dialect.messages))
+                self.chunks.append(_Chunk(int(offsets[0]), int(offsets[n - 1]), ordered, starts))
+            if n_windows:
+                self._windows.append(windows[:n_windows].copy())
+            if release is not None:
+                release.up_to(int(self.state[_mavlink.POSITION]))
+
+    @property
+    def frames(self) -> int:
+        """Intact frames."""
+        return sum(len(chunk.ordered) for chunk in self.chunks)
+
+    def windows(self, link: int) -> npt.NDArray[np.int64]:
+        """Clock windows of one sender in the order of the stream."""
+        closed = [rows[rows[:, 0] == link, 1:] for rows in self._windows]
+        last = self._open_windows[link]
+        return np.concatenate([*closed, last[None] if last[_mavlink.SAMPLES] else last[None][:0]])
+
+    def autopilot(self) -> int:
+        """Link of the vehicle's autopilot: most heartbeats, else most messages with boot time, else most frames."""
+        if self.link_votes.any():
+            return int(self.link_votes.argmax())
+        timed = np.zeros(_mavlink.LINKS, np.int64)
+        for rows in self._windows:
+            np.add.at(timed, rows[:, 0], rows[:, 1 + _mavlink.SAMPLES])
+        timed += self._open_windows[:, _mavlink.SAMPLES]
+        return int((timed if timed.any() else self.link_frames).argmax())
+
+
+class _Release:
+    """Gives mapped pages back to the system behind a reader, so that a file larger than memory can be read."""
+
+    def __init__(self, buffer: Buffer):
+        self._buffer = buffer
+        self._able = isinstance(buffer, mmap.mmap) and len(buffer) > _KEEP and hasattr(mmap, "MADV_DONTNEED")
+        self._start = 0
+
+    def up_to(self, position: int, everything: bool = False) -> None:
+        """Release what lies before `position`, in large pieces."""
+        stop = position - position % mmap.ALLOCATIONGRANULARITY
+        if self._able and stop - self._start >= (1 if everything else _KEEP):
+            assert isinstance(self._buffer, mmap.mmap)
+            self._buffer.madvise(mmap.MADV_DONTNEED, self._start, stop - self._start)
+            self._start = stop
+
+
+def looks_like(head: bytes) -> bool:
+    """Whether a file that begins so is MAVLink telemetry, with or without time stamps, perhaps damaged."""
+    if not (b"\xfe" in head or b"\xfd" in head):
+        return False
+    scan = _Scan(np.frombuffer(head, np.uint8), _STAMP_BYTES)
+    scan.run()
+    return scan.frames >= _ENOUGH_FRAMES or (scan.frames > 0 and scan.state[_mavlink.STRAY_BYTES] <= len(head) // 2)
+
+
+def _stamp_bytes(data: npt.NDArray[np.uint8]) -> int:
+    """Bytes of logger time before each frame: with the right number there are fewer bytes between the frames."""
+    sample = data[:_SAMPLE]
+    breaks = {}
+    for count in (_STAMP_BYTES, 0):
+        scan = _Scan(sample, count)
+        scan.run()
+        breaks[count] = int(scan.state[_mavlink.BREAKS])
+    return 0 if breaks[0] < breaks[_STAMP_BYTES] else _STAMP_BYTES
+
+
+class TlogSource:
+    """An opened telemetry log; see `logparse.source.MessageSource`.
+
+    Parameters
+    ----------
+    buffer : bytes or mmap
+        The whole file.
+
+    Raises
+    ------
+    LogError
+        Not one intact frame.
+    """
+
+    def __init__(self, buffer: Buffer):
+        if not len(buffer):
+            raise LogError("the file is empty")
+        self._buffer = buffer
+        self._data = np.frombuffer(buffer, np.uint8)
+        self._scan = _Scan(self._data, _stamp_bytes(self._data))
+        release = _Release(buffer)
+        self._scan.run(release)
+        release.up_to(len(self._data), everything=True)
+        if not self._scan.frames:
+            raise LogError("no intact MAVLink frame in the file: it is damaged or not a telemetry log")
+        self._stamped = self._scan.stamp_bytes > 0
+        self._autopilot = self._scan.autopilot()
+        self._clock = self._find_boots()
+        self._counts: dict[Boot, dict[str, int]] = {}
+
+    @property
+    def format(self) -> str:
+        """``"tlog"``, or ``"mavlink-raw"`` for a stream without time stamps."""
+        return "tlog" if self._stamped else "mavlink-raw"
+
+    @property
+    def boots(self) -> tuple[Boot, ...]:
+        """Power-ups of the autopilot in the file."""
+        return self._clock.boots
+
+    @property
+    def autopilot(self) -> tuple[int, int]:
+        """System and component whose boot clock and parameters these are."""
+        return self._autopilot >> 8, self._autopilot & 0xFF
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the scan had to say."""
+        return tuple(scan_findings(self))
+
+    # Clock
+
+    def _find_boots(self) -> BootClock:
+        windows = self._scan.windows(self._autopilot)
+        if len(windows):
+            return find_boots(windows, len(self._data), self._stamped, self._boundary)
+        marks = np.concatenate([chunk.ordered for chunk in self._scan.chunks[:: max(1, len(self._scan.chunks) // 8)]])
+        return logger_clock(self._stamps(marks) if self._stamped else np.empty(0, np.int64), len(self._data))
+
+    def _boundary(self, last: int, first: int) -> int:
+        """Where between two frames of the autopilot a new boot begins: behind its longest silence."""
+        if not self._stamped:
+            return first
+        pieces = [c.ordered for c in self._scan.chunks if c.last_mark >= last and c.first_mark <= first]
+        marks = np.sort(np.concatenate(pieces)).astype(np.int64)
+        marks = marks[(marks >= last) & (marks <= first)]
+        who = marks + np.where(self._data[marks] == 0xFE, 3, 5)
+        sender = self._data[who].astype(np.int64) << 8 | self._data[who + 1]
+        marks = marks[sender == self._autopilot]
+        silence = np.abs(np.diff(self._stamps(marks)))
+        return int(marks[int(silence.argmax()) + 1]) - _STAMP_BYTES
+
+    def _stamps(self, marks: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        """Logger time of frames, us."""
+        marks = marks.astype(np.int64)
+        marks = marks[marks >= _STAMP_BYTES]
+        raw = self._data[(marks - _STAMP_BYTES)[:, None] + np.arange(_STAMP_BYTES)]
+        return np.ascontiguousarray(raw).view(">u8")[:, 0].astype(np.int64)
+
+    # Frames
+
+    def _marks(self, slot: int, boot: Boot) -> npt.NDArray[Any]:
+        """Start bytes of the frames of one message in a boot, ascending."""
+        pieces = [c.ordered[c.starts[slot] : c.starts[slot + 1]] for c in self._scan.chunks]
+        marks = np.concatenate(pieces)
+        return marks[np.searchsorted(marks, boot.start) : np.searchsorted(marks, boot.stop)]
+
+    def counts(self, boot: Boot) -> Mapping[str, int]:
+        """Frames of each message in this boot, by name."""
+        if boot not in self._counts:
+            total = np.zeros(len(_dialect().messages), np.int64)
+            for chunk in self._scan.chunks:
+                if boot.start <= chunk.first_mark and chunk.last_mark < boot.stop:
+                    total += np.diff(chunk.starts)
+                elif chunk.last_mark >= boot.start and chunk.first_mark < boot.stop:
+                    inside = (chunk.ordered >= boot.start) & (chunk.ordered < boot.stop)
+                    total += np.diff(np.concatenate(([0], np.cumsum(inside)))[chunk.starts])
+            names = [message.name for message in _dialect().messages]
+            self._counts[boot] = {names[slot]: int(total[slot]) for slot in np.flatnonzero(total)}
+        return self._counts[boot]
+
+    def units(self, name: str) -> Mapping[str, str]:
+        """Units as the protocol declares them."""
+        declared = definitions()[name].units
+        units = {column.name: declared.get(column.name.partition("[")[0]) for column in _columns(name)}
+        return {column: unit for column, unit in units.items() if unit is not None}
+
+    def decode(self, name: str, boot: Boot) -> pd.DataFrame:
+        """All fields of one message from all senders.
+
+        The index is the boot clock of the autopilot: the message's own time where it comes from there, else logger time
+        less the delay of the messages around it. Arrays have a column for each element (``voltages[0]``). Columns
+        ``system`` and ``component`` say who sent each row.
+        """
+        return self.decode_many((name,), boot)[name]
+
+    def decode_many(self, names: Iterable[str], boot: Boot) -> dict[str, pd.DataFrame]:
+        """All fields of several messages, in one pass over the file."""
+        counts = self.counts(boot)
+        names = list(dict.fromkeys(names))
+        plan = _Plan(names, [counts.get(name, 0) for name in names])
+        dialect = _dialect()
+        release = _Release(self._buffer)
+        clock_kind, clock_offset = dialect.clock_kind[plan.slots], dialect.clock_offset[plan.slots]
+        for chunk in self._scan.chunks:
+            if chunk.last_mark < boot.start or chunk.first_mark >= boot.stop:
+                continue
+            _mavlink.decode(
+                self._data, chunk.ordered, chunk.starts, boot.start, boot.stop, self._stamped, self._autopilot,
+                self._clock.knots, plan.slots, clock_kind, clock_offset, plan.first_field,
+                plan.field_offset, plan.field_width, plan.column, plan.t_column, plan.sender_column, plan.row,
+                *plan.arenas,
+            )  # fmt: skip
+            release.up_to(chunk.last_mark)
+        release.up_to(boot.stop, everything=True)
+        return {name: self._frame(plan, k, boot) for k, name in enumerate(names)}
+
+    def _frame(self, plan: "_Plan", k: int, boot: Boot) -> pd.DataFrame:
+        name = plan.names[k]
+        columns: dict[str, Any] = {}
+        for column in _columns(name):
+            if column.dtype.kind == "S":
+                marks = self._marks(int(plan.slots[k]), boot)
+                columns[column.name] = _text(self._data, marks, column)
+            else:
+                columns[column.name] = plan.values(k, column.name)
+        columns["system"], columns["component"] = plan.senders(k)
+        frame = pd.DataFrame(columns, index=pd.Index(plan.t(k), name="t", copy=False), copy=False)
+        frame.attrs["units"] = dict(self.units(name))
+        return frame
+
+    # Parameters
+
+    def parameters(self, boot: Boot) -> Mapping[str, float]:
+        """Parameters of the autopilot: the last value of each up to the end of this boot.
+
+        Parameters outlive a reboot, and a ground station fetches them once: what is reported in later boots only counts
+        too. Some ground stations write what they fetched in another way as messages of their own.
+        """
+        whole = Boot(0, len(self._data), 0.0, 0.0)
+        if "PARAM_VALUE" not in self.counts(whole):
+            return {}
+        rows = self.decode("PARAM_VALUE", whole)
+        values = rows["param_value"].to_numpy(np.float64)
+        if self._is_px4(whole):
+            bits = rows["param_value"].to_numpy(np.float32)
+            for number, dtype in _INTEGER_PARAMETERS.items():
+                these = rows["param_type"].to_numpy() == number
+                cells = bits[these].view(np.uint8).reshape(-1, 4)[:, : np.dtype(dtype).itemsize]
+                values[these] = np.ascontiguousarray(cells).view(dtype)[:, 0]
+        systems = rows["system"].to_numpy(np.int64)
+        kept = systems << 8 | rows["component"].to_numpy() == self._autopilot
+        kept |= ~np.isin(systems, np.flatnonzero(self._scan.link_votes) >> 8)
+        names = rows["param_id"].to_numpy(object)
+        known = int(np.searchsorted(self._marks(_dialect().slot_of_name["PARAM_VALUE"], whole), boot.stop))
+        later = np.flatnonzero(kept[known:])[::-1] + known
+        parameters: dict[str, float] = {}
+        for k in np.concatenate((later, np.flatnonzero(kept[:known]))):
+            parameters[names[k]] = float(values[k])
+        return parameters
+
+    def _is_px4(self, whole: Boot) -> bool:
+        if "HEARTBEAT" not in self.counts(whole):
+            return False
+        beats = self.decode("HEARTBEAT", whole)
+        system, component = self.autopilot
+        ours = beats[(beats["system"] == system) & (beats["component"] == component)]
+        return bool((ours["autopilot"] == _PX4).mean() > 0.5) if len(ours) else False
+
+    # What the findings need
+
+    @property
+    def data(self) -> npt.NDArray[np.uint8]:
+        """The whole file."""
+        return self._data
+
+    @property
+    def scan(self) -> _Scan:
+        """What the walk over the stream counted."""
+        return self._scan
+
+    @property
+    def clock(self) -> BootClock:
+        """Boots and clock of the autopilot."""
+        return self._clock
+
+    @property
+    def message_names(self) -> list[str]:
+        """Names of all messages of the dialect by slot."""
+        return [message.name for message in _dialect().messages]
+
+
+class _Plan:
+    """Where the columns of some messages lie in one block of memory."""
+
+    def __init__(self, names: list[str], rows: list[int]):
+        self.names = names
+        self.rows = rows
+        self.slots = np.array([_dialect().slot_of_name[name] for name in names], np.int64)
+        self.row = np.array([(0, n) for n in rows], np.int64).reshape(-1, 2)
+        first, offset, width, column, t_column, sender_column = [0], [], [], [], [], []
+        self._places: list[dict[str, tuple[int, np.dtype[Any]]]] = []
+        end = 0
+        for name, n in zip(names, rows, strict=True):
+            t_column.append(end // 8)
+            end += 8 * n
+            sender_column.append(end)
+            end += -(-2 * n // 8) * 8
+            places = {}
+            for item in _columns(name):
+                if item.dtype.kind == "S":
+                    continue
+                offset.append(item.offset)
+                width.append(item.dtype.itemsize)
+                column.append(end // item.dtype.itemsize)
+                places[item.name] = (end, item.dtype)
+                end += -(-n * item.dtype.itemsize // 8) * 8
+            self._places.append(places)
+            first.append(len(offset))
+        self.first_field = np.array(first, np.int64)
+        self.field_offset, self.field_width = np.array(offset, np.int64), np.array(width, np.int64)
+        self.column = np.array(column, np.int64)
+        self.t_column, self.sender_column = np.array(t_column, np.int64), np.array(sender_column, np.int64)
+        self._memory = np.empty(end, np.uint8)
+        self.arenas = (
+            self._memory,
+            *(self._memory.view(kind) for kind in (np.uint16, np.uint32, np.uint64, np.float64)),
+        )
+
+    def t(self, k: int) -> npt.NDArray[np.float64]:
+        """Boot clock of each row of message k, s."""
+        start = int(self.t_column[k]) * 8
+        return self._memory[start : start + 8 * self.rows[k]].view(np.float64)
+
+    def senders(self, k: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+        """System and component of each row of message k."""
+        start, n = int(self.sender_column[k]), self.rows[k]
+        return self._memory[start : start + n], self._memory[start + n : start + 2 * n]
+
+    def values(self, k: int, name: str) -> npt.NDArray[Any]:
+        """Column `name` of message k."""
+        start, dtype = self._places[k][name]
+        return self._memory[start : start + self.rows[k] * dtype.itemsize].view(dtype)
+
+
+def _text(data: npt.NDArray[np.uint8], marks: npt.NDArray[Any], column: _Column) -> Any:
+    """Text column, cut at the first NUL."""
+    width = column.dtype.itemsize
+    cells = np.zeros((len(marks), width), np.uint8)
+    _mavlink.copy_text(data, marks, column.offset, cells)
+    # Most texts recur: decode each once.
+    raw = pa.Array.from_buffers(pa.binary(width), len(marks), [None, pa.py_buffer(cells)])
+    coded = raw.dictionary_encode()
+    texts = pd.array([clean_text(text) for text in coded.dictionary.to_pylist()], dtype="str")
+    return texts.take(coded.indices.to_numpy(zero_copy_only=False))
+
+
+def open_tlog(buffer: Buffer) -> TlogSource:
+    """Scan a telemetry log, or a raw MAVLink stream without time stamps.
+
+    Raises
+    ------
+    LogError
+        Not one intact frame.
+    """
+    return TlogSource(buffer)

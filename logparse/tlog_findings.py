@@ -1,0 +1,224 @@
+"""What the scan of a telemetry log had to say, as findings: one per kind, however long the list behind it."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from logparse import _mavlink
+from logparse.findings import Finding, Severity
+
+if TYPE_CHECKING:
+    from logparse.tlog import TlogSource
+
+_NAMED = 8
+#: So many frames of a message with a wrong checksum, and hardly one with a right one, come from another definition.
+_FOREIGN = 10
+#: A link that loses more than this part of its frames leaves holes that matter.
+_LOSSY = 0.1
+#: Mean step between sequence numbers, on a scale to 256, of a sender that does not count.
+_UNCOUNTED = 50
+
+
+def scan_findings(source: "TlogSource") -> list[Finding]:
+    """Damage, unknown messages, frames lost on the way, clocks, several boots and several vehicles."""
+    return [
+        *_damage(source),
+        *_unknown_messages(source),
+        *_frames_lost(source),
+        *_clock(source),
+        *_senders(source),
+    ]
+
+
+def _damage(source: "TlogSource") -> list[Finding]:
+    state = source.scan.state
+    findings = []
+    tail = int(state[_mavlink.TAIL])
+    if tail < len(source.data):
+        findings.append(_tail(source, tail))
+    bad = int(state[_mavlink.BAD_CHECKSUMS])
+    stray = int(state[_mavlink.STRAY_BYTES])
+    places = int(state[_mavlink.BREAKS])
+    if stray:
+        first = int(source.scan.breaks[0, 0])
+        findings.append(
+            Finding(
+                "bytes-skipped",
+                Severity.WARNING,
+                f"{stray} bytes in {places} places, the first at byte {first}, are not intact frames; {bad} frames "
+                "have a wrong checksum.",
+                "A few come with any radio link. Many: copy the log again, and look at the ground station's disk.",
+                {"bytes": stray, "places": places, "first_byte": first, "bad_checksums": bad},
+            )
+        )
+    foreign = _foreign_messages(source)
+    if foreign:
+        names = ", ".join(f"{name} ({count})" for name, count in foreign[:_NAMED])
+        findings.append(
+            Finding(
+                "foreign-messages",
+                Severity.WARNING,
+                f"All frames of {names} have a wrong checksum: the sender defines these messages otherwise than the "
+                "ArduPilot dialect of MAVLink.",
+                evidence={"messages": names, "frames": sum(count for _, count in foreign)},
+            )
+        )
+    return findings
+
+
+def _tail(source: "TlogSource", start: int) -> Finding:
+    size = len(source.data)
+    evidence = {"first_byte": start, "bytes": size - start}
+    # A look at both ends tells unused storage from a tail of any length.
+    ends = np.concatenate((source.data[start : start + 4096], source.data[max(start, size - 4096) :]))
+    if size - start >= 16 and (np.all(ends == 0xFF) or np.all(ends == 0)):
+        return Finding(
+            "erased-tail",
+            Severity.INFO,
+            f"The last {size - start} bytes were never written (all {int(ends[0]):#04x}).",
+            evidence=evidence,
+        )
+    # The longest signed frame of MAVLink 2 with its time stamp.
+    if size - start < 8 + 10 + 255 + 2 + 13:
+        return Finding(
+            "truncated-tail",
+            Severity.INFO,
+            f"The log ends inside a frame at byte {start}, as when the ground station is closed.",
+            evidence=evidence,
+        )
+    return Finding(
+        "stray-tail",
+        Severity.WARNING,
+        f"The last {size - start} bytes, from byte {start}, are not intact frames.",
+        "Copy the log again; when it comes out the same, the ground station's disk failed while writing.",
+        evidence,
+    )
+
+
+def _foreign_messages(source: "TlogSource") -> list[tuple[str, int]]:
+    bad = source.scan.bad_by_slot
+    found = []
+    for slot in np.flatnonzero(bad >= _FOREIGN):
+        intact = sum(int(chunk.starts[slot + 1] - chunk.starts[slot]) for chunk in source.scan.chunks)
+        if intact * 10 < bad[slot]:
+            found.append((source.message_names[slot], int(bad[slot])))
+    return sorted(found, key=lambda item: -item[1])
+
+
+def _unknown_messages(source: "TlogSource") -> list[Finding]:
+    unknown = source.scan.unknown
+    unknown = unknown[unknown[:, 1] > 0]
+    if not len(unknown):
+        return []
+    unknown = unknown[np.argsort(-unknown[:, 1])]
+    ids = ", ".join(str(number) for number in unknown[:_NAMED, 0]) + (" ..." if len(unknown) > _NAMED else "")
+    total = int(unknown[:, 1].sum())
+    return [
+        Finding(
+            "unknown-messages",
+            Severity.INFO,
+            f"{total} frames have an id that the ArduPilot dialect of MAVLink does not define (ids {ids}); they were "
+            "skipped.",
+            evidence={"messages": total, "ids": ids},
+        )
+    ]
+
+
+def _frames_lost(source: "TlogSource") -> list[Finding]:
+    frames, lost = source.scan.link_frames, source.scan.link_lost
+    # A radio's own messages carry a number that does not count.
+    links = np.flatnonzero((lost > 0) & (lost < _UNCOUNTED * frames))
+    if not len(links):
+        return []
+    links = links[np.argsort(-lost[links])]
+    told = ", ".join(
+        f"{lost[link]} of {lost[link] + frames[link]} from {link >> 8}/{link & 0xFF}" for link in links[:_NAMED]
+    )
+    told += " ..." if len(links) > _NAMED else ""
+    system, component = source.autopilot
+    ours = system << 8 | component
+    share = float(lost[ours] / max(1, lost[ours] + frames[ours]))
+    return [
+        Finding(
+            "frames-lost",
+            Severity.WARNING if share > _LOSSY else Severity.INFO,
+            f"By their sequence numbers frames were lost on the way (system/component): {told}.",
+            "The log on the autopilot's own card has what the radio lost." if share > _LOSSY else "",
+            {"frames": int(lost[ours]), "share": share, "all_senders": int(lost[links].sum())},
+        )
+    ]
+
+
+def _clock(source: "TlogSource") -> list[Finding]:
+    findings = []
+    n = len(source.boots)
+    if n > 1:
+        findings.append(
+            Finding(
+                "several-boots",
+                Severity.INFO,
+                f"The file holds {n} power-ups of the autopilot; they have different clocks and are read one at a "
+                "time.",
+                evidence={"boots": n},
+            )
+        )
+    timed = bool(len(source.scan.windows(source.autopilot[0] << 8 | source.autopilot[1])))
+    if source.format == "mavlink-raw":
+        how = "are interpolated between those that tell it" if timed else "are unknown and read as 0"
+        findings.append(
+            Finding(
+                "no-time-stamps",
+                Severity.WARNING,
+                f"The stream has no time stamps; times of messages without boot time {how}.",
+                "Give the ground station's .tlog instead of its raw log (.rlog, .log.raw).",
+            )
+        )
+    elif not timed:
+        findings.append(
+            Finding(
+                "no-boot-clock",
+                Severity.WARNING,
+                "No message tells the autopilot's boot time; times are those of the ground station, from the first "
+                "frame on.",
+                "Raise the telemetry rates SR0_EXTRA1 and SR0_POSITION above 0.",
+            )
+        )
+    jumps = source.clock.jumps
+    if jumps:
+        told = ", ".join(f"{jump:+.1f} s" for jump in jumps[:_NAMED]) + (" ..." if len(jumps) > _NAMED else "")
+        findings.append(
+            Finding(
+                "logger-clock-jumps",
+                Severity.INFO,
+                f"The ground station's clock jumps against the autopilot's ({told}); the autopilot's is used.",
+                evidence={"jumps": len(jumps), "largest": max(jumps, key=abs)},
+            )
+        )
+    return findings
+
+
+def _senders(source: "TlogSource") -> list[Finding]:
+    votes = source.scan.link_votes
+    vehicles = np.flatnonzero(votes)
+    system, component = source.autopilot
+    if not len(vehicles):
+        return [
+            Finding(
+                "no-autopilot",
+                Severity.WARNING,
+                f"No heartbeat of an autopilot is in the log; system {system}, component {component} is taken for it.",
+                evidence={"system": system, "component": component},
+            )
+        ]
+    if len(vehicles) == 1:
+        return []
+    told = ", ".join(f"{link >> 8}/{link & 0xFF}" for link in vehicles[:_NAMED])
+    return [
+        Finding(
+            "several-vehicles",
+            Severity.WARNING,
+            f"Heartbeats of {len(vehicles)} autopilots are in the log (system/component {told}); "
+            f"{system}/{component}, heard most often, is analysed.",
+            evidence={"vehicles": len(vehicles), "system": system, "component": component},
+        )
+    ]
