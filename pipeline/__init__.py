@@ -7,7 +7,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pipeline.config import AnalysisConfig, ConfigError
+    from pipeline.config import AnalysisConfig
+    from pipeline.errors import ConfigError
     from pipeline.fleet import analyze_fleet
     from pipeline.flight import analyze
     from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, LogFacts, Prediction, Span
@@ -30,7 +31,7 @@ _HOME = {
     "analyze": "pipeline.flight",
     "analyze_fleet": "pipeline.fleet",
     "AnalysisConfig": "pipeline.config",
-    "ConfigError": "pipeline.config",
+    "ConfigError": "pipeline.errors",
 }
 
 

@@ -2,12 +2,6 @@
 
 from dataclasses import dataclass
 
-from logparse import RotoridError
-
-
-class ConfigError(RotoridError):
-    """An analysis was asked for with a setting that cannot be; the message names the setting and what it may be."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnalysisConfig:
@@ -45,15 +39,25 @@ class AnalysisConfig:
     time_limit: float = 120.0
 
     def __post_init__(self) -> None:
+        wrong = self._wrong()
+        if wrong:
+            # Imported here: errors come from logparse, which takes longer to import than help may take to show.
+            from pipeline.errors import ConfigError
+
+            raise ConfigError(wrong)
+
+    def _wrong(self) -> str:
+        """Say which setting cannot be and what it may be; empty when all can."""
         if not 0.5 <= self.rate <= 400.0:
-            raise ConfigError(f"rate is {self.rate:g} Hz; choose 0.5 to 400 Hz (motor outputs are logged at 10 Hz)")
+            return f"rate is {self.rate:g} Hz; choose 0.5 to 400 Hz (motor outputs are logged at 10 Hz)"
         if not 1 <= self.poles <= 12:
-            raise ConfigError(f"poles is {self.poles}; choose 1 to 12 (the paper used 5)")
+            return f"poles is {self.poles}; choose 1 to 12 (the paper used 5)"
         if not 0 <= self.zeros < self.poles:
-            raise ConfigError(f"zeros is {self.zeros}; choose 0 to {self.poles - 1}, fewer than the {self.poles} poles")
+            return f"zeros is {self.zeros}; choose 0 to {self.poles - 1}, fewer than the {self.poles} poles"
         if self.mass is not None and not 0.01 <= self.mass <= 1000.0:
-            raise ConfigError(f"mass is {self.mass:g} kg; choose the take-off mass in kilograms, 0.01 to 1000")
+            return f"mass is {self.mass:g} kg; choose the take-off mass in kilograms, 0.01 to 1000"
         if not 0.1 <= self.training_fraction <= 0.95:
-            raise ConfigError(f"training_fraction is {self.training_fraction:g}; choose 0.1 to 0.95")
+            return f"training_fraction is {self.training_fraction:g}; choose 0.1 to 0.95"
         if not self.time_limit > 0:
-            raise ConfigError(f"time_limit is {self.time_limit:g} s; choose more than 0")
+            return f"time_limit is {self.time_limit:g} s; choose more than 0"
+        return ""

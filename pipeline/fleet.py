@@ -9,8 +9,9 @@ from pathlib import Path
 
 import sysid
 from logparse import LogError, RotoridError
-from pipeline.config import AnalysisConfig, ConfigError
+from pipeline.config import AnalysisConfig
 from pipeline.craft import by_craft, craft_name
+from pipeline.errors import ConfigError
 from pipeline.flight import analyze
 from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, Prediction
 from pipeline.stages import Progress, Stages, silent

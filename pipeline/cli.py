@@ -1,0 +1,215 @@
+"""The command line: ``rotorid analyze | inspect | export | simulate | serve``.
+
+Heavy rooms are imported inside the commands, so that help and usage errors come at once.
+"""
+
+import json
+import logging
+import os
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+from pipeline.config import AnalysisConfig
+
+#: All went well; some logs failed; the command was used in a wrong way.
+OK, SOME_FAILED, WRONG_USAGE = 0, 1, 2
+
+app = typer.Typer(
+    name="rotorid",
+    help="From Pixhawk/ArduPilot flight logs to models of the craft, with a report that says what they are worth.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+_DEFAULT = AnalysisConfig()
+
+
+class TableFormat(StrEnum):
+    """Formats that tables are exported to."""
+
+    PARQUET = "parquet"
+    CSV = "csv"
+    MAT = "mat"
+
+
+def main() -> NoReturn:
+    """Run the command line; whatever happens, the user reads a sentence and not a traceback."""
+    # Our matrices are small: more BLAS threads than one only get in each other's way.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    debug = bool(os.environ.get("ROTORID_DEBUG"))
+    logging.basicConfig(level=logging.DEBUG if debug else logging.CRITICAL, stream=sys.stderr)
+    try:
+        app()
+    except OSError as error:
+        _fail(f"{error.filename or 'output'}: {error.strerror or error}", SOME_FAILED)
+    except KeyboardInterrupt:
+        _fail("interrupted", 130)
+    except Exception as error:
+        from logparse import RotoridError
+        from pipeline.errors import ConfigError
+
+        if isinstance(error, RotoridError):
+            _fail(str(error), WRONG_USAGE if isinstance(error, ConfigError) else SOME_FAILED)
+        if debug:
+            raise
+        _fail(
+            f"unexpected {type(error).__name__}: {error}. This is a bug in rotorid; please report it "
+            "(ROTORID_DEBUG=1 shows where it happened).",
+            SOME_FAILED,
+        )
+    sys.exit(OK)
+
+
+@app.command()
+def analyze(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(exists=True, help="Logs (.bin, .log, .tlog, .ulg, told by content) and folders of logs."),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for report.html, report.json, models.json and rmse.csv.")],
+    rate: Annotated[
+        float,
+        typer.Option(help="Samples per second of the fit. Autopilots log motor outputs at 10 Hz; more adds nothing."),
+    ] = _DEFAULT.rate,
+    poles: Annotated[
+        int, typer.Option(help="Poles of each transfer function. More follow a flight closer and others worse.")
+    ] = _DEFAULT.poles,
+    zeros: Annotated[int, typer.Option(help="Zeros of each transfer function, fewer than poles.")] = _DEFAULT.zeros,
+    mass: Annotated[
+        float | None,
+        typer.Option(help="Take-off mass in kg. A flight shows only k/m; with the mass, thrust comes in newtons."),
+    ] = None,
+    training: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Name (or pattern such as 'paper0[1-3]') of a flight to fit on; all others judge. "
+            "May be given several times. Default: every second flight."
+        ),
+    ] = None,
+    training_fraction: Annotated[
+        float, typer.Option(help="Of a single flight, the part to fit on; the rest judges.")
+    ] = _DEFAULT.training_fraction,
+    time_limit: Annotated[
+        float, typer.Option(help="Seconds after which a fit of one log is given up.")
+    ] = _DEFAULT.time_limit,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Logs analysed at the same time. Default: one for each processor.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write report.json to stdout instead of the table.")] = False,
+) -> None:
+    """Read logs, reconstruct the flights, fit models and judge them on flight time that they have not seen.
+
+    One log is fitted on the first part of its flight and judged on the rest. Of several logs each is analysed for
+    itself; flights of the same craft are then fitted jointly and judged on the other flights.
+
+    Exit status: 0 all fine, 1 some logs failed (each is named with its reason), 2 wrong usage.
+    """
+    config = AnalysisConfig(
+        rate=rate,
+        poles=poles,
+        zeros=zeros,
+        mass=mass,
+        training=tuple(training or ()),
+        training_fraction=training_fraction,
+        time_limit=time_limit,
+    )
+    from concurrent.futures import Executor
+
+    import pipeline
+    import reports
+    from pipeline import workers
+    from pipeline.errors import ConfigError
+    from pipeline.fleet import find_logs
+    from pipeline.progress import shown
+
+    single = len(paths) == 1 and paths[0].is_file() and not config.training
+    result: pipeline.FlightResult | pipeline.FleetResult
+    with shown() as progress:
+        if single:
+            result = pipeline.analyze(paths[0], config, progress)
+        else:
+            count = len(find_logs(paths))
+            if not count:
+                raise ConfigError(f"no files in {', '.join(map(str, paths))}")
+            executor: Executor | None
+            with workers.pool(min(jobs or os.cpu_count() or 1, count)) as executor:
+                result = pipeline.analyze_fleet(paths, config, executor, progress)
+        progress("write the report", 1.0)
+        report = reports.write(result, out)
+    failed = _print_analysis(report, as_json)
+    raise typer.Exit(SOME_FAILED if failed else OK)
+
+
+def _print_analysis(report: Path, as_json: bool) -> bool:
+    """Print what was found; the reasons of failed logs go to stderr. Tell whether any failed."""
+    from rich.console import Console
+
+    from reports import terminal
+
+    text = report.with_suffix(".json").read_text(encoding="utf-8")
+    numbers = json.loads(text)
+    if as_json:
+        sys.stdout.write(text)
+    else:
+        console = Console(highlight=False)
+        console.print(terminal.overview(numbers))
+        console.print(f"\nReport: {report}", markup=False, soft_wrap=True)
+    failures = list(terminal.failures(numbers))
+    if failures:
+        errors = Console(stderr=True, highlight=False)
+        errors.print(f"\n{len(failures)} log{'s' if len(failures) > 1 else ''} gave nothing:", style="red")
+        for line in failures:
+            errors.print(f"  {line}", markup=False, soft_wrap=True)
+    return bool(failures)
+
+
+@app.command()
+def simulate(
+    case: Annotated[
+        str, typer.Argument(help="Case to fly, such as octa01_zurich_calm; sample-logs flies all; list names them.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the logs and their truth.")] = Path(),
+) -> None:
+    """Fly a simulated octocopter and write its log with the truth beside it."""
+    import simulation
+    from pipeline.errors import ConfigError
+    from pipeline.progress import shown
+
+    if case == "list":
+        for each in simulation.CASES.values():
+            typer.echo(f"{each.name:24}{each.summary}")
+        return
+    with shown() as progress:
+        if case == "sample-logs":
+            files = simulation.write_sample_logs(out, progress)
+        else:
+            found = simulation.CASES.get(case)
+            if found is None:
+                raise ConfigError(f"no case called {case!r}; there are: {', '.join(simulation.CASES)}, and sample-logs")
+            progress(case, 0.0)
+            files = simulation.write_case(found, out)
+    for file in files:
+        typer.echo(file)
+
+
+@app.command()
+def serve(
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; 0.0.0.0 lets others on the network in.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = 8000,
+) -> None:
+    """Start the web service: a page to drop logs on, and the HTTP interface behind it."""
+    import api
+
+    api.serve(host, port)
+
+
+def _fail(message: str, status: int) -> NoReturn:
+    sys.stderr.write(f"rotorid: {message}\n")
+    sys.exit(status)

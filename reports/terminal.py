@@ -1,0 +1,91 @@
+"""The summary that a person reads in ten seconds at the end of ``rotorid analyze``."""
+
+from collections.abc import Iterable
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from reports import summary
+from reports.numbers import Numbers
+from reports.quantity import column, duration, uncertain
+
+_STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
+
+
+def overview(numbers: Numbers) -> RenderableType:
+    """Tabulate flights with what their own models achieve, then each craft with what its joint model does."""
+    flights = [numbers] if numbers["kind"] == "flight" else numbers["flights"]
+    parts: list[RenderableType] = []
+    if flights:
+        parts.append(_flights(flights))
+    for group in numbers.get("groups", []):
+        parts += [Text(), _joint(group)]
+    if numbers["kind"] == "flight":
+        verdict = numbers["verdict"]
+        parts.append(Text(verdict["sentence"], style=_STYLES[verdict["trust"]]))
+    return Group(*parts)
+
+
+def _flights(flights: list[Numbers]) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    table.title = "Each flight's own model: free-run RMSE on the last part of the flight, which the fit has not seen"
+    table.title_justify, table.title_style = "left", "dim"
+    table.add_column("log", overflow="fold")
+    table.add_column("craft")
+    table.add_column("airborne", justify="right")
+    table.add_column("k/m (m/s²)", justify="right")
+    for output in "xyz":
+        table.add_column(f"{output} (m)", justify="right", no_wrap=True)
+    table.add_column("verdict", overflow="fold")
+    held = [next((row for row in flight["rmse"] if row["part"] == "held-out"), None) for flight in flights]
+    errors = [column([row["rmse_m"].get(output) if row else None for row in held]) for output in "xyz"]
+    for number, (flight, row) in enumerate(zip(flights, held, strict=True)):
+        trust = flight["verdict"]["trust"]
+        verdict = (
+            Text(summary.first_reason(flight), style="dim")
+            if row is None
+            else Text(summary.TRUST_WORDS[trust], style=_STYLES[trust])
+        )
+        vehicle = flight["vehicle"]
+        table.add_row(
+            Text(flight["name"]),
+            Text(" ".join(part for part in (vehicle["frame_class"], vehicle["frame_type"]) if part) or "–"),
+            duration(flight["flight"]["duration_s"]) if flight["flight"] else "–",
+            _per_mass(flight["thrust"]),
+            *(cells[number] for cells in errors),
+            verdict,
+        )
+    return table
+
+
+def _joint(group: Numbers) -> RenderableType:
+    verdict = group["verdict"]
+    sentences = [*summary.joint_sentences(group)]
+    lines: list[RenderableType] = [Text(" ".join(sentences))]
+    held = [row for row in group["rmse"] if row["part"] == "held-out"]
+    if held:
+        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+        table.add_column("held-out flight", overflow="fold")
+        outputs = list(group["rmse_average_m"])
+        for output in outputs:
+            table.add_column(f"{output} (m)", justify="right", no_wrap=True)
+        rows = [*(row["rmse_m"] for row in held), group["rmse_average_m"]]
+        columns = [column([row[output] for row in rows]) for output in outputs]
+        for number, name in enumerate([*(row["flight"] for row in held), "average"]):
+            table.add_row(Text(name), *(cells[number] for cells in columns), style="bold" if name == "average" else "")
+        lines.append(table)
+    lines.append(Text(verdict["sentence"], style=_STYLES[verdict["trust"]]))
+    return Group(*lines)
+
+
+def _per_mass(thrust: Numbers | None) -> str:
+    if not thrust or not thrust["common"]["determined"]:
+        return "–"
+    return uncertain(thrust["common"]["per_mass"], thrust["common"]["sigma"])
+
+
+def failures(numbers: Numbers) -> Iterable[str]:
+    """Name each log that gave nothing with its reason, one line for each."""
+    for failure in numbers.get("failures", []):
+        yield f"{failure['file']}: {failure['reason']}"
