@@ -1,11 +1,13 @@
-"""Controllers: the PID cascade with allocation of Elhesasy 2024."""
+"""Controllers: the PID cascade with allocation of Elhesasy 2024, and the LQR about hover of Kim 2017."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_continuous_are
 
 from simulation._kernels import CascadeParameters
+from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.errors import ParameterError
 from simulation.vehicle import Multirotor
 
@@ -93,3 +95,49 @@ def mixer(vehicle: Multirotor) -> np.ndarray:
     if (largest == 0.0).any():
         raise ParameterError(f"{vehicle.name}: the rotors cannot make torque about every axis")
     return np.ascontiguousarray(0.5 * factors / largest)
+
+
+def hover_linearisation(
+    vehicle: Multirotor, speeds: np.ndarray, density: float = SEA_LEVEL_DENSITY
+) -> tuple[np.ndarray, np.ndarray]:
+    """Linearise attitude about hover with the given rotor speeds (Kim 2017, eq. 17).
+
+    Parameters
+    ----------
+    vehicle : Multirotor
+    speeds : ndarray, shape (n,)
+        Rotor speeds in hover, rad/s.
+    density : float
+        kg/m^3.
+
+    Returns
+    -------
+    A : ndarray, shape (5, 5)
+        Of the state (roll, pitch, p, q, r) [rad, rad/s].
+    B : ndarray, shape (5, n)
+        Of the deviations of the rotor speeds [rad/s].
+    """
+    moments = np.empty((3, len(vehicle.rotors)))
+    for k, (mount, speed) in enumerate(zip(vehicle.rotors, speeds, strict=True)):
+        thrust = mount.rotor.thrust(1.0, density) * np.cross(mount.position, mount.axis)
+        torque = mount.spin * mount.rotor.torque(1.0, density) * np.array(mount.axis)
+        moments[:, k] = 2.0 * speed * (thrust + torque)
+    A = np.zeros((5, 5))
+    A[0, 2] = A[1, 3] = 1.0
+    return A, np.vstack((np.zeros((2, len(speeds))), np.linalg.solve(vehicle.inertia, moments)))
+
+
+def lqr(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Gain K of ``u = -K x`` that minimises the integral of ``x'Qx + u'Ru``; shape (inputs, states).
+
+    Raises
+    ------
+    ParameterError
+        The Riccati equation has no stabilising solution: weights not positive, or a mode out of the inputs' reach.
+    """
+    try:
+        P = solve_continuous_are(A, B, Q, R)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise ParameterError(f"no LQR for these weights and inputs: {error}") from error
+    gain: np.ndarray = np.linalg.solve(R, B.T @ P)
+    return gain
