@@ -202,11 +202,21 @@ def _baro(sender: Sender, parameters: Mapping[str, float], remarks: Remarks) -> 
         bad = ~((pressure > 100.0) & (pressure < 2e5))
         pressure = remarks.remove(pressure, bad, name, "pressure outside the atmosphere")
         ground = _ground_pressure(parameters, k + 1, pressure)
-        warm = np.nanmedian(temperature[:20]) if len(temperature) else 288.15
-        # Barometric formula as in AP_Baro::get_altitude_difference.
-        alt = 153.8462 * warm * (1.0 - (pressure / ground) ** 0.190259)
+        alt = _standard_altitude(pressure) - float(_standard_altitude(np.array([ground]))[0])
+        warm = parameters.get("BARO_GND_TEMP", parameters.get("GND_TEMP", 0.0))
+        if warm:
+            # Air at the pilot's ground temperature [degC] instead of the standard one.
+            alt = alt * (273.15 + warm) / (288.15 * (ground / 101325.0) ** 0.190263)
         tables.append((name, series(frame.index, {"alt": alt, "pressure": pressure, "temperature": temperature})))
     return pick(tables, "alt")
+
+
+def _standard_altitude(pressure: Array) -> Array:
+    """Altitude [m] in the troposphere of the international standard atmosphere (ISO 2533) at a pressure [Pa].
+
+    The temperature beside the pressure is that of the sensor's chip, which says little about the air.
+    """
+    return np.asarray(44330.77 * (1.0 - (pressure / 101325.0) ** 0.190263), dtype=np.float64)
 
 
 def _ground_pressure(parameters: Mapping[str, float], instance: int, pressure: Array) -> float:
@@ -214,8 +224,8 @@ def _ground_pressure(parameters: Mapping[str, float], instance: int, pressure: A
     first = float(np.nanmedian(pressure[:20])) if np.isfinite(pressure[:20]).any() else 101325.0
     for name in (f"BARO{instance}_GND_PRESS", "GND_ABS_PRESS", "BARO_GND_PRESS"):
         ground = parameters.get(name, 0.0)
-        # 101325 is the default before the calibration; a calibration on this ground is within 100 m of the start.
-        if ground != 101325.0 and abs(ground - first) < 1200.0:
+        # Parameters read before the calibration hold the standard pressure.
+        if abs(ground - 101325.0) > 1.0 and abs(ground - first) < 1200.0:
             return float(ground)
     return first
 
@@ -240,17 +250,9 @@ def _esc(sender: Sender, table: tuple[Motor, ...]) -> pd.DataFrame | None:
             continue
         frame = sender.get(name)
         for k in range(4):
-            columns = {}
-            for kind, source, unit in (("w", "rpm", "rpm"), ("voltage", "voltage", "cV"), ("current", "current", "cA")):
-                column = next((c for c in (f"{source}[{k}]", f"{source}_{k}", f"{source}{k}") if c in frame), None)
-                if column is not None:
-                    columns[kind] = quantity(frame, column, unit)
-                elif source in frame:
-                    stacked = pd.DataFrame({source: [row[k] for row in frame[source]]}, index=frame.index)
-                    stacked.attrs = frame.attrs
-                    columns[kind] = quantity(stacked, source, unit)
-            if len(columns) == 3:
-                groups[start + k] = series(frame.index, columns)
+            kinds = (("w", "rpm", "rpm"), ("voltage", "voltage", "cV"), ("current", "current", "cA"))
+            columns = {kind: quantity(frame, f"{source}[{k}]", unit) for kind, source, unit in kinds}
+            groups[start + k] = series(frame.index, columns)
     found = {m.number: groups[m.channel or m.number] for m in table if (m.channel or m.number) in groups}
     if not found:
         return None
@@ -351,10 +353,8 @@ def _setpoints(sender: Sender, origin: Geodetic | None) -> pd.DataFrame | None:
         parts.append(series(frame.index, columns))
     if "ATTITUDE_TARGET" in sender:
         frame = sender.get("ATTITUDE_TARGET")
-        quaternion = _array(frame, "q", 4)
-        if quaternion is not None:
-            targets = euler_angles(*quaternion.T)
-            parts.append(series(frame.index, dict(zip(("roll", "pitch", "yaw"), targets, strict=True))))
+        targets = euler_angles(*(quantity(frame, f"q[{k}]", "") for k in range(4)))
+        parts.append(series(frame.index, dict(zip(("roll", "pitch", "yaw"), targets, strict=True))))
     if "POSITION_TARGET_LOCAL_NED" in sender:
         frame = sender.get("POSITION_TARGET_LOCAL_NED")
         columns = {f"p_{axis}": quantity(frame, s, "m") for axis, s in zip("ned", "xyz", strict=True)}
@@ -389,16 +389,6 @@ def _targets(frame: pd.DataFrame, position: Mapping[str, Array]) -> pd.DataFrame
     for k, (axis, source) in enumerate(zip("ned", "xyz", strict=True), start=3):
         columns[f"v_{axis}"] = np.where(mask & (1 << k), np.nan, quantity(frame, f"v{source}", "m/s"))
     return series(frame.index, columns)
-
-
-def _array(frame: pd.DataFrame, name: str, size: int) -> Array | None:
-    """Array field of a message, shape (N, size)."""
-    if name in frame:
-        return np.array([list(row)[:size] for row in frame[name]], dtype=np.float64)
-    names = [f"{name}[{k}]" for k in range(size)]
-    if set(names) <= set(frame.columns):
-        return frame[names].to_numpy(dtype=np.float64)
-    return None
 
 
 def _rangefinder(sender: Sender) -> pd.DataFrame | None:

@@ -1,0 +1,313 @@
+"""What a log lacks for identification, what is wrong with the flight in it, and how to log better next time."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from logparse.findings import Finding, Severity
+from logparse.vehicle import pwm_range
+
+if TYPE_CHECKING:
+    from logparse.flights import Flight
+    from logparse.log import FlightLog
+
+#: Bits of ArduCopter's LOG_BITMASK and what they log.
+LOG_BITS: Mapping[str, tuple[int, str]] = {
+    "ATTITUDE_FAST": (0, "ATT, RATE and EKF at the rate of the loop"),
+    "ATTITUDE_MED": (1, "ATT at 10 Hz"),
+    "GPS": (2, "GPS"),
+    "CTUN": (4, "CTUN and BARO"),
+    "NTUN": (5, "PSCN, PSCE, PSCD or NTUN"),
+    "IMU": (7, "IMU at 25 Hz"),
+    "CURRENT": (9, "BAT or CURR"),
+    "RCOUT": (10, "RCOU"),
+    "COMPASS": (13, "MAG"),
+    "IMU_FAST": (18, "IMU at the rate of the loop"),
+}
+
+#: Stream rate parameters of telemetry ports that carry a table.
+_STREAMS: Mapping[str, str] = {
+    "RCOUT": "SRn_RC_CHAN",
+    "IMU": "SRn_RAW_SENS",
+    "IMU_FAST": "SRn_RAW_SENS",
+    "GPS": "SRn_EXT_STAT",
+    "CTUN": "SRn_RAW_SENS",
+    "COMPASS": "SRn_RAW_SENS",
+    "CURRENT": "SRn_EXT_STAT",
+    "ATTITUDE_MED": "SRn_EXTRA1",
+    "NTUN": "SRn_POSITION",
+}
+
+#: Tables that identification needs: finding, message, what it is for, bit of LOG_BITMASK, severity when missing.
+_NEEDED = (
+    ("motors", "no-motor-outputs", "motor outputs (RCOU)", "nothing can be identified", "RCOUT", Severity.ERROR),
+    ("imu", "no-imu", "gyro and accelerometer (IMU)", "the motion is known at 10 Hz at best", "IMU", Severity.WARNING),
+    ("gps", "no-gps", "GPS", "there is no position to fit", "GPS", Severity.ERROR),
+    ("baro", "no-baro", "barometer (BARO)", "height rests on GPS alone", "CTUN", Severity.WARNING),
+    ("mag", "no-mag", "magnetometer (MAG)", "heading drifts by some ten degrees", "COMPASS", Severity.WARNING),
+    ("attitude", "no-attitude", "attitude (ATT)", "it must come from the IMU alone", "ATTITUDE_MED", Severity.WARNING),
+    ("battery", "no-battery", "battery voltage (BAT)", "thrust cannot be related to it", "CURRENT", Severity.INFO),
+)
+
+#: Rates [Hz] below which a table is too slow for its purpose.
+_MOTORS_RATE, _IMU_RATE = 5.0, 20.0
+#: Gap [s] in flight that estimation notices.
+_GAP = 1.0
+#: Vibration [m/s^2] above which ArduPilot's documentation calls for action.
+_VIBRATION = 30.0
+
+
+def check(log: "FlightLog") -> tuple[Finding, ...]:
+    """Judge a log for identification.
+
+    Parameters
+    ----------
+    log : FlightLog
+
+    Returns
+    -------
+    tuple of Finding
+        Missing tables with the parameter that logs them, low rates, gaps in flight, GPS quality, saturated or idle
+        motors, vibration and clipping, errors that the autopilot reported in flight.
+    """
+    flight = log.flight
+    findings = list(_missing(log))
+    if flight is None:
+        findings.append(
+            Finding(
+                "no-flight",
+                Severity.ERROR,
+                "The log shows no flight: " + _why_no_flight(log),
+                "Use a log of a flight of at least a minute with movement in all directions.",
+            )
+        )
+        return tuple(findings)
+    findings += _rates(log)
+    findings += _gaps(log, flight)
+    findings += _fixes(log, flight)
+    findings += _saturation(log, flight)
+    findings += _vibration(log, flight)
+    findings += _errors(log, flight)
+    return tuple(findings)
+
+
+def _advice(log: "FlightLog", bit_name: str) -> str:
+    """Say which setting makes the autopilot log or send something."""
+    if log.format == "ulog":
+        return "Set bit 0 (default set) of SDLOG_PROFILE on the autopilot."
+    if log.format in ("tlog", "mavlink-raw"):
+        if bit_name == "ATTITUDE_FAST":
+            return "Telemetry cannot carry them: use the autopilot's DataFlash log with bit 0 of LOG_BITMASK set."
+        return f"Raise {_STREAMS[bit_name]} of the telemetry port, or use the autopilot's DataFlash log."
+    bit, what = LOG_BITS[bit_name]
+    mask = log.parameters.get("LOG_BITMASK")
+    text = f"Set bit {bit} (value {1 << bit}, {bit_name}) of LOG_BITMASK: it logs {what}."
+    if mask is None or mask < 0:
+        return text
+    if int(mask) >> bit & 1:
+        return text + f" It is set already (LOG_BITMASK {int(mask)}): the sensor or the log itself failed."
+    return text + f" LOG_BITMASK is {int(mask)}; make it {int(mask) | 1 << bit}."
+
+
+def _missing(log: "FlightLog") -> Iterator[Finding]:
+    for table, name, what, so, bit, severity in _NEEDED:
+        if getattr(log.tables, table) is None:
+            yield Finding(name, severity, f"No {what} in the log: {so}.", _advice(log, bit))
+
+
+def _why_no_flight(log: "FlightLog") -> str:
+    """Say in a clause what speaks against a flight."""
+    motors = log.tables.motors
+    if motors is None:
+        return "motor outputs are missing and the height never rises while armed."
+    values = motors.to_numpy()
+    if not np.isfinite(values).any():
+        return "the motors get no pulses."
+    top = float(np.nanmax(values))
+    levels = pwm_range(log.parameters)
+    if top <= levels.pwm(max(levels.spin_arm, levels.spin_min)) + 1.0:
+        return f"the motors never run above idle ({top:.0f} us)."
+    return "the motors run, but the craft neither rises nor moves."
+
+
+def rate_of(table: pd.DataFrame) -> float:
+    """Usual sample rate [Hz]: that of the median interval; NaN for less than two rows."""
+    if len(table) < 2:
+        return float("nan")
+    return 1.0 / float(np.median(np.diff(table.index.to_numpy())))
+
+
+def _rates(log: "FlightLog") -> Iterator[Finding]:
+    tables = log.tables
+    if tables.motors is not None and (rate := rate_of(tables.motors)) < _MOTORS_RATE:
+        yield Finding(
+            "motors-slow",
+            Severity.WARNING,
+            f"Motor outputs come at {rate:.1f} Hz: what the motors do between samples is lost.",
+            _advice(log, "RCOUT"),
+            {"rate": rate},
+        )
+    if tables.imu is not None and (rate := rate_of(tables.imu)) < _IMU_RATE:
+        yield Finding(
+            "imu-slow",
+            Severity.WARNING,
+            f"The IMU comes at {rate:.1f} Hz, "
+            + (
+                "which is coarse to integrate."
+                if rate > 9.0
+                else "too slow to integrate; the autopilot's attitude counts."
+            ),
+            _advice(log, "IMU_FAST"),
+            {"rate": rate},
+        )
+    rotation = tables.rates
+    if rotation is None or not rotation["out_roll"].notna().any() or rate_of(rotation) < 40.0:
+        yield Finding(
+            "no-fast-rates",
+            Severity.INFO,
+            "Rate controller outputs (RATE) are missing or slower than 40 Hz: no fit of fast rotational dynamics.",
+            _advice(log, "ATTITUDE_FAST"),
+        )
+
+
+def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
+    telemetry = log.format in ("tlog", "mavlink-raw")
+    for name in ("motors", "imu", "gps", "attitude"):
+        table = getattr(log.tables, name)
+        if table is None:
+            continue
+        t = table.index.to_numpy()
+        t = t[(t >= flight.start) & (t <= flight.stop)]
+        t = np.concatenate(([flight.start], t, [flight.stop]))
+        gaps = np.diff(t)
+        limit = max(_GAP, 5.0 / rate_of(table)) if telemetry else _GAP
+        count = int(np.count_nonzero(gaps > limit))
+        if count:
+            where = float(t[int(np.argmax(gaps))])
+            yield Finding(
+                f"gap-in-{name}",
+                Severity.WARNING,
+                f"The table {name} has {count} gap{'s' if count > 1 else ''} in flight, the longest of "
+                f"{gaps.max():.1f} s at t = {where:.1f} s.",
+                "Use a faster SD card or log fewer messages (DSF.Dp counts what the autopilot dropped)."
+                if not telemetry
+                else "The telemetry link lost frames; use the autopilot's own log.",
+                {"count": count, "longest": float(gaps.max()), "t": where},
+            )
+
+
+def _fixes(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
+    gps = log.tables.gps
+    if gps is None:
+        return
+    fixes = gps.loc[flight.start : flight.stop]
+    if not len(fixes):
+        return
+    good = float(((fixes["fix"] >= 3.0) & fixes["lat"].notna()).mean())
+    if good < 0.98:
+        yield Finding(
+            "gps-no-fix",
+            Severity.ERROR if good < 0.5 else Severity.WARNING,
+            f"GPS has a three-dimensional fix in only {100 * good:.0f} % of the flight.",
+            "Wait for a fix before take-off and fly under open sky.",
+            {"share": good},
+        )
+    hdop = float(fixes["hdop"].median())
+    if hdop > 2.0:
+        yield Finding(
+            "gps-poor",
+            Severity.WARNING,
+            f"The horizontal dilution of precision is {hdop:.1f} in the median: positions wander by metres.",
+            "Fly when and where more satellites are in view.",
+            {"hdop": hdop},
+        )
+
+
+def _saturation(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
+    motors = log.tables.motors
+    if motors is None or log.format == "ulog":
+        return
+    values = motors.loc[flight.start : flight.stop].to_numpy()
+    levels = pwm_range(log.parameters)
+    top, bottom = levels.pwm(levels.spin_max), levels.pwm(levels.spin_min)
+    span = levels.pwm_max - levels.pwm_min
+    with np.errstate(invalid="ignore"):
+        high = float((values >= top - 0.01 * span).any(axis=1).mean()) if len(values) else 0.0
+        low = float((values <= bottom + 0.005 * span).any(axis=1).mean()) if len(values) else 0.0
+    if high > 0.01:
+        yield Finding(
+            "motors-saturated",
+            Severity.WARNING if high > 0.05 else Severity.INFO,
+            f"In {100 * high:.0f} % of the flight a motor is at its upper limit ({top:.0f} us): "
+            "there the craft does not answer linearly.",
+            "Fly less aggressively, lighter, or with a fuller battery.",
+            {"share": high, "limit": top},
+        )
+    if low > 0.05:
+        yield Finding(
+            "motors-at-idle",
+            Severity.INFO,
+            f"In {100 * low:.0f} % of the flight a motor is at its lower limit ({bottom:.0f} us).",
+            "",
+            {"share": low, "limit": bottom},
+        )
+
+
+def _vibration(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
+    name, axes = ("VIBE", ("VibeX", "VibeY", "VibeZ"))
+    if "VIBRATION" in log.messages:
+        name, axes = ("VIBRATION", ("vibration_x", "vibration_y", "vibration_z"))
+    if name not in log.messages:
+        return
+    frame = log.messages[name]
+    frame = frame[(frame.index >= flight.start) & (frame.index <= flight.stop)]
+    if not len(frame) or not set(axes) <= set(frame.columns):
+        return
+    share = float((frame[list(axes)].to_numpy() > _VIBRATION).any(axis=1).mean())
+    if share > 0.05:
+        worst = float(np.percentile(frame[list(axes)].to_numpy().max(axis=1), 95.0))
+        yield Finding(
+            "vibration",
+            Severity.WARNING,
+            f"Vibration is above {_VIBRATION:.0f} m/s^2 in {100 * share:.0f} % of the flight (95th percentile "
+            f"{worst:.0f}): accelerations are biased.",
+            "Balance the propellers and soften the mount of the autopilot.",
+            {"share": share, "p95": worst},
+        )
+    clips = [column for column in frame.columns if str(column).lower().startswith("clip")]
+    # The counters run for each accelerometer by itself.
+    by = "IMU" if "IMU" in frame else None
+    parts = [part for _, part in frame.groupby(by)] if by else [frame]
+    count = max(
+        (float(part[column].iloc[-1] - part[column].iloc[0]) for part in parts for column in clips), default=0.0
+    )
+    if count > 0:
+        yield Finding(
+            "accelerometer-clipping",
+            Severity.WARNING if count > 100 else Severity.INFO,
+            f"The accelerometer hit its range {count:.0f} times in flight.",
+            "Soften the mount of the autopilot, or look for a crash in the log.",
+            {"count": int(count)},
+        )
+
+
+def _errors(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
+    events = log.tables.events
+    if events is None:
+        return
+    errors = events.loc[flight.start : flight.stop]
+    errors = errors[(errors["event"] == "ERROR") & ~errors["detail"].str.endswith(" 0")]
+    if len(errors):
+        kinds = sorted(set(errors["detail"]))
+        yield Finding(
+            "autopilot-errors",
+            Severity.WARNING,
+            f"The autopilot reported {len(errors)} error{'s' if len(errors) > 1 else ''} in flight: "
+            + ", ".join(kinds[:6])
+            + (" ..." if len(kinds) > 6 else "")
+            + ".",
+            "Leave the time around them out of the fit.",
+            {"count": len(errors), "first": float(errors.index[0])},
+        )

@@ -1,0 +1,165 @@
+"""A log at a glance: vehicle, flights, tables with their rates and gaps, messages, and what is wrong."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from logparse import health
+from logparse.findings import Finding
+from logparse.flights import Flight
+from logparse.tables import COLUMNS
+from logparse.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from logparse.log import FlightLog
+
+#: An interval of this many usual ones (and a second at least) is a gap.
+_GAP_SAMPLES, _GAP_SECONDS = 5.0, 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class TableSummary:
+    """Extent of one canonical table.
+
+    `rate` is the usual sample rate [Hz] (of the median interval), `start` and `stop` seconds on the boot clock,
+    `gaps` the number of intervals much longer than usual and `longest_gap` the longest of them [s].
+    """
+
+    name: str
+    rows: int
+    rate: float
+    start: float
+    stop: float
+    gaps: int
+    longest_gap: float
+    columns: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MessageSummary:
+    """Number of messages of one type and their mean rate [Hz] over the log."""
+
+    name: str
+    rows: int
+    rate: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inspection:
+    """What `inspect` finds in one boot of a log.
+
+    Attributes
+    ----------
+    file : str
+        Name of the file.
+    format : str
+    boots : int
+        Power-ups in the file; `boot` is the index of the one shown.
+    start_utc : str or None
+        UTC at the start of the boot clock, ISO 8601.
+    duration : float
+        Length of the log [s].
+    vehicle : Vehicle
+    flights : tuple of Flight
+    tables : tuple of TableSummary
+        Canonical tables that the log has.
+    messages : tuple of MessageSummary
+        All messages, most frequent first.
+    findings : tuple of Finding
+        Of reading, of the tables, and of `health.check`, worst first.
+    """
+
+    file: str
+    format: str
+    boots: int
+    boot: int
+    start_utc: str | None
+    duration: float
+    vehicle: Vehicle
+    flights: tuple[Flight, ...]
+    tables: tuple[TableSummary, ...]
+    messages: tuple[MessageSummary, ...]
+    findings: tuple[Finding, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types for JSON; what is not known is None."""
+        result = {name: _plain(getattr(self, name)) for name in self.__dataclass_fields__}
+        for flight, summary in zip(self.flights, result["flights"], strict=True):
+            summary["duration"] = flight.duration
+        return result
+
+
+def inspect(log: "FlightLog") -> Inspection:
+    """Summarise a log.
+
+    Parameters
+    ----------
+    log : FlightLog
+
+    Returns
+    -------
+    Inspection
+    """
+    tables = [(name, getattr(log.tables, name)) for name in COLUMNS]
+    duration = log.duration
+    counts = sorted(log.messages.counts.items(), key=lambda item: (-item[1], item[0]))
+    worst_first = {"error": 0, "warning": 1, "info": 2}
+    flights = log.flights
+    checked = health.check(log)
+    findings = (*log.findings, *checked)
+    return Inspection(
+        file=log.path.name,
+        format=log.format,
+        boots=len(log.boots),
+        boot=log.boots.index(log.boot),
+        start_utc=None if log.start_utc is None else log.start_utc.isoformat(timespec="milliseconds"),
+        duration=duration,
+        vehicle=log.vehicle,
+        flights=flights,
+        tables=tuple(summarise(name, table) for name, table in tables if table is not None),
+        messages=tuple(
+            MessageSummary(name, rows, rows / duration if duration > 0.0 else math.nan) for name, rows in counts
+        ),
+        findings=tuple(sorted(findings, key=lambda finding: worst_first[finding.severity.value])),
+    )
+
+
+def summarise(name: str, table: pd.DataFrame) -> TableSummary:
+    """Measure extent, rate and gaps of a canonical table; modes and events have no rate."""
+    t = table.index.to_numpy()
+    rate = math.nan
+    gaps = np.zeros(0)
+    if name not in ("modes", "events") and len(t) > 1:
+        steps = np.diff(t)
+        rate = health.rate_of(table)
+        gaps = steps[steps > max(_GAP_SECONDS, _GAP_SAMPLES / rate)]
+    return TableSummary(
+        name=name,
+        rows=len(t),
+        rate=rate,
+        start=float(t[0]) if len(t) else math.nan,
+        stop=float(t[-1]) if len(t) else math.nan,
+        gaps=len(gaps),
+        longest_gap=float(gaps.max()) if len(gaps) else 0.0,
+        columns=tuple(str(column) for column in table.columns if table[column].notna().any()),
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Dataclasses, tuples and mappings to plain dicts and lists, numbers without a value to None."""
+    if dataclasses.is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(each) for each in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
