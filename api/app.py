@@ -34,9 +34,15 @@ def create_app(
         What to do with a log; it runs in a process of its own, so it must be a function of a module.
     preload : sequence of str, optional
         Modules that `analyze` uses and that are worth importing once for all analyses.
+
+    Raises
+    ------
+    OSError
+        The data folder cannot be written.
     """
     settings = settings or Settings()
     storage = Storage(settings.data)
+    storage.prepare()
     runner = Runner(
         storage,
         analyze,
@@ -48,7 +54,6 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        storage.prepare()
         runner.open()
         _log.info("logs and reports are kept in %s", settings.data.resolve())
         try:

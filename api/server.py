@@ -2,9 +2,11 @@
 
 import copy
 import logging
-from typing import Any
+import logging.config
+import sys
 
 import uvicorn
+from pydantic import ValidationError
 from uvicorn.config import LOGGING_CONFIG
 
 from api.app import create_app
@@ -13,27 +15,39 @@ from api.settings import Settings
 #: Seconds that requests still being answered get when the service is told to stop.
 _GRACE = 5
 
+_LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
 _log = logging.getLogger("rotorid.api")
 
 
 def serve(host: str = "127.0.0.1", port: int = 8000) -> None:
     """Run the service until it is told to stop (Ctrl-C, SIGTERM); its other settings come from the environment.
 
-    Exits with a status other than 0 when the address is taken or the data folder cannot be written.
+    Ends the program with a message when a setting is wrong, the data folder cannot be written or the address is taken.
     """
-    settings = Settings()
-    uvicorn.run(
-        create_app(settings),
-        host=host,
-        port=port,
-        log_config=_logging(),
-        server_header=False,
-        timeout_graceful_shutdown=_GRACE,
-    )
+    _log_to_stderr()
+    settings = _settings()
+    try:
+        app = create_app(settings)
+    except OSError as error:
+        sys.exit(
+            f"rotorid cannot keep logs in {settings.data.resolve()}: {error.strerror}. "
+            "Set ROTORID_DATA to a folder that it can write."
+        )
+    if host not in _LOOPBACK:
+        _log.warning("anyone who can reach %s may upload logs: there is no login", host)
+    uvicorn.run(app, host=host, port=port, log_config=None, server_header=False, timeout_graceful_shutdown=_GRACE)
 
 
-def _logging() -> dict[str, Any]:
-    """Add our messages to uvicorn's own."""
+def _settings() -> Settings:
+    try:
+        return Settings()
+    except ValidationError as error:
+        sys.exit("\n".join(f"ROTORID_{item['loc'][0]}".upper() + f": {item['msg']}" for item in error.errors()))
+
+
+def _log_to_stderr() -> None:
+    """Write our messages as uvicorn writes its own; one line for each request goes to stdout."""
     config = copy.deepcopy(LOGGING_CONFIG)
     config["loggers"]["rotorid"] = {"handlers": ["default"], "level": "INFO", "propagate": False}
-    return config
+    logging.config.dictConfig(config)

@@ -3,7 +3,7 @@
 ::
 
     incoming/ID/            an upload that is still arriving
-    logs/ID/log             the file as it came
+    logs/ID/upload          the file as it came
     logs/ID/log.json        its `Log` record, with the name that the user gave it
     analyses/ID/analysis.json   the `Analysis` record
     analyses/ID/results/    report.html, report.json, models.json, rmse.csv
@@ -85,7 +85,7 @@ class Storage:
         folder = self._incoming / new_id()
         folder.mkdir()
         try:
-            with (folder / "log").open("wb", buffering=0) as file:
+            with (folder / "upload").open("wb", buffering=0) as file:
                 yield Incoming(folder, file)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -104,7 +104,7 @@ class Storage:
 
     def log_path(self, log: Log) -> Path:
         """Give the file with the log's bytes."""
-        return self._logs / log.id / "log"
+        return self._logs / log.id / "upload"
 
     def save_analysis(self, analysis: Analysis) -> None:
         """Write an analysis' record, replacing an earlier one."""

@@ -5,10 +5,10 @@ import resource
 import signal
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from multiprocessing.connection import Connection
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TypeAlias
 
 Progress: TypeAlias = Callable[[str, float], None]
@@ -80,7 +80,9 @@ def analyze_log(log: Path, name: str, folder: Path, progress: Progress) -> None:
         words, share = _STAGES.get(stage, (stage, 0.0))
         progress(words, begun.get(stage, 0.0) + share * fraction)
 
-    result = pipeline.analyze(log, progress=overall, name=PurePath(name).stem)
+    result = pipeline.analyze(log, progress=overall, name=Path(name).stem)
+    # The report names the file as its user does, not as it is kept here.
+    result = replace(result, log=replace(result.log, path=Path(name)))
     overall("report", 0.0)
     reports.write(result, folder)
 

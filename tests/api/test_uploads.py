@@ -28,7 +28,7 @@ def test_a_log_is_kept_byte_for_byte(service: httpx.Client, folder: Path) -> Non
     assert response.status_code == 201
     log = response.json()
     assert (log["name"], log["size"]) == ("00000012.BIN", len(content))
-    assert (folder / "logs" / log["id"] / "log").read_bytes() == content
+    assert (folder / "logs" / log["id"] / "upload").read_bytes() == content
     assert service.get(response.headers["Location"]).json() == log
 
 
@@ -54,7 +54,7 @@ def test_a_name_is_only_for_people(service: httpx.Client, folder: Path, sent: st
         return
     assert log.json()["name"] == shown
     assert re.fullmatch("[0-9a-f]{32}", log.json()["id"])
-    assert sorted(path.name for path in (folder / "logs" / log.json()["id"]).iterdir()) == ["log", "log.json"]
+    assert sorted(path.name for path in (folder / "logs" / log.json()["id"]).iterdir()) == ["log.json", "upload"]
     assert {path.name for path in folder.parent.iterdir()} == before
 
 

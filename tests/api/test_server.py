@@ -1,0 +1,139 @@
+"""`rotorid serve` as a user starts it, with the real pipeline and the sample logs."""
+
+import csv
+import io
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SAMPLE = ROOT / "sample_logs" / "octa01_zurich_calm.bin"
+ROTORID = Path(sys.executable).with_name("rotorid")
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port: int = listener.getsockname()[1]
+        return port
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    port = free_port()
+    environment = os.environ | {"ROTORID_DATA": str(tmp_path_factory.mktemp("data"))}
+    process = subprocess.Popen(
+        [ROTORID, "serve", "--host", "127.0.0.1", "--port", str(port)],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120.0) as client:
+            deadline = time.monotonic() + 60.0
+            while True:
+                try:
+                    client.get("/healthz")
+                    break
+                except httpx.ConnectError:
+                    assert process.poll() is None, process.stdout and process.stdout.read()
+                    assert time.monotonic() < deadline
+                    time.sleep(0.1)
+            yield client
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=15.0)
+        assert "Traceback" not in output
+    finally:
+        process.kill()
+
+
+@pytest.fixture(scope="module")
+def answer(server: httpx.Client) -> httpx.Response:
+    """Upload a sample log in one call, as the README does with curl."""
+    with SAMPLE.open("rb") as file:
+        return server.post("/api/v1/logs", params={"analyze": "true"}, files={"file": (SAMPLE.name, file)})
+
+
+@pytest.mark.slow
+def test_a_sample_log_gives_models_and_rmse(server: httpx.Client, answer: httpx.Response) -> None:
+    assert answer.status_code == 201, answer.text
+    found = answer.json()
+    assert found["log"]["name"] == SAMPLE.name
+    assert found["report"] == json.loads(server.get(found["links"]["report.json"]).text)
+    assert found["models"] == json.loads(server.get(found["links"]["models.json"]).text)
+    rows = list(csv.DictReader(io.StringIO(server.get(found["links"]["rmse.csv"]).text)))
+    assert {row["part"] for row in rows} == {"training", "held-out"}
+    for row, reported in zip(rows, found["report"]["rmse"], strict=True):
+        for axis in "xyz":
+            assert float(row[f"rmse_{axis}_m"]) == reported["rmse_m"][axis] > 0.0
+
+
+@pytest.mark.slow
+def test_the_report_names_the_log_and_no_path_of_the_server(server: httpx.Client, answer: httpx.Response) -> None:
+    links = answer.json()["links"]
+    for name in ("report.html", "report.json", "models.json", "rmse.csv"):
+        text = server.get(links[name]).text
+        assert links["log"].rpartition("/")[2] not in text
+        assert "/logs/" not in text
+    assert SAMPLE.stem in server.get(links["report.html"]).text
+    assert answer.json()["report"]["log"]["file"] == SAMPLE.name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "content",
+    [
+        pytest.param(b"The quick brown fox\n" * 100, id="text"),
+        pytest.param(b"\xa3\x95\x80", id="three bytes"),
+        pytest.param(bytes(100_000), id="zeros"),
+        pytest.param(b"\xff" * 100_000, id="erased flash"),
+        pytest.param(SAMPLE.read_bytes()[:20_000], id="cut before the flight"),
+    ],
+)
+def test_what_is_no_flight_is_refused_with_a_reason(server: httpx.Client, content: bytes) -> None:
+    response = server.post("/api/v1/logs", params={"analyze": "true"}, files={"file": ("x.bin", content)})
+    assert response.status_code == 422
+    assert response.json()["type"] == "urn:rotorid:problem:unusable-log", response.text
+
+
+@pytest.mark.slow
+def test_a_log_with_flipped_bits_is_analysed_as_far_as_it_goes(server: httpx.Client) -> None:
+    damaged = bytearray(SAMPLE.read_bytes())
+    for place in range(30_000, len(damaged), 30_011):
+        damaged[place] ^= 0x10
+    response = server.post("/api/v1/logs", params={"analyze": "true"}, files={"file": ("x.bin", bytes(damaged))})
+    assert response.status_code == 201, response.text
+    assert response.json()["report"]["findings"]
+
+
+def test_the_server_itself_does_not_load_the_numerical_rooms() -> None:
+    code = "import api, sys; print([room for room in ('numpy', 'pandas', 'numba') if room in sys.modules])"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT) == "[]\n"
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "says"),
+    [("ROTORID_WORKERS", "0", "ROTORID_WORKERS: "), ("ROTORID_DATA", "/dev/null/data", "Set ROTORID_DATA to a folder")],
+)
+def test_a_wrong_setting_is_told_in_a_line(variable: str, value: str, says: str) -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", "import api; api.serve()"],
+        env=os.environ | {variable: value},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=30.0,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert says in result.stderr
+    assert "Traceback" not in result.stderr
