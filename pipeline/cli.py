@@ -156,12 +156,13 @@ def _print_analysis(report: Path, as_json: bool) -> bool:
     if as_json:
         sys.stdout.write(text)
     else:
-        console = Console(highlight=False)
+        # Not on a terminal, Rich would fold tables at 80 columns.
+        console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
         console.print(terminal.overview(numbers))
         console.print(f"\nReport: {report}", markup=False, soft_wrap=True)
     failures = list(terminal.failures(numbers))
     if failures:
-        errors = Console(stderr=True, highlight=False)
+        errors = Console(stderr=True, highlight=False, soft_wrap=True)
         errors.print(f"\n{len(failures)} log{'s' if len(failures) > 1 else ''} gave nothing:", style="red")
         for line in failures:
             errors.print(f"  {line}", markup=False, soft_wrap=True)

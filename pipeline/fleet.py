@@ -71,7 +71,8 @@ def analyze_fleet(
             except Exception as error:  # the worker died, or its result could not come back
                 _LOG.exception("analysing %s failed", file)
                 outcomes[file] = Failure(file, f"the worker process failed: {type(error).__name__}: {error}")
-            progress(f"{file.name}: done", share * number)
+            if outcomes[file] is not None:
+                progress(f"{file.name}: done", share * number)
 
     ordered = [outcomes[file] for file, _ in files]
     flights = tuple(outcome for outcome in ordered if isinstance(outcome, FlightResult))
@@ -112,12 +113,12 @@ def find_logs(paths: Iterable[str | Path]) -> list[tuple[Path, bool]]:
 
 
 def flight_names(files: Sequence[Path]) -> dict[Path, str]:
-    """Name each flight after its file, with as much more of the name and number as makes it unique."""
+    """Name each flight after its file; where that is not unique, with the ending and a number."""
     names: dict[Path, str] = {}
     taken: set[str] = set()
-    stems = [file.stem.casefold() for file in files]
+    stems = [file.stem.casefold() for file in files if file.suffix.lower() in LOG_SUFFIXES]
     for file in files:
-        base = file.stem if stems.count(file.stem.casefold()) == 1 else file.name
+        base = file.stem if stems.count(file.stem.casefold()) <= 1 else file.name
         name, number = base, 1
         while name.casefold() in taken:
             number += 1

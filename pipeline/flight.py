@@ -12,6 +12,9 @@ from pipeline.craft import fingerprint
 from pipeline.results import FlightResult, LogFacts, Prediction, Span
 from pipeline.stages import Progress, Stages, silent
 
+#: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
+SHORTEST_EXPERIMENT = 20.0
+
 
 def analyze(
     path: str | Path, config: AnalysisConfig | None = None, progress: Progress | None = None, *, name: str | None = None
@@ -108,6 +111,11 @@ def _cut(
     whole = sysid.Experiment.from_flight(
         log, trajectory, rate=config.rate, inputs="motors", outputs="position", name=name
     )
+    if whole.duration < SHORTEST_EXPERIMENT:
+        raise MissingDataError(
+            f"only {whole.duration:.0f} s of the flight have motor outputs and positions without a gap; "
+            f"at least {SHORTEST_EXPERIMENT:.0f} s are needed to fit and judge a model"
+        )
     return whole, *whole.split(config.training_fraction)
 
 

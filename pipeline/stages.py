@@ -12,6 +12,8 @@ Progress = Callable[[str, float], None]
 T = TypeVar("T")
 
 _LOG = logging.getLogger("rotorid.pipeline")
+# Tracebacks of our bugs are for whoever sets up logging; without that they must not reach the user's terminal.
+logging.getLogger("rotorid").addHandler(logging.NullHandler())
 
 
 class OutOfTimeError(RotoridError):

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 #: A free run is close to the flight when it explains at least this part of its RMS movement, in per cent of fit.
 CLOSE_PERCENT = 50.0
 
+#: Shortest held-out record that can judge a model, s: the first three seconds give the initial state and do not count.
+SHORTEST_JUDGE = 10.0
+
 
 class Trust(StrEnum):
     """How far a model may be trusted to predict flights like those that judged it."""
@@ -45,6 +48,13 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
         return Verdict(Trust.UNKNOWN, "No model could be judged on flight time that it was not fitted to.")
     scored = validation.table[~validation.table["trained"]]
     outputs = [str(output) for output in scored["output"].unique()]
+    longest = float(scored["duration"].max())
+    if longest < SHORTEST_JUDGE:
+        return Verdict(
+            Trust.UNKNOWN,
+            f"The model could not be judged: {longest:.0f} s of held-out flight are too short; {SHORTEST_JUDGE:.0f} s "
+            "or more are needed.",
+        )
     fit = scored.groupby("output", sort=False)["fit_percent"].mean()
     beats = [output for output in outputs if validation.trusted[output]]
     errors = ", ".join(f"{validation.average[output]:.3g}" for output in outputs)

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from reports import summary
 from reports.numbers import Numbers
-from reports.quantity import column, duration, uncertain
+from reports.quantity import column, uncertain
 
 _STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
 
@@ -18,7 +18,8 @@ def overview(numbers: Numbers) -> RenderableType:
     flights = [numbers] if numbers["kind"] == "flight" else numbers["flights"]
     parts: list[RenderableType] = []
     if flights:
-        parts.append(_flights(flights))
+        what = "Each flight’s own model: free-run RMSE on the last part of the flight, which the fit has not seen."
+        parts += [Text(what, style="dim"), _flights(flights)]
     for group in numbers.get("groups", []):
         parts += [Text(), _joint(group)]
     if numbers["kind"] == "flight":
@@ -29,15 +30,13 @@ def overview(numbers: Numbers) -> RenderableType:
 
 def _flights(flights: list[Numbers]) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    table.title = "Each flight's own model: free-run RMSE on the last part of the flight, which the fit has not seen"
-    table.title_justify, table.title_style = "left", "dim"
-    table.add_column("log", overflow="fold")
-    table.add_column("craft")
-    table.add_column("airborne", justify="right")
-    table.add_column("k/m (m/s²)", justify="right")
+    table.add_column("log", overflow="ellipsis", no_wrap=True, min_width=12)
+    table.add_column("craft", no_wrap=True)
+    table.add_column("airborne", justify="right", no_wrap=True)
+    table.add_column("k/m (m/s²)", justify="right", no_wrap=True)
     for output in "xyz":
         table.add_column(f"{output} (m)", justify="right", no_wrap=True)
-    table.add_column("verdict", overflow="fold")
+    table.add_column("verdict", overflow="ellipsis", no_wrap=True, min_width=12)
     held = [next((row for row in flight["rmse"] if row["part"] == "held-out"), None) for flight in flights]
     errors = [column([row["rmse_m"].get(output) if row else None for row in held]) for output in "xyz"]
     for number, (flight, row) in enumerate(zip(flights, held, strict=True)):
@@ -51,7 +50,7 @@ def _flights(flights: list[Numbers]) -> Table:
         table.add_row(
             Text(flight["name"]),
             Text(" ".join(part for part in (vehicle["frame_class"], vehicle["frame_type"]) if part) or "–"),
-            duration(flight["flight"]["duration_s"]) if flight["flight"] else "–",
+            f"{flight['flight']['duration_s']:.0f} s" if flight["flight"] else "–",
             _per_mass(flight["thrust"]),
             *(cells[number] for cells in errors),
             verdict,
@@ -88,4 +87,5 @@ def _per_mass(thrust: Numbers | None) -> str:
 def failures(numbers: Numbers) -> Iterable[str]:
     """Name each log that gave nothing with its reason, one line for each."""
     for failure in numbers.get("failures", []):
-        yield f"{failure['file']}: {failure['reason']}"
+        file, reason = failure["file"], failure["reason"]
+        yield reason if reason.startswith(file) else f"{file}: {reason}"
