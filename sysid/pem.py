@@ -17,7 +17,7 @@ from sysid.covariance import autocovariance, coloured_information
 from sysid.disturbance import Disturbance, fit_disturbance
 from sysid.excitation import Excitation, examine
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
-from sysid.regularisation import choose_ridge
+from sysid.regularisation import Division, choose_ridge, divide
 from sysid.response import INITIAL_SECONDS, free_run
 from sysid.sections import Band, denominators, resolvable_band
 from sysid.separable import Descent, Point, Problem, descend, reduced_information, sensitivities
@@ -26,8 +26,9 @@ from sysid.transfer_function import FitReport, TransferFunction, TransferFunctio
 #: Called with a stage in words and the part done so far, 0 to 1.
 Progress = Callable[[str, float], None]
 
-#: Prior standard deviation of a coefficient of the initial response, in standard deviations of the output.
-INITIAL_SIZE = 0.5
+#: Prior standard deviation of a coefficient of the initial response, in standard deviations of the output. Small,
+#: because own denominators have n coefficients for every input, which otherwise explain the record without its inputs.
+INITIAL_SIZE = 0.05
 
 #: Residual assumed before the first fit, in standard deviations of the output.
 FIRST_RESIDUAL = 0.1
@@ -119,6 +120,10 @@ def fit_transfer_functions(
         rate=records[0].rate,
         disturbance={output: fit.disturbance for output, fit in fits.items()},
         initial_sigma={output: fit.initial_sigma for output, fit in fits.items()},
+        initial_states={
+            record.name: {output: fit.initial_states[r] for output, fit in fits.items()}
+            for r, record in enumerate(records)
+        },
         reports={output: fit.report for output, fit in fits.items()},
         training=tuple(record.name for record in records),
         findings=tuple(findings),
@@ -141,6 +146,7 @@ class _OutputFit:
     functions: Mapping[str, TransferFunction]
     disturbance: Disturbance
     initial_sigma: float
+    initial_states: tuple[Floats, ...]
     report: FitReport
     slowest: float
 
@@ -190,6 +196,9 @@ def _fit_output(
         functions=functions,
         disturbance=fit_disturbance(residuals, records[0].dt),
         initial_sigma=initial_sigma,
+        initial_states=tuple(
+            scale * local / np.concatenate([[1.0], descent.point.peaks.ravel()]) for local in descent.point.local
+        ),
         report=report,
         slowest=_slowest(functions),
     )
@@ -198,22 +207,29 @@ def _fit_output(
 def _search(
     common: Problem, settings: _Settings, rng: np.random.Generator, deadline: float
 ) -> tuple[Problem, Descent, int]:
-    """Fit a common denominator from several starts, then own ones from the best of it and from scattered ones."""
-    band = _starting_band(common)
-    scattered = [_staggered(1, common.order, band, rng, k) for k in range(settings.starts)]
-    best, steps = _best_start(common, scattered, deadline)
-    problem, theta = common, best.point.theta
-    if settings.structure == "per_input" and len(common.group) > 1:
-        problem = replace(common, group=tuple(range(len(common.group))))
-        groups = problem.groups
-        tried = [np.repeat(theta, groups, axis=0) + 0.1 * rng.standard_normal((groups, common.order))]
-        tried += [_staggered(groups, common.order, band, rng, k) for k in range(settings.starts - 1)]
-        best, more = _best_start(problem, tried, deadline)
-        steps, theta = steps + more, best.point.theta
-    problem = _with_residual(problem, best.point)
-    if settings.ridge is None:
-        choice = choose_ridge(problem, theta, deadline)
-        problem, theta = replace(problem, ridge=choice.ridge), choice.theta
+    """Find starts and regularisation without the flight time held back, then fit to all of it."""
+    chosen = settings.ridge is not None
+    division = Division(common, ()) if chosen else divide(common)
+    seen = division.seen
+    band = _starting_band(seen)
+    scattered = [_staggered(1, seen.order, band, rng, k) for k in range(settings.starts)]
+    best, steps = _best_start(seen, scattered, deadline)
+    group = common.group
+    if settings.structure == "per_input" and len(group) > 1:
+        # Own denominators start from the common one, and from scattered ones.
+        group = tuple(range(len(group)))
+        tried = [np.repeat(best.point.theta, len(group), axis=0) + 0.1 * rng.standard_normal((len(group), seen.order))]
+        tried += [_staggered(len(group), seen.order, band, rng, k) for k in range(settings.starts - 1)]
+        best, more = _best_start(replace(seen, group=group), tried, deadline)
+        steps += more
+    # The prior of the initial states is weighed by the residual reached.
+    variance = float(np.mean(np.concatenate(best.point.residuals) ** 2))
+    initial = max(variance, 1e-12) / INITIAL_SIZE**2
+    problem, theta = replace(common, group=group, initial=initial), best.point.theta
+    if not chosen:
+        division = replace(division, seen=replace(seen, group=group, initial=initial))
+        ridge, theta = choose_ridge(division, theta, deadline)
+        problem = replace(problem, ridge=ridge)
     descent = descend(problem, theta, MOST_STEPS, deadline)
     return problem, descent, steps + descent.iterations
 
@@ -252,12 +268,6 @@ def _staggered(groups: int, order: int, band: Band, rng: np.random.Generator, at
         # An odd order ends in a first-order section: the slowest frequency is its pole.
         theta[g] = np.concatenate([interleaved[2:], w[:1]]) if order % 2 else interleaved
     return theta
-
-
-def _with_residual(problem: Problem, point: Point) -> Problem:
-    """Weigh the prior of the initial states by the residual reached."""
-    variance = float(np.mean(np.concatenate(point.residuals) ** 2))
-    return replace(problem, initial=max(variance, 1e-12) / INITIAL_SIZE**2)
 
 
 def _report(

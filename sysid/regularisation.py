@@ -10,8 +10,9 @@ from sysid.experiment import Floats
 from sysid.response import INITIAL_SECONDS, free_run
 from sysid.separable import Point, Problem, descend
 
-#: Candidates, strongest first: the fits continue from one to the next.
-RIDGES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6)
+#: Candidates, strongest first. The strongest leaves next to nothing of the inputs' effect: what a black box should say
+#: of an output that the inputs do not explain.
+RIDGES = (100.0, 10.0, 1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6)
 
 #: Used where there is too little data to hold any back.
 CAUTIOUS = 1e-2
@@ -24,66 +25,70 @@ SEEN = 0.7
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
-    """A ridge, the poles that went with it, and the errors that spoke for it.
+class Division:
+    """A problem without the flight time held back, and that flight time.
 
     Attributes
     ----------
+    seen : Problem
+    held_back : tuple of (ndarray, ndarray)
+        Inputs and output of each part held back; empty where there is too little to hold any back.
+    """
+
+    seen: Problem
+    held_back: tuple[tuple[Floats, Floats], ...]
+
+
+def divide(problem: Problem) -> Division:
+    """Hold back every third record, or the last part of each when there are fewer than three."""
+    count = len(problem.outputs)
+    seen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(count) if r % 3 != 2]
+    unseen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(2, count, 3)]
+    if count < 3:
+        cuts = [round(SEEN * len(y)) for y in problem.outputs]
+        if min(len(y) - at for y, at in zip(problem.outputs, cuts, strict=True)) * problem.dt < 4.0 * INITIAL_SECONDS:
+            return Division(problem, ())
+        seen = [(r, slice(0, at)) for r, at in enumerate(cuts)]
+        unseen = [(r, slice(at, None)) for r, at in enumerate(cuts)]
+    return Division(
+        replace(
+            problem,
+            inputs=tuple(problem.inputs[r][rows] for r, rows in seen),
+            outputs=tuple(problem.outputs[r][rows] for r, rows in seen),
+        ),
+        tuple((problem.inputs[r][rows], problem.outputs[r][rows]) for r, rows in unseen),
+    )
+
+
+def choose_ridge(division: Division, theta: Floats, deadline: float) -> tuple[float, Floats]:
+    """Fit with every candidate and keep the one whose free run is best on the part held back.
+
+    The strongest candidate within 2 % of the best wins: smaller differences are chance.
+
+    Parameters
+    ----------
+    division : Division
+    theta : ndarray, shape (groups, n)
+        Poles to start from, found without the part held back.
+    deadline : float
+        On `time.monotonic`.
+
+    Returns
+    -------
     ridge : float
     theta : ndarray, shape (groups, n)
-    errors : tuple of (float, float)
-        Ridge and root-mean-square free-run error on the held-out part, in standard deviations of the output.
+        Poles that went with it.
     """
-
-    ridge: float
-    theta: Floats
-    errors: tuple[tuple[float, float], ...]
-
-
-def choose_ridge(problem: Problem, theta: Floats, deadline: float) -> Choice:
-    """Fit with every candidate to a part of the data and keep the one whose free run is best on the rest.
-
-    The strongest candidate within 2 % of the best wins: differences below that are chance.
-    """
-    seen, unseen = _divide(problem)
-    if not unseen:
-        return Choice(CAUTIOUS, theta, ())
+    if not division.held_back:
+        return CAUTIOUS, theta
     errors, thetas = [], []
-    trial = replace(
-        problem,
-        inputs=tuple(problem.inputs[r][rows] for r, rows in seen),
-        outputs=tuple(problem.outputs[r][rows] for r, rows in seen),
-    )
     for ridge in RIDGES:
-        descent = descend(replace(trial, ridge=ridge), theta, TRIAL_STEPS, deadline)
-        theta = descent.point.theta
-        squares = [
-            _free_run_errors(problem, descent.point, problem.inputs[r][rows], problem.outputs[r][rows])
-            for r, rows in unseen
-        ]
+        point = descend(replace(division.seen, ridge=ridge), theta, TRIAL_STEPS, deadline).point
+        squares = [_free_run_errors(division.seen, point, u, y) for u, y in division.held_back]
         errors.append(float(np.sqrt(np.mean(np.concatenate(squares)))))
-        thetas.append(theta)
+        thetas.append(point.theta)
     best = next(k for k, error in enumerate(errors) if error <= 1.02 * min(errors))
-    return Choice(RIDGES[best], thetas[best], tuple(zip(RIDGES, errors, strict=True)))
-
-
-def _divide(problem: Problem) -> tuple[list[tuple[int, slice]], list[tuple[int, slice]]]:
-    """Hold back every third record, or the end of a single one when that leaves enough of it."""
-    count = len(problem.outputs)
-    if count >= 3:
-        held = set(range(2, count, 3))
-        return (
-            [(r, slice(None)) for r in range(count) if r not in held],
-            [(r, slice(None)) for r in held],
-        )
-    seen, unseen = [], []
-    for r, y in enumerate(problem.outputs):
-        at = round(SEEN * len(y))
-        if (len(y) - at) * problem.dt < 4.0 * INITIAL_SECONDS:
-            return [], []
-        seen.append((r, slice(0, at)))
-        unseen.append((r, slice(at, None)))
-    return seen, unseen
+    return RIDGES[best], thetas[best]
 
 
 def _free_run_errors(problem: Problem, point: Point, u: Floats, y: Floats) -> Floats:

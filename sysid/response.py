@@ -136,19 +136,20 @@ def free_run(
     shared: bool,
     sigma: float,
     initial_sigma: float,
+    initial: Floats | None = None,
 ) -> Floats:
-    """Simulate one output from the inputs and an initial state found in the first `INITIAL_SECONDS`.
+    """Simulate one output from the inputs and an initial state, by default found in the first `INITIAL_SECONDS`.
 
     Parameters
     ----------
     numerators, denominators : sequence of ndarray
-        Per input, highest power first; a denominator ``[1]`` marks an input without effect.
+        Per input, highest power first, denominators of one order; a denominator ``[1]`` marks an input without effect.
     u : ndarray, shape (N, m)
         About the trim.
     y : ndarray, shape (N,)
-        Only its first `INITIAL_SECONDS` are looked at.
+        Only its first `INITIAL_SECONDS` are looked at, and only when `initial` is not given.
     origin : float
-        Output about which the offset is sought.
+        Output about which the offset counts.
     dt : float
         s.
     hold : {"zoh", "foh"}
@@ -158,34 +159,36 @@ def free_run(
         Standard deviation of what the model does not explain, in the output's unit.
     initial_sigma : float
         Prior standard deviation of each coefficient of the initial response.
+    initial : ndarray, shape (1 + n groups,), optional
+        The offset and the coefficients of the normalised initial responses, power-major.
 
     Returns
     -------
     ndarray, shape (N,)
     """
     samples = len(y)
-    forced = np.zeros(samples)
-    early = min(round(INITIAL_SECONDS / dt) + 1, samples)
-    columns = [np.ones((samples, 1))]
     active = [j for j, den in enumerate(denominators) if len(den) > 1]
-    by_order: dict[int, list[int]] = {}
-    for j in active:
-        by_order.setdefault(len(denominators[j]) - 1, []).append(j)
-    for n, inputs in by_order.items():
-        system = discretise(np.array([denominators[j][:0:-1] for j in inputs]), dt, hold)
-        states = system.forced(u[:, inputs], range(len(inputs)), sensitivities=False)
-        for lane, j in enumerate(inputs):
-            b = numerators[j][::-1] / system.unit[lane] ** (n - np.arange(len(numerators[j])))
-            forced += states[:, : len(b), lane] @ b
-        initial = system.free(samples, sensitivities=False)
-        if shared:
-            initial = initial[:, :, :1]
-        columns.append((initial / np.max(np.abs(initial), axis=0)).reshape(samples, -1))
-    shapes = np.hstack(columns)
-    # Maximum a posteriori: the offset is free, initial responses are no larger than those of the training records.
-    prior = np.full(shapes.shape[1], 1.0 / initial_sigma)
-    prior[0] = 0.0
-    lhs = np.vstack([shapes[:early] / sigma, np.diag(prior)])
-    rhs = np.concatenate([(y - origin - forced)[:early] / sigma, np.zeros(len(prior))])
-    coefficients = np.linalg.lstsq(lhs, rhs, rcond=None)[0]
-    return np.asarray(origin + forced + shapes @ coefficients)
+    if not active:
+        return np.full(samples, origin + float(np.mean(y[: _early(samples, dt)] - origin)))
+    n = len(denominators[active[0]]) - 1
+    system = discretise(np.array([denominators[j][:0:-1] for j in active]), dt, hold)
+    states = system.forced(u[:, active], range(len(active)), sensitivities=False)
+    forced = np.full(samples, origin)
+    for lane, j in enumerate(active):
+        b = numerators[j][::-1] / system.unit[lane] ** (n - np.arange(len(numerators[j])))
+        forced += states[:, : len(b), lane] @ b
+    free = system.free(samples, sensitivities=False)[:, :, : 1 if shared else None]
+    shapes = np.hstack([np.ones((samples, 1)), free.reshape(samples, -1)])
+    if initial is None:
+        # Maximum a posteriori: the offset is free, initial responses are no larger than those of the training records.
+        early = _early(samples, dt)
+        prior = np.max(np.abs(shapes), axis=0) / initial_sigma
+        prior[0] = 0.0
+        lhs = np.vstack([shapes[:early] / sigma, np.diag(prior)])
+        rhs = np.concatenate([(y - forced)[:early] / sigma, np.zeros(len(prior))])
+        initial = np.linalg.lstsq(lhs, rhs, rcond=None)[0]
+    return np.asarray(forced + shapes @ initial)
+
+
+def _early(samples: int, dt: float) -> int:
+    return min(round(INITIAL_SECONDS / dt) + 1, samples)

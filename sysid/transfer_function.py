@@ -147,6 +147,9 @@ class TransferFunctionModel:
         For each output, how the part that the model does not explain carries on (for `predict`).
     initial_sigma : mapping
         For each output the assumed standard deviation of each coefficient of the response to the initial state.
+    initial_states : mapping
+        ``[record][output]``: offset and initial response of each training record as the fit found them, from which
+        `simulate` starts such a record; see `sysid.response.free_run`.
     reports : mapping
         For each output, how the fit went.
     training : tuple of str
@@ -166,6 +169,7 @@ class TransferFunctionModel:
     rate: float
     disturbance: Mapping[str, Disturbance]
     initial_sigma: Mapping[str, float]
+    initial_states: Mapping[str, Mapping[str, Floats]]
     reports: Mapping[str, FitReport]
     training: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
@@ -174,7 +178,8 @@ class TransferFunctionModel:
         """Run freely from the initial state, with nothing of the outputs after the first three seconds.
 
         The initial state is not measured; it is estimated from the outputs of the first `INITIAL_SECONDS` with the
-        assumption that it is no larger than the training records were.
+        assumption that it is no larger than those of the training records. A training record starts from the initial
+        state that the fit found for it, as is usual for the figures of a training flight.
 
         Returns
         -------
@@ -195,6 +200,7 @@ class TransferFunctionModel:
                 shared=self.structure == "common",
                 sigma=max(self.reports[output].rmse, 1e-9),
                 initial_sigma=self.initial_sigma[output],
+                initial=self.initial_states.get(experiment.name, {}).get(output),
             )
         return result
 
