@@ -17,7 +17,8 @@ from numba import njit
 Array = np.ndarray
 
 N = 25  # states.SIZE; a literal so that loops have constant bounds
-PACKED = N * (N + 1) // 2
+SLOW = 9  # states from here on are sensor errors, which change slowly
+SLOW_EVERY = 8  # their smoothed values are worked out for every eighth output row
 ENTRIES = 7  # most entries that a row of H has
 
 # Kinds of measurement groups.
@@ -27,10 +28,10 @@ KINDS = 5
 _FLAGS = {"reassoc", "contract", "nsz"}
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _rotation(q: Array, R: Array) -> None:
-    """Body-to-NED matrix of a scalar-first quaternion."""
-    w, x, y, z = q[0], q[1], q[2], q[3]
+@njit(cache=True, nogil=True)
+def _rotation(state: Array, R: Array) -> None:
+    """Fill the body-to-NED matrix of a nominal state."""
+    w, x, y, z = state[6], state[7], state[8], state[9]
     R[0, 0] = w * w + x * x - y * y - z * z
     R[0, 1] = 2.0 * (x * y - w * z)
     R[0, 2] = 2.0 * (x * z + w * y)
@@ -42,9 +43,9 @@ def _rotation(q: Array, R: Array) -> None:
     R[2, 2] = w * w - x * x - y * y + z * z
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _turn(q: Array, rx: float, ry: float, rz: float, in_body: bool) -> None:
-    """Turn q by a rotation vector given in body axes (right product) or NED axes (left product), and normalise."""
+@njit(cache=True, nogil=True)
+def _turn(state: Array, rx: float, ry: float, rz: float, in_body: bool) -> None:
+    """Turn a nominal state by a rotation vector in body axes (right product) or NED axes (left product)."""
     angle2 = rx * rx + ry * ry + rz * rz
     # Series of cos(a/2) and sin(a/2)/a: exact to 1e-12 for the small angles of a step, and free of 0/0.
     if angle2 < 0.01:
@@ -55,14 +56,14 @@ def _turn(q: Array, rx: float, ry: float, rz: float, in_body: bool) -> None:
         c = np.cos(0.5 * angle)
         s = np.sin(0.5 * angle) / angle
     x, y, z = s * rx, s * ry, s * rz
-    w0, x0, y0, z0 = q[0], q[1], q[2], q[3]
+    w0, x0, y0, z0 = state[6], state[7], state[8], state[9]
     sign = 1.0 if in_body else -1.0
     w1 = c * w0 - x * x0 - y * y0 - z * z0
     x1 = c * x0 + w0 * x + sign * (y0 * z - z0 * y)
     y1 = c * y0 + w0 * y + sign * (z0 * x - x0 * z)
     z1 = c * z0 + w0 * z + sign * (x0 * y - y0 * x)
     norm = 1.0 / np.sqrt(w1 * w1 + x1 * x1 + y1 * y1 + z1 * z1)
-    q[0], q[1], q[2], q[3] = w1 * norm, x1 * norm, y1 * norm, z1 * norm
+    state[6], state[7], state[8], state[9] = w1 * norm, x1 * norm, y1 * norm, z1 * norm
 
 
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
@@ -157,7 +158,7 @@ def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: 
             Lam[i, k] = Lam[k, i]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def _observe(
     kind: int, axis: int, x: Array, R: Array, rate: Array, acceleration: Array, index: Array, value: Array
 ) -> tuple[float, int, float]:
@@ -192,17 +193,95 @@ def _observe(
     return x[3 + axis], 1, acceleration[axis]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def _inject(x: Array, dx: Array) -> None:
     """Add an error state to the nominal state (p v q b_g b_a b_baro b_m e m, 26 numbers)."""
     for i in range(6):
         x[i] += dx[i]
-    _turn(x[6:10], dx[6], dx[7], dx[8], False)
+    _turn(x, dx[6], dx[7], dx[8], False)
     for i in range(9, N):
         x[i + 1] += dx[i]
 
 
+@njit(cache=True, nogil=True)
+def _advance(
+    x: Array,
+    R: Array,
+    dt: float,
+    angle: Array,
+    velocity: Array,
+    gravity: float,
+    earth_rate: Array,
+    S: Array,
+    C: Array,
+    rate: Array,
+    acceleration: Array,
+) -> None:
+    """Integrate the nominal state over one sub-step, adding to S and C; R, rate and acceleration end up current."""
+    # Rate and force less their biases; Earth's rotation as seen from the body.
+    ax = angle[0] - dt * (x[10] + R[0, 0] * earth_rate[0] + R[2, 0] * earth_rate[2])
+    ay = angle[1] - dt * (x[11] + R[0, 1] * earth_rate[0] + R[2, 1] * earth_rate[2])
+    az = angle[2] - dt * (x[12] + R[0, 2] * earth_rate[0] + R[2, 2] * earth_rate[2])
+    ux = velocity[0] - dt * x[13]
+    uy = velocity[1] - dt * x[14]
+    uz = velocity[2] - dt * x[15]
+    # The body turns by half the angle while it accelerates.
+    bx = ux + 0.5 * (ay * uz - az * uy)
+    by = uy + 0.5 * (az * ux - ax * uz)
+    bz = uz + 0.5 * (ax * uy - ay * ux)
+    sn = R[0, 0] * bx + R[0, 1] * by + R[0, 2] * bz
+    se = R[1, 0] * bx + R[1, 1] * by + R[1, 2] * bz
+    sd = R[2, 0] * bx + R[2, 1] * by + R[2, 2] * bz
+    # Coriolis: -2 w_ie x v with w_ie = (w_n, 0, w_d).
+    gn = sn + 2.0 * dt * earth_rate[2] * x[4]
+    ge = se + 2.0 * dt * (earth_rate[0] * x[5] - earth_rate[2] * x[3])
+    gd = sd + dt * (gravity - 2.0 * earth_rate[0] * x[4])
+    x[0] += dt * (x[3] + 0.5 * gn)
+    x[1] += dt * (x[4] + 0.5 * ge)
+    x[2] += dt * (x[5] + 0.5 * gd)
+    x[3] += gn
+    x[4] += ge
+    x[5] += gd
+    for i in range(3):
+        for j in range(3):
+            C[i, j] += 0.5 * dt * R[i, j]
+    _turn(x, ax, ay, az, True)
+    _rotation(x, R)
+    for i in range(3):
+        for j in range(3):
+            C[i, j] += 0.5 * dt * R[i, j]
+    S[0] += sn
+    S[1] += se
+    S[2] += sd
+    rate[0], rate[1], rate[2] = ax / dt, ay / dt, az / dt
+    acceleration[0], acceleration[1], acceleration[2] = gn / dt, ge / dt, gd / dt
+
+
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
+def _fuse(x: Array, P: Array, nu: float, variance: float, index: Array, value: Array, count: int, gain: Array) -> float:
+    """Fuse one scalar innovation in place; fills the gain and gives the inverse variance of the innovation."""
+    PH = np.empty(N)
+    dx = np.empty(N)
+    for i in range(N):
+        PH[i] = value[0] * P[index[0], i]
+    for j in range(1, count):
+        for i in range(N):
+            PH[i] += value[j] * P[index[j], i]
+    for j in range(count):
+        variance += value[j] * PH[index[j]]
+    inv = 1.0 / variance
+    for i in range(N):
+        gain[i] = PH[i] * inv
+        dx[i] = gain[i] * nu
+    for i in range(N):
+        g = gain[i]
+        for j in range(N):
+            P[i, j] -= g * PH[j]
+    _inject(x, dx)
+    return inv
+
+
+@njit(cache=True, nogil=True)
 def forward(
     x: Array,
     P: Array,
@@ -222,6 +301,7 @@ def forward(
     gps_error: Array,
     gravity: float,
     earth_rate: Array,
+    scale: Array,
     jitter: Array,
     gate: float,
     patience: float,
@@ -236,6 +316,7 @@ def forward(
     scalar_value: Array,
     out_x: Array,
     out_P: Array,
+    slow_P: Array,
 ) -> float:
     """Run the filter over all nodes; x (26,) and P (25, 25) are the start and are left at the end.
 
@@ -248,64 +329,29 @@ def forward(
         Of the measurements, without the constant; what is refused counts as if it lay at the gate.
     """
     R = np.empty((3, 3))
-    R_next = np.empty((3, 3))
     S = np.empty(3)
     C = np.empty((3, 3))
-    PH = np.empty(N)
-    dx = np.empty(N)
+    gain = np.empty(N)
     index = np.zeros(ENTRIES, np.int64)
     value = np.zeros(ENTRIES)
     rate = np.zeros(3)
     acceleration = np.zeros(3)
     refused = np.zeros(KINDS)
     likelihood = 0.0
-    _rotation(x[6:10], R)
+    _rotation(x, R)
     for node in range(node_out.shape[0]):
         T = 0.0
         phi_var = 0.0
         v_var = 0.0
-        S[:] = 0.0
-        C[:] = 0.0
+        for i in range(3):
+            S[i] = 0.0
+            for j in range(3):
+                C[i, j] = 0.0
         for k in range(node_sub[node], node_sub[node + 1]):
-            dt = sub_dt[k]
-            # Rate and force less their biases; Earth's rotation as seen from the body.
-            ax = sub_angle[k, 0] - dt * (x[10] + R[0, 0] * earth_rate[0] + R[2, 0] * earth_rate[2])
-            ay = sub_angle[k, 1] - dt * (x[11] + R[0, 1] * earth_rate[0] + R[2, 1] * earth_rate[2])
-            az = sub_angle[k, 2] - dt * (x[12] + R[0, 2] * earth_rate[0] + R[2, 2] * earth_rate[2])
-            ux = sub_velocity[k, 0] - dt * x[13]
-            uy = sub_velocity[k, 1] - dt * x[14]
-            uz = sub_velocity[k, 2] - dt * x[15]
-            # The body turns by half the angle while it accelerates.
-            bx = ux + 0.5 * (ay * uz - az * uy)
-            by = uy + 0.5 * (az * ux - ax * uz)
-            bz = uz + 0.5 * (ax * uy - ay * ux)
-            sn = R[0, 0] * bx + R[0, 1] * by + R[0, 2] * bz
-            se = R[1, 0] * bx + R[1, 1] * by + R[1, 2] * bz
-            sd = R[2, 0] * bx + R[2, 1] * by + R[2, 2] * bz
-            # Coriolis: -2 w_ie x v with w_ie = (w_n, 0, w_d).
-            gn = sn + 2.0 * dt * earth_rate[2] * x[4]
-            ge = se + 2.0 * dt * (earth_rate[0] * x[5] - earth_rate[2] * x[3])
-            gd = sd + dt * (gravity - 2.0 * earth_rate[0] * x[4])
-            x[0] += dt * (x[3] + 0.5 * gn)
-            x[1] += dt * (x[4] + 0.5 * ge)
-            x[2] += dt * (x[5] + 0.5 * gd)
-            x[3] += gn
-            x[4] += ge
-            x[5] += gd
-            _turn(x[6:10], ax, ay, az, True)
-            _rotation(x[6:10], R_next)
-            S[0] += sn
-            S[1] += se
-            S[2] += sd
-            for i in range(3):
-                for j in range(3):
-                    C[i, j] += 0.5 * dt * (R[i, j] + R_next[i, j])
-                    R[i, j] = R_next[i, j]
-            rate[0], rate[1], rate[2] = ax / dt, ay / dt, az / dt
-            acceleration[0], acceleration[1], acceleration[2] = gn / dt, ge / dt, gd / dt
-            T += dt
+            T += sub_dt[k]
             phi_var += sub_noise[k, 0]
             v_var += sub_noise[k, 1]
+            _advance(x, R, sub_dt[k], sub_angle[k], sub_velocity[k], gravity, earth_rate, S, C, rate, acceleration)
         if T > 0.0:
             a = np.exp(-T / gps_error[0])
             _propagate_covariance(P, T, S, C, a)
@@ -320,8 +366,10 @@ def forward(
                 refused[kind] += T
         if keep:
             node_T[node] = T
-            node_S[node] = S
-            node_C[node] = C
+            for i in range(3):
+                node_S[node, i] = S[i]
+                for j in range(3):
+                    node_C[node, i, j] = C[i, j]
         for group in range(node_group[node], node_group[node + 1]):
             kind = group_kind[group]
             first, last = group_start[group], group_start[group + 1]
@@ -330,11 +378,12 @@ def forward(
             for m in range(first, last):
                 z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, index, value)
                 nu = scalar_z[m] - z
-                s = scalar_var[m] + (jitter[kind] * speed) ** 2
+                s = scale[kind] * scalar_var[m] + (jitter[kind] * speed) ** 2
                 for i in range(count):
                     for j in range(count):
                         s += value[i] * value[j] * P[index[i], index[j]]
-                worst = max(worst, nu * nu / s)
+                if nu * nu > worst * s:
+                    worst = nu * nu / s
                 spread += np.log(s)
                 scalar_nu[m] = nu
                 scalar_inv[m] = 0.0
@@ -357,40 +406,29 @@ def forward(
             for m in range(first, last):
                 z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, index, value)
                 nu = scalar_z[m] - z
-                s = scalar_var[m] + (jitter[kind] * speed) ** 2
-                for i in range(N):
-                    PH[i] = value[0] * P[index[0], i]
-                for j in range(1, count):
-                    for i in range(N):
-                        PH[i] += value[j] * P[index[j], i]
-                for j in range(count):
-                    s += value[j] * PH[index[j]]
-                inv = 1.0 / s
-                likelihood -= 0.5 * (np.log(s) + nu * nu * inv)
-                for i in range(N):
-                    dx[i] = PH[i] * (inv * nu)
-                for i in range(N):
-                    g = PH[i] * inv
-                    for j in range(N):
-                        P[i, j] -= g * PH[j]
-                _inject(x, dx)
-                _rotation(x[6:10], R)
+                s = scale[kind] * scalar_var[m] + (jitter[kind] * speed) ** 2
+                inv = _fuse(x, P, nu, s, index, value, count, gain)
+                _rotation(x, R)
+                likelihood -= 0.5 * (np.log(1.0 / inv) + nu * nu * inv)
                 scalar_nu[m] = nu
                 scalar_inv[m] = inv
                 if keep:
                     for i in range(N):
-                        scalar_K[m, i] = PH[i] * inv
+                        scalar_K[m, i] = gain[i]
                     for j in range(ENTRIES):
                         scalar_index[m, j] = index[j]
                         scalar_value[m, j] = value[j] if j < count else 0.0
         out = node_out[node]
         if out >= 0:
-            out_x[out] = x
-            at = 0
-            for i in range(N):
-                for j in range(i, N):
-                    out_P[out, at] = P[i, j]
-                    at += 1
+            for i in range(x.size):
+                out_x[out, i] = x[i]
+            for i in range(SLOW):
+                for j in range(N):
+                    out_P[out, i, j] = P[i, j]
+            if out % SLOW_EVERY == 0:
+                for i in range(SLOW, N):
+                    for j in range(N):
+                        slow_P[out // SLOW_EVERY, i - SLOW, j] = P[i, j]
     return likelihood
 
 
@@ -410,49 +448,44 @@ def backward(
     gps_error_time: float,
     out_x: Array,
     out_P: Array,
+    slow_P: Array,
     out_covariance: Array,
-    out_variance: Array,
+    slow_variance: Array,
 ) -> None:
-    """Smooth what `forward` kept: ``out_x`` in place, covariance of p, v, phi (n, 9, 9) and all variances (n, 25)."""
+    """Smooth what `forward` kept: ``out_x`` in place, covariance of p, v, phi (n, 9, 9), slow variances (m, 16).
+
+    Sensor errors in ``out_x`` are smoothed only in the rows that are multiples of `SLOW_EVERY`.
+    """
     lam = np.zeros(N)
     Lam = np.zeros((N, N))
-    P = np.empty((N, N))
     u = np.empty(N)
     dx = np.empty(N)
-    W = np.empty((N, N))
+    W = np.empty((SLOW, N))
+    PLP = np.empty((SLOW, SLOW))
+    slow_W = np.empty((N - SLOW, N))
     for node in range(node_out.shape[0] - 1, -1, -1):
         out = node_out[node]
         if out >= 0:
-            at = 0
             for i in range(N):
-                for j in range(i, N):
-                    P[i, j] = out_P[out, at]
-                    P[j, i] = P[i, j]
-                    at += 1
-            for i in range(N):
-                total = 0.0
+                dx[i] = 0.0
+            P = out_P[out]
+            np.dot(P, Lam, W)
+            np.dot(W, P.T, PLP)
+            for i in range(SLOW):
                 for j in range(N):
-                    total += P[i, j] * lam[j]
-                dx[i] = -total
+                    dx[i] -= P[i, j] * lam[j]
+                for j in range(SLOW):
+                    out_covariance[out, i, j] = P[i, j] - 0.5 * (PLP[i, j] + PLP[j, i])
+            if out % SLOW_EVERY == 0:
+                P = slow_P[out // SLOW_EVERY]
+                np.dot(P, Lam, slow_W)
+                for i in range(SLOW, N):
+                    total = P[i - SLOW, i]
+                    for j in range(N):
+                        dx[i] -= P[i - SLOW, j] * lam[j]
+                        total -= slow_W[i - SLOW, j] * P[i - SLOW, j]
+                    slow_variance[out // SLOW_EVERY, i - SLOW] = total
             _inject(out_x[out], dx)
-            for i in range(N):
-                for k in range(N):
-                    W[i, k] = 0.0
-                for j in range(N):
-                    g = P[i, j]
-                    for k in range(N):
-                        W[i, k] += g * Lam[j, k]
-                total = 0.0
-                for k in range(N):
-                    total += W[i, k] * P[i, k]
-                out_variance[out, i] = P[i, i] - total
-            for i in range(9):
-                for j in range(i, 9):
-                    total = 0.0
-                    for k in range(N):
-                        total += W[i, k] * P[j, k]
-                    out_covariance[out, i, j] = P[i, j] - total
-                    out_covariance[out, j, i] = P[i, j] - total
         for group in range(node_group[node + 1] - 1, node_group[node] - 1, -1):
             for m in range(group_start[group + 1] - 1, group_start[group] - 1, -1):
                 inv = scalar_inv[m]

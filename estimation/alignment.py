@@ -68,7 +68,6 @@ def still_span(imu: pd.DataFrame) -> float:
 def align(
     tables: Tables,
     imu: pd.DataFrame,
-    start: float,
     frame: LocalFrame | None,
     field: np.ndarray | None,
     noise: SensorNoise,
@@ -79,13 +78,12 @@ def align(
     ----------
     imu : DataFrame
         The segment's IMU samples.
-    start : float
-        Time of the start, s.
     frame : LocalFrame or None
         None without any known place.
     field : ndarray, shape (3,), or None
         World magnetic field, NED, T; None without magnetometer.
     """
+    start = float(imu.index[0])
     span = still_span(imu)
     still = span >= STILL_SHORTEST
     head = imu[imu.index <= imu.index[0] + (span if still else 1.0)]

@@ -33,7 +33,7 @@ def innovation_statistics(problems: list[Problem], results: list[ForwardPass]) -
     kinds = np.concatenate([p.observations.scalar_kind for p in problems])
     innovation = np.concatenate([r.innovation for r in results])
     inverse = np.concatenate([r.inverse_variance for r in results])
-    variance = np.concatenate([p.observations.variance for p in problems])
+    variance = np.concatenate([p.white_scale[p.observations.scalar_kind] * p.observations.variance for p in problems])
     statistics = {}
     for kind, name in enumerate(KIND_NAMES):
         mine = kinds == kind

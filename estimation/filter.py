@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation import _kernels
-from estimation.observations import KIND_NAMES, Observations
+from estimation.observations import Observations
 from estimation.states import GPS_ERROR, SIZE, SensorNoise
 from estimation.timing import TICK, InertialSignal
 
@@ -43,6 +43,8 @@ class Problem:
     noise : SensorNoise
     x, P : ndarray, shapes (26,), (25, 25)
         The start.
+    white_scale : ndarray, shape (5,)
+        Factor on the white variance of each kind of measurement.
     """
 
     t: np.ndarray
@@ -58,6 +60,7 @@ class Problem:
     noise: SensorNoise
     x: np.ndarray
     P: np.ndarray
+    white_scale: np.ndarray
 
     @property
     def outputs(self) -> int:
@@ -73,8 +76,10 @@ class ForwardPass:
     ----------
     x : ndarray, shape (m, 26)
         Filtered nominal states at the outputs.
-    P : ndarray, shape (m, 325)
-        Their covariances, upper triangle by rows.
+    rows : ndarray, shape (m, 9, 25)
+        Rows of their covariances that belong to position, velocity and attitude.
+    sensor_rows : ndarray, shape (ceil(m / 8), 16, 25)
+        The other rows, of every eighth output.
     innovation, inverse_variance : ndarray, shape (s,)
         Of each scalar measurement; inverse variance 0 where it was refused.
     log_likelihood : float
@@ -85,7 +90,8 @@ class ForwardPass:
     """
 
     x: np.ndarray
-    P: np.ndarray
+    rows: np.ndarray
+    sensor_rows: np.ndarray
     innovation: np.ndarray
     inverse_variance: np.ndarray
     log_likelihood: float
@@ -105,9 +111,12 @@ def assemble(
     P: np.ndarray,
     world: World,
     noise: SensorNoise,
+    *,
+    white_scale: np.ndarray | None = None,
+    stop: float = np.inf,
 ) -> Problem:
-    """Lay out nodes and sub-steps of one segment; `outputs` are times within it, s."""
-    first, last = _ticks(np.array([signal.start, signal.stop]))
+    """Lay out nodes and sub-steps of one segment, or of its beginning; `outputs` are times within it, s."""
+    first, last = _ticks(np.array([signal.start, min(signal.stop, stop)]))
     observations = observations.between(first * TICK, last * TICK)
     asked = _ticks(outputs)
     measured = _ticks(observations.t)
@@ -134,6 +143,7 @@ def assemble(
         noise=noise,
         x=x,
         P=P,
+        white_scale=np.ones(_kernels.KINDS) if white_scale is None else white_scale,
     )
 
 
@@ -150,7 +160,8 @@ def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
     x, P = problem.x.copy(), problem.P.copy()
     result = ForwardPass(
         x=np.empty((rows, SIZE + 1)),
-        P=np.empty((rows, _kernels.PACKED)),
+        rows=np.empty((rows, _kernels.SLOW, SIZE)),
+        sensor_rows=np.empty((-(-rows // _kernels.SLOW_EVERY), SIZE - _kernels.SLOW, SIZE)),
         innovation=np.empty(scalars),
         inverse_variance=np.zeros(scalars),
         log_likelihood=0.0,
@@ -181,6 +192,7 @@ def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
         gps_error,
         problem.world.gravity,
         problem.world.earth_rate,
+        problem.white_scale,
         problem.noise.jitter(),
         problem.noise.gate,
         PATIENCE,
@@ -194,38 +206,33 @@ def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
         result.index,
         result.value,
         result.x,
-        result.P,
+        result.rows,
+        result.sensor_rows,
     )
     return replace(result, log_likelihood=float(likelihood))
 
 
-def matched_variance(problem: Problem, result: ForwardPass, nominal: np.ndarray) -> np.ndarray:
+def matched_scale(problem: Problem, result: ForwardPass) -> np.ndarray:
     """Scale each sensor's white variance so that innovations are as large as the filter expects (Mehra 1970).
 
-    The median of the squared innovations stands for their mean, so that outliers do not count. The scale is
-    the same for a sensor throughout the log, and its root is between 1/10 and 5.
-
-    Parameters
-    ----------
-    nominal : ndarray, shape (s,)
-        Variance of each scalar measurement as the sensor's class has it.
+    Medians stand for means, so that neither outliers nor the first seconds count. The scale is the same for a sensor
+    throughout the log, and its root is between 1/10 and 5.
 
     Returns
     -------
-    ndarray, shape (s,)
+    ndarray, shape (5,)
+        For `Problem.white_scale`.
     """
     o = problem.observations
-    variance = nominal.copy()
+    scale = np.ones(_kernels.KINDS)
     kinds = o.scalar_kind
-    for kind in range(len(KIND_NAMES)):
+    for kind in range(_kernels.KINDS):
         mine = (kinds == kind) & (result.inverse_variance > 0.0)
         if np.count_nonzero(mine) < 30:
             continue
-        expected = 1.0 / result.inverse_variance[mine]
+        nominal = o.variance[mine]
+        state = np.median(1.0 / result.inverse_variance[mine] - problem.white_scale[kind] * nominal)
         # 0.4549 is the median of chi-square with one degree of freedom.
-        excess = np.median(result.innovation[mine] ** 2 / expected) / 0.4549
-        white = np.mean(o.variance[mine])
-        state = np.mean(expected) - white
-        wanted = excess * (state + white) - state
-        variance[kinds == kind] *= min(max(wanted / np.mean(nominal[mine]), 0.01), 25.0)
-    return variance
+        wanted = np.median(result.innovation[mine] ** 2) / 0.4549 - state
+        scale[kind] = min(max(wanted / np.median(nominal), 0.01), 25.0)
+    return scale

@@ -77,6 +77,17 @@ class Observations:
             self.variance[m],
         )
 
+    def earlier(self, kinds: Sequence[int], lag: float) -> "Observations":
+        """Say that the groups of some kinds were true by `lag` seconds before the time they have here."""
+        if lag == 0.0:
+            return self
+        t = self.t - lag * np.isin(self.kind, kinds)
+        order = np.argsort(t, kind="stable")
+        count = np.diff(self.start)[order]
+        start = np.concatenate([[0], np.cumsum(count)])
+        m = np.repeat(self.start[:-1][order] - start[:-1], count) + np.arange(start[-1])
+        return Observations(t[order], self.kind[order], start, self.axis[m], self.z[m], self.variance[m])
+
     @property
     def scalar_kind(self) -> np.ndarray:
         """Kind of each scalar, shape (m,)."""
@@ -128,7 +139,7 @@ def observe(tables: Tables, frame: LocalFrame | None, noise: SensorNoise) -> Obs
     mag = usable_field(tables.mag)
     if mag is not None:
         field = mag[["mag_x", "mag_y", "mag_z"]].to_numpy(float)
-        blocks.append((_kernels.MAG, mag.index.to_numpy(float) - 0.05, field, np.full_like(field, noise.mag**2)))
+        blocks.append((_kernels.MAG, mag.index.to_numpy(float), field, np.full_like(field, noise.mag**2)))
     return Observations.merge(blocks)
 
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from estimation import _kernels
 from estimation.filter import ForwardPass, Problem
-from estimation.states import SIZE
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,19 +18,24 @@ class Smoothed:
         Nominal states at the outputs.
     covariance : ndarray, shape (m, 9, 9)
         Covariance of position, velocity and attitude errors.
-    variance : ndarray, shape (m, 25)
-        Variance of each error state.
+    slow_variance : ndarray, shape (m, 16)
+        Variance of each sensor error.
     """
 
     x: np.ndarray
     covariance: np.ndarray
-    variance: np.ndarray
+    slow_variance: np.ndarray
 
 
 def smooth(problem: Problem, result: ForwardPass) -> Smoothed:
-    """Walk back over a kept forward pass (modified Bryson-Frazier, Bierman 1973); no matrix is inverted."""
+    """Walk back over a kept forward pass (modified Bryson-Frazier, Bierman 1973); no matrix is inverted.
+
+    Sensor errors hardly change from row to row: they are smoothed in every eighth row and interpolated between.
+    """
     rows = problem.outputs
-    smoothed = Smoothed(result.x.copy(), np.empty((rows, 9, 9)), np.empty((rows, SIZE)))
+    x = result.x.copy()
+    covariance = np.empty((rows, _kernels.SLOW, _kernels.SLOW))
+    variance = np.empty(result.sensor_rows.shape[:2])
     _kernels.backward(
         result.transition_time,
         result.transition_velocity,
@@ -45,9 +49,15 @@ def smooth(problem: Problem, result: ForwardPass) -> Smoothed:
         result.index,
         result.value,
         problem.noise.gps_error_time,
-        smoothed.x,
-        result.P,
-        smoothed.covariance,
-        smoothed.variance,
+        x,
+        result.rows,
+        result.sensor_rows,
+        covariance,
+        variance,
     )
-    return smoothed
+    row = np.arange(rows)
+    known = row[:: _kernels.SLOW_EVERY]
+    errors = x[:, 10:]
+    between = np.column_stack([np.interp(row, known, column) for column in np.hstack([errors[known], variance]).T])
+    x[:, 10:] = between[:, : errors.shape[1]]
+    return Smoothed(x, covariance, between[:, errors.shape[1] :])

@@ -71,8 +71,8 @@ class SensorNoise:
     hard_iron_walk : float
         T/sqrt(s).
     field : float
-        1-sigma of the world magnetic field's model, T. The World Magnetic Model's own error is 0.09-0.17 uT per component
-        (NOAA, WMM2020 report); roofs and cars nearby add to it.
+        1-sigma of the world magnetic field's model, T. The World Magnetic Model's own error is 0.09-0.17 uT per
+        component (NOAA, WMM2020 report); roofs and cars nearby add to it.
     gps_error_time : float
         Correlation time of the Gauss-Markov position error of the GPS, s: the carrier-smoothed single-frequency
         receivers of this class wander over one to a few minutes.
@@ -100,7 +100,7 @@ class SensorNoise:
     mag: float = 5.0e-7
     hard_iron: float = 3.0e-6
     hard_iron_walk: float = 2.0e-8
-    field: float = 2.5e-7
+    field: float = 1.5e-7
     gps_error_time: float = 100.0
     gps_error_share: float = 0.9
     gps_white_share: float = 0.2

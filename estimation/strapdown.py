@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
-from estimation import alignment
+from estimation.alignment import Alignment, align
 from estimation.consistency import innovation_statistics
-from estimation.filter import ForwardPass, Problem, World, assemble, matched_variance, run
+from estimation.filter import ForwardPass, Problem, World, assemble, run
 from estimation.local_frame import LocalFrame, is_simulated
 from estimation.magnetic_field import world_field
 from estimation.observations import Observations, observe, usable_field, usable_fixes
@@ -17,6 +17,7 @@ from estimation.smoother import Smoothed, smooth
 from estimation.states import SENSOR_ERROR_COLUMNS, SensorNoise
 from estimation.timing import ACCEL, GYRO, InertialSignal, imu_delays, sample_rate, segments, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
+from estimation.tuning import Tuned, tune
 from logparse import Finding, Geodetic, Severity, Tables
 
 #: Segments of the log shorter than this are left out, s.
@@ -32,7 +33,8 @@ class _Segment:
     smoothed: Smoothed
     signal: InertialSignal
     t: np.ndarray
-    aligned: alignment.Alignment
+    aligned: Alignment
+    tuned: Tuned
 
 
 def estimate_strapdown(
@@ -69,7 +71,8 @@ def estimate_strapdown(
     for piece in pieces:
         if piece.index[-1] - piece.index[0] < SHORTEST_SEGMENT or len(piece) < 10:
             continue
-        segment = _estimate_segment(tables, piece, observations, rate, start, stop, frame, field.ned if field else None, world, noise)
+        aligned = align(tables, piece, frame, field.ned if field else None, noise)
+        segment = _estimate_segment(tables, piece, observations, rate, start, stop, aligned, world, noise)
         if segment is not None:
             done.append(segment)
     findings += _holes(pieces)
@@ -87,6 +90,10 @@ def estimate_strapdown(
         "accel_delay": accel_delay,
         "aligned_still": [s.aligned.still for s in done],
         "yaw_source": [s.aligned.yaw_source for s in done],
+        "lags": [dict(s.tuned.lags) for s in done],
+        "gyro_bias_walk": [s.tuned.noise.gyro_bias_walk for s in done],
+        "hard_iron_walk": [s.tuned.noise.hard_iron_walk for s in done],
+        "gps_error_time": [s.tuned.noise.gps_error_time for s in done],
         "declination": float(np.arctan2(field.ned[1], field.ned[0])) if field else float("nan"),
         "declination_source": field.declination_source if field else "none",
     }
@@ -119,8 +126,7 @@ def _estimate_segment(
     rate: float,
     start: float | None,
     stop: float | None,
-    frame: LocalFrame | None,
-    field: np.ndarray | None,
+    aligned: Alignment,
     world: World,
     noise: SensorNoise,
 ) -> _Segment | None:
@@ -130,39 +136,31 @@ def _estimate_segment(
     t = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
     if t.size == 0:
         return None
-    aligned = alignment.align(tables, imu, signal.start, frame, field, noise)
-    # A first run over the segment finds the attitude to linearise about and the white noise of the aiding sensors.
-    first = np.array([signal.start])
-    problem = assemble(signal, observations, first, aligned.x, aligned.P, world, noise)
-    nominal = problem.observations.variance
-    for _ in range(2):
-        result = run(problem)
-        x = aligned.x.copy()
-        x[6:10] = smooth(problem, result).x[0, 6:10]
-        o = problem.observations
-        matched = replace(o, variance=matched_variance(problem, result, nominal))
-        problem = replace(problem, x=x, observations=matched)
-    problem = assemble(signal, problem.observations, t, problem.x, aligned.P, world, noise)
+    tuned = tune(signal, observations, aligned.x, aligned.P, world, noise)
+    problem = assemble(
+        signal, tuned.observations, t, tuned.x, aligned.P, world, tuned.noise, white_scale=tuned.white_scale
+    )
     result = run(problem)
-    return _Segment(problem, result, smooth(problem, result), signal, t, aligned)
+    return _Segment(problem, result, smooth(problem, result), signal, t, aligned, tuned)
 
 
 def _frames(done: list[_Segment]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Lay the segments' estimates out as the tables of a `Trajectory`."""
-    t = np.concatenate([s.t for s in done])
+    index = pd.Index(np.concatenate([s.t for s in done]), name="t")
     x = np.concatenate([s.smoothed.x for s in done])
     rates = np.concatenate([s.signal.rate(s.t) for s in done]) - x[:, 10:13]
     forces = np.concatenate([s.signal.force(s.t) for s in done]) - x[:, 13:16]
-    index = pd.Index(t, name="t")
-    names = [*STATE_COLUMNS, *SENSOR_ERROR_COLUMNS]
-    states = pd.DataFrame(np.column_stack([x[:, :10], rates, forces, x[:, 10:]]), index=index, columns=names)
-    variance = np.concatenate([s.smoothed.variance for s in done])
-    sigma = pd.DataFrame(
-        np.sqrt(np.maximum(variance, 0.0)), index=index, columns=[*SIGMA_COLUMNS, *SENSOR_ERROR_COLUMNS]
-    )
+    slow = np.concatenate([s.smoothed.slow_variance for s in done])
+    fast = np.concatenate([np.diagonal(s.smoothed.covariance, axis1=1, axis2=2) for s in done])
     # A sensor that is not there has no error to estimate.
-    absent = [name for name in SENSOR_ERROR_COLUMNS if not sigma[name].any()]
-    return states.drop(columns=absent), sigma.drop(columns=absent)
+    there = np.count_nonzero(slow, axis=0) > 0
+    errors = [name for name, some in zip(SENSOR_ERROR_COLUMNS, there, strict=True) if some]
+    states = np.column_stack([x[:, :10], rates, forces, x[:, 10:][:, there]])
+    sigma = np.sqrt(np.maximum(np.column_stack([fast, slow[:, there]]), 0.0))
+    return (
+        pd.DataFrame(states, index=index, columns=[*STATE_COLUMNS, *errors]),
+        pd.DataFrame(sigma, index=index, columns=[*SIGMA_COLUMNS, *errors]),
+    )
 
 
 def _missing(tables: Tables, fixes: pd.DataFrame | None, mag: pd.DataFrame | None) -> list[Finding]:

@@ -16,6 +16,8 @@ ACCEL = ["accel_x", "accel_y", "accel_z"]
 TICK = 1e-4
 #: A hole in the IMU longer than this is not bridged: the flight goes on in a new segment, s.
 LONGEST_HOLE = 1.0
+#: A craft that turns faster than this is in use, rad/s.
+GYRO_MOVING = 0.2
 #: What a multirotor may do unseen while IMU samples are missing: 1-sigma rate and specific force, rad/s and m/s^2.
 UNSEEN_RATE, UNSEEN_FORCE = 0.5, 2.0
 
