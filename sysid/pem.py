@@ -26,8 +26,8 @@ from sysid.transfer_function import FitReport, TransferFunction, TransferFunctio
 #: Called with a stage in words and the part done so far, 0 to 1.
 Progress = Callable[[str, float], None]
 
-#: Prior standard deviation of a coefficient of the initial response, in standard deviations of the output. Small,
-#: because own denominators have n coefficients for every input, which otherwise explain the record without its inputs.
+#: Prior size of the initial response, in standard deviations of the output: records begin near hover. Small, because
+#: own denominators have n initial states for every input, which otherwise explain a record without its inputs.
 INITIAL_SIZE = 0.05
 
 #: Residual assumed before the first fit, in standard deviations of the output.
@@ -130,6 +130,11 @@ def fit_transfer_functions(
     )
 
 
+def initial_size(groups: int) -> float:
+    """Prior standard deviation of each coefficient of the initial responses, in standard deviations of the output."""
+    return INITIAL_SIZE / float(np.sqrt(groups))
+
+
 @dataclass(frozen=True, slots=True)
 class _Settings:
     poles: int
@@ -169,14 +174,14 @@ def _fit_output(
         hold=settings.hold,
         band=resolvable_band(max(record.duration for record in records), records[0].dt),
         ridge=1e-3 if settings.ridge is None else settings.ridge,
-        initial=(FIRST_RESIDUAL / INITIAL_SIZE) ** 2,
+        initial=(FIRST_RESIDUAL / initial_size(1)) ** 2,
     )
     rng = np.random.default_rng([settings.seed, column])
     problem, descent, steps = _search(common, settings, rng, deadline)
     report = _report(problem, descent, y, scale, settings, steps, time.monotonic() - begun)
     functions, undetermined = _transfer_functions(problem, descent.point, excitation, scale, records[0].input_names)
     report = replace(report, undetermined=undetermined)
-    initial_sigma = INITIAL_SIZE * scale
+    initial_sigma = initial_size(problem.groups) * scale
     residuals = []
     for record, values in zip(records, y, strict=True):
         simulated = free_run(
@@ -220,11 +225,12 @@ def _search(
         group = tuple(range(len(group)))
         tried = [np.repeat(best.point.theta, len(group), axis=0) + 0.1 * rng.standard_normal((len(group), seen.order))]
         tried += [_staggered(len(group), seen.order, band, rng, k) for k in range(settings.starts - 1)]
-        best, more = _best_start(replace(seen, group=group), tried, deadline)
+        first = (FIRST_RESIDUAL / initial_size(len(group))) ** 2
+        best, more = _best_start(replace(seen, group=group, initial=first), tried, deadline)
         steps += more
     # The prior of the initial states is weighed by the residual reached.
     variance = float(np.mean(np.concatenate(best.point.residuals) ** 2))
-    initial = max(variance, 1e-12) / INITIAL_SIZE**2
+    initial = max(variance, 1e-12) / initial_size(len(set(group))) ** 2
     problem, theta = replace(common, group=group, initial=initial), best.point.theta
     if not chosen:
         division = replace(division, seen=replace(seen, group=group, initial=initial))
