@@ -62,27 +62,30 @@ class Runner:
         forkserver.ensure_running()
 
     def close(self) -> None:
-        """End the running analyses and forget the waiting ones; their records will say so."""
+        """End the running analyses and forget the waiting ones: from now on `find` says that they were interrupted."""
         with self._lock:
             self._closed = True
             for process in self._processes:
                 process.kill()
         self._watchers.shutdown(wait=True, cancel_futures=True)
-        self._live.clear()
 
     def submit(self, log: Log) -> Analysis:
         """Accept an analysis of a log; OSError when its record cannot be written."""
         analysis = Analysis(id=new_id(), log=log)
         self._storage.save_analysis(analysis)
-        self._live[analysis.id] = analysis
-        future = self._watchers.submit(self._watch, analysis)
-        self._futures[analysis.id] = future
+        with self._lock:
+            if self._closed:
+                return analysis
+            self._live[analysis.id] = analysis
+            future = self._watchers.submit(self._watch, analysis)
+            self._futures[analysis.id] = future
         future.add_done_callback(lambda _: self._futures.pop(analysis.id, None))
         return analysis
 
     def find(self, analysis_id: str) -> Analysis | None:
         """Give the present state of an analysis; None when there is none of this id."""
-        if live := self._live.get(analysis_id):
+        live = self._live.get(analysis_id)
+        if live is not None and not self._closed:
             return live
         analysis = self._storage.load_analysis(analysis_id)
         if analysis is not None and not analysis.state.ended:

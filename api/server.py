@@ -4,12 +4,16 @@ import copy
 import logging
 import logging.config
 import sys
+from contextlib import suppress
+from socket import socket
 
 import uvicorn
+from fastapi.concurrency import run_in_threadpool
 from pydantic import ValidationError
 from uvicorn.config import LOGGING_CONFIG
 
 from api.app import create_app
+from api.jobs import Runner
 from api.settings import Settings
 
 #: Seconds that requests still being answered get when the service is told to stop.
@@ -36,7 +40,27 @@ def serve(host: str = "127.0.0.1", port: int = 8000) -> None:
         )
     if host not in _LOOPBACK:
         _log.warning("anyone who can reach %s may upload logs: there is no login", host)
-    uvicorn.run(app, host=host, port=port, log_config=None, server_header=False, timeout_graceful_shutdown=_GRACE)
+    config = uvicorn.Config(
+        app, host=host, port=port, log_config=None, server_header=False, timeout_graceful_shutdown=_GRACE
+    )
+    server = Server(config, app.state.runner)
+    with suppress(KeyboardInterrupt):  # which uvicorn repeats after an orderly stop
+        server.run()
+    if not server.started:
+        sys.exit(1)
+
+
+class Server(uvicorn.Server):
+    """Ends the analyses before it waits for the requests that wait for them."""
+
+    def __init__(self, config: uvicorn.Config, runner: Runner) -> None:
+        super().__init__(config)
+        self._runner = runner
+
+    async def shutdown(self, sockets: list[socket] | None = None) -> None:
+        """Stop the service in order."""
+        await run_in_threadpool(self._runner.close)
+        await super().shutdown(sockets)
 
 
 def _settings() -> Settings:

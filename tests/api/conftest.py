@@ -10,19 +10,21 @@ import uvicorn
 from fastapi import FastAPI
 
 from api import Settings, create_app
+from api.server import Server
 from tests.api import standins
 
 
 @contextmanager
 def running(app: FastAPI) -> Iterator[httpx.Client]:
     """Serve an application on a free port, over real sockets, and give a client for it."""
-    server = uvicorn.Server(uvicorn.Config(app, log_config=None, timeout_graceful_shutdown=1))
-    with socket.create_server(("127.0.0.1", 0)) as listener:
+    server = Server(uvicorn.Config(app, log_config=None, timeout_graceful_shutdown=5), app.state.runner)
+    listener = socket.create_server(("127.0.0.1", 0))
+    address = f"http://127.0.0.1:{listener.getsockname()[1]}"
+    with listener, httpx.Client(base_url=address, timeout=60.0) as client:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:
-            with httpx.Client(base_url=f"http://127.0.0.1:{listener.getsockname()[1]}", timeout=60.0) as client:
-                yield client
+            yield client
         finally:
             server.should_exit = True
             thread.join()
@@ -37,9 +39,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def service(folder: Path) -> Iterator[httpx.Client]:
     """Run a service whose pipeline is a stand-in, with limits that a test can reach."""
-    settings = Settings(
-        data=folder, upload_limit=4_000_000, upload_stall=0.5, workers=2, time_limit=5.0, memory_limit=10**9
-    )
+    settings = Settings(data=folder, upload_limit=4_000_000, workers=2, time_limit=60.0, memory_limit=600_000_000)
+    with running(create_app(settings, standins.analyze, preload=())) as client:
+        yield client
+
+
+@pytest.fixture
+def hasty_service(tmp_path: Path) -> Iterator[httpx.Client]:
+    """Run a service that gives uploads half a second and analyses one."""
+    settings = Settings(data=tmp_path, upload_stall=0.5, workers=1, time_limit=1.0)
     with running(create_app(settings, standins.analyze, preload=())) as client:
         yield client
 

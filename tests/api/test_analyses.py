@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
@@ -48,8 +49,7 @@ def test_one_call_answers_with_models_and_report(service: httpx.Client, upload: 
         (b"refused", "unusable-log", "set LOG_BITMASK to include motor outputs"),
         (b"bug", "analysis-crashed", "mistake of rotorid, not yours"),
         (b"crash", "analysis-crashed", "mistake of rotorid, not yours"),
-        (b"greedy", "analysis-too-large", "more than the 1 GB"),
-        (b"hang", "analysis-too-slow", "ended after 5 s"),
+        (b"greedy", "analysis-too-large", "more than the 600 MB"),
     ],
 )
 def test_a_poisonous_log_fails_alone(
@@ -61,6 +61,13 @@ def test_a_poisonous_log_fails_alone(
     assert response.json()["type"] == f"urn:rotorid:problem:{kind}"
     assert says in response.json()["detail"]
     assert upload(service, b"good log").status_code == 201
+
+
+def test_an_endless_analysis_is_ended(hasty_service: httpx.Client, upload: Upload) -> None:
+    response = upload(hasty_service, b"hang")
+    assert response.status_code == 422
+    assert response.json()["type"] == "urn:rotorid:problem:analysis-too-slow"
+    assert "ended after 1 s" in response.json()["detail"]
 
 
 def test_an_analysis_can_be_followed(service: httpx.Client) -> None:
@@ -92,19 +99,23 @@ def test_status_is_quick_while_the_workers_are_busy(service: httpx.Client) -> No
     assert sorted(durations)[len(durations) // 2] < 0.2
 
 
-def test_what_a_stopped_service_left_unfinished_says_so(tmp_path: Path) -> None:
+def test_a_service_that_stops_tells_those_who_wait_and_those_who_come_back(tmp_path: Path, upload: Upload) -> None:
     settings = Settings(data=tmp_path, workers=1)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
-        logs = [client.post("/api/v1/logs", files={"file": ("a.bin", b"hang")}).json()["id"] for _ in range(2)]
-        addresses = [client.post("/api/v1/analyses", json={"log": log}).headers["Location"] for log in logs]
-        while client.get(addresses[0]).json()["stage"] != "parsing":
+    with ThreadPoolExecutor() as clients, running(create_app(settings, standins.analyze, preload=())) as client:
+        log = client.post("/api/v1/logs", files={"file": ("a.bin", b"hang")}).json()["id"]
+        address = client.post("/api/v1/analyses", json={"log": log}).headers["Location"]
+        while client.get(address).json()["stage"] != "parsing":
             time.sleep(0.05)
+        waiting = clients.submit(upload, client, b"hang")  # one worker: this one stands in the queue
+        while len(list((tmp_path / "analyses").iterdir())) < 2:
+            time.sleep(0.05)
+    assert waiting.result().status_code == 503
+    assert "start the analysis again" in waiting.result().json()["detail"]
     with running(create_app(settings, standins.analyze, preload=())) as client:
-        for log, address in zip(logs, addresses, strict=True):  # one was running, one was waiting
-            answer = client.get(address).json()
-            assert answer["state"] == "failed"
-            assert "start the analysis again" in answer["problem"]["detail"]
-            assert client.get(f"/api/v1/logs/{log}").status_code == 200
+        answer = client.get(address).json()
+        assert answer["state"] == "failed"
+        assert "start the analysis again" in answer["problem"]["detail"]
+        assert client.get(f"/api/v1/logs/{log}").status_code == 200
 
 
 def test_a_data_folder_that_cannot_be_written_is_known_at_the_start(tmp_path: Path) -> None:

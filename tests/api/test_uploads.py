@@ -105,15 +105,14 @@ def test_a_body_of_unknown_length_is_limited_as_it_arrives(service: httpx.Client
     assert response.status_code == 413
 
 
-def test_an_upload_that_stalls_is_given_up(service: httpx.Client, folder: Path) -> None:
-    with socket.create_connection((service.base_url.host, service.base_url.port or 80), timeout=10.0) as connection:
-        request = (
-            f"POST /api/v1/logs HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\nContent-Type: {FORM['Content-Type']}"
-        )
-        connection.sendall(request.encode() + b"\r\n\r\n" + form((disposition("file", "a.bin"), b"data"), end=False))
+def test_an_upload_that_stalls_is_given_up(hasty_service: httpx.Client, tmp_path: Path) -> None:
+    address = (hasty_service.base_url.host, hasty_service.base_url.port or 80)
+    head = f"POST /api/v1/logs HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\nContent-Type: {FORM['Content-Type']}"
+    with socket.create_connection(address, timeout=10.0) as connection:
+        connection.sendall(head.encode() + b"\r\n\r\n" + form((disposition("file", "a.bin"), b"data"), end=False))
         answer = connection.recv(4096).decode()
     assert answer.startswith("HTTP/1.1 408 ")
-    assert not list((folder / "incoming").iterdir())
+    assert not list((tmp_path / "incoming").iterdir())
 
 
 def test_other_sites_cannot_upload_through_a_visitors_browser(service: httpx.Client) -> None:
