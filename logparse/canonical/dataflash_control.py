@@ -8,7 +8,7 @@ import pymap3d
 
 from logparse.canonical.instances import instances
 from logparse.canonical.series import Array, euler_angles, join, quaternions, sample, series, wrap
-from logparse.canonical.units import quantity
+from logparse.canonical.units import numbers, quantity
 from logparse.tables import COLUMNS, Geodetic
 
 Messages = Mapping[str, pd.DataFrame]
@@ -49,13 +49,17 @@ def _core(messages: Messages, names: tuple[str, ...]) -> pd.DataFrame | None:
         frame = messages[name]
         if "C" not in frame:
             return frame
-        cores = np.unique(frame["C"].to_numpy())
+        core: Array = numbers(frame, "C")
+        cores = np.unique(core[np.isfinite(core)])
+        if not len(cores):
+            return frame
         state = "XKF4" if name.startswith("X") else "NKF4"
         primary = int(cores[0])
-        if state in messages and "PI" in messages[state] and len(messages[state]):
-            used = int(messages[state]["PI"].mode().iloc[0])
-            primary = used if used in cores else primary
-        part = frame[frame["C"] == primary]
+        if state in messages:
+            used, rows = np.unique(numbers(messages[state], "PI"), return_counts=True)
+            if len(used) and used[np.argmax(rows)] in cores:
+                primary = int(used[np.argmax(rows)])
+        part: pd.DataFrame = frame[core == primary]
         part.attrs = frame.attrs
         return part
     return None
@@ -87,7 +91,7 @@ def origin(messages: Messages, gps: pd.DataFrame | None, ekf: pd.DataFrame | Non
     if "ORGN" in messages and len(messages["ORGN"]):
         rows = messages["ORGN"]
         lat, lon, alt = quantity(rows, "Lat", "deg"), quantity(rows, "Lng", "deg"), quantity(rows, "Alt", "m")
-        kind = rows["Type"].to_numpy() if "Type" in rows else np.zeros(len(rows))
+        kind = numbers(rows, "Type") if "Type" in rows else np.zeros(len(rows))
         good = np.isfinite(lat) & np.isfinite(lon) & ~((lat == 0.0) & (lon == 0.0))
         for wanted in (0, 1):
             found = np.flatnonzero(good & (kind == wanted))

@@ -7,6 +7,7 @@ import pandas as pd
 
 from logparse.canonical.modes import COPTER_EVENTS, COPTER_SUBSYSTEMS, copter_mode
 from logparse.canonical.series import distinct
+from logparse.canonical.units import numbers
 
 Messages = Mapping[str, pd.DataFrame]
 
@@ -16,7 +17,10 @@ def modes(messages: Messages) -> pd.DataFrame | None:
     if "MODE" not in messages or not len(messages["MODE"]):
         return None
     frame = messages["MODE"]
-    values = frame["ModeNum"] if "ModeNum" in frame else frame["Mode"]
+    column = next((name for name in ("ModeNum", "Mode") if name in frame), None)
+    if column is None:
+        return None
+    values = frame[column]
     return mode_table(frame.index.to_numpy(), (_mode_name(value) for value in values))
 
 
@@ -63,20 +67,24 @@ def events(messages: Messages) -> pd.DataFrame | None:
     parts: list[tuple[np.ndarray, Iterable[str], Iterable[str]]] = []
     if "EV" in messages:
         frame = messages["EV"]
-        ids = [int(value) for value in frame["Id"]]
-        parts.append((frame.index.to_numpy(), (COPTER_EVENTS.get(k, f"EVENT_{k}") for k in ids), ("" for _ in ids)))
+        ids = numbers(frame, "Id")
+        known = np.isfinite(ids)
+        names = [COPTER_EVENTS.get(int(k), f"EVENT_{int(k)}") for k in ids[known]]
+        parts.append((frame.index.to_numpy()[known], names, ("" for _ in names)))
     if "ERR" in messages:
         frame = messages["ERR"]
+        subsystems, codes = numbers(frame, "Subsys"), numbers(frame, "ECode")
+        known = np.isfinite(subsystems) & np.isfinite(codes)
         texts = [
             f"{COPTER_SUBSYSTEMS.get(int(subsystem), f'SUBSYSTEM_{int(subsystem)}')} {int(code)}"
-            for subsystem, code in zip(frame["Subsys"], frame["ECode"], strict=True)
+            for subsystem, code in zip(subsystems[known], codes[known], strict=True)
         ]
-        parts.append((frame.index.to_numpy(), ("ERROR" for _ in texts), texts))
+        parts.append((frame.index.to_numpy()[known], ("ERROR" for _ in texts), texts))
     if "ARM" in messages and "EV" not in messages:
         frame = messages["ARM"]
-        names = ["ARMED" if state else "DISARMED" for state in frame["ArmState"]]
+        names = ["ARMED" if state else "DISARMED" for state in numbers(frame, "ArmState")]
         parts.append((frame.index.to_numpy(), names, ("" for _ in names)))
-    if "MSG" in messages:
+    if "MSG" in messages and "Message" in messages["MSG"]:
         frame = messages["MSG"]
         texts = [str(text).strip("\x00 ") for text in frame["Message"]]
         parts.append((frame.index.to_numpy(), ("MESSAGE" for _ in texts), texts))

@@ -10,7 +10,7 @@ import pandas as pd
 from logparse.canonical.instances import instances, pick
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, sample, series
-from logparse.canonical.units import quantity
+from logparse.canonical.units import numbers, quantity
 from logparse.findings import Finding, Severity
 from logparse.frames import Motor
 
@@ -19,6 +19,9 @@ Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
 
 #: Servo pulses that exist [us]; outside are unused outputs (0), unset memory (65535, negative) and DShot numbers.
 PULSE_RANGE = (800.0, 2250.0)
+
+#: Field [T] that no magnetometer of an autopilot measures, and speed [m/s] and voltage [V] of no multirotor.
+_STRONGEST_FIELD, _FASTEST, _HIGHEST_VOLTAGE = 1e-3, 300.0, 1000.0
 
 #: Lag [s] between the validity of a GPS sample and its arrival when GPS_DELAY_MS leaves it to the driver, as in
 #: AP_GPS_UBLOX::get_lag: generation 7 and later, and the older ones. The simulator's receiver has its own.
@@ -29,13 +32,15 @@ SITL_LAG = 0.1
 
 def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd.DataFrame | None:
     """Motor outputs by motor number: RCOU (and RCO2, RCO3 for outputs from 15), or MOT of firmware before 3.1."""
-    if "RCOU" not in messages:
+    if "RCOU" not in messages or not len(messages["RCOU"]):
         if "MOT" not in messages:
             return None
         frame = messages["MOT"]
-        outputs = {int(str(name)[3:]): frame[name] for name in frame if re.fullmatch(r"Mot\d+", str(name))}
-        numbers = [motor.number for motor in table] or sorted(outputs)
-        columns = {f"m{k}": _pulses(outputs[k], "MOT", remarks) for k in numbers if k in outputs}
+        outputs = {
+            int(str(name)[3:]): numbers(frame, str(name)) for name in frame if re.fullmatch(r"Mot\d+", str(name))
+        }
+        wanted = [motor.number for motor in table] or sorted(outputs)
+        columns = {f"m{k}": _pulses(outputs[k], "MOT", remarks) for k in wanted if k in outputs}
         return series(frame.index, columns) if columns else None
 
     frame = messages["RCOU"]
@@ -48,7 +53,7 @@ def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd
         name = f"m{motor.number}"
         for message in ("RCOU", "RCO2", "RCO3"):
             if message in messages and (column := _output(messages[message], motor.channel)) is not None:
-                pulses = _pulses(messages[message][column], message, remarks)
+                pulses = _pulses(numbers(messages[message], column), message, remarks)
                 if message == "RCOU":
                     columns[name] = pulses
                 else:
@@ -80,9 +85,8 @@ def _output(frame: pd.DataFrame, channel: int) -> str | None:
     return next((name for name in (f"C{channel}", f"Ch{channel}", f"Chan{channel}") if name in frame), None)
 
 
-def _pulses(values: "pd.Series[float]", message: str, remarks: Remarks) -> Array:
+def _pulses(pulses: Array, message: str, remarks: Remarks) -> Array:
     """Pulse widths [us]; 0 means no pulse, which is no error."""
-    pulses = np.asarray(values, dtype=np.float64)
     low, high = PULSE_RANGE
     silent = pulses == 0.0
     bad = ~((pulses >= low) & (pulses <= high)) & ~silent
@@ -118,7 +122,7 @@ def _sampled(frame: pd.DataFrame) -> Array:
     """Boot time of the samples of a raw sensor message, where it is logged beside the write time."""
     t: Array = frame.index.to_numpy(dtype=np.float64)
     if "SampleUS" in frame:
-        sampled = frame["SampleUS"].to_numpy(dtype=np.float64) * 1e-6
+        sampled = numbers(frame, "SampleUS") * 1e-6
         if np.all(np.abs(sampled - t) < 1.0):
             return np.asarray(sampled, dtype=np.float64)
     return t
@@ -128,7 +132,7 @@ def _flags(frame: pd.DataFrame) -> npt.NDArray[np.bool_] | None:
     """Whether the autopilot held gyro and accelerometer for healthy, where it says so."""
     for gyro, accel in (("GH", "AH"), ("GyHlt", "AcHlt")):
         if gyro in frame and accel in frame:
-            return np.asarray((frame[gyro].to_numpy() != 0) & (frame[accel].to_numpy() != 0))
+            return np.asarray((numbers(frame, gyro) != 0) & (numbers(frame, accel) != 0))
     return None
 
 
@@ -251,6 +255,9 @@ def clean_fixes(values: Array, fix: Array, message: str, remarks: Remarks) -> Ar
     with np.errstate(invalid="ignore"):
         outside = (np.abs(values[:, 0]) > np.pi / 2.0) | (np.abs(values[:, 1]) > np.pi) | (np.abs(values[:, 2]) > 50e3)
     values = remarks.remove(values, outside, message, "position outside the Earth")
+    with np.errstate(invalid="ignore"):
+        fast = (np.abs(values[:, 3:]) > _FASTEST).any(axis=1)
+    values = remarks.remove(values, np.asarray(fast), message, f"faster than {_FASTEST:.0f} m/s")
     return remarks.remove(values, (fix < 2.0) & np.isfinite(values[:, 0]), message, "no fix")
 
 
@@ -271,7 +278,7 @@ def baro(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) 
         for flag in ("H", "Health"):
             if flag in frame:
                 values = remarks.remove(
-                    values, frame[flag].to_numpy() == 0, name, "sensor marked unhealthy by the autopilot"
+                    values, numbers(frame, flag) == 0, name, "sensor marked unhealthy by the autopilot"
                 )
         tables.append((name, series(frame.index, dict(zip(("alt", "pressure", "temperature"), values.T, strict=True)))))
     if not tables and "CTUN" in messages:
@@ -291,9 +298,11 @@ def mag(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) -
         values = np.column_stack([quantity(frame, f"Mag{axis}", "mGauss") for axis in "XYZ"])
         values = remarks.remove(values, np.asarray(~np.isfinite(values).all(axis=1)), name, "not a number")
         values = remarks.remove(values, (values == 0.0).all(axis=1), name, "all three axes zero")
+        strong = np.asarray(np.sum(values**2, axis=1) > _STRONGEST_FIELD**2)
+        values = remarks.remove(values, strong, name, "field twenty times that of the Earth")
         if "Health" in frame:
             values = remarks.remove(
-                values, frame["Health"].to_numpy() == 0, name, "sensor marked unhealthy by the autopilot"
+                values, numbers(frame, "Health") == 0, name, "sensor marked unhealthy by the autopilot"
             )
         tables.append((name, series(frame.index, dict(zip(("mag_x", "mag_y", "mag_z"), values.T, strict=True)))))
     preferred = int(parameters.get("COMPASS_PRIMARY", 0))
@@ -311,7 +320,9 @@ def battery(messages: Messages, remarks: Remarks) -> Sensor:
         old = name.startswith("CUR") and any(column in frame for column in ("ThrOut", "ThrInt", "Throttle", "Thr"))
         voltage = quantity(frame, "Volt", "cV" if old else "V")
         current = quantity(frame, "Curr", "cA" if old else "A")
-        voltage = remarks.remove(voltage, ~(voltage > 0.5) & (voltage != 0.0), name, "voltage not positive")
+        odd = ~((voltage >= 0.0) & (voltage < _HIGHEST_VOLTAGE))
+        voltage = remarks.remove(voltage, odd, name, "voltage impossible")
+        # Without a power module the voltage reads zero or a little noise.
         voltage = np.where(voltage > 0.5, voltage, np.nan)
         tables.append((name, series(frame.index, {"voltage": voltage, "current": current})))
     return pick(tables, "voltage")
@@ -360,12 +371,12 @@ def rangefinder(messages: Messages, remarks: Remarks) -> pd.DataFrame | None:
     if "Dist" in frame:
         if "Orient" in frame:
             # 25 is MAV_SENSOR_ROTATION_PITCH_270, down.
-            down = frame[frame["Orient"] == 25]
+            down = frame[numbers(frame, "Orient") == 25]
             down.attrs = frame.attrs
             frame = down if len(down) else frame
         distance = quantity(frame, "Dist", "m")
         if "Stat" in frame:
-            distance = remarks.remove(distance, frame["Stat"].to_numpy() < 4, "RFND", "out of range or no data")
+            distance = remarks.remove(distance, numbers(frame, "Stat") < 4, "RFND", "out of range or no data")
     else:
         numbered = next((name for name in ("Dist1", "D1") if name in frame), None)
         if numbered is None:

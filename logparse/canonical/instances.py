@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pandas as pd
 
+from logparse.canonical.units import numbers
+
 #: Columns that hold the instance, by age of the firmware.
 INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C")
 
@@ -32,8 +34,8 @@ def instances(
             if len(frame):
                 found.append((name, frame))
             continue
-        values = frame[column].to_numpy()
-        for value in np.unique(values):
+        values = numbers(frame, column)
+        for value in np.unique(values[np.isfinite(values)]):
             part = frame[values == value]
             part.attrs = frame.attrs
             found.append((f"{name}[{int(value)}]", part))

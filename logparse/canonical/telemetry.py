@@ -17,7 +17,7 @@ from logparse.canonical.instances import pick
 from logparse.canonical.modes import copter_mode, px4_custom_mode
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, euler_angles, join, sample, series, wrap
-from logparse.canonical.units import quantity
+from logparse.canonical.units import numbers, quantity
 from logparse.frames import Motor
 from logparse.tables import COLUMNS, Geodetic, Tables
 from logparse.vehicle import Vehicle, vehicle_heartbeats
@@ -101,7 +101,7 @@ def _motors(sender: Sender, table: tuple[Motor, ...], remarks: Remarks) -> pd.Da
     for motor in table:
         column = f"servo{motor.channel}_raw"
         if motor.channel is not None and column in frame:
-            pulses = frame[column].to_numpy(dtype=np.float64)
+            pulses = numbers(frame, column)
             silent = pulses == 0.0
             pulses = np.where(silent, np.nan, pulses)
             bad = ~silent & ~((pulses >= low) & (pulses <= high))
@@ -158,10 +158,10 @@ def _gps(sender: Sender, parameters: Mapping[str, float], remarks: Remarks) -> S
             continue
         frame = sender.get(name)
         t = frame.index.to_numpy(dtype=np.float64)
-        fix = frame["fix_type"].to_numpy(dtype=np.float64)
+        fix = numbers(frame, "fix_type")
         # MAVLink counts no receiver and no fix as 0 and 1, then as the canonical table.
         speed, course = quantity(frame, "vel", "cm/s"), quantity(frame, "cog", "cdeg")
-        unknown = (frame["vel"].to_numpy() == 65535) | (frame["cog"].to_numpy() == 65535)
+        unknown = (numbers(frame, "vel") == 65535) | (numbers(frame, "cog") == 65535)
         speed = np.where(unknown, np.nan, speed)
         missing = np.full(len(t), np.nan)
         values = np.column_stack(
@@ -175,8 +175,8 @@ def _gps(sender: Sender, parameters: Mapping[str, float], remarks: Remarks) -> S
             )
         )
         values = clean_fixes(values, fix, name, remarks)
-        hdop = frame["eph"].to_numpy(dtype=np.float64)
-        satellites = frame["satellites_visible"].to_numpy(dtype=np.float64)
+        hdop = numbers(frame, "eph")
+        satellites = numbers(frame, "satellites_visible")
         columns = {
             "t_valid": t - gps_lag(parameters, k, "FRAME_CLASS" not in parameters),
             **dict(zip(("lat", "lon", "alt", "v_n", "v_e", "v_d"), values.T, strict=True)),
@@ -236,8 +236,8 @@ def _battery(sender: Sender) -> pd.DataFrame | None:
         return None
     frame = sender.get("SYS_STATUS")
     voltage, current = quantity(frame, "voltage_battery", "mV"), quantity(frame, "current_battery", "cA")
-    voltage = np.where((voltage > 0.5) & (frame["voltage_battery"].to_numpy() != 65535), voltage, np.nan)
-    current = np.where(frame["current_battery"].to_numpy() == -1, np.nan, current)
+    voltage = np.where((voltage > 0.5) & (numbers(frame, "voltage_battery") != 65535), voltage, np.nan)
+    current = np.where(numbers(frame, "current_battery") == -1, np.nan, current)
     return series(frame.index, {"voltage": voltage, "current": current}) if np.isfinite(voltage).any() else None
 
 
@@ -373,12 +373,12 @@ def _setpoints(sender: Sender, origin: Geodetic | None) -> pd.DataFrame | None:
             deg=False,
         )
         # MAV_FRAME_GLOBAL (0) and _INT (5) have altitudes above sea level; the others are relative to home or terrain.
-        down = np.where(np.isin(frame["coordinate_frame"].to_numpy(), (0, 5)), place[2], np.nan)
+        down = np.where(np.isin(numbers(frame, "coordinate_frame"), (0, 5)), place[2], np.nan)
         columns = dict(zip(("p_n", "p_e", "p_d"), (*place[:2], down), strict=True))
         parts.append(_targets(frame, columns))
     if "VFR_HUD" in sender:
         frame = sender.get("VFR_HUD")
-        parts.append(series(frame.index, {"throttle": frame["throttle"].to_numpy(dtype=np.float64) / 100.0}))
+        parts.append(series(frame.index, {"throttle": numbers(frame, "throttle") / 100.0}))
     return join(parts, COLUMNS["setpoints"], gap=1.5)
 
 

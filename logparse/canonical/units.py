@@ -74,14 +74,19 @@ def quantity(frame: pd.DataFrame, column: str, unit: str) -> npt.NDArray[np.floa
     -------
     ndarray, shape (N,)
     """
-    if column not in frame:
-        return np.full(len(frame), np.nan)
     declared = str(frame.attrs.get("units", {}).get(column, ""))
     if not _alike(declared, unit):
         declared = unit
     factor, offset = SI[declared]
+    return numbers(frame, column) * factor + offset
+
+
+def numbers(frame: pd.DataFrame, column: str) -> npt.NDArray[np.float64]:
+    """Read a column without a unit: flags, counts, states. NaN where the message has none or it is no number."""
+    if column not in frame:
+        return np.full(len(frame), np.nan)
     values = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
-    return np.asarray(values * factor + offset, dtype=np.float64)
+    return np.asarray(values, dtype=np.float64)
 
 
 #: Units of one kind; a declaration of another kind is a slip of the firmware and does not count.

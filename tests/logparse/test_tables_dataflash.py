@@ -1,0 +1,400 @@
+"""Canonical tables from DataFlash messages as each age of the firmware writes them."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from logparse.canonical import build_tables
+from logparse.tables import COLUMNS
+from logparse.vehicle import describe
+
+QUAD = {"FRAME_CLASS": 1, "FRAME_TYPE": 1}
+
+
+def message(t, units=None, **columns):
+    frame = pd.DataFrame(columns, index=pd.Index(np.asarray(t, dtype=float), name="t"))
+    frame.attrs["units"] = units or {}
+    return frame
+
+
+def build(messages, parameters=QUAD, kind="dataflash"):
+    vehicle = describe(messages, format=kind, parameters=parameters)
+    return build_tables(messages, format=kind, parameters=parameters, vehicle=vehicle)
+
+
+def reasons(findings):
+    return [finding.reason for finding in findings]
+
+
+@pytest.mark.parametrize("label", ["C{}", "Ch{}", "Chan{}"])
+def test_motor_outputs_under_every_name(label):
+    outputs = {label.format(k): [1100 + k, 1200 + k] for k in range(1, 15)}
+    tables, _ = build({"RCOU": message([1.0, 1.1], **outputs)})
+    assert list(tables.motors) == ["m1", "m2", "m3", "m4"]
+    assert tables.motors["m3"].tolist() == [1103, 1203]
+
+
+def test_motor_outputs_before_3_1_have_a_message_of_their_own():
+    frame = message([1.0, 2.0], **{f"Mot{k}": [1000 + k, 1100 + k] for k in range(1, 9)})
+    tables, _ = build({"MOT": frame}, {"FRAME": 1}, "dataflash-text")
+    assert list(tables.motors) == [f"m{k}" for k in range(1, 9)]
+
+
+def test_motors_on_outputs_above_14_are_in_rco2():
+    parameters = QUAD | {"SERVO1_FUNCTION": 33, "SERVO2_FUNCTION": 34, "SERVO15_FUNCTION": 35, "SERVO18_FUNCTION": 36}
+    t = np.arange(5) * 0.1
+    first = message(t, **{f"C{k}": np.full(5, 1000 + k) for k in range(1, 15)})
+    second = message(t, **{f"C{k}": 1000 + k + np.arange(5) for k in range(15, 19)})
+    tables, findings = build({"RCOU": first, "RCO2": second}, parameters)
+    assert list(tables.motors) == ["m1", "m2", "m3", "m4"]
+    assert tables.motors.iloc[2].tolist() == [1001, 1002, 1017, 1020]
+    assert not findings
+
+
+def test_moving_servos_do_not_make_a_quad_a_hexa():
+    rng = np.random.default_rng(1)
+    outputs = {f"Ch{k}": rng.integers(1100, 1900, 50) for k in range(1, 7)}
+    tables, _ = build({"RCOU": message(np.arange(50) * 0.1, **outputs)})
+    assert tables.motors.shape == (50, 4)
+
+
+def test_impossible_pulses_are_missing_and_counted_once():
+    outputs = {"C1": [65535, 100, 0, 1500], "C2": [1500, 1500, 0, -11714], "C3": [1500] * 4, "C4": [1500] * 4}
+    tables, findings = build({"RCOU": message([1, 2, 3, 4], **outputs)})
+    assert tables.motors["m1"].isna().tolist() == [True, True, True, False]
+    assert tables.motors["m2"].isna().tolist() == [False, False, True, True]
+    # Outputs of 0 are no pulse, which is how a disarmed craft logs them.
+    assert [finding.evidence["removed"] for finding in findings] == [3]
+
+
+def test_a_motor_that_no_output_drives_is_told():
+    parameters = QUAD | {"SERVO1_FUNCTION": 33, "SERVO2_FUNCTION": 34, "SERVO3_FUNCTION": 35}
+    tables, findings = build({"RCOU": message([1, 2], C1=[1, 2], C2=[1, 2], C3=[1, 2])}, parameters)
+    assert list(tables.motors) == ["m1", "m2", "m3"]
+    assert "motor-without-output" in [finding.id for finding in findings]
+
+
+def imu(t, offset=0.0, **more):
+    n = len(t)
+    rates = {f"Gyr{axis}": np.full(n, 0.1 + offset) for axis in "XYZ"}
+    forces = {"AccX": np.full(n, 0.2), "AccY": np.full(n, 0.3), "AccZ": np.full(n, -9.8)}
+    return message(t, **rates, **forces, **more)
+
+
+def test_imu_as_numbered_messages_and_as_instances_are_the_same():
+    t = np.arange(10) * 0.02
+    numbered, _ = build({"IMU": imu(t), "IMU2": imu(t, 1.0)})
+    both = pd.concat([imu(t, I=np.zeros(10, int)), imu(t, 1.0, I=np.ones(10, int))]).sort_index(kind="stable")
+    instances, _ = build({"IMU": both})
+    pd.testing.assert_frame_equal(numbered.imu, instances.imu)
+    pd.testing.assert_frame_equal(numbered.further["imu"][0], instances.further["imu"][0])
+    assert list(numbered.imu) == list(COLUMNS["imu"])
+
+
+def test_times_are_made_strictly_increasing():
+    # 4.x logs step slightly backwards all the time; of two rows with one time the later one counts.
+    frame = imu([0.0, 0.04, 0.02, 0.06, 0.06, math.nan])
+    frame["GyrX"] = [0, 2, 1, 3, 4, 9]
+    tables, _ = build({"IMU": frame})
+    assert tables.imu.index.tolist() == [0.0, 0.02, 0.04, 0.06]
+    assert tables.imu["gyro_x"].tolist() == [0, 1, 2, 4]
+
+
+def test_an_unhealthy_or_wild_imu_sample_is_missing():
+    frame = imu(np.arange(6) * 0.1, GH=[1, 1, 0, 1, 1, 1], AH=[1] * 6)
+    frame.loc[frame.index[4], "AccX"] = np.inf
+    frame.loc[frame.index[5], "GyrZ"] = 1e6
+    tables, findings = build({"IMU": frame})
+    assert tables.imu["accel_z"].isna().tolist() == [False, False, True, False, True, True]
+    assert len(findings) == 3
+
+
+def gps(t, **more):
+    n = len(t)
+    columns = {
+        "Status": np.full(n, 3),
+        "NSats": np.full(n, 12),
+        "HDop": np.full(n, 0.8),
+        "Lat": np.full(n, 47.0),
+        "Lng": np.full(n, 8.0),
+        "Alt": np.full(n, 488.0),
+        "Spd": np.full(n, 2.0),
+        "GCrs": np.full(n, 90.0),
+        "VZ": np.full(n, 0.5),
+    }
+    return message(t, **(columns | more))
+
+
+def test_gps_in_si_and_ned():
+    tables, _ = build({"GPS": gps([1.0, 1.2])}, QUAD | {"GPS_DELAY_MS": 150})
+    row = tables.gps.iloc[0]
+    assert list(tables.gps) == list(COLUMNS["gps"])
+    assert (row["lat"], row["lon"]) == pytest.approx((math.radians(47.0), math.radians(8.0)))
+    assert (row["v_n"], row["v_e"], row["v_d"]) == pytest.approx((0.0, 2.0, 0.5), abs=1e-12)
+    assert row["t_valid"] == pytest.approx(0.85)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "texts", "lag"),
+    [
+        ({"GPS1_DELAY_MS": 80}, [], 0.08),
+        ({"SIM_RATE_HZ": 1200}, [], 0.1),
+        ({}, ["u-blox 1 HW: 00080000 SW: 2.01 (75331)"], 0.12),
+        ({}, ["u-blox 1 HW: 00040007 SW: 7.03 (45969)"], 0.22),
+        ({"GPS_DELAY_MS": 0}, ["ArduCopter V3.3.3 (acf2e0c8)"], 0.22),
+    ],
+)
+def test_lag_of_the_receiver(parameters, texts, lag):
+    messages = {"GPS": gps([1.0, 1.2]), "MSG": message(range(len(texts)), Message=texts)}
+    tables, _ = build(messages, QUAD | parameters)
+    assert tables.gps["t_valid"].iloc[0] == pytest.approx(1.0 - lag)
+
+
+def test_accuracies_and_arrival_time_come_from_gpa():
+    accuracy = message([1.0, 1.2], HAcc=[0.5, 655.35], VAcc=[0.8, 0.9], SAcc=[0.2, 0.0], VV=[1, 0], SMS=[970, 1165])
+    tables, _ = build({"GPS": gps([1.0, 1.2]), "GPA": accuracy}, QUAD | {"GPS_DELAY_MS": 100})
+    assert tables.gps["h_acc"].iloc[0] == 0.5
+    assert tables.gps[["h_acc", "s_acc"]].iloc[1].isna().all()
+    # The fix arrived 30 and 35 ms before its row was written.
+    assert tables.gps["t_valid"].tolist() == pytest.approx([0.87, 1.065])
+    assert tables.gps["v_d"].isna().tolist() == [False, True]
+
+
+def test_fixes_at_null_island_are_missing():
+    frame = gps([1, 2, 3, 4], Lat=[0.0, 47.0, 47.0, 470.0], Lng=[0.0, 8.0, 8.0, 8.0], Status=[3, 3, 1, 3])
+    tables, findings = build({"GPS": frame})
+    assert tables.gps["lat"].isna().tolist() == [True, False, True, True]
+    assert tables.gps["fix"].notna().all()
+    assert len(findings) == 3
+    assert any("latitude and longitude zero" in reason for reason in reasons(findings))
+
+
+def test_a_receiver_without_vertical_speed():
+    tables, _ = build({"GPS": gps([1.0, 1.2], VZ=[0.0, 0.0])})
+    assert tables.gps["v_d"].isna().all()
+
+
+def test_units_of_the_magnetometer_by_declaration():
+    # The same field of 0.2, 0.0, 0.4 G, as raw milligauss and with FMTU's multiplier applied.
+    raw = message([1, 2], MagX=[200, 200], MagY=[0, 0], MagZ=[400, 400])
+    scaled = message(
+        [1, 2], dict.fromkeys(("MagX", "MagY", "MagZ"), "Gauss"), MagX=[0.2, 0.2], MagY=[0, 0], MagZ=[0.4, 0.4]
+    )
+    for frame in (raw, scaled):
+        tables, _ = build({"MAG": frame})
+        assert tables.mag.iloc[0].tolist() == pytest.approx([2e-5, 0.0, 4e-5])
+
+
+def test_a_declared_unit_of_another_kind_is_a_slip():
+    frame = message([1, 2], {"Roll": "m/s"}, Roll=[90.0, 90.0], Pitch=[0.0, 0.0], Yaw=[270.0, 270.0])
+    tables, _ = build({"ATT": frame})
+    assert tables.attitude.iloc[0].tolist() == pytest.approx([math.pi / 2, 0.0, -math.pi / 2])
+
+
+def test_a_dead_magnetometer_gives_way_to_the_second():
+    dead = message([1, 2, 3], MagX=[0, 0, 0], MagY=[0, 0, 0], MagZ=[0, 0, 0])
+    alive = message([1, 2, 3], MagX=[1, 2, 3], MagY=[1, 1, 1], MagZ=[400, 400, 400])
+    tables, findings = build({"MAG": dead, "MAG2": alive})
+    assert tables.mag["mag_x"].tolist() == pytest.approx([1e-7, 2e-7, 3e-7])
+    assert reasons(findings) == ["MAG: all three axes zero in 3 of 3 samples; taken as missing."]
+
+
+def test_current_is_in_hundredths_until_3_3():
+    old = message([1, 2], ThrOut=[0, 0], ThrInt=[0, 0], Volt=[1150, 1140], Curr=[145, 200], Vcc=[5165, 5165])
+    new = message([1, 2], Volt=[11.5, 11.4], Curr=[1.45, 2.0], CurrTot=[1.0, 1.0])
+    for frame in (old, new):
+        tables, _ = build({"CURR": frame})
+        assert tables.battery["voltage"].tolist() == pytest.approx([11.5, 11.4])
+        assert tables.battery["current"].tolist() == pytest.approx([1.45, 2.0])
+
+
+def test_a_battery_monitor_without_a_battery_is_no_table():
+    tables, _ = build({"CURR": message([1, 2], Volt=[0.0, 0.0], Curr=[0.0, 0.0])})
+    assert tables.battery is None
+
+
+def test_barometer_of_firmware_before_3_2_is_in_ctun():
+    tables, _ = build({"CTUN": message([1, 2], ThrIn=[0, 0], ThrOut=[500, 600], BarAlt=[1.5, 1.6])})
+    assert tables.baro["alt"].tolist() == [1.5, 1.6]
+    assert tables.baro["pressure"].isna().all()
+    assert tables.setpoints["throttle"].tolist() == [0.5, 0.6]
+
+
+def test_attitude_without_att():
+    t = np.arange(4) * 0.1
+    yaw = np.radians([0.0, 90.0, 180.0, 270.0])
+    quaternion = message(t, Q1=np.cos(yaw / 2), Q2=np.zeros(4), Q3=np.zeros(4), Q4=np.sin(yaw / 2), C=np.zeros(4, int))
+    tables, _ = build({"XKQ": quaternion})
+    assert np.degrees(tables.attitude["yaw"]).tolist() == pytest.approx([0.0, 90.0, 180.0, -90.0])
+    fast = message(
+        t, Roll=[1.0] * 4, Pitch=[2.0] * 4, Yaw=[350.0] * 4, DesRoll=[3.0] * 4, DesPitch=[0.0] * 4, DesYaw=[0.0] * 4
+    )
+    tables, _ = build({"XKQ": quaternion, "ANG": fast})
+    assert np.degrees(tables.attitude.iloc[0]).tolist() == pytest.approx([1.0, 2.0, -10.0])
+    assert np.degrees(tables.setpoints["roll"]).tolist() == pytest.approx([3.0] * 4)
+
+
+def xkf1(t, core, north):
+    zeros = {name: np.full(len(t), 0.5) for name in ("Roll", "Pitch", "Yaw", "VN", "VE", "VD", "PE", "PD")}
+    return message(t, C=np.full(len(t), core), PN=np.full(len(t), north), **zeros)
+
+
+def test_own_estimate_is_that_of_the_core_in_use():
+    t = np.arange(5) * 0.1
+    cores = pd.concat([xkf1(t, 0, 1.0), xkf1(t, 1, 2.0)]).sort_index(kind="stable")
+    tables, _ = build({"XKF1": cores, "XKF4": message(t, C=[0] * 5, PI=[0, 1, 1, 1, 1])})
+    assert tables.ekf["p_n"].tolist() == [2.0] * 5
+
+
+def test_a_filter_that_does_not_run_yet_has_no_estimate():
+    frame = message(
+        [1, 2, 3], **{name: [0.0, 0.0, 1.0] for name in ("PN", "PE", "PD", "VN", "VE", "VD", "Roll", "Pitch", "Yaw")}
+    )
+    tables, _ = build({"EKF1": frame})
+    assert tables.ekf["p_d"].isna().tolist() == [True, True, False]
+
+
+def test_position_targets_of_every_age_in_metres_and_down():
+    t = np.arange(3) * 0.1
+    new = {
+        f"PSC{axis}": message(t, **{f"TP{axis}": np.full(3, value), f"TV{axis}": np.full(3, 0.1)})
+        for axis, value in (("N", 1.0), ("E", 2.0), ("D", -3.0))
+    }
+    middle = {
+        "PSC": message(t, TPX=[1.0] * 3, TPY=[2.0] * 3, TVX=[0.1] * 3, TVY=[0.1] * 3),
+        "PSCZ": message(t, TPZ=[3.0] * 3, TVZ=[-0.1] * 3),
+    }
+    old = {
+        "NTUN": message(t, DPosX=[100.0] * 3, DPosY=[200.0] * 3, DVelX=[10.0] * 3, DVelY=[10.0] * 3),
+        "CTUN": message(t, DAlt=[3.0] * 3, DCRt=[-10.0] * 3, ThO=[0.4] * 3),
+    }
+    for messages in (new, middle, old):
+        tables, _ = build(messages)
+        row = tables.setpoints[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]].iloc[1]
+        assert row.tolist() == pytest.approx([1.0, 2.0, -3.0, 0.1, 0.1, 0.1])
+
+
+def test_targets_are_not_interpolated_over_pauses():
+    manual = message(
+        np.arange(100) * 0.1,
+        DesRoll=np.zeros(100),
+        DesPitch=np.zeros(100),
+        DesYaw=np.zeros(100),
+        Roll=np.zeros(100),
+        Pitch=np.zeros(100),
+        Yaw=np.zeros(100),
+    )
+    guided = message(
+        np.concatenate((np.arange(10) * 0.1, 8.0 + np.arange(10) * 0.1)), TPN=np.ones(20), TVN=np.zeros(20)
+    )
+    tables, _ = build({"ATT": manual, "PSCN": guided})
+    assert tables.setpoints.loc[0.1:0.8, "p_n"].notna().all()
+    assert tables.setpoints.loc[2.0:7.0, "p_n"].isna().all()
+
+
+def test_yaw_targets_are_interpolated_across_north():
+    fast = message(
+        np.arange(21) * 0.05,
+        RDes=np.zeros(21),
+        **{n: np.zeros(21) for n in ("R", "ROut", "PDes", "P", "POut", "YDes", "Y", "YOut", "AOut")},
+    )
+    slow = message(
+        [0.0, 0.1], DesRoll=[0, 0], DesPitch=[0, 0], DesYaw=[359.0, 1.0], Roll=[0, 0], Pitch=[0, 0], Yaw=[0, 0]
+    )
+    position = message([0.0, 0.05, 0.1], TPN=np.ones(3), TVN=np.zeros(3))
+    tables, _ = build({"ATT": slow, "PSCN": position, "RATE": fast})
+    assert tables.setpoints["yaw"].iloc[1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_rates_are_in_rad_per_second():
+    frame = message(
+        [1, 2],
+        RDes=[180, 180],
+        R=[90, 90],
+        ROut=[0.1, 0.1],
+        PDes=[0, 0],
+        P=[0, 0],
+        POut=[0, 0],
+        YDes=[0, 0],
+        Y=[0, 0],
+        YOut=[0, 0],
+        AOut=[0.4, 0.4],
+    )
+    tables, _ = build({"RATE": frame})
+    assert tables.rates.iloc[0][["w_x_ref", "w_x", "out_roll", "out_thrust"]].tolist() == pytest.approx(
+        [math.pi, math.pi / 2, 0.1, 0.4]
+    )
+
+
+def test_esc_telemetry_is_by_motor_and_not_by_output():
+    parameters = QUAD | {f"SERVO{k + 4}_FUNCTION": 32 + k for k in range(1, 5)}
+    rows = [message([1.0, 1.1], Instance=[k, k], RPM=[600 * k] * 2, Volt=[16.0] * 2, Curr=[1.0] * 2) for k in range(8)]
+    tables, _ = build({"ESC": pd.concat(rows).sort_index(kind="stable")}, parameters)
+    # Motor 1 is on output 5, which is ESC instance 4.
+    assert tables.esc["w1"].iloc[0] == pytest.approx(2400 * 2 * math.pi / 60)
+    assert [name for name in tables.esc if name.startswith("w")] == ["w1", "w2", "w3", "w4"]
+
+
+def test_rangefinder_is_the_one_that_looks_down():
+    frame = message([1, 2, 3, 4], Instance=[0, 1, 0, 1], Dist=[5.0, 1.0, 5.0, 1.1], Stat=[4] * 4, Orient=[0, 25, 0, 25])
+    tables, _ = build({"RFND": frame})
+    assert tables.rangefinder["distance"].tolist() == [1.0, 1.1]
+
+
+def test_truth_of_the_simulator():
+    t = np.arange(11) * 0.02
+    place = message(t, **{name: np.full(11, k + 1.0) for k, name in enumerate(("PN", "PE", "PD", "VN", "VE", "VD"))})
+    # The log may write either of the two quaternions of an attitude.
+    turned = message(
+        [0.0, 0.1, 0.2], Roll=[0] * 3, Pitch=[0] * 3, Yaw=[0] * 3, Q1=[1, -1, 1], Q2=[0] * 3, Q3=[0] * 3, Q4=[0] * 3
+    )
+    tables, _ = build({"SIM2": place, "SIM": turned})
+    assert list(tables.truth) == list(COLUMNS["truth"])
+    assert tables.truth["q_w"].abs().tolist() == pytest.approx([1.0] * 11)
+
+
+def test_origin_is_logged_or_found_from_fixes():
+    logged = message([1, 2], Type=[1, 0], Lat=[47.1, 47.0], Lng=[8.0, 8.0], Alt=[490.0, 488.0])
+    tables, _ = build({"ORGN": logged, "GPS": gps([1.0, 1.2])})
+    assert tables.origin.alt == 488.0
+    t = np.arange(20) * 0.2
+    north = 2.0 * t
+    filter_state = {name: np.zeros(20) for name in ("PE", "VN", "VE", "VD", "Roll", "Pitch", "Yaw")}
+    fixes = gps(t + 0.1, Lat=47.0 + north / 111_180.0, Alt=np.full(20, 500.0))
+    tables, _ = build(
+        {"EKF1": message(t, PN=north + 10.0, PD=np.full(20, -2.0), **filter_state), "GPS": fixes},
+        QUAD | {"GPS_DELAY_MS": 100},
+    )
+    # The filter was 10 m north of its origin at the first fix, 2 m above it.
+    assert math.degrees(tables.origin.lat) == pytest.approx(47.0 - 10.0 / 111_180.0, abs=2e-7)
+    assert tables.origin.alt == pytest.approx(498.0, abs=0.01)
+
+
+def test_modes_by_number_or_name():
+    tables, _ = build({"MODE": message([1, 2, 3, 4], Mode=[0, 5, 5, 99], ModeNum=[0, 5, 5, 99])})
+    assert tables.modes["mode"].tolist() == ["STABILIZE", "LOITER", "MODE_99"]
+    tables, _ = build({"MODE": message([1, 2], Mode=["Stabilize", "Alt Hold"], ThrCrs=[424, 424])})
+    assert tables.modes["mode"].tolist() == ["STABILIZE", "ALT_HOLD"]
+
+
+def test_events_keep_all_that_happened_at_one_time():
+    messages = {
+        "EV": message([5.0, 5.0, 9.0], Id=[10, 15, 11]),
+        "ERR": message([7.0], Subsys=[6], ECode=[1]),
+        "MSG": message([5.0], Message=["<b>Frame: QUAD</b>"]),
+    }
+    tables, _ = build(messages)
+    assert tables.events["event"].tolist() == ["ARMED", "AUTO_ARMED", "MESSAGE", "ERROR", "DISARMED"]
+    assert tables.events["detail"].iloc[3] == "FAILSAFE_BATTERY 1"
+    assert (np.diff(tables.events.index) > 0).all()
+    assert tables.events.index.tolist() == pytest.approx([5.0, 5.0, 5.0, 7.0, 9.0], abs=1e-5)
+
+
+def test_messages_without_a_row_are_as_missing():
+    tables, findings = build(
+        {name: message([]) for name in ("IMU", "GPS", "BARO", "MAG", "ATT", "RCOU", "EV", "MODE", "RATE")}
+    )
+    assert all(getattr(tables, name) is None for name in COLUMNS)
+    assert not findings

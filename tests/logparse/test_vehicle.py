@@ -1,0 +1,130 @@
+"""The craft from what logs of different ages say about it."""
+
+import pandas as pd
+import pytest
+
+from logparse.vehicle import describe, pwm_range
+
+
+def texts(*lines):
+    return {"MSG": pd.DataFrame({"Message": list(lines)}, index=pd.RangeIndex(len(lines), name="t"))}
+
+
+def test_a_modern_octocopter():
+    vehicle = describe(
+        texts(
+            "ArduCopter V4.5.7 (2a3dc4b7)",
+            "ChibiOS: 6a85082c",
+            "CubeOrange 00330024 32395105 30323831",
+            "Frame: OCTA/X",
+        ),
+        format="dataflash",
+        parameters={"FRAME_CLASS": 3, "FRAME_TYPE": 1, "MOT_PWM_MIN": 1100, "MOT_PWM_MAX": 1940, "MOT_THST_EXPO": 0.6},
+    )
+    assert (vehicle.autopilot, vehicle.firmware, vehicle.version) == ("ArduPilot", "ArduCopter", "4.5.7")
+    assert (vehicle.git_hash, vehicle.board_id) == ("2a3dc4b7", "CubeOrange 00330024 32395105 30323831")
+    assert (vehicle.frame_class, vehicle.frame_type, vehicle.frame_source) == ("octa", "x", "FRAME_CLASS")
+    assert [m.channel for m in vehicle.motors] == list(range(1, 9))
+    assert (vehicle.pwm_min, vehicle.pwm_max, vehicle.thrust_expo) == (1100, 1940, 0.6)
+
+
+def test_firmware_before_3_5_prints_its_class():
+    vehicle = describe(
+        texts("APM:Copter V3.3.1 (5b42ed2a)", "Frame: HEXA"), format="dataflash", parameters={"FRAME": 0}
+    )
+    assert (vehicle.firmware, vehicle.version) == ("ArduCopter", "3.3.1")
+    assert (vehicle.frame_class, vehicle.frame_type, len(vehicle.motors)) == ("hexa", "plus", 6)
+
+
+def test_firmware_before_3_2_does_not_and_is_taken_for_a_quad():
+    vehicle = describe(texts("ArduCopter V3.1.1 (681dafcf)"), format="dataflash-text", parameters={"FRAME": 1})
+    assert (vehicle.frame_class, vehicle.frame_source) == ("quad", "assumed")
+
+
+def test_firmware_of_2013_has_a_column_for_each_motor():
+    messages = {"MOT": pd.DataFrame({f"Mot{k}": [1100] for k in range(1, 7)})}
+    vehicle = describe(messages, format="dataflash-text", parameters={"FRAME": 1})
+    assert (vehicle.frame_class, len(vehicle.motors)) == ("hexa", 6)
+
+
+def test_nothing_known_gives_no_motors():
+    vehicle = describe({}, format="dataflash", parameters={})
+    assert vehicle.frame_class is None
+    assert vehicle.motors == ()
+
+
+def test_motors_are_numbered_by_function_and_not_by_output():
+    functions = {5: 33, 6: 34, 7: 36, 8: 35, 1: 9}
+    parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 1} | {f"SERVO{k}_FUNCTION": f for k, f in functions.items()}
+    vehicle = describe({}, format="dataflash", parameters=parameters)
+    assert {m.number: m.channel for m in vehicle.motors} == {1: 5, 2: 6, 3: 8, 4: 7}
+
+
+def test_telemetry_names_the_craft_by_its_own_heartbeats():
+    beats = pd.DataFrame(
+        {
+            "system": [1, 255, 1, 255, 1, 255],
+            "component": [1, 190, 1, 190, 1, 190],
+            "type": [13, 6, 13, 6, 13, 6],
+            "autopilot": [3, 8, 3, 8, 3, 8],
+        }
+    )
+    vehicle = describe({"HEARTBEAT": beats}, format="tlog", parameters={"FRAME": 0})
+    assert (vehicle.autopilot, vehicle.frame_class, vehicle.frame_source) == ("ArduPilot", "hexa", "MAV_TYPE")
+
+
+def test_y6_without_a_type_is_the_default_one():
+    vehicle = describe({}, format="dataflash", parameters={"FRAME_CLASS": 5, "FRAME_TYPE": 0})
+    assert (vehicle.frame_class, vehicle.frame_type, len(vehicle.motors)) == ("y6", "y6a", 6)
+
+
+def test_pwm_range_falls_back_to_the_throttle_channel():
+    assert pwm_range({"MOT_PWM_MIN": 0, "MOT_PWM_MAX": 0, "RC3_MIN": 982, "RC3_MAX": 2006}).pwm_max == 2006
+    assert pwm_range({"RCMAP_THROTTLE": 1, "RC1_MIN": 1010, "RC1_MAX": 1990, "RC3_MIN": 900}).pwm_min == 1010
+    assert pwm_range({}).pwm(0.5) == 1500
+
+
+def test_parameters_of_firmware_3_2_give_the_pulses_that_it_sent():
+    # The Erle logs of 2014: disarmed 991, armed 1061, the highest pulse in flight 1944 us.
+    levels = pwm_range(
+        {
+            "RC3_MIN": 991,
+            "RC3_MAX": 2016,
+            "THR_MIN": 130,
+            "MOT_SPIN_ARMED": 70,
+            "MOT_TCRV_ENABLE": 1,
+            "MOT_TCRV_MIDPCT": 52,
+            "MOT_TCRV_MAXPCT": 93,
+        }
+    )
+    assert levels.pwm(levels.spin_arm) == pytest.approx(1061)
+    assert int(levels.pwm(levels.spin_max)) == 1944
+    # The two straight lines pass (52 of 93 %, half thrust); so must the curve (1 - e) c + e c^2.
+    c = 52 / 93
+    assert (1 - levels.thrust_expo) * c + levels.thrust_expo * c**2 == pytest.approx(0.5)
+
+
+def test_px4_rotors_come_from_the_control_allocation():
+    places = [(1, 1, 0.05), (-1, -1, 0.05), (1, -1, -0.05), (-1, 1, -0.05)]
+    parameters = {"CA_ROTOR_COUNT": 4, "THR_MDL_FAC": 0.3}
+    for k, (x, y, torque) in enumerate(places):
+        parameters |= {
+            f"CA_ROTOR{k}_PX": x,
+            f"CA_ROTOR{k}_PY": y,
+            f"CA_ROTOR{k}_KM": torque,
+            f"PWM_MAIN_FUNC{k + 1}": 104 - k,
+        }
+    vehicle = describe({}, format="ulog", parameters=parameters)
+    assert (vehicle.autopilot, vehicle.frame_class, vehicle.frame_type) == ("PX4", "quad", "x")
+    assert [m.channel for m in vehicle.motors] == [4, 3, 2, 1]
+    # PX4's generic quad X has ArduPilot's numbers and spins.
+    ardupilot = describe({}, format="dataflash", parameters={"FRAME_CLASS": 1, "FRAME_TYPE": 1}).motors
+    for px4, arducopter in zip(vehicle.motors, ardupilot, strict=True):
+        assert px4.angle == pytest.approx(arducopter.angle)
+        assert (px4.spin, px4.number) == (arducopter.spin, arducopter.number)
+        assert (px4.roll, px4.pitch, px4.yaw) == pytest.approx((arducopter.roll, arducopter.pitch, arducopter.yaw))
+
+
+def test_px4_airframe_number_where_there_is_no_allocation():
+    vehicle = describe({}, format="ulog", parameters={"SYS_AUTOSTART": 6001})
+    assert (vehicle.frame_class, vehicle.frame_type, len(vehicle.motors)) == ("hexa", "x", 6)
