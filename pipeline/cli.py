@@ -158,7 +158,7 @@ def _print_analysis(report: Path, as_json: bool) -> bool:
     else:
         # Not on a terminal, Rich would fold tables at 80 columns.
         console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
-        console.print(terminal.overview(numbers))
+        console.print(terminal.overview(numbers, console.width))
         console.print(f"\nReport: {report}", markup=False, soft_wrap=True)
     failures = list(terminal.failures(numbers))
     if failures:

@@ -83,7 +83,7 @@ def analyze_fleet(
             f"the flights are {', '.join(flight.name for flight in flights) or 'none'}"
         )
     groups = []
-    crafts = [craft for craft in by_craft(flights) if len(craft) > 1]
+    crafts = sorted((craft for craft in by_craft(flights) if len(craft) > 1), key=len, reverse=True)
     start = share * len(files)
     for number, craft in enumerate(crafts):
         name = craft_name(craft)

@@ -44,8 +44,10 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     unseen : str
         What judged the model, in words.
     """
-    if validation is None or not validation.unseen:
-        return Verdict(Trust.UNKNOWN, "No model could be judged on flight time that it was not fitted to.")
+    if validation is None:
+        return Verdict(Trust.UNKNOWN, "There is no model to trust.")
+    if not validation.unseen:
+        return Verdict(Trust.UNKNOWN, "The model is not judged: every flight was used to fit it.")
     scored = validation.table[~validation.table["trained"]]
     outputs = [str(output) for output in scored["output"].unique()]
     longest = float(scored["duration"].max())

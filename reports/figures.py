@@ -22,6 +22,8 @@ from reports.numbers import mode_spans
 
 #: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.
 MOST_POINTS = 1500
+#: Samples further apart than this, s, are not joined by a line.
+LONGEST_JOIN = 1.5
 TIME_TITLE = "time on the log’s clock (s)"
 
 Trace = dict[str, Any]
@@ -79,7 +81,8 @@ def track(result: FlightResult) -> Figure | None:
         gps = _gps_offsets(result)
         if gps is not None:
             data.append(_dots(gps[1], gps[0], "GPS", "@gps"))
-        data.append(_line(east, north, "flown", "@ink", hover="%{x:.1f} m east<br>%{y:.1f} m north"))
+        hover = "%{x:.1f} m east<br>%{y:.1f} m north"
+        data.append(_line(east, north, "flown", "@ink", hover=hover, time=states.index.to_numpy(dtype=float)))
         for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
             data.append(
                 {
@@ -96,10 +99,16 @@ def track(result: FlightResult) -> Figure | None:
         gps = _gps_offsets(result)
         if gps is None:
             return None
-        data.append(_line(gps[1], gps[0], "GPS", "@gps"))
+        data.append(_dots(gps[1], gps[0], "GPS", "@gps"))
     layout = _layout(
-        xaxis={"title": {"text": "east (m)"}, "zeroline": False},
-        yaxis={"title": {"text": "north (m)"}, "scaleanchor": "x", "scaleratio": 1, "zeroline": False},
+        xaxis={"title": {"text": "east (m)"}, "zeroline": False, "range": _padded(data, "x")},
+        yaxis={
+            "title": {"text": "north (m)"},
+            "zeroline": False,
+            "range": _padded(data, "y"),
+            "scaleanchor": "x",
+            "scaleratio": 1,
+        },
     )
     return Figure(
         "track",
@@ -359,23 +368,41 @@ def plotly_text(text: str) -> str:
 
 
 def _line(
-    x: ArrayLike, y: ArrayLike, name: str, color: str, width: float = 2.0, decimals: int = 3, hover: str | None = None
+    x: ArrayLike,
+    y: ArrayLike,
+    name: str,
+    color: str,
+    width: float = 2.0,
+    decimals: int = 3,
+    hover: str | None = None,
+    time: NDArray[np.float64] | None = None,
 ) -> Trace:
-    xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    step = max(1, -(-len(xs) // MOST_POINTS))
+    """Draw y over x as a line, broken where `time` (x when not given) has a gap."""
+    step = max(1, -(-np.size(x) // MOST_POINTS))
+    xs, ys = np.asarray(x, dtype=float)[::step], np.asarray(y, dtype=float)[::step]
+    time = xs if time is None else time[::step]
+    # A line across a gap would show what nobody measured.
+    gaps = np.flatnonzero(np.diff(time) > max(LONGEST_JOIN, 5.0 * float(np.median(np.diff(time))))) + 1
     return {
         "type": "scatter",
         "mode": "lines",
-        "x": _rounded(xs[::step], 3),
-        "y": _rounded(ys[::step], decimals),
+        "x": _rounded(np.insert(xs, gaps, np.nan), 3),
+        "y": _rounded(np.insert(ys, gaps, np.nan), decimals),
         "name": name,
         "line": {"color": color, "width": width},
         "hovertemplate": f"{hover or '%{x:.1f} s: %{y:.4g}'}<extra>{name}</extra>",
     }
 
 
+def _padded(data: Iterable[Trace], axis: str) -> list[float]:
+    """Range of an axis with room around what is drawn."""
+    values = [value for trace in data for value in trace[axis] if value is not None]
+    pad = max(0.06 * (max(values) - min(values)), 0.5)
+    return [min(values) - pad, max(values) + pad]
+
+
 def _dots(x: ArrayLike, y: ArrayLike, name: str, color: str) -> Trace:
-    trace = _line(x, y, name, color)
+    trace = _line(x, y, name, color, time=np.arange(np.size(x), dtype=float))
     del trace["line"]
     return trace | {"mode": "markers", "marker": {"color": color, "size": 4}, "hoverinfo": "skip"}
 

@@ -21,8 +21,12 @@ def order(model: Numbers) -> str:
 def craft(vehicle: Numbers) -> str:
     """Name a craft: ``ArduCopter 4.7.0, octa plus``; empty when the log says nothing of it."""
     firmware = " ".join(part for part in (vehicle["firmware"] or vehicle["autopilot"], vehicle["version"]) if part)
-    frame = " ".join(part for part in (vehicle["frame_class"], vehicle["frame_type"]) if part)
-    return ", ".join(part for part in (firmware, frame) if part)
+    return ", ".join(part for part in (firmware, frame(vehicle)) if part)
+
+
+def frame(vehicle: Numbers) -> str:
+    """Name the frame: ``octa plus``; empty when the log does not tell."""
+    return " ".join(part for part in (vehicle["frame_class"], vehicle["frame_type"]) if part)
 
 
 def facts(numbers: Numbers) -> str:
@@ -102,3 +106,11 @@ def thrust_coefficient(thrust: Numbers | None) -> str:
 def first_reason(numbers: Numbers) -> str:
     """Give the first reason why a flight has no validated model."""
     return next(iter(numbers["missing"].values()), "no model")
+
+
+def sentence(text: str) -> str:
+    """Make a clause a sentence: a capital first letter, unless the word is a name such as ``m1``, and a full stop."""
+    first, _, _ = text.partition(" ")
+    if first.islower() and first.isalpha():
+        text = text[0].upper() + text[1:]
+    return text if not text or text[-1] in ".!?" else f"{text}."

@@ -1,5 +1,6 @@
 """The summary that a person reads in ten seconds at the end of ``rotorid analyze``."""
 
+import re
 from collections.abc import Iterable
 
 from rich.console import Group, RenderableType
@@ -13,13 +14,21 @@ from reports.quantity import column, uncertain
 _STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
 
 
-def overview(numbers: Numbers) -> RenderableType:
-    """Tabulate flights with what their own models achieve, then each craft with what its joint model does."""
+def overview(numbers: Numbers, width: int = 120) -> RenderableType:
+    """Tabulate flights with what their own models achieve, then each craft with what its joint model does.
+
+    Parameters
+    ----------
+    numbers : dict
+        Of a flight or a fleet.
+    width : int
+        Columns of the terminal; on a narrow one names are shortened and the craft is left out.
+    """
     flights = [numbers] if numbers["kind"] == "flight" else numbers["flights"]
     parts: list[RenderableType] = []
     if flights:
         what = "Each flight’s own model: free-run RMSE on the last part of the flight, which the fit has not seen."
-        parts += [Text(what, style="dim"), _flights(flights)]
+        parts += [Text(what, style="dim"), _flights(flights, narrow=width < 100)]
     for group in numbers.get("groups", []):
         parts += [Text(), _joint(group)]
     if numbers["kind"] == "flight":
@@ -28,28 +37,29 @@ def overview(numbers: Numbers) -> RenderableType:
     return Group(*parts)
 
 
-def _flights(flights: list[Numbers]) -> Table:
+def _flights(flights: list[Numbers], narrow: bool) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("log", overflow="ellipsis", no_wrap=True, min_width=12)
-    table.add_column("craft", no_wrap=True)
+    table.add_column("log", no_wrap=True)
+    if not narrow:
+        table.add_column("craft", no_wrap=True)
     table.add_column("airborne", justify="right", no_wrap=True)
-    table.add_column("k/m (m/s²)", justify="right", no_wrap=True)
+    table.add_column("k/m" if narrow else "k/m (m/s²)", justify="right", no_wrap=True)
     for output in "xyz":
         table.add_column(f"{output} (m)", justify="right", no_wrap=True)
-    table.add_column("verdict", overflow="ellipsis", no_wrap=True, min_width=12)
+    table.add_column("verdict")
     held = [next((row for row in flight["rmse"] if row["part"] == "held-out"), None) for flight in flights]
     errors = [column([row["rmse_m"].get(output) if row else None for row in held]) for output in "xyz"]
     for number, (flight, row) in enumerate(zip(flights, held, strict=True)):
         trust = flight["verdict"]["trust"]
         verdict = (
-            Text(summary.first_reason(flight), style="dim")
+            Text(_first_clause(summary.first_reason(flight)), style="dim")
             if row is None
             else Text(summary.TRUST_WORDS[trust], style=_STYLES[trust])
         )
         vehicle = flight["vehicle"]
         table.add_row(
-            Text(flight["name"]),
-            Text(" ".join(part for part in (vehicle["frame_class"], vehicle["frame_type"]) if part) or "–"),
+            Text(_shortened(flight["name"], 18 if narrow else 28)),
+            *([] if narrow else [Text(summary.frame(vehicle) or "–")]),
             f"{flight['flight']['duration_s']:.0f} s" if flight["flight"] else "–",
             _per_mass(flight["thrust"]),
             *(cells[number] for cells in errors),
@@ -81,7 +91,17 @@ def _joint(group: Numbers) -> RenderableType:
 def _per_mass(thrust: Numbers | None) -> str:
     if not thrust or not thrust["common"]["determined"]:
         return "–"
-    return uncertain(thrust["common"]["per_mass"], thrust["common"]["sigma"])
+    value, _, _ = uncertain(thrust["common"]["per_mass"], thrust["common"]["sigma"]).partition(" ±")
+    return value
+
+
+def _shortened(name: str, most: int) -> str:
+    """Leave out the middle of a long name; its ends tell more."""
+    return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-most // 2 :]}"
+
+
+def _first_clause(reason: str) -> str:
+    return re.split(r"[:;]", reason, maxsplit=1)[0]
 
 
 def failures(numbers: Numbers) -> Iterable[str]:

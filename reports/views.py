@@ -128,9 +128,7 @@ def flight_rows(flights: Sequence[Numbers], links: dict[str, str]) -> list[View]
             {
                 "name": flight["name"],
                 "link": links[flight["name"]],
-                "craft": " ".join(
-                    part for part in (flight["vehicle"]["frame_class"], flight["vehicle"]["frame_type"]) if part
-                ),
+                "craft": summary.frame(flight["vehicle"]),
                 "airborne": "–" if airborne is None else duration(airborne),
                 "cells": [] if row is None else next(cells),
                 "reason": "" if row is not None else summary.first_reason(flight),
@@ -193,8 +191,18 @@ def thrust_coefficients(thrust: Numbers | None, missing: Numbers) -> View:
         if thrust["mass"]:
             cells.append(uncertain(value["newton"], value["newton_sigma"]))
         rows.append({"label": label, "cells": cells})
-    reasons = dict.fromkeys(value["reason"] for value in (common, *motors.values()) if value["reason"])
-    of_what = "" if single else " for single motors"
+    reasons = []
+    if common["reason"]:
+        reasons.append(f"All motors alike: not determined, {common['reason']}.")
+    if not single:
+        why = "; ".join(dict.fromkeys(value["reason"] for value in motors.values() if value["reason"]))
+        reasons.append(f"Single motors: not determined, {why or 'the data do not tell them apart'}.")
+    else:
+        reasons += [
+            f"Motor {name.removeprefix('m')}: not determined, {value['reason']}."
+            for name, value in motors.items()
+            if value["reason"]
+        ]
     mass = (
         f"k from the given mass of {number(thrust['mass'], 4)} kg."
         if thrust["mass"]
@@ -204,7 +212,7 @@ def thrust_coefficients(thrust: Numbers | None, missing: Numbers) -> View:
         "rows": rows,
         "head": heads,
         "caption": f"Thrust of one motor at full command in sea-level air, from the accelerometer. {mass}",
-        "reasons": [f"Not determined{of_what if common['determined'] else ''}: {reason}." for reason in reasons],
+        "reasons": reasons,
         "facts": f"The craft hovers at {number(thrust['hover_pwm'], 4)} µs, "
         f"{number(100 * thrust['hover_command'], 2)} % of full command; "
         f"the model leaves {number(thrust['rmse'], 2)} m/s² of the specific force unexplained.",
