@@ -123,14 +123,16 @@ async def receive_log(request: Request, storage: Storage, *, limit: int, stall: 
     form = _Form(_boundary(request))
     if int(request.headers.get("content-length", 0)) > limit + _FORM_OVERHEAD:
         raise _too_large(limit)
+    received = 0
     try:
         with storage.receive() as incoming:
             async for chunk in _body(request, stall):
+                received += len(chunk)
+                if received > limit + _FORM_OVERHEAD:
+                    raise _too_large(limit)
                 form.feed(chunk)
                 if form.files > 1:
                     raise _bad_form("The form has more than one file. Upload one log at a time.")
-                if incoming.size + len(form.batch) > limit:
-                    raise _too_large(limit)
                 if len(form.batch) >= _BATCH:
                     await run_in_threadpool(incoming.write, form.take_batch())
             if not form.complete:

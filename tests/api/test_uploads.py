@@ -98,8 +98,9 @@ def test_what_is_no_form_is_refused(service: httpx.Client) -> None:
         assert "curl -F file=@" in response.json()["detail"]
 
 
-def test_a_body_of_unknown_length_is_limited_as_it_arrives(service: httpx.Client) -> None:
-    head = f"--{BOUNDARY}\r\n{disposition('file', 'a.bin')}\r\n\r\n".encode()
+@pytest.mark.parametrize("part", [disposition("file", "a.bin"), disposition("comment")])
+def test_a_body_of_unknown_length_is_limited_as_it_arrives(service: httpx.Client, part: str) -> None:
+    head = f"--{BOUNDARY}\r\n{part}\r\n\r\n".encode()
     # Not much over the limit, so that the client has sent all when the answer comes.
     response = service.post("/api/v1/logs", content=iter([head, *[bytes(64 << 10)] * 65]), headers=FORM)
     assert response.status_code == 413
