@@ -9,11 +9,14 @@ import os
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
 from pipeline.config import AnalysisConfig
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 #: All went well; some logs failed; the command was used in a wrong way.
 OK, SOME_FAILED, WRONG_USAGE = 0, 1, 2
@@ -156,8 +159,7 @@ def _print_analysis(report: Path, as_json: bool) -> bool:
     if as_json:
         sys.stdout.write(text)
     else:
-        # Not on a terminal, Rich would fold tables at 80 columns.
-        console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
+        console = _console()
         console.print(terminal.overview(numbers, console.width))
         console.print(f"\nReport: {report}", markup=False, soft_wrap=True)
     failures = list(terminal.failures(numbers))
@@ -167,6 +169,55 @@ def _print_analysis(report: Path, as_json: bool) -> bool:
         for line in failures:
             errors.print(f"  {line}", markup=False, soft_wrap=True)
     return bool(failures)
+
+
+@app.command()
+def inspect(
+    log: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A log of any format.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Write everything as JSON to stdout.")] = False,
+) -> None:
+    """Show what is in a log: craft, flights, tables with their rates and gaps, and what to log better next time."""
+    import logparse
+    from logparse.inspection import inspect as look_into
+
+    numbers = look_into(logparse.read_log(log)).to_dict()
+    if as_json:
+        typer.echo(json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False))
+        return
+    from reports import inspection
+
+    _console().print(inspection.overview(numbers))
+
+
+@app.command()
+def export(
+    log: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A log of any format.")],
+    out: Annotated[Path, typer.Option(help="Folder for the files; made when missing.")],
+    table_format: Annotated[
+        TableFormat, typer.Option("--format", help="parquet and csv: a file for each table; mat: one file for MATLAB.")
+    ] = TableFormat.PARQUET,
+    messages: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Message as logged (RCOU) or canonical table (motors). Several: separated by commas, or the option "
+            "given again. Default: everything."
+        ),
+    ] = None,
+    start: Annotated[float | None, typer.Option(help="Leave out what was before, s on the log's clock.")] = None,
+    end: Annotated[float | None, typer.Option(help="Leave out what was after, s on the log's clock.")] = None,
+) -> None:
+    """Write messages as logged and canonical tables (SI units) as files for other programs."""
+    import logparse
+    from logparse.export import export as write_tables
+
+    names = [name for part in messages or () for name in part.split(",") if name]
+    if start is not None and end is not None and end < start:
+        raise typer.BadParameter(f"--end {end:g} is before --start {start:g}")
+    files = write_tables(
+        logparse.read_log(log), out, format=table_format.value, messages=names or None, start=start, stop=end
+    )
+    for file in files:
+        typer.echo(file)
 
 
 @app.command()
@@ -209,6 +260,13 @@ def serve(
     import api
 
     api.serve(host, port)
+
+
+def _console() -> "Console":
+    """Give stdout as Rich writes to it; where it is no terminal, wide enough that tables need no folding."""
+    from rich.console import Console
+
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 120)
 
 
 def _fail(message: str, status: int) -> NoReturn:

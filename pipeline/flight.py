@@ -6,7 +6,7 @@ from pathlib import Path
 import estimation
 import logparse
 import sysid
-from logparse import FlightLog, MissingDataError
+from logparse import Finding, FlightLog, MissingDataError, health
 from pipeline.config import AnalysisConfig
 from pipeline.craft import fingerprint
 from pipeline.results import FlightResult, LogFacts, Prediction, Span
@@ -50,7 +50,8 @@ def analyze(
     tables = stages.run("tables", lambda _: log.tables)
     if tables is None:
         raise MissingDataError(stages.missing["tables"])
-    flight = stages.run("flight", lambda _: _longest_flight(log))
+    checked = stages.run("health", lambda _: health.check(log)) or ()
+    flight = stages.run("flight", lambda _: _longest_flight(log, checked))
     trajectory = stages.run("trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate))
     if flight is None and trajectory is None:
         raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
@@ -91,15 +92,16 @@ def analyze(
         thrust=thrust,
         predictions=predictions,
         validation=validation,
-        findings=(*log.findings, *(finding for part in later for finding in part), *stages.findings),
+        findings=(*log.findings, *checked, *(finding for part in later for finding in part), *stages.findings),
         missing=stages.missing,
         timings=stages.timings,
     )
 
 
-def _longest_flight(log: FlightLog) -> Span:
+def _longest_flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
     if not log.flights:
-        raise MissingDataError("no flight in this log: the craft never left the ground as far as the log shows")
+        reasons = [finding.reason for finding in checked if finding.id == "no-flight"]
+        raise MissingDataError(reasons[0].rstrip(".") if reasons else "The log shows no flight")
     longest = max(log.flights, key=lambda flight: flight.stop - flight.start)
     return Span(longest.start, longest.stop)
 

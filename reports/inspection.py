@@ -1,0 +1,94 @@
+"""What ``rotorid inspect`` shows on a terminal: the log, what is in it, and what is wrong with it."""
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from reports import summary
+from reports.numbers import Numbers
+from reports.quantity import duration, number
+
+_STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
+_WORDS = {"error": "error", "warning": "warning", "info": "note"}
+
+
+def overview(log: Numbers) -> RenderableType:
+    """Lay out an inspection as `logparse.inspection.Inspection.to_dict` gives it.
+
+    Findings come first, worst on top: they are what a person must act on.
+    """
+    parts: list[RenderableType] = [_facts(log)]
+    parts += [Text(), Text("Findings", style="bold"), _findings(log["findings"])]
+    parts += [Text(), Text("Tables", style="bold"), _tables(log["tables"])]
+    parts += [Text(), Text("Messages", style="bold"), _messages(log["messages"])]
+    return Group(*parts)
+
+
+def _facts(log: Numbers) -> Table:
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim")
+    table.add_column(overflow="fold")
+    start = f", from {log['start_utc'][:19].replace('T', ' ')} UTC" if log["start_utc"] else ""
+    boots = f", power-up {log['boot'] + 1} of {log['boots']}" if log["boots"] > 1 else ""
+    flights = ", ".join(
+        f"{number(flight['start'], 4)} to {number(flight['stop'], 4)} s ({duration(flight['duration'])})"
+        for flight in log["flights"]
+    )
+    motors = len(log["vehicle"]["motors"])
+    rows = {
+        "file": log["file"],
+        "format": summary.FORMATS.get(log["format"], log["format"]),
+        "length": f"{duration(log['duration'])}{start}{boots}",
+        "craft": (summary.craft(log["vehicle"]) or "not described") + (f", {motors} motors" if motors else ""),
+        "flights": flights or "none: the craft never left the ground as far as the log shows",
+    }
+    for label, value in rows.items():
+        table.add_row(label, Text(value))
+    return table
+
+
+def _findings(findings: list[Numbers]) -> RenderableType:
+    if not findings:
+        return Text("nothing to complain about")
+    table = Table.grid(padding=(0, 2))
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for finding in findings:
+        severity = finding["severity"]
+        text = Text(summary.sentence(finding["reason"]))
+        if finding["advice"]:
+            text.append(f" {summary.sentence(finding['advice'])}", style="italic")
+        table.add_row(Text(_WORDS[severity], style=_STYLES[severity]), text)
+    return table
+
+
+def _tables(tables: list[Numbers]) -> RenderableType:
+    if not tables:
+        return Text("none")
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("name", no_wrap=True)
+    for head in ("rows", "rate (Hz)", "from (s)", "to (s)", "gaps", "longest (s)"):
+        table.add_column(head, justify="right", no_wrap=True)
+    table.add_column("columns", overflow="fold", style="dim")
+    for row in tables:
+        table.add_row(
+            row["name"],
+            str(row["rows"]),
+            "–" if row["rate"] is None else number(row["rate"]),
+            *("–" if row[key] is None else f"{row[key]:.1f}" for key in ("start", "stop")),
+            str(row["gaps"] or "–"),
+            number(row["longest_gap"]) if row["gaps"] else "–",
+            Text(" ".join(row["columns"])),
+        )
+    return table
+
+
+def _messages(messages: list[Numbers]) -> Text:
+    """Run all message types on: name, rows and mean rate."""
+    text = Text()
+    for place, row in enumerate(messages):
+        rate = "" if row["rate"] is None else f", {number(row['rate'], 2)} Hz"
+        text.append("   " if place else "")
+        text.append(f"{row['name']}\N{NO-BREAK SPACE}")
+        text.append(f"{row['rows']}{rate}".replace(" ", "\N{NO-BREAK SPACE}"), style="dim")
+    return text
