@@ -26,7 +26,7 @@ def build(messages: Messages, parameters: Mapping[str, float], vehicle: Vehicle,
     attitude = _attitude(messages)
     imu = _imu(messages, remarks)
     return Tables(
-        motors=_motors(messages, vehicle.motors, remarks),
+        motors=_motors(messages, vehicle.motors, _dshot(parameters), remarks),
         imu=imu,
         gps=gps,
         baro=_baro(messages),
@@ -61,7 +61,13 @@ def _first(messages: Messages, *names: str) -> pd.DataFrame | None:
     return None
 
 
-def _motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd.DataFrame | None:
+def _dshot(parameters: Mapping[str, float]) -> bool:
+    """Whether the motors are driven by DShot: a timer of the outputs set to -5..-2, or DSHOT_CONFIG before 1.13."""
+    timers = [value for name, value in parameters.items() if name.startswith(("PWM_MAIN_TIM", "PWM_AUX_TIM"))]
+    return any(-5.0 <= value <= -2.0 for value in timers) or parameters.get("DSHOT_CONFIG", 0.0) > 0.0
+
+
+def _motors(messages: Messages, table: tuple[Motor, ...], dshot: bool, remarks: Remarks) -> pd.DataFrame | None:
     """Motor outputs in us from actuator_outputs; DShot commands and 0..1 commands as the pulses they stand for."""
     low, high = PULSE_RANGE
     if "actuator_outputs" in messages and table:
@@ -70,7 +76,7 @@ def _motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> p
         largest = max((float(np.nanmax(v)) for v in outputs.values() if np.isfinite(v).any()), default=0.0)
         smallest = min((float(np.nanmin(v[v > 0.0])) for v in outputs.values() if np.any(v > 0.0)), default=0.0)
         columns = {}
-        if smallest >= low:
+        if smallest >= low and not dshot:
             for number, values in outputs.items():
                 pulses = np.where(values == 0.0, np.nan, values)
                 bad = np.isfinite(pulses) & ~((pulses >= low) & (pulses <= high))

@@ -123,7 +123,10 @@ def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -
 
 def wrap(angle: npt.ArrayLike) -> Array:
     """Bring angles [rad] into (-pi, pi]."""
-    return np.asarray(np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi), dtype=np.float64)
+    angles = np.asarray(angle, dtype=np.float64)
+    # Angles that are in the interval already stay as they are, to the last bit.
+    inside = (angles > -np.pi) & (angles <= np.pi)
+    return np.where(inside, angles, np.pi - np.mod(np.pi - angles, 2.0 * np.pi))
 
 
 def euler_angles(q_w: Array, q_x: Array, q_y: Array, q_z: Array) -> tuple[Array, Array, Array]:

@@ -1,0 +1,156 @@
+"""Canonical tables from PX4 topics of several ages."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from logparse.canonical import build_tables
+from logparse.vehicle import describe
+
+QUAD = {"SYS_AUTOSTART": 4001}
+
+
+def topic(t, **columns):
+    frame = pd.DataFrame(
+        {name.replace("__", "[") + "]" * ("__" in name): values for name, values in columns.items()},
+        index=pd.Index(np.asarray(t, dtype=float), name="t"),
+    )
+    frame.attrs["units"] = {}
+    return frame
+
+
+def build(messages, parameters=QUAD):
+    vehicle = describe(messages, format="ulog", parameters=parameters)
+    return build_tables(messages, format="ulog", parameters=parameters, vehicle=vehicle)
+
+
+def outputs(*rows):
+    values = np.array(rows, dtype=float)
+    return topic(np.arange(len(values)) * 0.1, **{f"output__{k}": values[:, k] for k in range(values.shape[1])})
+
+
+def test_pulses_dshot_and_normalised_commands_are_all_microseconds():
+    pulses, _ = build({"actuator_outputs": outputs([900, 900, 900, 900], [1500, 1501, 1502, 1503])})
+    dshot, _ = build(
+        {"actuator_outputs": outputs([0, 0, 0, 0], [1000, 1002, 1004, 1006])}, QUAD | {"PWM_MAIN_TIM0": -3}
+    )
+    commands = topic([0.0, 0.1], **{f"control__{k}": [0.0, 0.5 + 0.001 * k] for k in range(4)})
+    normalised, _ = build({"actuator_motors": commands})
+    for tables in (pulses, dshot, normalised):
+        assert list(tables.motors) == ["m1", "m2", "m3", "m4"]
+        assert tables.motors.iloc[1].tolist() == pytest.approx([1500, 1501, 1502, 1503])
+
+
+def test_motors_follow_the_output_functions():
+    parameters = QUAD | {f"PWM_MAIN_FUNC{k}": 105 - k for k in range(1, 5)}
+    tables, _ = build({"actuator_outputs": outputs([1001, 1002, 1003, 1004], [1101, 1102, 1103, 1104])}, parameters)
+    assert tables.motors["m1"].tolist() == [1004, 1104]
+
+
+def test_fixes_before_and_after_1_14():
+    common = {
+        name: [0.1, 0.1] for name in ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "eph", "epv", "s_variance_m_s", "hdop")
+    }
+    old = topic(
+        [1, 2],
+        lat=[470000000] * 2,
+        lon=[80000000] * 2,
+        alt=[488000] * 2,
+        fix_type=[3, 3],
+        satellites_used=[12, 12],
+        **common,
+    )
+    new = topic(
+        [1, 2],
+        latitude_deg=[47.0] * 2,
+        longitude_deg=[8.0] * 2,
+        altitude_msl_m=[488.0] * 2,
+        fix_type=[3, 3],
+        satellites_used=[12, 12],
+        **common,
+    )
+    for frame in (old, new):
+        tables, _ = build({"vehicle_gps_position": frame}, QUAD | {"EKF2_GPS_DELAY": 150})
+        row = tables.gps.iloc[0]
+        assert (row["lat"], row["alt"], row["t_valid"]) == pytest.approx((math.radians(47.0), 488.0, 0.85))
+
+
+def test_no_fix_leaves_no_position():
+    frame = topic(
+        [1, 2],
+        latitude_deg=[0.0, 0.0],
+        longitude_deg=[0.0, 0.0],
+        altitude_msl_m=[-17.0] * 2,
+        fix_type=[0, 0],
+        eph=[4294967.5] * 2,
+    )
+    tables, findings = build({"sensor_gps": frame})
+    assert tables.gps is None or tables.gps[["lat", "alt", "h_acc"]].isna().all().all()
+    assert len(findings) == 1
+
+
+def test_sensors_of_2017_are_all_in_one_topic():
+    n = 20
+    frame = topic(
+        np.arange(n) * 0.004,
+        **{f"gyro_rad__{k}": np.full(n, 0.1) for k in range(3)},
+        **{f"accelerometer_m_s2__{k}": np.full(n, -9.8) for k in range(3)},
+        **{f"magnetometer_ga__{k}": np.repeat([0.2, 0.3], 10) for k in range(3)},
+        baro_alt_meter=np.full(n, 328.0),
+        baro_temp_celcius=np.full(n, 27.0),
+    )
+    tables, _ = build({"sensor_combined": frame})
+    assert len(tables.imu) == n
+    # The magnetometer is repeated at the rate of the gyro; only fresh samples count.
+    assert tables.mag["mag_x"].tolist() == pytest.approx([2e-5, 3e-5])
+    assert tables.baro["alt"].tolist() == [0.0] * n
+
+
+def test_estimate_counts_where_it_is_valid():
+    t = np.arange(4) * 0.1
+    half = math.sqrt(0.5)
+    turned = topic(t, q__0=[half] * 4, q__1=[0.0] * 4, q__2=[0.0] * 4, q__3=[half] * 4)
+    place = topic(
+        t,
+        x=[1.0] * 4,
+        y=[2.0] * 4,
+        z=[-3.0] * 4,
+        vx=[0.1] * 4,
+        vy=[0.2] * 4,
+        vz=[0.3] * 4,
+        xy_valid=[0, 1, 1, 1],
+        z_valid=[1] * 4,
+        v_xy_valid=[0, 1, 1, 1],
+        v_z_valid=[1] * 4,
+        ref_lat=[47.0] * 4,
+        ref_lon=[8.0] * 4,
+        ref_alt=[488.0] * 4,
+    )
+    tables, _ = build({"vehicle_attitude": turned, "vehicle_local_position": place})
+    assert tables.ekf["p_n"].isna().tolist() == [True, False, False, False]
+    assert tables.ekf.iloc[1].tolist() == pytest.approx([1.0, 2.0, -3.0, 0.1, 0.2, 0.3, 0.0, 0.0, math.pi / 2])
+    assert math.degrees(tables.origin.lat) == pytest.approx(47.0)
+
+
+def test_thrust_is_positive_up_to_the_mixer():
+    t = np.arange(5) * 0.02
+    n = len(t)
+    messages = {
+        "vehicle_angular_velocity": topic(t, **{f"xyz__{k}": np.full(n, 0.1 * k) for k in range(3)}),
+        "vehicle_rates_setpoint": topic(t, roll=np.zeros(n), pitch=np.full(n, 0.2), yaw=np.zeros(n)),
+        "vehicle_torque_setpoint": topic(t, **{f"xyz__{k}": np.full(n, 0.01 * k) for k in range(3)}),
+        "vehicle_thrust_setpoint": topic(t, **{f"xyz__{k}": np.full(n, -0.2 * k) for k in range(3)}),
+    }
+    tables, _ = build(messages)
+    row = tables.rates.iloc[2]
+    assert row[["w_y", "w_y_ref", "out_pitch", "out_thrust"]].tolist() == pytest.approx([0.1, 0.2, 0.01, 0.4])
+
+
+def test_modes_and_events():
+    status = topic([1, 2, 3], nav_state=[2, 3, 3], arming_state=[1, 2, 1])
+    landed = topic([1.5, 2.5], landed=[0, 1])
+    tables, _ = build({"vehicle_status": status, "vehicle_land_detected": landed})
+    assert tables.modes["mode"].tolist() == ["POSITION", "MISSION"]
+    assert tables.events["event"].tolist() == ["TAKEOFF", "ARMED", "LAND_COMPLETE", "DISARMED"]
