@@ -1,8 +1,8 @@
 """Compiled equations of motion, integrator and flight loop; plain arrays and named tuples of numbers.
 
 State vector of a craft with n rotors: position (3, NED, m), velocity (3, NED, m/s), body-to-NED quaternion (4, scalar
-first), angular rate (3, FRD, rad/s), rotor speeds (n, rad/s). No fast-math and no BLAS anywhere: the same seed has to
-give the same log on every machine.
+first), angular rate (3, FRD, rad/s), rotor speeds (n, rad/s). No fast-math, no BLAS and no vectorised
+transcendental functions on the way from seed to log: the same seed has to give the same log, to the last bit.
 """
 
 from math import asin, atan, atan2, cos, exp, isfinite, pi, sin, sqrt, tan
@@ -29,6 +29,17 @@ class AirParameters(NamedTuple):
     exponent: float
 
 
+class BladeParameters(NamedTuple):
+    """A rotor by blade elements and momentum; see `simulation.rotor.BladeElementRotor`."""
+
+    radius: float  # m; 0: the rotors follow the quadratic law instead
+    area: float  # m^2
+    lift: float  # lift slope times blades times chord, m
+    theta0: float  # rad, pitch at the root of the linear twist
+    theta1: float  # rad, change of pitch from root to tip
+    efficiency: float
+
+
 class AirframeParameters(NamedTuple):
     """A multirotor as the equations of motion read it; see `simulation.vehicle.Multirotor`."""
 
@@ -42,6 +53,7 @@ class AirframeParameters(NamedTuple):
     thrust_coefficient: np.ndarray  # (n,)
     torque_coefficient: np.ndarray  # (n,)
     reference_density: float
+    blade: BladeParameters
     time_constant: float
     drag_linear: np.ndarray  # (3,), N s/m
     drag_area: np.ndarray  # (3,), m^2
@@ -120,6 +132,61 @@ def rotation_matrix(q: np.ndarray, C: np.ndarray) -> None:
 
 
 @njit(cache=True, nogil=True)
+def induced_velocity(
+    speed: float, in_plane_squared: float, axial: float, density: float, blade: BladeParameters
+) -> tuple[float, float]:
+    """Solve blade-element and momentum thrust for one another (Guntur 2019, appendix A).
+
+    `axial` is the rotor's velocity through the air against its thrust (positive sinking), `in_plane_squared` the
+    square of the velocity across it. The momentum side grows from zero with v and the blade side falls to zero at
+    ``end``, so a root lies between; Newton steps, bisection where they leave the bracket.
+
+    Returns
+    -------
+    v : float
+        Induced velocity, m/s.
+    thrust : float
+        N.
+    """
+    if blade.radius * speed < 1e-3:
+        return 0.0, 0.0
+    tip = speed * blade.radius
+    factor = 0.25 * density * blade.lift * blade.radius
+    still = factor * (
+        axial * tip
+        + 2.0 / 3.0 * tip * tip * (blade.theta0 + 0.75 * blade.theta1)
+        + in_plane_squared * (blade.theta0 + 0.5 * blade.theta1)
+    )
+    slope = factor * tip
+    end = still / slope
+    low, high = min(0.0, end), max(0.0, end)
+    flow = 2.0 * blade.efficiency * density * blade.area
+    # Purely axial flow has a closed form, from which Newton needs a step or two.
+    linear = slope - flow * axial
+    v = (sqrt(linear * linear + 4.0 * flow * abs(still)) - linear) / (2.0 * flow)
+    if not low < v < high:
+        v = 0.5 * end
+    for _ in range(60):
+        through = sqrt(in_plane_squared + (axial - v) * (axial - v))
+        residual = flow * v * through - (still - slope * v)
+        if residual > 0.0:
+            high = v
+        else:
+            low = v
+        change = slope + flow * through
+        if through > 1e-9:
+            change += flow * v * (v - axial) / through
+        new = v - residual / change if change > 0.0 else low
+        if not low < new < high:
+            new = 0.5 * (low + high)
+        if abs(new - v) <= 1e-12 * abs(end):
+            v = new
+            break
+        v = new
+    return v, still - slope * v
+
+
+@njit(cache=True, nogil=True)
 def derivative(
     x: np.ndarray,
     command: np.ndarray,
@@ -141,8 +208,8 @@ def derivative(
         Velocity of the air, NED, m/s.
     dx : ndarray, shape (13 + n,)
         Filled with the derivative of x.
-    force : ndarray, shape (3,)
-        Filled with the force on the body without gravity, body axes, N.
+    force : ndarray, shape (4,)
+        Filled with the force on the body without gravity, body axes, N, and the power at the rotors' shafts, W.
     """
     n = frame.rotor_spin.size
     C = np.empty((3, 3))
@@ -151,15 +218,30 @@ def derivative(
     density = air_density(-x[2], air)
     relative = density / frame.reference_density
 
-    # Rotors: thrust k w^2 along the axis, its moment about the centre of gravity, and the reaction torque b w^2,
-    # which turns the body against the rotor.
-    fx, fy, fz, mx, my, mz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    # Velocity through the air in body axes.
+    vn, ve, vd = x[VELOCITY] - wind[0], x[VELOCITY + 1] - wind[1], x[VELOCITY + 2] - wind[2]
+    u = C[0, 0] * vn + C[1, 0] * ve + C[2, 0] * vd
+    v = C[0, 1] * vn + C[1, 1] * ve + C[2, 1] * vd
+    s = C[0, 2] * vn + C[1, 2] * ve + C[2, 2] * vd
+
+    # Rotors: thrust along the axis, its moment about the centre of gravity, and the reaction torque, which turns the
+    # body against the rotor.
+    fx, fy, fz, mx, my, mz, power = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         w = x[ROTORS + i]
-        thrust = relative * frame.thrust_coefficient[i] * w * w
-        torque = relative * frame.torque_coefficient[i] * w * w * frame.rotor_spin[i]
         ax, ay, az = frame.rotor_axis[i, 0], frame.rotor_axis[i, 1], frame.rotor_axis[i, 2]
         px, py, pz = frame.rotor_position[i, 0], frame.rotor_position[i, 1], frame.rotor_position[i, 2]
+        if frame.blade.radius > 0.0:
+            lu, lv, ls = u + wy * pz - wz * py, v + wz * px - wx * pz, s + wx * py - wy * px
+            axial = -(lu * ax + lv * ay + ls * az)
+            across = max(lu * lu + lv * lv + ls * ls - axial * axial, 0.0)
+            inflow, thrust = induced_velocity(w, across, axial, density, frame.blade)
+            torque = thrust * (inflow - axial) / max(w, 1.0)
+        else:
+            thrust = relative * frame.thrust_coefficient[i] * w * w
+            torque = relative * frame.torque_coefficient[i] * w * w
+        power += torque * w
+        torque *= frame.rotor_spin[i]
         fx += thrust * ax
         fy += thrust * ay
         fz += thrust * az
@@ -169,10 +251,6 @@ def derivative(
         dx[ROTORS + i] = (command[i] - w) / frame.time_constant
 
     # Drag in body axes: linear (rotor and induced drag) and quadratic (airframe), both proportional to density.
-    vn, ve, vd = x[VELOCITY] - wind[0], x[VELOCITY + 1] - wind[1], x[VELOCITY + 2] - wind[2]
-    u = C[0, 0] * vn + C[1, 0] * ve + C[2, 0] * vd
-    v = C[0, 1] * vn + C[1, 1] * ve + C[2, 1] * vd
-    s = C[0, 2] * vn + C[1, 2] * ve + C[2, 2] * vd
     half = 0.5 * density * sqrt(u * u + v * v + s * s)
     fx -= (relative * frame.drag_linear[0] + half * frame.drag_area[0]) * u
     fy -= (relative * frame.drag_linear[1] + half * frame.drag_area[1]) * v
@@ -200,7 +278,7 @@ def derivative(
             my += rz * gx - rx * gz
             mz += rx * gy - ry * gx
 
-    force[0], force[1], force[2] = fx, fy, fz
+    force[0], force[1], force[2], force[3] = fx, fy, fz, power
     for i in range(3):
         dx[POSITION + i] = x[VELOCITY + i]
         dx[VELOCITY + i] = (C[i, 0] * fx + C[i, 1] * fy + C[i, 2] * fz) / frame.mass
@@ -239,7 +317,7 @@ def rk4_step(
 
     `work` (6, 13 + n) is scratch; its first row must already hold the derivative at x.
     """
-    force = np.empty(3)
+    force = np.empty(4)
     k1, k2, k3, k4, stage = work[0], work[1], work[2], work[3], work[4]
     n = x.size
     for i in range(n):
@@ -285,7 +363,7 @@ def propagate(
     Returns the number of steps done, fewer than rows if the state left every sensible range.
     """
     work = np.empty((5, x.size))
-    force = np.empty(3)
+    force = np.empty(4)
     for k in range(states.shape[0]):
         derivative(x, command, wind, frame, air, work[0], force)
         rk4_step(x, command, wind, dt, frame, air, work)
@@ -406,7 +484,7 @@ def fly_cascade(
     n = frame.rotor_spin.size
     steps = winds.shape[0]
     work = np.empty((5, x.size))
-    force = np.empty(3)
+    force = np.empty(4)
     C = np.empty((3, 3))
     command = np.zeros(n)
     pwm = np.full(n, drive.pwm_min)
@@ -571,10 +649,7 @@ def fly_cascade(
                     pwm[i] = drive.pwm_idle if state == IDLE else drive.pwm_min
 
         # Battery: what the rotors take mechanically over the drives' efficiency; voltage seen through 10 Hz.
-        power = drive.avionics_power
-        relative = air_density(-x[2], air) / frame.reference_density
-        for i in range(n):
-            power += relative * frame.torque_coefficient[i] * x[ROTORS + i] ** 3 / drive.efficiency
+        power = drive.avionics_power + force[3] / drive.efficiency
         current = power / max(voltage, 1.0)
         charge += current * dt
         full = max(1.0 - charge / drive.capacity, 0.0)

@@ -1,5 +1,6 @@
 """The flights that rotorid can simulate, and the sample logs made of them."""
 
+import dataclasses
 import datetime as dt
 import json
 import math
@@ -9,11 +10,13 @@ from pathlib import Path
 from types import MappingProxyType
 
 from simulation import elhesasy2024
+from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.dataflash_log import FlightLog, write_bin
 from simulation.errors import ParameterError
 from simulation.fly import Flight, Setup, fly
 from simulation.mission import GoTo, Mission, Turn, Wait
 from simulation.place import Place
+from simulation.rotor import QuadraticRotor, Rotor
 from simulation.sensors import Gps, Inertial, Magnetometer, Sensors
 from simulation.telemetry_log import write_tlog
 from simulation.wind import Wind
@@ -308,16 +311,14 @@ def describe_truth(case: Case, flight: Flight) -> dict[str, object]:
                 }
                 for k, mount in enumerate(vehicle.rotors, start=1)
             ],
-            "thrust_coefficient_n_s2": rotor.thrust_coefficient,
-            "torque_coefficient_n_m_s2": rotor.torque_coefficient,
-            "reference_density_kg_m3": rotor.reference_density,
+            **_rotor_truth(rotor),
             "speed_max_rad_s": drive.speed_max,
             "time_constant_s": drive.time_constant,
             "expo": drive.expo,
             "voltage_reference_v": drive.voltage_reference,
             "pwm_at_zero_thrust_us": drive.pwm_at_zero_thrust,
             "pwm_at_full_thrust_us": drive.pwm_at_full_thrust,
-            "thrust_max_per_motor_n": round(rotor.thrust(drive.speed_max, rotor.reference_density), 5),
+            "thrust_max_per_motor_n": round(rotor.thrust(drive.speed_max), 5),
             "drag_linear_n_s_m": list(vehicle.drag_linear),
             "drag_area_m2": list(vehicle.drag_area),
             "battery": {
@@ -355,3 +356,13 @@ def describe_truth(case: Case, flight: Flight) -> dict[str, object]:
             "magnetic_field_ned_t": [round(float(v), 9) for v in place.magnetic_field(case.start_utc)],
         },
     }
+
+
+def _rotor_truth(rotor: Rotor) -> dict[str, object]:
+    if isinstance(rotor, QuadraticRotor):
+        return {
+            "thrust_coefficient_n_s2": rotor.thrust_coefficient,
+            "torque_coefficient_n_m_s2": rotor.torque_coefficient,
+            "reference_density_kg_m3": rotor.reference_density,
+        }
+    return {"blade_element": dataclasses.asdict(rotor), "reference_density_kg_m3": SEA_LEVEL_DENSITY}

@@ -2,7 +2,7 @@
 
 Message names, fields, formats, units, multipliers and rates follow ArduCopter 4.7. What a simulation without an
 on-board estimator cannot know (XKF1 and its like) is left out. Values are rounded to a resolution far above the
-last bit, so that a log comes out the same on every machine.
+last bit, so that how NumPy vectorises the conversions does not show in a log.
 """
 
 import datetime as dt

@@ -178,8 +178,8 @@ class _Planner:
         T = n * TICK
         s = np.arange(n) / n
         samples = self.still(n)
-        samples[:, 0:3] += np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s * s), offset)
-        samples[:, 3:6] = np.outer(30.0 * s * s * (1.0 - s) ** 2 / T, offset)
+        samples[:, 0:3] += np.outer(s * s * s * (10.0 - 15.0 * s + 6.0 * s * s), offset)
+        samples[:, 3:6] = np.outer(30.0 * s * s * (1.0 - s) * (1.0 - s) / T, offset)
         samples[:, 6:9] = np.outer(60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / T**2, offset)
         self.add(FLYING, samples)
         self.position = target
@@ -189,7 +189,7 @@ class _Planner:
         n = max(math.ceil(1.875 * abs(change) / rate / TICK), 1)
         s = np.arange(n) / n
         samples = self.still(n)
-        samples[:, 9] += change * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+        samples[:, 9] += change * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
         self.add(FLYING, samples)
         self.yaw += change
 

@@ -9,7 +9,7 @@ from simulation._kernels import AirframeParameters
 from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.drive import Battery, Drive
 from simulation.errors import ParameterError
-from simulation.rotor import QuadraticRotor
+from simulation.rotor import NO_BLADE, BladeElementRotor, QuadraticRotor, Rotor
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,7 @@ class RotorMount:
 
     Attributes
     ----------
-    rotor : QuadraticRotor
+    rotor : QuadraticRotor or BladeElementRotor
         Its thrust and torque.
     position : tuple of 3 float
         From the centre of gravity, body FRD, m.
@@ -30,7 +30,7 @@ class RotorMount:
         Unit vector of the thrust, body FRD.
     """
 
-    rotor: QuadraticRotor
+    rotor: Rotor
     position: tuple[float, float, float]
     spin: int
     layer: int = 0
@@ -110,14 +110,17 @@ class Multirotor:
                 raise ParameterError(f"{self.name}: rotor {k} must spin +1 or -1, not {mount.spin}")
             if abs(math.hypot(*mount.axis) - 1.0) > 1e-9:
                 raise ParameterError(f"{self.name}: the axis of rotor {k} is not a unit vector")
-        if len({mount.rotor.reference_density for mount in self.rotors}) > 1:
-            raise ParameterError(f"{self.name}: the coefficients of all rotors must hold at one reference density")
+        _check_rotors(self.name, [mount.rotor for mount in self.rotors])
         if min(*self.drag_linear, *self.drag_area) < 0.0:
             raise ParameterError(f"{self.name}: drag cannot be negative (it would drive the craft)")
 
     def hover_speed(self, gravity: float, density: float = SEA_LEVEL_DENSITY) -> float:
-        """Speed [rad/s] at which all rotors, turning alike, carry the weight together; for upright rotors."""
-        return math.sqrt(self.mass * gravity / sum(mount.rotor.thrust(1.0, density) for mount in self.rotors))
+        """Speed [rad/s] at which all rotors, turning alike, carry the weight together; for upright rotors.
+
+        Static thrust goes with the square of the speed for both kinds of rotor.
+        """
+        per_square = sum(mount.rotor.thrust(100.0, density) for mount in self.rotors) / 100.0**2
+        return math.sqrt(self.mass * gravity / per_square)
 
     def hover_thrust(self, gravity: float, density: float, voltage: float) -> float:
         """Fraction of full thrust, at this density and voltage, that carries the weight.
@@ -148,6 +151,8 @@ class Multirotor:
             Whether there is ground to stand on; the origin is then where the centre of gravity rests.
         """
         gear = self.gear
+        first = self.rotors[0].rotor
+        quadratic = [mount.rotor for mount in self.rotors if isinstance(mount.rotor, QuadraticRotor)]
         stiffness = self.mass * gravity / gear.sag if gravity > 0.0 else 0.0
         r = gear.reach / math.sqrt(2.0)
         feet = [(sx * r, sy * r, gear.height) for sx in (1.0, -1.0) for sy in (1.0, -1.0)]
@@ -155,13 +160,14 @@ class Multirotor:
             mass=self.mass,
             gravity=gravity,
             inertia=np.ascontiguousarray(self.inertia, dtype=float),
-            inertia_inverse=np.linalg.inv(self.inertia),
+            inertia_inverse=_inverse(np.asarray(self.inertia, dtype=float)),
             rotor_position=np.array([mount.position for mount in self.rotors], dtype=float),
             rotor_axis=np.array([mount.axis for mount in self.rotors], dtype=float),
             rotor_spin=np.array([mount.spin for mount in self.rotors], dtype=float),
-            thrust_coefficient=np.array([mount.rotor.thrust_coefficient for mount in self.rotors]),
-            torque_coefficient=np.array([mount.rotor.torque_coefficient for mount in self.rotors]),
-            reference_density=self.rotors[0].rotor.reference_density,
+            thrust_coefficient=np.array([rotor.thrust_coefficient for rotor in quadratic]),
+            torque_coefficient=np.array([rotor.torque_coefficient for rotor in quadratic]),
+            reference_density=quadratic[0].reference_density if quadratic else SEA_LEVEL_DENSITY,
+            blade=first.parameters if isinstance(first, BladeElementRotor) else NO_BLADE,
             time_constant=self.drive.time_constant,
             drag_linear=np.array(self.drag_linear, dtype=float),
             drag_area=np.array(self.drag_area, dtype=float),
@@ -171,6 +177,22 @@ class Multirotor:
             foot_damping=2.0 * gear.damping_ratio * math.sqrt(stiffness * self.mass) / len(feet),
             friction=gear.friction,
         )
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a 3 x 3 matrix by cofactors: the same to the last bit everywhere, which LAPACK does not promise."""
+    a, b, c = matrix
+    cofactors = np.column_stack((np.cross(b, c), np.cross(c, a), np.cross(a, b)))
+    determinant = float((a * cofactors[:, 0]).sum())
+    return np.ascontiguousarray(cofactors / determinant)
+
+
+def _check_rotors(name: str, rotors: list[Rotor]) -> None:
+    quadratic = [rotor for rotor in rotors if isinstance(rotor, QuadraticRotor)]
+    if quadratic and len({rotor.reference_density for rotor in quadratic}) > 1:
+        raise ParameterError(f"{name}: the coefficients of all rotors must hold at one reference density")
+    if len(quadratic) < len(rotors) and len(set(rotors)) > 1:
+        raise ParameterError(f"{name}: rotors by blade elements must all be of one make")
 
 
 def _check_inertia(name: str, inertia: np.ndarray) -> None:

@@ -35,9 +35,9 @@ def test_thrust_follows_the_curve_that_the_autopilot_inverts():
     assert drive.speed(2000.0, 8.4) == 500.0
 
 
-def test_rotor_speed_for_a_thrust_is_the_inverse_of_thrust():
+def test_quadratic_rotor_follows_speed_squared_and_density():
     rotor = QuadraticRotor(thrust_coefficient=1.105e-5, torque_coefficient=1.779e-7)
-    assert rotor.thrust(rotor.speed_for(5.0, 0.9), 0.9) == pytest.approx(5.0)
+    assert rotor.thrust(600.0, 0.6125) == pytest.approx(0.5 * 1.105e-5 * 360000.0)
     assert rotor.torque(500.0) / rotor.thrust(500.0) == pytest.approx(1.779e-7 / 1.105e-5)
 
 

@@ -2,6 +2,8 @@
 
 import json
 import math
+import platform
+import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -41,6 +43,10 @@ def truths():
     return {name: json.loads((FOLDER / f"{name}.json").read_text()) for name in NAMES}
 
 
+@pytest.mark.skipif(
+    sys.platform != "linux" or platform.machine() != "x86_64",
+    reason="the logs were written on x86-64 Linux; another mathematical library rounds last bits differently",
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_regeneration_is_bit_identical(name, tmp_path):
     for path in write_case(find(name), tmp_path):

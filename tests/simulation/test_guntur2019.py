@@ -1,0 +1,135 @@
+"""Guntur 2019: the blade-element rotor and the craft that flies on it."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from simulation import ParameterError, guntur2019, propagate
+from simulation.guntur2019 import MOTORS, PAYLOADS, RPM
+from simulation.rotor import BladeElementRotor
+
+ROTOR = guntur2019.rotor()
+
+
+def blade_thrust(v, speed, across, sinking, density=1.225):
+    """Thrust by integrating lift along the blade, averaged over a turn: the printed formula before its integration.
+
+    Pitch angle th0 + th1 r/R; perpendicular flow small against the tangential one, which in forward flight is
+    ``w r + U sin(psi)``, whose square averages to ``(w r)^2 + U^2 / 2``.
+    """
+    R, chord, blades, slope = 0.102, 0.0274, 2, 5.7
+    angle = math.atan2(0.1016, 2.0 * math.pi * 0.75 * R)
+
+    def element(r):
+        theta = 2.0 * angle - 4.0 / 3.0 * angle * r / R
+        tangential = speed * r
+        return (
+            0.5
+            * density
+            * slope
+            * blades
+            * chord
+            * (theta * (tangential**2 + 0.5 * across**2) + (sinking - v) * tangential)
+        )
+
+    return quad(element, 0.0, R, epsabs=1e-12)[0]
+
+
+def test_thrust_at_4600_rpm_is_what_the_printed_code_gives():
+    """1.32 N per rotor: four of them carry 0.54 kg, so the printed trim of 4600 RPM cannot hover 1.8 kg."""
+    assert ROTOR.thrust(4600.0 * RPM) == pytest.approx(1.323, abs=0.001)
+    assert min(guntur2019.hover_rpm(motor, 0.0) for motor in MOTORS) > 6100.0
+
+
+def test_hover_satisfies_momentum_theory():
+    for speed in (100.0, 500.0, 1200.0):
+        v = ROTOR.induced_velocity(speed)
+        assert ROTOR.thrust(speed) == pytest.approx(2.0 * 1.225 * math.pi * 0.102**2 * v * v, rel=1e-10)
+        assert ROTOR.thrust(speed) / ROTOR.thrust(100.0) == pytest.approx((speed / 100.0) ** 2, rel=1e-10)
+
+
+@pytest.mark.parametrize("across", [0.0, 3.0, 12.0])
+@pytest.mark.parametrize("sinking", [-6.0, -1.0, 0.0, 1.5])
+@pytest.mark.parametrize("speed", [300.0, 700.0, 1500.0])
+def test_solution_balances_blade_elements_and_momentum(speed, across, sinking):
+    """Against an outside root finder on the two sides written anew, the blade side by numerical integration."""
+    area = math.pi * 0.102**2
+
+    def residual(v):
+        momentum = 2.0 * v * 1.225 * area * math.sqrt(across**2 + (sinking - v) ** 2)
+        return momentum - blade_thrust(v, speed, across, sinking)
+
+    v = brentq(residual, -60.0, 60.0, xtol=1e-13)
+    assert ROTOR.induced_velocity(speed, across=across, sinking=sinking) == pytest.approx(v, rel=1e-8)
+    assert ROTOR.thrust(speed, across=across, sinking=sinking) == pytest.approx(
+        blade_thrust(v, speed, across, sinking), rel=1e-8
+    )
+
+
+def test_a_rotor_at_rest_gives_nothing():
+    assert ROTOR.thrust(0.0) == 0.0
+    assert ROTOR.torque(0.0) == 0.0
+
+
+def test_climbing_takes_thrust_away():
+    thrusts = [ROTOR.thrust(900.0, sinking=w) for w in (-4.0, -2.0, 0.0)]
+    assert thrusts[0] < thrusts[1] < thrusts[2]
+
+
+def test_craft_hovers_at_its_hover_speed():
+    craft = guntur2019.quadcopter(MOTORS[3], 1.0)
+    speeds = np.full(4, craft.hover_speed(9.81))
+    start = np.concatenate((np.zeros(6), [1.0], np.zeros(6), speeds))
+    flight = propagate(craft, start, lambda t, x: speeds, 3.0, dt=0.005, gravity=9.81)
+    assert np.abs(flight[["p_n", "p_e", "p_d"]].to_numpy()).max() < 1e-6
+
+
+def test_flight_plan_climbs_goes_forward_and_levels():
+    flight = guntur2019.fly_profile(MOTORS[1], 0.5)
+    at = flight.loc
+    assert at[7.9:8.0, "p_d"].iloc[-1] < -2.0  # climbing
+    assert at[11.9:12.0, "v_n"].iloc[-1] > 0.2  # after the pitch forward
+    assert at[16.0:16.1, "v_n"].iloc[-1] < 0.0  # after the stronger pitch backward
+    assert np.abs(flight["p_e"]).max() < 1e-9
+
+
+def test_step_of_the_thesis_is_fine_enough():
+    coarse = guntur2019.fly_profile(MOTORS[1], 0.5).iloc[-1]
+    fine = guntur2019.fly_profile(MOTORS[1], 0.5, dt=0.0025).iloc[-1]
+    assert coarse[["p_n", "p_d"]].to_numpy() == pytest.approx(fine[["p_n", "p_d"]].to_numpy(), abs=0.01)
+
+
+def test_feasibility_of_five_motors_with_three_cells():
+    """KV 740 and 750 turn too slowly for three quarters of the tank or more at 11.1 V; power limits nobody."""
+    table = guntur2019.feasibility()
+    assert len(table) == len(MOTORS) * len(PAYLOADS)
+    failed = table[~table["feasible"]]
+    assert set(zip(failed["motor"], failed["payload"], strict=True)) == {
+        (name, payload) for name in ("MT-4006-13 740KV", "AX-2810Q-750KV") for payload in (1.0, 0.75)
+    }
+    assert (table["power"] < table["limit_power"]).all()
+    assert table["hover_rpm"].between(6000, 9300).all()
+
+
+def test_printed_inertia_fits_only_with_its_exponent_mended():
+    """With E+04 kg mm^2 the mass sits within 0.2 m of the axis; E+09 as printed would need tens of metres."""
+    for motor in MOTORS:
+        for mass, inertia in zip(motor.masses, motor.inertias, strict=True):
+            assert 0.1 < math.sqrt(inertia[2] / mass) < 0.27
+            assert math.sqrt(inertia[2] * 1e5 / mass) > 40.0
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: guntur2019.find("Duracell"), "no motor called 'Duracell'; there are: MT-4006"),
+        (lambda: guntur2019.quadcopter(MOTORS[0], 0.4), r"payload 0\.4"),
+        (lambda: BladeElementRotor(radius=-0.1, pitch=0.1, chord=0.03), "radius must be positive"),
+    ],
+)
+def test_impossible_choices_are_refused(make, message):
+    with pytest.raises(ParameterError, match=message):
+        make()
