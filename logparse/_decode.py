@@ -11,7 +11,7 @@ import numpy.typing as npt
 from numba import njit
 
 Bytes = npt.NDArray[np.uint8]
-Slots = npt.NDArray[np.uint16]
+Slots = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 Int32s = npt.NDArray[np.int32]
 Int64s = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -74,12 +74,12 @@ _BLOCK_MESSAGES = 8192
 _BLOCK_BYTES = 256 * 1024
 
 
-@njit(inline="always")
+@njit
 def _u16(data: Bytes, p: Int) -> Int:
     return np.uint16(data[p]) | (np.uint16(data[p + np.uint64(1)]) << np.uint16(8))
 
 
-@njit(inline="always")
+@njit
 def _u32(data: Bytes, p: Int) -> Int:
     # LLVM makes one load of this.
     return (
@@ -90,12 +90,12 @@ def _u32(data: Bytes, p: Int) -> Int:
     )
 
 
-@njit(inline="always")
+@njit
 def _u64(data: Bytes, p: Int) -> Int:
     return np.uint64(_u32(data, p)) | (np.uint64(_u32(data, p + np.uint64(4))) << np.uint64(32))
 
 
-@njit(inline="always")
+@njit
 def _time_us(data: Bytes, p: Int, time_width: Int, time_offset: Int) -> Int:
     """Boot clock of the message at `p`, us; -1 where it has none or it cannot be."""
     if time_width == 8:
@@ -107,7 +107,7 @@ def _time_us(data: Bytes, p: Int, time_width: Int, time_offset: Int) -> Int:
     return np.int64(-1)
 
 
-@njit(inline="always")
+@njit
 def _is_header(data: Bytes, p: Int, n: Int) -> Any:
     """Whether a message may begin at `p`: a header, or as much of one as the file still holds."""
     if p >= n:
@@ -122,7 +122,8 @@ def find_chained(data: Bytes, start: Int, candidates: Int32s, length: Int32s) ->
     p = np.uint64(start)
     while p + np.uint64(2) < n:
         if data[p] == 0xA3 and data[p + np.uint64(1)] == 0x95:
-            for slot in candidates[data[p + np.uint64(2)]]:
+            for k in range(candidates.shape[1]):
+                slot = candidates[data[p + np.uint64(2)], k]
                 if slot < 0:
                     break
                 end = p + np.uint64(length[slot])
@@ -136,7 +137,7 @@ def find_chained(data: Bytes, start: Int, candidates: Int32s, length: Int32s) ->
 @njit(cache=True, nogil=True)
 def follow_chain(
     data: Bytes, limit: int, candidates: Int32s, length: Int32s, time_width: Int32s, time_offset: Int32s,
-    fmt_rows: Bytes, slots: Slots, first_index: int, run_index: Int64s, run_position: Int64s, gap_start: Int64s,
+    fmt_rows: Bytes, slots: Slots, run_index: Int64s, run_position: Int64s, gap_start: Int64s,
     gap_stop: Int64s, boots: Int64s, unknown: Int64s, state: Int64s,
 ) -> int:  # fmt: skip
     """Follow the headers from the state's position up to `limit`; note definitions, breaks and boots on the way.
@@ -152,8 +153,8 @@ def follow_chain(
         Of each definition: bytes; bytes of the boot clock (8: us, 4: ms, 0: none) and where they are.
     fmt_rows : uint8 array, shape (256, 86)
         Payload of the FMT row in force for each id; another one makes the kernel return `NEW_FORMAT`.
-    slots : uint16 array
-        Output: definition of each message; its first element belongs to message `first_index`.
+    slots : uint8 or uint16 array
+        Output, from the state's COUNT on: definition of each message.
     run_index, run_position, gap_start, gap_stop : int64 arrays
         Output, from the state's RUNS on: where after a break the chain goes on (message index, byte), and the
         bytes that were skipped before it.
@@ -174,8 +175,47 @@ def follow_chain(
     count = state[COUNT]
     runs = state[RUNS]
     result = LIMIT
+    clock = state[TIME]
+    timed = state[TIMED_IN_BOOT]
+    quiet = state[HAVE_TIME] != 0 and state[PENDING] == 0 and state[FORMAT_INDEX] < 0
+    # By id, for the usual message: the definition to try first. FMT rows are never usual.
+    slot_of_id = np.zeros(256, slots.dtype)
+    length_of_id = np.zeros(256, np.uint64)
+    clock_of_id = np.zeros(256, np.uint64)
+    for k in range(256):
+        slot = candidates[k, 0]
+        if slot >= 0 and k != 128 and time_width[slot] != 4:
+            slot_of_id[k] = slot
+            length_of_id[k] = length[slot]
+            clock_of_id[k] = time_offset[slot] if time_width[slot] == 8 else 0
+    # The longest message and a header behind it lie before the end of the file.
+    usual_end = np.uint64(max(0, min(limit, data.size - 258)))
+    room = np.uint64(max(0, slots.size - 2))
     while p < np.uint64(limit):
-        if count - first_index + 1 >= slots.size or runs + 1 >= run_index.size or state[BOOTS] + 1 >= boots.shape[0]:
+        if quiet and p < usual_end and data[p] == 0xA3 and data[p + np.uint64(1)] == 0x95:
+            free = np.uint64(count)
+            before = free
+            while p < usual_end and free < room:
+                message_id = data[p + np.uint64(2)]
+                end = p + length_of_id[message_id]
+                # An unusual id has length 0 here, and what follows is then this very header.
+                if end == p or data[end] != 0xA3 or data[end + np.uint64(1)] != 0x95:
+                    break
+                place = clock_of_id[message_id]
+                if place != 0:
+                    t = np.int64(_u64(data, p + place))
+                    step = t - clock
+                    if step < -BACK_US or step > AHEAD_US:
+                        break
+                    clock = max(clock, t)
+                    timed += 1
+                slots[free] = slot_of_id[message_id]
+                free += np.uint64(1)
+                p = end
+            count += np.int64(free - before)
+            if p >= np.uint64(limit):
+                break
+        if count + 1 >= slots.size or runs + 1 >= run_index.size or state[BOOTS] + 1 >= boots.shape[0]:
             result = OUTPUT_FULL
             break
         skip_to = np.int64(-1)
@@ -186,10 +226,11 @@ def follow_chain(
         elif data[p] != 0xA3 or data[p + np.uint64(1)] != 0x95:
             skip_to = find_chained(data, p, candidates, length)
         else:
-            tried = candidates[data[p + np.uint64(2)]]
-            first = tried[0]
+            message_id = data[p + np.uint64(2)]
+            first = candidates[message_id, 0]
             fits = False
-            for slot in tried:
+            for k in range(candidates.shape[1]):
+                slot = candidates[message_id, k]
                 if slot < 0:
                     break
                 end = p + np.uint64(length[slot])
@@ -210,10 +251,9 @@ def follow_chain(
                     chosen = first
         if chosen >= 0:
             if data[p + np.uint64(2)] == 128:
-                row = fmt_rows[data[p + np.uint64(3)]]
                 same = True
                 for k in range(86):
-                    if row[k] != data[p + np.uint64(3 + k)]:
+                    if fmt_rows[data[p + np.uint64(3)], k] != data[p + np.uint64(3 + k)]:
                         same = False
                         break
                 if not same:
@@ -222,12 +262,23 @@ def follow_chain(
                 if state[FORMAT_INDEX] < 0:
                     state[FORMAT_INDEX] = count
                     state[FORMAT_POSITION] = np.int64(p)
+                    quiet = False
             width = time_width[chosen]
             if width != 0:
                 t = _time_us(data, p, width, time_offset[chosen])
-                if t >= 0:
+                step = t - clock
+                if t >= 0 and -BACK_US <= step <= AHEAD_US and quiet:
+                    # The usual row; what `_advance_clock` would do, without its arrays.
+                    clock = max(clock, t)
+                    timed += 1
+                elif t >= 0:
+                    state[TIME] = clock
+                    state[TIMED_IN_BOOT] = timed
                     _advance_clock(t, count, np.int64(p), boots, state)
-            slots[count - first_index] = chosen
+                    clock = state[TIME]
+                    timed = state[TIMED_IN_BOOT]
+                    quiet = state[HAVE_TIME] != 0 and state[PENDING] == 0 and state[FORMAT_INDEX] < 0
+            slots[count] = chosen
             count += 1
             p += np.uint64(length[chosen])
         if skip_to >= 0:
@@ -240,6 +291,8 @@ def follow_chain(
             p = np.uint64(skip_to)
     if p >= n and result == LIMIT:
         result = END_OF_FILE
+    state[TIME] = clock
+    state[TIMED_IN_BOOT] = timed
     state[POSITION] = np.int64(p)
     state[COUNT] = count
     state[RUNS] = runs
@@ -324,7 +377,7 @@ def gather(
     Parameters
     ----------
     data : uint8 array
-    slots : uint16 array
+    slots : uint8 or uint16 array
         Definition of each message, in file order.
     stop : int
         Message to stop before.
@@ -346,8 +399,8 @@ def gather(
         Rows written so far; updated.
     bytes_out : uint8 array
         Output; its size is a multiple of 8.
-    state : int64 array, shape (3,)
-        Message index, byte and run to begin with; updated.
+    state : int64 array, shape (4,)
+        Message index, byte and run to begin with, updated; the last is of no use.
     """
     out_2 = bytes_out.view(np.uint16)
     out_4 = bytes_out.view(np.uint32)
@@ -366,8 +419,10 @@ def gather(
     while index < stop:
         # Where the wanted messages of this block are.
         hits = 0
+        wanted_bytes = np.int64(0)
         block = position
-        fill[:] = 0
+        for k in range(tables):
+            fill[k] = 0
         while index < stop and hits < _BLOCK_MESSAGES and position - block < _BLOCK_BYTES:
             if run < run_index.size and run_index[run] == index:
                 while run < run_index.size and run_index[run] == index:
@@ -380,8 +435,15 @@ def gather(
                 table_found[hits] = table
                 fill[table] += 1
                 hits += 1
+                wanted_bytes += length[slot]
             position += length[slot]
             index += 1
+        # Most of the block is wanted: read it front to back once, which memory likes better than table by table.
+        if wanted_bytes * 4 > position - block:
+            touched = np.uint8(0)
+            for k in range(np.uint64(block), np.uint64(min(position, data.size)), np.uint64(64)):
+                touched ^= data[k]
+            state[3] = touched
         # The same by table.
         at = np.int64(0)
         for k in range(tables):
@@ -394,87 +456,85 @@ def gather(
             place[fill[table]] = found[k]
             fill[table] += 1
         for table in range(tables):
-            a = begins[table]
-            m = begins[table + 1] - a
-            if m == 0:
+            if begins[table + 1] == begins[table]:
                 continue
-            first_row = row[table]
-            where = place[a : a + m]
+            # Unsigned all over: numba checks signed indices for being negative.
+            a = np.uint64(begins[table])
+            m = np.uint64(begins[table + 1] - begins[table])
+            first_row = np.uint64(row[table])
             for f in range(first_field[table], first_field[table + 1]):
                 o = np.uint64(offset[f])
+                begin = np.uint64(target[f])
                 what = operation[f]
                 up = factor[f]
                 down = divisor[f]
-                if what == COPY_4:
-                    column_4 = out_4[target[f] // 4 + first_row :]
+                if what == COPY_4 or what == SCALE_F32:
+                    to = begin // np.uint64(4) + first_row
                     for k in range(m):
-                        column_4[k] = _u32(data, where[k] + o)
-                elif what == COPY_8:
-                    column_8 = out_8[target[f] // 8 + first_row :]
+                        out_4[to + k] = _u32(data, place[a + k] + o)
+                    if what == SCALE_F32:
+                        for k in range(m):
+                            out_f4[to + k] = np.float64(out_f4[to + k]) * up / down
+                elif what == COPY_8 or what == SCALE_F64:
+                    to = begin // np.uint64(8) + first_row
                     for k in range(m):
-                        column_8[k] = _u64(data, where[k] + o)
+                        out_8[to + k] = _u64(data, place[a + k] + o)
+                    if what == SCALE_F64:
+                        for k in range(m):
+                            out_f8[to + k] = out_f8[to + k] * up / down
                 elif what == COPY_2:
-                    column_2 = out_2[target[f] // 2 + first_row :]
+                    to = begin // np.uint64(2) + first_row
                     for k in range(m):
-                        column_2[k] = _u16(data, where[k] + o)
+                        out_2[to + k] = _u16(data, place[a + k] + o)
                 elif what == COPY_1:
-                    column_1 = bytes_out[target[f] + first_row :]
+                    to = begin + first_row
                     for k in range(m):
-                        column_1[k] = data[where[k] + o]
+                        bytes_out[to + k] = data[place[a + k] + o]
                 elif what == COPY_N:
-                    width = size[f]
+                    width = np.uint64(size[f])
+                    to = begin + first_row * width
                     for k in range(m):
-                        cell = bytes_out[target[f] + (first_row + k) * width :]
                         for b in range(width):
-                            cell[b] = data[where[k] + o + np.uint64(b)]
-                elif what in (SCALE_I8, SCALE_U8):
-                    scaled_4 = out_f4[target[f] // 4 + first_row :]
-                    for k in range(m):
-                        byte = data[where[k] + o]
-                        number = np.float64(np.int8(byte)) if what == SCALE_I8 else np.float64(byte)
-                        scaled_4[k] = number * up / down
-                elif what == SCALE_I16:
-                    scaled_4 = out_f4[target[f] // 4 + first_row :]
-                    for k in range(m):
-                        scaled_4[k] = np.float64(np.int16(_u16(data, where[k] + o))) * up / down
-                elif what == SCALE_U16:
-                    scaled_4 = out_f4[target[f] // 4 + first_row :]
-                    for k in range(m):
-                        scaled_4[k] = np.float64(_u16(data, where[k] + o)) * up / down
-                elif what == SCALE_I32:
-                    scaled_8 = out_f8[target[f] // 8 + first_row :]
-                    for k in range(m):
-                        scaled_8[k] = np.float64(np.int32(_u32(data, where[k] + o))) * up / down
-                elif what == SCALE_U32:
-                    scaled_8 = out_f8[target[f] // 8 + first_row :]
-                    for k in range(m):
-                        scaled_8[k] = np.float64(_u32(data, where[k] + o)) * up / down
-                elif what == SCALE_I64:
-                    scaled_8 = out_f8[target[f] // 8 + first_row :]
-                    for k in range(m):
-                        scaled_8[k] = np.float64(np.int64(_u64(data, where[k] + o))) * up / down
-                elif what == SCALE_U64:
-                    scaled_8 = out_f8[target[f] // 8 + first_row :]
-                    for k in range(m):
-                        scaled_8[k] = np.float64(_u64(data, where[k] + o)) * up / down
-                elif what == SCALE_F32:
-                    column_4 = out_4[target[f] // 4 + first_row :]
-                    scaled_4 = out_f4[target[f] // 4 + first_row :]
-                    for k in range(m):
-                        column_4[k] = _u32(data, where[k] + o)
-                    for k in range(m):
-                        scaled_4[k] = np.float64(scaled_4[k]) * up / down
-                elif what == SCALE_F64:
-                    column_8 = out_8[target[f] // 8 + first_row :]
-                    scaled_8 = out_f8[target[f] // 8 + first_row :]
-                    for k in range(m):
-                        column_8[k] = _u64(data, where[k] + o)
-                    for k in range(m):
-                        scaled_8[k] = scaled_8[k] * up / down
-            row[table] = first_row + m
+                            bytes_out[to + k * width + b] = data[place[a + k] + o + b]
+                elif what <= SCALE_U16:
+                    to = begin // np.uint64(4) + first_row
+                    if what == SCALE_I16:
+                        for k in range(m):
+                            out_f4[to + k] = np.float64(np.int16(_u16(data, place[a + k] + o))) * up / down
+                    elif what == SCALE_U16:
+                        for k in range(m):
+                            out_f4[to + k] = np.float64(_u16(data, place[a + k] + o)) * up / down
+                    elif what == SCALE_I8:
+                        for k in range(m):
+                            out_f4[to + k] = np.float64(np.int8(data[place[a + k] + o])) * up / down
+                    else:
+                        for k in range(m):
+                            out_f4[to + k] = np.float64(data[place[a + k] + o]) * up / down
+                else:
+                    to = begin // np.uint64(8) + first_row
+                    if what == SCALE_I32:
+                        for k in range(m):
+                            out_f8[to + k] = np.float64(np.int32(_u32(data, place[a + k] + o))) * up / down
+                    elif what == SCALE_U32:
+                        for k in range(m):
+                            out_f8[to + k] = np.float64(_u32(data, place[a + k] + o)) * up / down
+                    elif what == SCALE_I64:
+                        for k in range(m):
+                            out_f8[to + k] = np.float64(np.int64(_u64(data, place[a + k] + o))) * up / down
+                    else:
+                        for k in range(m):
+                            out_f8[to + k] = np.float64(_u64(data, place[a + k] + o)) * up / down
+            row[table] += np.int64(m)
     state[0] = index
     state[1] = position
     state[2] = run
+
+
+@njit(cache=True, nogil=True)
+def count(slots: Slots, totals: Int64s) -> None:
+    """Add the messages of each definition to `totals`."""
+    for k in range(slots.size):
+        totals[slots[k]] += 1
 
 
 @njit(cache=True, nogil=True)
@@ -501,39 +561,80 @@ def locate(
 
 @njit(cache=True, nogil=True)
 def neighbouring_times(
-    data: Bytes, slots: Slots, length: Int32s, run_index: Int64s, run_position: Int64s, start: int,
-    time_width: Int32s, time_offset: Int32s, low: int, high: int, positions: Int64s, before: Int64s, after: Int64s,
+    data: Bytes, slots: Slots, length: Int32s, run_index: Int64s, run_position: Int64s, gap_start: Int64s,
+    time_width: Int32s, time_offset: Int32s, low: int, high: int, positions: Int64s, indices: Int64s,
+    before: Int64s, after: Int64s,
 ) -> None:  # fmt: skip
-    """Boot clocks of the timed messages around each of `positions` (ascending bytes).
+    """Boot clocks of the timed messages around some that carry none.
 
-    `before` and `after`, shape (k, 2), receive byte and time [us] of the last timed message before and the first one
-    behind each position; the byte is -1 where there is none. Times outside `low` to `high` are passed over.
+    Parameters
+    ----------
+    run_index, run_position, gap_start : int64 arrays
+        Breaks of the chain: message index behind each, its byte, and where the message before it ends.
+    low, high : int
+        Times outside are passed over, us.
+    positions, indices : int64 arrays
+        Byte and message index of the messages asked for, ascending.
+    before, after : int64 arrays, shape (n, 2)
+        Output: byte and time [us] of the last timed message before and the first behind; the byte is -1 for none.
     """
-    position = np.int64(start)
-    run = 0
-    passed = 0
-    waiting = 0
-    last_position: Int = np.int64(-1)
-    last_time: Int = np.int64(0)
-    for index in range(slots.size):
-        while run < run_index.size and run_index[run] == index:
-            position = run_position[run]
-            run += 1
-        slot = slots[index]
-        while passed < positions.size and positions[passed] <= position:
-            before[passed, 0] = last_position
-            before[passed, 1] = last_time
-            passed += 1
-        if time_width[slot] != 0:
-            t = _time_us(data, np.uint64(position), time_width[slot], time_offset[slot])
-            if low <= t <= high:
-                last_position = position
-                last_time = t
-                while waiting < passed:
-                    after[waiting, 0] = position
-                    after[waiting, 1] = t
-                    waiting += 1
-        position += length[slot]
-    while waiting < positions.size:
-        after[waiting, 0] = -1
-        waiting += 1
+    known = np.int64(-1)
+    for k in range(positions.size):
+        if k > 0 and known > indices[k]:
+            # Nothing timed lies between this one and the one before it.
+            for c in range(2):
+                before[k, c] = before[k - 1, c]
+                after[k, c] = after[k - 1, c]
+            continue
+        for direction in range(2):
+            found = before if direction == 0 else after
+            found[k, 0] = -1
+            found[k, 1] = 0
+            index = indices[k]
+            position = positions[k]
+            # Breaks before and at this message.
+            run = np.int64(0)
+            top = run_index.size
+            while run < top:
+                middle = (run + top) // 2
+                if run_index[middle] <= index:
+                    run = middle + 1
+                else:
+                    top = middle
+            while True:
+                if direction == 0:
+                    if index == 0:
+                        break
+                    while run > 0 and run_index[run - 1] == index:
+                        run -= 1
+                        position = gap_start[run]
+                    index -= 1
+                    position -= length[slots[index]]
+                else:
+                    position += length[slots[index]]
+                    index += 1
+                    if index >= slots.size:
+                        break
+                    while run < run_index.size and run_index[run] == index:
+                        position = run_position[run]
+                        run += 1
+                slot = slots[index]
+                if time_width[slot] != 0:
+                    t = _time_us(data, np.uint64(position), time_width[slot], time_offset[slot])
+                    if low <= t <= high:
+                        found[k, 0] = position
+                        found[k, 1] = t
+                        break
+            if direction == 1:
+                known = index
+
+
+@njit(cache=True, nogil=True)
+def is_orderly(t: Floats, low: float, high: float, odd_step: float) -> bool:
+    """Whether times lie within a span and never step back by more than `odd_step`."""
+    last = low
+    for k in range(t.size):
+        if not (low <= t[k] <= high) or t[k] < last - odd_step:
+            return False
+        last = t[k]
+    return True

@@ -8,7 +8,7 @@ header: payloads can hold bytes that look like one header, hardly two at the rig
 """
 
 import mmap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -40,11 +40,12 @@ from logparse.source import Boot
 from logparse.timebase import mend_times
 
 _CHUNK = 1 << 22
-_MOST_SLOTS = 1 << 16
 #: Definitions of one id that are tried in turn: after a redefinition the one before may still be meant.
 _CANDIDATES = 4
 #: Bytes of a mapped file that are kept in memory before they are given back.
-_KEEP = 1 << 26
+_KEEP = 1 << 24
+#: A page cache of huge pages maps them whole: giving back a part of one brings it all back at the next touch.
+_HUGE_PAGE = 1 << 21
 
 _COPY = {1: _decode.COPY_1, 2: _decode.COPY_2, 4: _decode.COPY_4, 8: _decode.COPY_8}
 _SCALE = {
@@ -120,21 +121,31 @@ class DataflashSource:
         self._data = np.frombuffer(buffer, np.uint8)
         self._slots: list[_Slot] = []
         self._mended: dict[str, int] = {}
-        self._counts: dict[int, dict[str, int]] = {}
-        unknown = self._scan(())
+        self._counted: dict[tuple[int, int], npt.NDArray[np.int64]] = {}
+        self._scan(())
         # Messages may come before the FMT row that explains them where rows were lost: read again, knowing them.
-        late = [slot for slot in self._slots if unknown[slot.definition.id] and slot.since > 0]
+        late = [slot for slot in self._slots if self._unknown[slot.definition.id] and slot.since > 0]
         if late:
             self._scan([(slot.definition, slot.length) for slot in late])
         if not len(self._sequence):
             raise LogError("no intact DataFlash message in the file: it is damaged or not a DataFlash log")
         self._read_units()
+        self._release(0, len(self._data), everything=True)
 
     # Reading the chain of headers
 
-    def _scan(self, known: Iterable[tuple[Definition, int]]) -> npt.NDArray[np.int64]:
-        """Follow the header chain through the whole file; returns how often each unknown id was met."""
+    def _scan(self, known: Sequence[tuple[Definition, int]], number: type[np.unsignedinteger[Any]] = np.uint8) -> None:
+        """Follow the header chain through the whole file.
+
+        Parameters
+        ----------
+        known : sequence of (Definition, int)
+            Definitions, with the length of their messages, that hold from the beginning.
+        number : unsigned integer type
+            Numbers the definitions; a byte is enough for all files but a few, and is a byte per message.
+        """
         self._slots = []
+        self._most_slots = int(np.iinfo(number).max) + 1
         self._candidates = np.full((256, _CANDIDATES), -1, np.int32)
         self._length = np.zeros(256, np.int32)
         self._time_width = np.zeros(256, np.int32)
@@ -153,22 +164,25 @@ class DataflashSource:
         unknown = np.zeros(256, np.int64)
         runs = [np.zeros(1024, np.int64) for _ in range(4)]
         boots = np.zeros((64, 4), np.int64)
-        scratch = np.empty(_CHUNK // 3 + 2, np.uint16)
-        pieces: list[npt.NDArray[np.uint16]] = []
+        # Grown in place: a copy of it would count in the memory that a large log needs.
+        sequence = np.empty(len(self._data) // 64 + _CHUNK // 3 + 2, number)
         released = 0
         while True:
-            first = int(state[_decode.COUNT])
+            if len(sequence) - int(state[_decode.COUNT]) < _CHUNK // 3 + 2:
+                sequence.resize(len(sequence) + len(sequence) // 4 + _CHUNK // 3 + 2, refcheck=False)
             limit = min(int(state[_decode.POSITION]) + _CHUNK, len(self._data))
             result = _decode.follow_chain(
                 self._data, limit, self._candidates, self._length, self._time_width, self._time_offset, fmt_rows,
-                scratch, first, runs[0], runs[1], runs[2], runs[3], boots, unknown, state,
+                sequence, runs[0], runs[1], runs[2], runs[3], boots, unknown, state,
             )  # fmt: skip
-            pieces.append(scratch[: int(state[_decode.COUNT]) - first].copy())
             position = int(state[_decode.POSITION])
             if result == _decode.NEW_FORMAT:
                 row = self._data[position : position + FMT_LENGTH].tobytes()
                 fmt_rows[row[3]] = np.frombuffer(row, np.uint8)[3:]
                 self._define(Definition.unpack(row), int(state[_decode.COUNT]))
+                if len(self._slots) >= self._most_slots and number is np.uint8:
+                    self._scan(known, np.uint16)
+                    return
             elif result == _decode.OUTPUT_FULL:
                 if int(state[_decode.RUNS]) + 1 >= len(runs[0]):
                     runs = [np.concatenate((array, np.zeros_like(array))) for array in runs]
@@ -177,14 +191,13 @@ class DataflashSource:
             elif result == _decode.END_OF_FILE:
                 break
             released = self._release(released, position)
-        self._release(released, len(self._data), everything=True)
-        self._sequence = np.concatenate(pieces)
+        sequence.resize(int(state[_decode.COUNT]), refcheck=False)
+        self._sequence = sequence
         n_runs = int(state[_decode.RUNS])
         self._run_index, self._run_position, self._gap_start, self._gap_stop = (array[:n_runs] for array in runs)
         self._truncated = int(state[_decode.TRUNCATED])
         self._unknown = unknown
         self._spans = boot_spans(boots, state, len(self._sequence), len(self._data))
-        return unknown
 
     def _define(self, definition: Definition, index: int) -> None:
         """Take a FMT row into account from message `index` on."""
@@ -206,7 +219,7 @@ class DataflashSource:
         slot = self._slot_keys.get(key)
         if slot is not None:
             return slot
-        if len(self._slots) >= _MOST_SLOTS:
+        if len(self._slots) >= self._most_slots:
             return -1
         slot = len(self._slots)
         if slot >= len(self._length):
@@ -243,7 +256,7 @@ class DataflashSource:
         buffer = self._buffer
         if isinstance(buffer, bytes) or len(buffer) <= _KEEP or not hasattr(mmap, "MADV_DONTNEED"):
             return start
-        stop -= stop % mmap.ALLOCATIONGRANULARITY
+        stop -= stop % _HUGE_PAGE if stop < len(self._data) else stop % mmap.ALLOCATIONGRANULARITY
         if stop - start < (1 if everything else _KEEP):
             return start
         buffer.madvise(mmap.MADV_DONTNEED, start, stop - start)
@@ -254,23 +267,33 @@ class DataflashSource:
         """Power-ups in the file."""
         return tuple(self._spans)
 
-    def _runs(self, span: Span) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Give the breaks within a span: message index counted from the span's first, byte where the chain goes on."""
+    def _runs(self, span: Span) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Give the breaks within a span: message behind it counted from the span's first, its byte, the gap's byte."""
         a = int(np.searchsorted(self._run_index, span.first, "right" if span.first else "left"))
         b = int(np.searchsorted(self._run_index, span.last, "left"))
-        return self._run_index[a:b] - span.first, self._run_position[a:b]
+        return self._run_index[a:b] - span.first, self._run_position[a:b], self._gap_start[a:b]
+
+    @property
+    def _whole(self) -> Span:
+        return Span(0, len(self._sequence), 0)
+
+    def _totals(self, span: Span) -> npt.NDArray[np.int64]:
+        """Messages of each definition."""
+        key = (span.first, span.last)
+        if key not in self._counted:
+            totals = np.zeros(len(self._slots), np.int64)
+            _decode.count(self._sequence[span.first : span.last], totals)
+            self._counted[key] = totals
+        return self._counted[key]
 
     def counts(self, boot: Boot) -> dict[str, int]:
         """Messages of each type in this boot."""
-        span = self._spans[boot]
-        if span.first not in self._counts:
-            found = np.bincount(self._sequence[span.first : span.last], minlength=len(self._slots))
-            counts: dict[str, int] = {}
-            for slot in np.flatnonzero(found):
-                name = self._slots[slot].name
-                counts[name] = counts.get(name, 0) + int(found[slot])
-            self._counts[span.first] = counts
-        return self._counts[span.first]
+        found = self._totals(self._spans[boot])
+        counts: dict[str, int] = {}
+        for slot in np.flatnonzero(found):
+            name = self._slots[slot].name
+            counts[name] = counts.get(name, 0) + int(found[slot])
+        return counts
 
     # Units and multipliers
 
@@ -281,7 +304,7 @@ class DataflashSource:
         if "FMTU" not in wanted:
             return
         for values in self._rows("UNIT", ("Id", "Label")):
-            self._unit_table.add_unit(int(values[1]), clean_text(bytes(values[2])))
+            self._unit_table.add_unit(int(values[1]), clean_text(values[2]))
         for values in self._rows("MULT", ("Id", "Mult")):
             self._unit_table.add_multiplier(int(values[1]), float(values[2]))
         by_id: dict[int, list[_Slot]] = {}
@@ -289,7 +312,7 @@ class DataflashSource:
             by_id.setdefault(slot.definition.id, []).append(slot)
         given: set[tuple[Definition, str, str]] = set()
         for index, message_id, raw_units, raw_multipliers in self._rows("FMTU", ("FmtType", "UnitIds", "MultIds")):
-            units, multipliers = clean_text(bytes(raw_units)), clean_text(bytes(raw_multipliers))
+            units, multipliers = clean_text(raw_units), clean_text(raw_multipliers)
             before = [slot for slot in by_id.get(int(message_id), ()) if slot.since <= index]
             for slot in before:
                 # The newest definition before this row is meant, and what contradicts itself counts twice.
@@ -303,28 +326,39 @@ class DataflashSource:
                     new.units, new.multipliers = old.units, old.multipliers
 
     def _rows(self, name: str, columns: tuple[str, ...]) -> list[tuple[Any, ...]]:
-        """Give stored values of a few columns, each row behind its message index; for the reader's own use."""
+        """Give stored values of a few columns, each row behind its message index; for the reader's own use.
+
+        Of rows that are the same in these columns only the first is given: logs repeat themselves.
+        """
         rows: list[tuple[Any, ...]] = []
-        for number, slot in enumerate(self._slots):
-            fields = {item.name: item for item in slot.fields}
-            if slot.name != name or not set(columns) <= set(fields):
+        for number, (positions, indices) in self._housekeeping.items():
+            fields = {item.name: item for item in self._slots[number].fields}
+            if self._slots[number].name != name or not set(columns) <= set(fields) or not len(indices):
                 continue
-            positions, indices = self._locate(Span(0, len(self._sequence), 0), {number})
-            raw = [
-                np.stack([self._data[positions + fields[c].offset + b] for b in range(fields[c].type.size)], axis=-1)
-                for c in columns
-            ]
-            values = [r.copy().view(fields[c].type.dtype)[:, 0] for r, c in zip(raw, columns, strict=True)]
-            rows.extend(zip(indices.tolist(), *values, strict=True))
+            items = [fields[column] for column in columns]
+            places = np.concatenate([np.arange(item.offset, item.offset + item.type.size) for item in items])
+            raw = self._data[positions[:, None] + places]
+            record = np.dtype([(item.name, item.type.dtype) for item in items])
+            _, first = np.unique(raw.view(np.dtype((np.void, record.itemsize)))[:, 0], return_index=True)
+            values = raw[first].view(record)[:, 0].tolist()
+            rows.extend((index, *value) for index, value in zip(indices[first].tolist(), values, strict=True))
         return sorted(rows, key=lambda row: row[0])
+
+    @cached_property
+    def _housekeeping(self) -> dict[int, tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]]:
+        """Bytes and indices of the messages that the reader itself wants, by definition."""
+        wanted = [k for k, slot in enumerate(self._slots) if slot.name in ("UNIT", "MULT", "FMTU", "DSF")]
+        positions, indices = self._locate(self._whole, set(wanted))
+        which = self._sequence[indices]
+        return {number: (positions[which == number], indices[which == number]) for number in wanted}
 
     def _locate(self, span: Span, slots: set[int]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         wanted = np.zeros(max(1, len(self._slots)), np.bool_)
         wanted[list(slots)] = True
         sequence = self._sequence[span.first : span.last]
-        count = int(np.bincount(sequence, minlength=len(self._slots))[list(slots)].sum())
+        count = int(self._totals(span)[list(slots)].sum())
         positions, indices = np.empty(count, np.int64), np.empty(count, np.int64)
-        run_index, run_position = self._runs(span)
+        run_index, run_position, _ = self._runs(span)
         _decode.locate(sequence, self._length, run_index, run_position, span.position, wanted, positions, indices)
         return positions, indices
 
@@ -347,15 +381,18 @@ class DataflashSource:
         names = list(dict.fromkeys(names))
         span = self._spans[boot]
         sequence = self._sequence[span.first : span.last]
-        found = np.bincount(sequence, minlength=len(self._slots))
+        found = self._totals(span)
         tables = [k for k in np.flatnonzero(found).tolist() if self._slots[k].name in set(names)]
         layout = _Layout([self._slots[k] for k in tables], [int(found[k]) for k in tables], self._unit_table)
         table_of_slot = np.full(max(1, len(self._slots)), -1, np.int32)
         table_of_slot[tables] = np.arange(len(tables))
-        run_index, run_position = self._runs(span)
+        run_index, run_position, _ = self._runs(span)
+        untimed = [k for k in tables if self._slots[k].time is None]
+        times = self._interpolated_times(span, boot, untimed) if untimed else {}
+        self._release(0, len(self._data), everything=True)
         row = np.zeros(len(tables), np.int64)
-        state = np.array((0, span.position, 0), np.int64)
-        released = span.position - span.position % mmap.ALLOCATIONGRANULARITY
+        state = np.array((0, span.position, 0, 0), np.int64)
+        released = span.position - span.position % _HUGE_PAGE
         step = len(sequence) if len(self._data) <= _KEEP else max(1, len(sequence) * _KEEP // len(self._data))
         for stop in range(step, len(sequence) + step, step):
             _decode.gather(
@@ -364,13 +401,11 @@ class DataflashSource:
                 layout.divisor, row, layout.memory, state,
             )  # fmt: skip
             released = self._release(released, int(state[1]))
-        self._release(released, int(state[1]), everything=True)
         parts: dict[str, list[tuple[int, pd.DataFrame]]] = {}
-        untimed = [k for k in tables if self._slots[k].time is None]
-        times = self._interpolated_times(span, boot, untimed) if untimed else {}
         for table, number in enumerate(tables):
             frame = self._frame(layout, table, times.get(number), boot)
             parts.setdefault(self._slots[number].name, []).append((number, frame))
+        self._release(0, len(self._data), everything=True)
         frames = {}
         for name in names:
             if name not in parts:
@@ -412,23 +447,24 @@ class DataflashSource:
         self, span: Span, boot: Boot, slots: list[int]
     ) -> dict[int, npt.NDArray[np.float64]]:  # fmt: skip
         """Boot clock of messages that carry none, from the bytes between the timed messages around them."""
-        located = {number: self._locate(span, {number})[0] for number in slots}
-        everything = np.unique(np.concatenate(list(located.values())))
-        before, after = np.empty((len(everything), 2), np.int64), np.empty((len(everything), 2), np.int64)
-        run_index, run_position = self._runs(span)
+        positions, indices = self._locate(span, set(slots))
+        before, after = np.empty((len(positions), 2), np.int64), np.empty((len(positions), 2), np.int64)
+        run_index, run_position, gap_start = self._runs(span)
         low, high = (round(limit * 1e6) for limit in (boot.t_start - 5.0, boot.t_end + 5.0))
+        sequence = self._sequence[span.first : span.last]
         _decode.neighbouring_times(
-            self._data, self._sequence[span.first : span.last], self._length, run_index, run_position, span.position,
-            self._time_width, self._time_offset, low, high, everything, before, after,
+            self._data, sequence, self._length, run_index, run_position, gap_start, self._time_width,
+            self._time_offset, low, high, positions, indices, before, after,
         )  # fmt: skip
         for here, there in ((before, after), (after, before)):
             missing = here[:, 0] < 0
             here[missing] = there[missing]
         distance = np.maximum(after[:, 0] - before[:, 0], 1)
-        fraction = np.clip((everything - before[:, 0]) / distance, 0.0, 1.0)
+        fraction = np.clip((positions - before[:, 0]) / distance, 0.0, 1.0)
         t = (before[:, 1] + fraction * (after[:, 1] - before[:, 1])) * 1e-6
         t[before[:, 0] < 0] = 0.0
-        return {number: t[np.searchsorted(everything, positions)] for number, positions in located.items()}
+        which = sequence[indices]
+        return {number: t[which == number] for number in slots}
 
     # Findings
 
@@ -480,12 +516,12 @@ class DataflashSource:
     @cached_property
     def mean_length(self) -> float:
         """Bytes of a message on average."""
-        found = np.bincount(self._sequence, minlength=len(self._slots))
+        found = self._totals(self._whole)
         return float(found @ self._length[: len(found)]) / len(self._sequence)
 
     @cached_property
     def _used(self) -> list[int]:
-        return np.flatnonzero(np.bincount(self._sequence, minlength=len(self._slots))).tolist()
+        return np.flatnonzero(self._totals(self._whole)).tolist()
 
     @property
     def contradictory_in_use(self) -> list[str]:

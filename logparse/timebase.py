@@ -5,6 +5,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import numpy.typing as npt
 
+from logparse import _decode
+
 _GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
 
 #: GPS time is ahead of UTC by so many seconds from each date on (IERS Bulletin C).
@@ -47,6 +49,8 @@ def mend_times(t: npt.NDArray[np.float64], low: float, high: float) -> tuple[npt
     ndarray, int
         Times and how many were replaced.
     """
+    if _decode.is_orderly(t, low - _ODD_STEP, high + _ODD_STEP, _ODD_STEP):
+        return t, 0
     odd = (t < low - _ODD_STEP) | (t > high + _ODD_STEP) | ~np.isfinite(t)
     steps = np.diff(t)
     if np.any(steps < -_ODD_STEP):
