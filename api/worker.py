@@ -53,18 +53,17 @@ Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
 
 
 #: Stages of the pipeline with what they are called on the page and the part of the time that they usually take.
-_STAGES = {
-    "read": ("Reading the log", 0.02),
-    "tables": ("Decoding messages", 0.08),
+STAGES = {
+    "read": ("Reading the log", 0.05),
+    "tables": ("Decoding messages", 0.05),
+    "health": ("Checking the log", 0.01),
     "flight": ("Looking for the flight", 0.01),
-    "trajectory": ("Reconstructing the flight path", 0.14),
+    "trajectory": ("Reconstructing the flight path", 0.15),
     "experiment": ("Resampling commands and motion", 0.02),
-    "thrust": ("Fitting thrust", 0.03),
-    "model": ("Fitting transfer functions", 0.60),
-    "training": ("Comparing with the fitted part of the flight", 0.01),
-    "validation": ("Judging on the unseen part of the flight", 0.02),
-    "prediction": ("Predicting the flight", 0.02),
-    "report": ("Writing the report", 0.05),
+    "thrust": ("Fitting thrust", 0.02),
+    "model": ("Fitting transfer functions", 0.57),
+    "validation": ("Judging on the unseen part of the flight", 0.03),
+    "report": ("Writing the report", 0.09),
 }
 
 
@@ -74,10 +73,10 @@ def analyze_log(log: Path, name: str, folder: Path, progress: Progress) -> None:
     import pipeline
     import reports
 
-    begun = dict(zip(_STAGES, accumulate((share for _, share in _STAGES.values()), initial=0.0), strict=False))
+    begun = dict(zip(STAGES, accumulate((share for _, share in STAGES.values()), initial=0.0), strict=False))
 
     def overall(stage: str, fraction: float) -> None:
-        words, share = _STAGES.get(stage, (stage, 0.0))
+        words, share = STAGES.get(stage, (stage, 0.0))
         progress(words, begun.get(stage, 0.0) + share * fraction)
 
     result = pipeline.analyze(log, progress=overall, name=Path(name).stem)

@@ -15,6 +15,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from api.worker import STAGES
+
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample_logs" / "octa01_zurich_calm.bin"
 ROTORID = Path(sys.executable).with_name("rotorid")
@@ -75,6 +77,12 @@ def test_a_sample_log_gives_models_and_rmse(server: httpx.Client, answer: httpx.
     for row, reported in zip(rows, found["report"]["rmse"], strict=True):
         for axis in "xyz":
             assert float(row[f"rmse_{axis}_m"]) == reported["rmse_m"][axis] > 0.0
+
+
+@pytest.mark.slow
+def test_the_page_has_words_for_every_stage(answer: httpx.Response) -> None:
+    assert answer.json()["report"]["timings_s"].keys() <= STAGES.keys()
+    assert sum(share for _, share in STAGES.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.slow
