@@ -74,12 +74,12 @@ _BLOCK_MESSAGES = 8192
 _BLOCK_BYTES = 256 * 1024
 
 
-@njit
+@njit(nogil=True)
 def _u16(data: Bytes, p: Int) -> Int:
     return np.uint16(data[p]) | (np.uint16(data[p + np.uint64(1)]) << np.uint16(8))
 
 
-@njit
+@njit(nogil=True)
 def _u32(data: Bytes, p: Int) -> Int:
     # LLVM makes one load of this.
     return (
@@ -90,12 +90,12 @@ def _u32(data: Bytes, p: Int) -> Int:
     )
 
 
-@njit
+@njit(nogil=True)
 def _u64(data: Bytes, p: Int) -> Int:
     return np.uint64(_u32(data, p)) | (np.uint64(_u32(data, p + np.uint64(4))) << np.uint64(32))
 
 
-@njit
+@njit(nogil=True)
 def _time_us(data: Bytes, p: Int, time_width: Int, time_offset: Int) -> Int:
     """Boot clock of the message at `p`, us; -1 where it has none or it cannot be."""
     if time_width == 8:
@@ -107,7 +107,7 @@ def _time_us(data: Bytes, p: Int, time_width: Int, time_offset: Int) -> Int:
     return np.int64(-1)
 
 
-@njit
+@njit(nogil=True)
 def _is_header(data: Bytes, p: Int, n: Int) -> Any:
     """Whether a message may begin at `p`: a header, or as much of one as the file still holds."""
     if p >= n:
@@ -468,14 +468,14 @@ def gather(
                 what = operation[f]
                 up = factor[f]
                 down = divisor[f]
-                if what == COPY_4 or what == SCALE_F32:
+                if what in (COPY_4, SCALE_F32):
                     to = begin // np.uint64(4) + first_row
                     for k in range(m):
                         out_4[to + k] = _u32(data, place[a + k] + o)
                     if what == SCALE_F32:
                         for k in range(m):
                             out_f4[to + k] = np.float64(out_f4[to + k]) * up / down
-                elif what == COPY_8 or what == SCALE_F64:
+                elif what in (COPY_8, SCALE_F64):
                     to = begin // np.uint64(8) + first_row
                     for k in range(m):
                         out_8[to + k] = _u64(data, place[a + k] + o)
@@ -593,7 +593,7 @@ def neighbouring_times(
             index = indices[k]
             position = positions[k]
             # Breaks before and at this message.
-            run = np.int64(0)
+            run: Int = np.int64(0)
             top = run_index.size
             while run < top:
                 middle = (run + top) // 2
