@@ -1,0 +1,107 @@
+"""Exported files must carry every row, the units, and names that no log can misuse."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from scipy.io import loadmat
+
+from logparse import read_log
+from logparse.errors import RotoridError
+from logparse.export import export
+from logparse.tables import Tables
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
+
+
+def frame(times, units=None, **columns):
+    table = pd.DataFrame(columns, index=pd.Index(np.asarray(times, dtype=float), name="t"))
+    table.attrs["units"] = units or {}
+    return table
+
+
+@pytest.fixture
+def log():
+    t = np.arange(5.0)
+    motors = frame(t, m1=1500.0 + t, m2=1500.0 - t)
+    modes = pd.DataFrame({"mode": ["AUTO", "LÄND"]}, index=pd.Index([0.0, 3.0], name="t"))
+    messages = {
+        "ATT": frame(t, {"Roll": "deg"}, Roll=t, t=2 * t),
+        "MSG": frame([1.0, 2.0], Message=["hello", None], Blob=[b"\x00\xff", b""]),
+        "../X Y": frame([0.0], **{"1st": [7]}),
+    }
+    return SimpleNamespace(
+        path=Path("some log.bin"),
+        messages=messages,
+        tables=Tables(motors=motors, modes=modes),
+        parameters={"FRAME_CLASS": 3.0},
+    )
+
+
+def test_parquet_with_units(log, tmp_path):
+    files = export(log, tmp_path)
+    assert {path.relative_to(tmp_path).as_posix() for path in files} == {
+        "tables/motors.parquet",
+        "tables/modes.parquet",
+        "messages/ATT.parquet",
+        "messages/MSG.parquet",
+        "messages/_X_Y.parquet",
+        "parameters/parameters.parquet",
+    }
+    motors = pq.read_table(tmp_path / "tables" / "motors.parquet")
+    assert motors.schema.field("m1").metadata == {b"unit": b"us"}
+    assert motors["m2"].to_pylist() == [1500.0, 1499.0, 1498.0, 1497.0, 1496.0]
+    attitude = pq.read_table(tmp_path / "messages" / "ATT.parquet")
+    # A field that is itself called t must not hide the time.
+    assert attitude.column_names == ["t", "Roll", "t_2"]
+    assert attitude.schema.field("Roll").metadata == {b"unit": b"deg"}
+
+
+def test_csv_of_a_part(log, tmp_path):
+    (motors, attitude) = export(log, tmp_path, format="csv", messages=["motors", "ATT"], start=1.0, stop=3.0)
+    assert pd.read_csv(motors)["t"].tolist() == [1.0, 2.0, 3.0]
+    assert pd.read_csv(attitude)["Roll"].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_matlab(log, tmp_path):
+    (path,) = export(log, tmp_path, format="mat")
+    assert path.name == "some_log.mat"
+    content = loadmat(path, simplify_cells=True)
+    assert content["tables"]["motors"]["m1"].tolist() == [1500, 1501, 1502, 1503, 1504]
+    assert list(content["tables"]["modes"]["mode"]) == ["AUTO", "LÄND"]
+    assert content["messages"]["x___X_Y"]["x1st"] == 7
+    assert content["messages"]["MSG"]["Blob"][0] == "00ff"
+
+
+def test_names_that_the_log_does_not_have(log, tmp_path):
+    with pytest.raises(RotoridError, match=r"has no RCOU; it has the tables motors, modes and the messages"):
+        export(log, tmp_path, messages=["RCOU"])
+    with pytest.raises(RotoridError, match="unknown export format 'xlsx'"):
+        export(log, tmp_path, format="xlsx")
+
+
+@pytest.mark.parametrize("kind", ["parquet", "csv", "mat"])
+@pytest.mark.parametrize("name", ["sitl/paper03.BIN", "real/DigitalSarcasm-Quadcopter__nan.log"])
+def test_shared_logs_export_whole(name, kind, tmp_path):
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip("shared logs are not here")
+    log = read_log(path)
+    files = export(log, tmp_path, format=kind)
+    if kind == "mat":
+        content = loadmat(files[0], simplify_cells=True)
+        assert len(content["messages"]["IMU"]["GyrX"]) == log.messages.counts["IMU"]
+        return
+    count = sum(
+        getattr(log.tables, table) is not None
+        for table in Tables.__dataclass_fields__
+        if table not in ("further", "parameters", "origin")
+    )
+    assert len(files) == count + len(log.messages) + 1
+    if kind == "parquet":
+        imu = pq.read_table(tmp_path / "messages" / "IMU.parquet")
+        assert imu.num_rows == log.messages.counts["IMU"]
+        assert imu["GyrX"].to_numpy() == pytest.approx(log.messages["IMU"]["GyrX"].to_numpy())

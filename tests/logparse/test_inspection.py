@@ -1,0 +1,186 @@
+"""What `rotorid inspect` says: it must name what is missing and what to set, in plain types."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from logparse import read_log
+from logparse.canonical import build_tables
+from logparse.flights import find_flights
+from logparse.inspection import inspect
+from logparse.source import Boot
+from logparse.vehicle import describe
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
+T = np.arange(0.0, 60.0, 0.1)
+
+
+class Messages(dict):
+    """Messages with their counts, as FlightLog has them."""
+
+    @property
+    def counts(self):
+        return {name: len(frame) for name, frame in self.items()}
+
+
+def message(t, **columns):
+    return pd.DataFrame(columns, index=pd.Index(np.asarray(t, dtype=float), name="t"))
+
+
+def flight_messages():
+    height = np.interp(T, [0, 5, 10, 50, 55], [0, 0, 10, 10, 0])
+    pwm = np.interp(T, [0, 3, 4, 55, 56], [1000, 1000, 1500, 1500, 1000])
+    zeros = np.zeros(len(T))
+    return Messages(
+        RCOU=message(T, **{f"C{k}": pwm for k in range(1, 5)}),
+        IMU=message(T[::1], **{f"Gyr{a}": zeros + 0.01 for a in "XYZ"}, AccX=zeros, AccY=zeros, AccZ=zeros - 9.8),
+        GPS=message(
+            T[::2],
+            Status=zeros[::2] + 3,
+            Lat=zeros[::2] + 47,
+            Lng=zeros[::2] + 8,
+            Alt=488 + height[::2],
+            Spd=zeros[::2],
+            GCrs=zeros[::2],
+            VZ=zeros[::2] + 0.01,
+            HDop=zeros[::2] + 0.8,
+            NSats=zeros[::2] + 12,
+        ),
+        BARO=message(T, Alt=height, Press=zeros + 95e3, Temp=zeros + 20),
+    )
+
+
+def log_of(messages, parameters=None, kind="dataflash"):
+    parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 1} | (parameters or {})
+    vehicle = describe(messages, format=kind, parameters=parameters)
+    tables, findings = build_tables(messages, format=kind, parameters=parameters, vehicle=vehicle)
+    flights = find_flights(tables)
+    boot = Boot(0, 1, float(T[0]), float(T[-1]))
+    return SimpleNamespace(
+        path=Path("folder/some.bin"),
+        format=kind,
+        boots=(boot,),
+        boot=boot,
+        messages=messages,
+        parameters=parameters,
+        vehicle=vehicle,
+        tables=tables,
+        flights=flights,
+        flight=max(flights, key=lambda f: f.duration, default=None),
+        findings=findings,
+        start_utc=datetime(2024, 5, 1, 12, tzinfo=UTC),
+        duration=60.0,
+    )
+
+
+def by_id(inspection):
+    return {finding.id: finding for finding in inspection.findings}
+
+
+def test_extent_rate_and_gaps_of_tables_and_messages():
+    messages = flight_messages()
+    messages["BARO"] = messages["BARO"].drop(messages["BARO"].loc[20.0:25.0].index)
+    inspection = inspect(log_of(messages))
+    tables = {table.name: table for table in inspection.tables}
+    assert (tables["motors"].rows, tables["motors"].rate) == (600, pytest.approx(10.0))
+    assert (tables["baro"].gaps, tables["baro"].longest_gap) == (1, pytest.approx(5.1, abs=0.11))
+    assert [message.name for message in inspection.messages][-1] == "GPS"
+    assert inspection.messages[0].rate == pytest.approx(10.0)
+    assert (inspection.file, inspection.boots, inspection.start_utc) == ("some.bin", 1, "2024-05-01T12:00:00.000+00:00")
+
+
+def test_plain_types_for_json():
+    result = inspect(log_of(flight_messages())).to_dict()
+    again = json.loads(json.dumps(result, allow_nan=False))
+    assert again == result
+    assert again["flights"][0]["duration"] == pytest.approx(50.0, abs=1.0)
+    assert again["vehicle"]["motors"][0]["number"] == 1
+    assert again["findings"][0]["severity"] in ("error", "warning", "info")
+
+
+def test_what_is_missing_is_named_with_the_bit_that_logs_it():
+    messages = flight_messages()
+    del messages["RCOU"]
+    findings = by_id(inspect(log_of(messages, {"LOG_BITMASK": 43006 & ~1024})))
+    assert "no-motor-outputs" in findings
+    assert findings["no-motor-outputs"].severity == "error"
+    assert "bit 10 (value 1024, RCOUT) of LOG_BITMASK" in findings["no-motor-outputs"].advice
+    assert f"make it {43006 | 1024}" in findings["no-motor-outputs"].advice
+    assert {"no-mag", "no-attitude", "no-battery", "no-fast-rates"} <= set(findings)
+
+
+def test_a_bit_that_is_set_points_to_the_sensor():
+    findings = by_id(inspect(log_of(flight_messages(), {"LOG_BITMASK": 8192})))
+    assert "set already" in findings["no-mag"].advice
+
+
+def test_telemetry_is_told_its_stream_rates():
+    findings = by_id(inspect(log_of(Messages(), kind="tlog")))
+    assert "SRn_RC_CHAN" in findings["no-motor-outputs"].advice
+
+
+def test_errors_come_first():
+    severities = [finding.severity.value for finding in inspect(log_of(Messages())).findings]
+    assert severities == sorted(severities, key=["error", "warning", "info"].index)
+
+
+def test_a_bench_log_says_why_it_is_no_flight():
+    messages = flight_messages()
+    for name in messages["RCOU"]:
+        messages["RCOU"][name] = 1000
+    finding = by_id(inspect(log_of(messages)))["no-flight"]
+    assert "never run above idle (1000 us)" in finding.reason
+
+
+def test_troubles_in_flight():
+    messages = flight_messages()
+    messages["GPS"]["Status"] = np.where(messages["GPS"].index > 30, 1, 3)
+    messages["IMU"] = messages["IMU"].drop(messages["IMU"].loc[20.0:23.0].index)
+    messages["RCOU"]["C1"] = np.where((T > 20) & (T < 25), 1950.0, messages["RCOU"]["C1"])
+    messages["VIBE"] = message(
+        T, VibeX=np.full(len(T), 45.0), VibeY=np.zeros(len(T)), VibeZ=np.zeros(len(T)), Clip0=np.arange(len(T))
+    )
+    messages["ERR"] = message([30.0], Subsys=[16], ECode=[2])
+    findings = by_id(inspect(log_of(messages)))
+    assert {
+        "gps-no-fix",
+        "gap-in-imu",
+        "motors-saturated",
+        "vibration",
+        "accelerometer-clipping",
+        "autopilot-errors",
+    } <= set(findings)
+    assert "EKF_CHECK 2" in findings["autopilot-errors"].reason
+    assert findings["gap-in-imu"].evidence["longest"] == pytest.approx(3.1, abs=0.11)
+    assert findings["motors-saturated"].evidence["share"] == pytest.approx(0.1, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected", "not_expected"),
+    [
+        (
+            "real/erlerobot-logs__26-11-2014_181.BIN",
+            {"motors-saturated", "autopilot-errors", "no-battery"},
+            {"no-flight"},
+        ),
+        ("real/Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log", {"no-flight"}, {"no-imu"}),
+        ("real/peterbarker-dataflash-logs__5.BIN", {"no-motor-outputs", "no-imu", "no-baro"}, {"no-gps"}),
+        ("real/code-lever-mavlink-log__2013-10-13_18-50-10.tlog", {"motors-slow", "imu-slow"}, {"no-flight"}),
+        ("sitl/paper01.BIN", {"no-fast-rates"}, {"no-flight", "vibration", "gap-in-motors", "gps-no-fix"}),
+        ("sitl/octa09_systemid_mixer.BIN", set(), {"no-fast-rates", "motors-saturated"}),
+    ],
+)
+def test_shared_logs(name, expected, not_expected):
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip("shared logs are not here")
+    inspection = inspect(read_log(path))
+    found = set(by_id(inspection))
+    assert expected <= found
+    assert not (not_expected & found)
+    json.dumps(inspection.to_dict(), allow_nan=False)
