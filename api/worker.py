@@ -117,7 +117,10 @@ def run(
     try:
         analyze(log, name, folder, progress)
     except RotoridError as error:
-        reports_to.send(Refused(str(error)))
+        reason = str(error)
+        if reason.startswith(log.name):  # Errors name the file as it is kept here; its user calls it otherwise.
+            reason = name + reason.removeprefix(log.name)
+        reports_to.send(Refused(reason))
     except MemoryError:
         reports_to.send(OutOfMemory())
     except Exception:

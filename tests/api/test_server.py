@@ -111,6 +111,7 @@ def test_what_is_no_flight_is_refused_with_a_reason(server: httpx.Client, conten
     response = server.post("/api/v1/logs", params={"analyze": "true"}, files={"file": ("x.bin", content)})
     assert response.status_code == 422
     assert response.json()["type"] == "urn:rotorid:problem:unusable-log", response.text
+    assert "upload" not in response.json()["detail"]  # the name of the file in our storage
 
 
 @pytest.mark.slow
