@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -128,7 +128,7 @@ def _write(frame: pd.DataFrame, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     frame = _flat(frame)
     if path.suffix == ".csv":
-        frame.to_csv(path, index=False)
+        _spread(frame).to_csv(path, index=False)
         return path
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -156,6 +156,28 @@ def _flat(frame: pd.DataFrame) -> pd.DataFrame:
     return result
 
 
+def _spread(frame: pd.DataFrame) -> pd.DataFrame:
+    """One column for each element of array fields: x[0], x[1] ..."""
+    parts: dict[str, object] = {}
+    for name in frame.columns:
+        if _is_array(frame[name]):
+            matrix = _matrix(frame[name])
+            parts |= {f"{name}[{k}]": matrix[:, k] for k in range(matrix.shape[1])}
+        else:
+            parts[name] = frame[name]
+    return pd.DataFrame(parts, index=frame.index)
+
+
+def _is_array(column: "pd.Series[Any]") -> bool:
+    """Whether the values are arrays of numbers, as those of ISBD."""
+    return "list" in str(column.dtype)
+
+
+def _matrix(column: "pd.Series[Any]") -> np.ndarray:
+    """Rows of an array field, shape (N, elements)."""
+    return np.array([np.asarray(row) for row in column]) if len(column) else np.zeros((0, 0))
+
+
 def _unique(names: Iterable[str]) -> list[str]:
     """Names with a number after those that come again; a message can have a field called t."""
     seen: dict[str, int] = {}
@@ -176,7 +198,9 @@ def _write_mat(frames: Iterable[tuple[str, str, pd.DataFrame]], path: Path) -> P
         columns = {}
         for column in flat.columns:
             values = flat[column]
-            if pd.api.types.is_numeric_dtype(values.dtype) or pd.api.types.is_bool_dtype(values.dtype):
+            if _is_array(values):
+                columns[column] = _matrix(values)
+            elif pd.api.types.is_numeric_dtype(values.dtype) or pd.api.types.is_bool_dtype(values.dtype):
                 columns[column] = values.to_numpy()[:, None]
             else:
                 cells = np.empty((len(values), 1), dtype=object)

@@ -131,7 +131,8 @@ class Tables:
     """The canonical tables of one log (see `COLUMNS`) and the parameters that say how they were sensed.
 
     `imu`, `gps`, `baro` and `mag` hold the first healthy instance of their sensor; the other instances are in
-    `further`, by table name.
+    `further`, by table name. Bursts of the batch sampler are in `further` too, as ``"gyro_batch"`` and
+    ``"accel_batch"`` (columns `gyro_x` ... and `batch`, which counts the bursts), one table for each instance.
     """
 
     motors: pd.DataFrame | None = None

@@ -7,6 +7,7 @@ import pandas as pd
 
 from logparse.canonical import dataflash_control as control
 from logparse.canonical import dataflash_events, dataflash_sensors
+from logparse.canonical.batches import batches
 from logparse.canonical.remarks import Remarks
 from logparse.tables import Tables
 from logparse.vehicle import Vehicle
@@ -47,7 +48,7 @@ def build(
         rangefinder=dataflash_sensors.rangefinder(messages, remarks),
         modes=dataflash_events.modes(messages),
         events=dataflash_events.events(messages),
-        further={name: tables for name, tables in further.items() if tables},
+        further={name: tables for name, tables in further.items() if tables} | batches(messages),
         parameters=parameters,
         origin=control.origin(messages, gps, ekf),
     )

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from scipy.io import loadmat
@@ -74,6 +75,15 @@ def test_matlab(log, tmp_path):
     assert list(content["tables"]["modes"]["mode"]) == ["AUTO", "LÄND"]
     assert content["messages"]["x___X_Y"]["x1st"] == 7
     assert content["messages"]["MSG"]["Blob"][0] == "00ff"
+
+
+def test_array_fields_have_a_column_for_each_element(log, tmp_path):
+    arrays = pa.FixedSizeListArray.from_arrays(pa.array(np.arange(6, dtype="i2")), 3)
+    log.messages["ISBD"] = frame([0.0, 1.0], x=pd.arrays.ArrowExtensionArray(arrays))
+    (path,) = export(log, tmp_path, format="csv", messages=["ISBD"])
+    assert path.read_text().splitlines() == ["t,x[0],x[1],x[2]", "0.0,0,1,2", "1.0,3,4,5"]
+    (path,) = export(log, tmp_path, format="mat", messages=["ISBD"])
+    assert loadmat(path, simplify_cells=True)["messages"]["ISBD"]["x"].tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
 def test_names_that_the_log_does_not_have(log, tmp_path):

@@ -392,6 +392,38 @@ def test_events_keep_all_that_happened_at_one_time():
     assert tables.events.index.tolist() == pytest.approx([5.0, 5.0, 5.0, 7.0, 9.0], abs=1e-5)
 
 
+def test_batches_are_timed_by_their_samples():
+    # Two bursts of 64 samples at 1 kHz, written half a second late and interleaved; the counter N comes again.
+    heads = message(
+        [1.0, 1.01, 9.0],
+        N=[7, 8, 7],
+        type=[1, 0, 1],
+        instance=[0, 0, 0],
+        mul=[100, 10, 100],
+        smp_cnt=[64] * 3,
+        SampleUS=[500_000, 600_000, 8_500_000],
+        smp_rate=[1000.0] * 3,
+    )
+    ramp = np.arange(32)
+    blocks = [(1.1, 7, 0), (1.12, 8, 0), (1.14, 7, 1), (1.16, 8, 1), (9.1, 7, 1), (9.2, 99, 0)]
+    data = message(
+        [t for t, _, _ in blocks],
+        N=[n for _, n, _ in blocks],
+        seqno=[k for _, _, k in blocks],
+        x=[ramp + 32 * k for _, _, k in blocks],
+        y=[-ramp] * 6,
+        z=[0 * ramp] * 6,
+    )
+    tables, _ = build({"ISBH": heads, "ISBD": data})
+    (gyro,), (accel,) = tables.further["gyro_batch"], tables.further["accel_batch"]
+    assert gyro.index[:64].tolist() == pytest.approx((0.5 + np.arange(64) * 1e-3).tolist())
+    assert gyro["gyro_x"].iloc[:64].tolist() == pytest.approx((np.arange(64) / 100).tolist())
+    # Of the last burst only the second block came through.
+    assert gyro["batch"].value_counts().tolist() == [64, 32]
+    assert gyro.index[64] == pytest.approx(8.532)
+    assert accel["accel_x"].iloc[-1] == pytest.approx(6.3)
+
+
 def test_messages_without_a_row_are_as_missing():
     tables, findings = build(
         {name: message([]) for name in ("IMU", "GPS", "BARO", "MAG", "ATT", "RCOU", "EV", "MODE", "RATE")}
