@@ -269,7 +269,8 @@ def _fuse(x: Array, P: Array, nu: float, variance: float, index: Array, value: A
             PH[i] += value[j] * P[index[j], i]
     for j in range(count):
         variance += value[j] * PH[index[j]]
-    inv = 1.0 / variance
+    # Beyond three sigma the variance grows with the innovation: its pull stays bounded (Huber's weights).
+    inv = 1.0 / max(variance, nu * nu / 9.0)
     for i in range(N):
         gain[i] = PH[i] * inv
         dx[i] = gain[i] * nu
@@ -382,9 +383,11 @@ def forward(
                 for i in range(count):
                     for j in range(count):
                         s += value[i] * value[j] * P[index[i], index[j]]
+                spread += np.log(s)
+                # What the sensor's class may do is never refused, however quiet this one is.
+                s += scalar_var[m]
                 if nu * nu > worst * s:
                     worst = nu * nu / s
-                spread += np.log(s)
                 scalar_nu[m] = nu
                 scalar_inv[m] = 0.0
             if worst > gate * gate:

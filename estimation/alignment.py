@@ -117,6 +117,15 @@ def align(
     return Alignment(x, np.diag(sigma**2), still, yaw_source)
 
 
+def with_priors(P: np.ndarray, noise: SensorNoise) -> np.ndarray:
+    """Give the start's covariance with the sensor errors' priors of other noise settings; P of shape (25, 25)."""
+    P = P.copy()
+    for block, sigma in ((ACCEL_BIAS, noise.accel_bias), (HARD_IRON, noise.hard_iron)):
+        for i in range(block, block + 3):
+            P[i, i] = sigma**2 if P[i, i] > 0.0 else 0.0
+    return P
+
+
 def _logged_attitude(tables: Tables, start: float) -> np.ndarray | None:
     """Give the autopilot's attitude near the start [rad], None when it is not logged there."""
     attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])

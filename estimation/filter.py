@@ -113,6 +113,7 @@ def assemble(
     noise: SensorNoise,
     *,
     white_scale: np.ndarray | None = None,
+    imu_scale: np.ndarray | None = None,
     stop: float = np.inf,
 ) -> Problem:
     """Lay out nodes and sub-steps of one segment, or of its beginning; `outputs` are times within it, s."""
@@ -134,7 +135,7 @@ def assemble(
         sub_dt=np.diff(t),
         sub_angle=np.ascontiguousarray(angle),
         sub_velocity=np.ascontiguousarray(velocity),
-        sub_noise=np.ascontiguousarray(variance),
+        sub_noise=np.ascontiguousarray(variance if imu_scale is None else variance * imu_scale),
         node_sub=node_sub.astype(np.int64),
         node_group=np.concatenate([[0], np.searchsorted(measured, nodes, side="right")]).astype(np.int64),
         node_out=node_out,

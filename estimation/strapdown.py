@@ -1,13 +1,13 @@
 """From IMU-rate tables to a smoothed trajectory."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 
-from estimation.alignment import Alignment, align
+from estimation.alignment import Alignment, align, with_priors
 from estimation.consistency import innovation_statistics
 from estimation.filter import ForwardPass, Problem, World, assemble, run
 from estimation.local_frame import LocalFrame, is_simulated
@@ -17,8 +17,8 @@ from estimation.smoother import Smoothed, smooth
 from estimation.states import SENSOR_ERROR_COLUMNS, SensorNoise
 from estimation.timing import ACCEL, GYRO, InertialSignal, imu_delays, sample_rate, segments, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
-from estimation.tuning import Tuned, tune
-from logparse import Finding, Geodetic, Severity, Tables
+from estimation.tuning import WINDOW, Tuned, relinearised, tune
+from logparse import Finding, Geodetic, MissingDataError, Severity, Tables
 
 #: Segments of the log shorter than this are left out, s.
 SHORTEST_SEGMENT = 2.0
@@ -28,13 +28,25 @@ STANDARD_GRAVITY = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class _Segment:
+    """A stretch of the log without holes in its IMU, and where it starts."""
+
+    signal: InertialSignal
+    aligned: Alignment
+
+    @property
+    def length(self) -> float:
+        return self.signal.stop - self.signal.start
+
+
+@dataclass(frozen=True, slots=True)
+class _Estimate:
+    """What came of a segment, at times t."""
+
+    segment: _Segment
+    t: np.ndarray
     problem: Problem
     result: ForwardPass
     smoothed: Smoothed
-    signal: InertialSignal
-    t: np.ndarray
-    aligned: Alignment
-    tuned: Tuned
 
 
 def estimate_strapdown(
@@ -65,43 +77,54 @@ def estimate_strapdown(
         tables = replace(tables, mag=None)
     observations = observe(tables, frame, noise)
 
-    findings = _missing(tables, fixes, mag)
-    done: list[_Segment] = []
     pieces = segments(imu)
-    for piece in pieces:
-        if piece.index[-1] - piece.index[0] < SHORTEST_SEGMENT or len(piece) < 10:
-            continue
-        aligned = align(tables, piece, frame, field.ned if field else None, noise)
-        segment = _estimate_segment(tables, piece, observations, rate, start, stop, aligned, world, noise)
-        if segment is not None:
-            done.append(segment)
-    findings += _holes(pieces)
+    found = [
+        _Segment(
+            InertialSignal.of(piece, tables.parameters, (noise.gyro, noise.accel)),
+            align(tables, piece, frame, field.ned if field else None, noise),
+        )
+        for piece in pieces
+        if piece.index[-1] - piece.index[0] >= SHORTEST_SEGMENT and len(piece) >= 10
+    ]
+    if not found:
+        raise MissingDataError(
+            f"the log has no {SHORTEST_SEGMENT:g} s of IMU samples without a hole: it is too short, or the logger lost "
+            "most of it (see DSF.Dp; a faster card or a smaller LOG_BITMASK helps)"
+        )
+    longest = max(found, key=lambda segment: segment.length)
+    tuned = tune(longest.signal, observations, longest.aligned.x, longest.aligned.P, world, noise)
+    observations = tuned.in_time(observations)
+    done = []
+    for segment in found:
+        begin = max(segment.signal.start, -np.inf if start is None else start)
+        end = min(segment.signal.stop, np.inf if stop is None else stop)
+        t = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
+        if t.size:
+            done.append(_estimate(segment, t, observations, world, tuned))
     if not done:
-        # Nothing inside the span asked for: the caller's span is wrong, not the log.
-        raise ValueError(f"no IMU data of {SHORTEST_SEGMENT:g} s or more between start={start} and stop={stop}")
-    statistics = innovation_statistics([s.problem for s in done], [s.result for s in done])
+        raise ValueError(f"the log has no IMU samples between start = {start} and stop = {stop} s")
     gyro_delay, accel_delay = imu_delays(tables.parameters)
     diagnostics: dict[str, object] = {
-        "innovations": statistics,
-        "log_likelihood": sum(s.result.log_likelihood for s in done),
-        "segments": [(float(s.t[0]), float(s.t[-1])) for s in done],
+        "innovations": innovation_statistics([e.problem for e in done], [e.result for e in done]),
+        "log_likelihood": sum(e.result.log_likelihood for e in done),
+        "segments": [(float(e.t[0]), float(e.t[-1])) for e in done],
+        "aligned_still": [e.segment.aligned.still for e in done],
+        "yaw_source": [e.segment.aligned.yaw_source for e in done],
         "imu_rate": sample_rate(imu),
         "gyro_delay": gyro_delay,
         "accel_delay": accel_delay,
-        "aligned_still": [s.aligned.still for s in done],
-        "yaw_source": [s.aligned.yaw_source for s in done],
-        "lags": [dict(s.tuned.lags) for s in done],
-        "gyro_bias_walk": [s.tuned.noise.gyro_bias_walk for s in done],
-        "hard_iron_walk": [s.tuned.noise.hard_iron_walk for s in done],
-        "gps_error_time": [s.tuned.noise.gps_error_time for s in done],
+        "lags": dict(tuned.lags),
+        "noise": asdict(tuned.noise),
+        "imu_noise_scale": tuple(tuned.imu_scale.tolist()),
         "declination": float(np.arctan2(field.ned[1], field.ned[0])) if field else float("nan"),
         "declination_source": field.declination_source if field else "none",
     }
+    findings = _missing(tables, fixes, mag) + _holes(pieces)
     states, sigma = _frames(done)
     return Trajectory(
         states=states,
         sigma=sigma,
-        covariance=np.concatenate([s.smoothed.covariance for s in done]),
+        covariance=np.concatenate([e.smoothed.covariance for e in done]),
         origin=origin or Geodetic(float("nan"), float("nan"), 0.0),
         method="strapdown",
         diagnostics=diagnostics,
@@ -119,39 +142,39 @@ def find_origin(tables: Tables, fixes: pd.DataFrame | None) -> Geodetic | None:
     return Geodetic(float(first["lat"]), float(first["lon"]), float(first["alt"]))
 
 
-def _estimate_segment(
-    tables: Tables,
-    imu: pd.DataFrame,
-    observations: Observations,
-    rate: float,
-    start: float | None,
-    stop: float | None,
-    aligned: Alignment,
-    world: World,
-    noise: SensorNoise,
-) -> _Segment | None:
-    signal = InertialSignal.of(imu, tables.parameters, (noise.gyro, noise.accel))
-    begin = max(signal.start, -np.inf if start is None else start)
-    end = min(signal.stop, np.inf if stop is None else stop)
-    t = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
-    if t.size == 0:
-        return None
-    tuned = tune(signal, observations, aligned.x, aligned.P, world, noise)
-    problem = assemble(
-        signal, tuned.observations, t, tuned.x, aligned.P, world, tuned.noise, white_scale=tuned.white_scale
-    )
+def _estimate(segment: _Segment, t: np.ndarray, observations: Observations, world: World, tuned: Tuned) -> _Estimate:
+    """Filter and smooth one segment; a first run over its beginning finds the attitude to linearise about."""
+    P = with_priors(segment.aligned.P, tuned.noise)
+    signal = segment.signal
+
+    def lay_out(outputs: np.ndarray, x: np.ndarray, stop: float) -> Problem:
+        return assemble(
+            signal,
+            observations,
+            outputs,
+            x,
+            P,
+            world,
+            tuned.noise,
+            white_scale=tuned.white_scale,
+            imu_scale=tuned.imu_scale,
+            stop=stop,
+        )
+
+    first = lay_out(np.array([signal.start]), segment.aligned.x, signal.start + WINDOW)
+    problem = lay_out(t, relinearised(first, run(first)), np.inf)
     result = run(problem)
-    return _Segment(problem, result, smooth(problem, result), signal, t, aligned, tuned)
+    return _Estimate(segment, t, problem, result, smooth(problem, result))
 
 
-def _frames(done: list[_Segment]) -> tuple[pd.DataFrame, pd.DataFrame]:
+def _frames(done: list[_Estimate]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Lay the segments' estimates out as the tables of a `Trajectory`."""
-    index = pd.Index(np.concatenate([s.t for s in done]), name="t")
-    x = np.concatenate([s.smoothed.x for s in done])
-    rates = np.concatenate([s.signal.rate(s.t) for s in done]) - x[:, 10:13]
-    forces = np.concatenate([s.signal.force(s.t) for s in done]) - x[:, 13:16]
-    slow = np.concatenate([s.smoothed.slow_variance for s in done])
-    fast = np.concatenate([np.diagonal(s.smoothed.covariance, axis1=1, axis2=2) for s in done])
+    index = pd.Index(np.concatenate([e.t for e in done]), name="t")
+    x = np.concatenate([e.smoothed.x for e in done])
+    rates = np.concatenate([e.segment.signal.rate(e.t) for e in done]) - x[:, 10:13]
+    forces = np.concatenate([e.segment.signal.force(e.t) for e in done]) - x[:, 13:16]
+    slow = np.concatenate([e.smoothed.slow_variance for e in done])
+    fast = np.concatenate([np.diagonal(e.smoothed.covariance, axis1=1, axis2=2) for e in done])
     # A sensor that is not there has no error to estimate.
     there = np.count_nonzero(slow, axis=0) > 0
     errors = [name for name, some in zip(SENSOR_ERROR_COLUMNS, there, strict=True) if some]

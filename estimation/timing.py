@@ -27,12 +27,18 @@ def filter_delay(cutoff: float) -> float:
     return float(np.sqrt(2.0) / (2.0 * np.pi * cutoff)) if cutoff > 0.0 else 0.0
 
 
+def imu_cutoffs(parameters: Mapping[str, float]) -> tuple[float, float]:
+    """Cut-off of the autopilot's low-pass filters on gyro and accelerometer, Hz; 0 where off or not logged."""
+    return (
+        parameters.get("INS_GYRO_FILTER", parameters.get("IMU_GYRO_CUTOFF", 0.0)),
+        parameters.get("INS_ACCEL_FILTER", parameters.get("IMU_ACCEL_CUTOFF", 0.0)),
+    )
+
+
 def imu_delays(parameters: Mapping[str, float]) -> tuple[float, float]:
     """Delay of gyro and accelerometer samples by the autopilot's low-pass filters, s; 0 where the log does not tell."""
-    return (
-        filter_delay(parameters.get("INS_GYRO_FILTER", parameters.get("IMU_GYRO_CUTOFF", 0.0))),
-        filter_delay(parameters.get("INS_ACCEL_FILTER", parameters.get("IMU_ACCEL_CUTOFF", 0.0))),
-    )
+    gyro, accel = imu_cutoffs(parameters)
+    return filter_delay(gyro), filter_delay(accel)
 
 
 def usable(table: pd.DataFrame | None, columns: list[str]) -> pd.DataFrame | None:
@@ -97,7 +103,7 @@ class InertialSignal:
     def of(cls, imu: pd.DataFrame, parameters: Mapping[str, float], floor: tuple[float, float]) -> "InertialSignal":
         """Make the signal of one segment of the IMU table; `floor` is the sensors' own noise density (gyro, accel)."""
         t, values, hole = _regular(imu.index.to_numpy(float), imu[GYRO + ACCEL].to_numpy(float))
-        density = noise_density(t, values, floor)
+        density = noise_density(t, values, imu_cutoffs(parameters), floor)
         density += hole[:, None] * np.array([UNSEEN_RATE**2, UNSEEN_FORCE**2])
         gyro_delay, accel_delay = imu_delays(parameters)
         rate = CubicSpline(t - gyro_delay, values[:, :3], bc_type="natural")
@@ -154,12 +160,19 @@ def _regular(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     )
 
 
-def noise_density(t: np.ndarray, values: np.ndarray, floor: tuple[float, float]) -> np.ndarray:
+#: What is left of a sample after its neighbours two and one before and after have predicted it by a cubic.
+MISFIT = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
+
+
+def noise_density(
+    t: np.ndarray, values: np.ndarray, cutoffs: tuple[float, float], floor: tuple[float, float]
+) -> np.ndarray:
     """Estimate the white noise of an IMU about each of its samples from what neighbouring samples do not foretell.
 
     Each sample is predicted by the cubic through its two neighbours on either side; of white noise with variance s^2
-    the misfit has 70/36 s^2. What is left of vibration, aliasing and movement too fast for the sampling counts as
-    noise, which is what it does to the integral. Averaged over four seconds and the three axes.
+    the misfit has 70/36 s^2, less where a low-pass filter took away the high frequencies that it looks at. What is left
+    of vibration, aliasing and movement too fast for the sampling counts as noise, which is what it is to the integral.
+    Averaged over four seconds and the three axes.
 
     Parameters
     ----------
@@ -167,8 +180,10 @@ def noise_density(t: np.ndarray, values: np.ndarray, floor: tuple[float, float])
         s
     values : ndarray, shape (n, 6)
         Rates, then specific forces.
+    cutoffs : (float, float)
+        Of the low-pass filters on either, Hz; 0 for none.
     floor : (float, float)
-        rad/s/sqrt(Hz), m/s^2/sqrt(Hz)
+        The sensors' own density, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz).
 
     Returns
     -------
@@ -176,14 +191,40 @@ def noise_density(t: np.ndarray, values: np.ndarray, floor: tuple[float, float])
         (rad/s)^2/Hz and (m/s^2)^2/Hz
     """
     step = float(np.median(np.diff(t)))
-    misfit = np.zeros_like(values)
-    if len(t) >= 5:
-        inner = (4.0 * (values[1:-3] + values[3:-1]) - values[:-4] - values[4:]) / 6.0
-        misfit[2:-2] = values[2:-2] - inner
-    power = misfit**2 * (36.0 / 70.0)
-    window = max(3, round(4.0 / step))
     density = np.empty((len(t), 2))
-    for column, block in enumerate((power[:, :3], power[:, 3:])):
-        local = uniform_filter1d(block.mean(axis=1), window, mode="nearest")
-        density[:, column] = np.maximum(local * step, floor[column] ** 2)
+    for column, cutoff in enumerate(cutoffs):
+        # Neighbours are taken so far apart that the filter leaves noise for the misfit to see.
+        stride = max(1, round(1.0 / (step * 2.5 * cutoff))) if cutoff > 0.0 else 1
+        block = values[:, 3 * column : 3 * column + 3]
+        misfit = np.zeros_like(block)
+        inside = slice(2 * stride, len(t) - 2 * stride)
+        if len(t) > 4 * stride:
+            misfit[inside] = sum(
+                weight * block[k * stride : len(t) - (4 - k) * stride] for k, weight in enumerate(MISFIT)
+            )
+        window = max(3, round(4.0 / step))
+        local = uniform_filter1d((misfit**2).mean(axis=1), window, mode="nearest")
+        spacing = stride * step
+        density[:, column] = np.maximum(local * spacing / _misfit_of_white(cutoff * spacing), floor[column] ** 2)
     return density
+
+
+def _misfit_of_white(cutoff: float) -> float:
+    """Power of the misfit of samples whose noise was white before a second-order Butterworth filter.
+
+    Parameters
+    ----------
+    cutoff : float
+        As a fraction of the sampling rate; 0 for no filter.
+
+    Returns
+    -------
+    float
+        Relative to the noise density at low frequency, folded into the band of one sample.
+    """
+    f = np.linspace(0.0, 0.5, 257)
+    seen = np.abs(np.exp(-2j * np.pi * np.outer(f, np.arange(5))) @ MISFIT) ** 2
+    if cutoff <= 0.0:
+        return float(seen.mean())
+    folded = (1.0 / (1.0 + ((f[:, None] + np.arange(-4, 5)) / cutoff) ** 4)).sum(axis=1)
+    return float(np.mean(seen * folded) / folded[0])

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation import _kernels
+from estimation.alignment import with_priors
 from estimation.filter import ForwardPass, Problem, World, assemble, matched_scale, run
 from estimation.observations import Observations
 from estimation.smoother import smooth
@@ -18,104 +19,124 @@ from estimation.states import SensorNoise
 from estimation.timing import GYRO_MOVING, InertialSignal
 
 #: Seconds of flight that are looked at; more would cost time and tell little more.
-WINDOW = 240.0
+WINDOW = 180.0
 #: Gain in log-likelihood that a lag other than the documented one must bring.
 DECISIVE = 10.0
 #: Steps of the GPS lag about the documented one, s.
 GPS_LAGS = (-0.12, -0.08, -0.04, 0.0, 0.04, 0.08, 0.12)
+#: Sensors whose lag is looked for, and their kinds of measurement.
+LAGGING: Mapping[str, tuple[int, ...]] = {
+    "mag": (_kernels.MAG,),
+    "gps": (_kernels.GPS_POSITION, _kernels.GPS_VELOCITY),
+}
 #: Ladders of the noise settings, with the names that they have in `SensorNoise`.
 LADDERS: Mapping[str, tuple[float, ...]] = {
     "gyro_bias_walk": (2e-6, 6e-6, 2e-5, 6e-5, 2e-4),
     "hard_iron_walk": (2e-9, 6e-9, 2e-8, 6e-8),
+    "hard_iron": (1e-6, 3e-6, 1e-5, 3e-5),
+    "accel_bias": (0.03, 0.1, 0.3, 1.0),
+    "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3),
 }
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
 GPS_WHITE_SCALES = (0.01, 0.0625, 0.25, 1.0, 4.0, 16.0)
+#: Ladder of the factor on the IMU's noise as `timing.noise_density` sees it.
+IMU_SCALES = (0.25, 0.5, 1.0, 2.0, 4.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """Settings found for one segment.
+    """Settings found for one log.
 
     Attributes
     ----------
     noise : SensorNoise
-    observations : Observations
-        At their most likely times.
     white_scale : ndarray, shape (5,)
         Factor on the white variance of each kind of measurement.
-    x : ndarray, shape (26,)
-        Start of the segment with the attitude to linearise about.
+    imu_scale : ndarray, shape (2,)
+        Factor on the variance that gyro and accelerometer noise add.
     lags : mapping of str to float
-        Lag found beyond the time that the tables give, by sensor, s.
+        Lag found beyond the time that the tables give, by sensor (`LAGGING`), s.
     """
 
     noise: SensorNoise
-    observations: Observations
     white_scale: np.ndarray
-    x: np.ndarray
+    imu_scale: np.ndarray
     lags: Mapping[str, float]
+
+    def in_time(self, observations: Observations) -> Observations:
+        """Put observations at the times that were found."""
+        for sensor, lag in self.lags.items():
+            observations = observations.earlier(LAGGING[sensor], lag)
+        return observations
 
 
 def tune(
     signal: InertialSignal, observations: Observations, x: np.ndarray, P: np.ndarray, world: World, noise: SensorNoise
 ) -> Tuned:
-    """Find the settings of one segment from its start to at most `WINDOW` into the flight."""
+    """Find the settings from one segment of the log, from its start to at most `WINDOW` into the flight.
+
+    Parameters are those of `filter.assemble`.
+    """
     moving = np.abs(signal.rate(signal.times)).max(axis=1) > GYRO_MOVING
     stop = WINDOW + float(signal.times[np.argmax(moving)] if moving.any() else signal.start)
-    start = np.array([signal.start])
 
     def lay_out(observations: Observations) -> Problem:
-        return assemble(signal, observations, start, x, P, world, noise, white_scale=scale, stop=stop)
+        return assemble(
+            signal, observations, np.array([signal.start]), x, P, world, noise, white_scale=scale, stop=stop
+        )
 
     scale = np.ones(_kernels.KINDS)
     problem = lay_out(observations)
     result = run(problem)
-    x, scale = _aligned(problem, result), matched_scale(problem, result)
+    x, scale = relinearised(problem, result), matched_scale(problem, result)
+    problem = lay_out(observations)
 
     lags = {}
-    for name, kinds, steps in (
-        ("mag", (_kernels.MAG,), _mag_lags(observations)),
-        ("gps", (_kernels.GPS_POSITION, _kernels.GPS_VELOCITY), GPS_LAGS),
-    ):
-        if np.isin(observations.kind, kinds).any():
-
-            def at(lag: float, kinds: tuple[int, ...] = kinds, seen: Observations = observations) -> float:
-                return _likelihood(lay_out(seen.earlier(kinds, lag)))
-
-            lags[name] = _peak(_climb(at, steps, 0.0))
-            observations = observations.earlier(kinds, lags[name])
-
-    problem = lay_out(observations)
+    for sensor, kinds in LAGGING.items():
+        if np.isin(problem.observations.kind, kinds).any():
+            lags[sensor], problem = _find_lag(problem.observations, kinds, lay_out)
     for setting, ladder in LADDERS.items():
         problem = _set_noise(problem, setting, ladder)
-    if np.any(observations.kind == _kernels.GPS_POSITION):
+    if np.any(problem.observations.kind == _kernels.GPS_POSITION):
         problem = _split_gps_error(problem)
-    result = run(problem)
-    matched = matched_scale(problem, result)
+    imu_scale = np.ones(2)
+    for column in range(2):
+        imu_scale[column], problem = _scale_imu(problem, column)
+    matched = matched_scale(problem, run(problem, keep=False))
     matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
-    return Tuned(problem.noise, observations, matched, _aligned(problem, result), lags)
+    return Tuned(problem.noise, matched, imu_scale, lags)
 
 
-def _aligned(problem: Problem, result: ForwardPass) -> np.ndarray:
-    """Take the start's attitude from the smoother, to linearise about; all else stays as the prior has it."""
+def relinearised(problem: Problem, result: ForwardPass) -> np.ndarray:
+    """Take the first output's attitude from the smoother, to linearise about; all else stays as the prior has it."""
     x = problem.x.copy()
     x[6:10] = smooth(problem, result).x[0, 6:10]
     return x
 
 
-def _likelihood(problem: Problem) -> float:
-    return run(problem, keep=False).log_likelihood
+def _find_lag(
+    observations: Observations, kinds: tuple[int, ...], lay_out: Callable[[Observations], Problem]
+) -> tuple[float, Problem]:
+    """Find the lag of one sensor and the problem with it taken out."""
+    steps: tuple[float, ...] = GPS_LAGS
+    if kinds == LAGGING["mag"]:
+        # A magnetometer's row may be the mean of what it measured since the row before.
+        rows = observations.t[observations.kind == _kernels.MAG]
+        steps = (0.0, 0.5 * float(np.median(np.diff(rows)))) if len(rows) > 1 else (0.0,)
+    likelihoods, _ = _climb(lambda lag: lay_out(observations.earlier(kinds, lag)), steps, 0.0)
+    lag = _peak(likelihoods)
+    return lag, lay_out(observations.earlier(kinds, lag))
 
 
 def _set_noise(problem: Problem, setting: str, ladder: Sequence[float]) -> Problem:
     """Put one noise setting on its likeliest rung."""
 
-    def at(value: float) -> float:
-        return _likelihood(replace(problem, noise=replace(problem.noise, **{setting: value})))
+    def at(value: float) -> Problem:
+        noise = replace(problem.noise, **{setting: value})
+        return replace(problem, noise=noise, P=with_priors(problem.P, noise))
 
-    best = _best(_climb(at, ladder, _nearest(ladder, getattr(problem.noise, setting))))
-    return replace(problem, noise=replace(problem.noise, **{setting: best}))
+    return _climb(at, ladder, _nearest(ladder, getattr(problem.noise, setting)))[1]
 
 
 def _split_gps_error(problem: Problem) -> Problem:
@@ -123,28 +144,31 @@ def _split_gps_error(problem: Problem) -> Problem:
 
     Both fill the same innovations, so each correlation time is judged with the white noise that suits it.
     """
-    whites: dict[float, float] = {}
+    kind = _kernels.GPS_POSITION
 
-    def with_white(time: float, factor: float) -> Problem:
+    def with_white(problem: Problem, factor: float) -> Problem:
         scale = problem.white_scale.copy()
-        scale[_kernels.GPS_POSITION] = factor
-        return replace(problem, noise=replace(problem.noise, gps_error_time=time), white_scale=scale)
+        scale[kind] = factor
+        return replace(problem, white_scale=scale)
 
-    def at(time: float) -> float:
-        start = next(reversed(whites.values()), problem.white_scale[_kernels.GPS_POSITION])
-        found = _climb(
-            lambda factor: _likelihood(with_white(time, factor)), GPS_WHITE_SCALES, _nearest(GPS_WHITE_SCALES, start)
-        )
-        whites[time] = _best(found)
-        return found[whites[time]]
+    def at(time: float) -> Problem:
+        wandering = replace(problem, noise=replace(problem.noise, gps_error_time=time))
+        start = _nearest(GPS_WHITE_SCALES, problem.white_scale[kind])
+        return _climb(lambda factor: with_white(wandering, factor), GPS_WHITE_SCALES, start)[1]
 
-    time = _best(_climb(at, GPS_ERROR_TIMES, _nearest(GPS_ERROR_TIMES, problem.noise.gps_error_time)))
-    return with_white(time, whites[time])
+    return _climb(at, GPS_ERROR_TIMES, _nearest(GPS_ERROR_TIMES, problem.noise.gps_error_time))[1]
 
 
-def _best(likelihoods: Mapping[float, float]) -> float:
-    """Give the likeliest value."""
-    return max(likelihoods, key=likelihoods.__getitem__)
+def _scale_imu(problem: Problem, column: int) -> tuple[float, Problem]:
+    """Find the factor on the noise of gyro (column 0) or accelerometer (1), and the problem with it."""
+
+    def at(factor: float) -> Problem:
+        factors = np.ones(2)
+        factors[column] = factor
+        return replace(problem, sub_noise=problem.sub_noise * factors)
+
+    likelihoods, likeliest = _climb(at, IMU_SCALES, 1.0)
+    return max(likelihoods, key=likelihoods.__getitem__), likeliest
 
 
 def _nearest(ladder: Sequence[float], value: float) -> float:
@@ -152,23 +176,29 @@ def _nearest(ladder: Sequence[float], value: float) -> float:
     return min(ladder, key=lambda rung: abs(np.log(rung / value)))
 
 
-def _climb(likelihood: Callable[[float], float], ladder: Sequence[float], start: float) -> dict[float, float]:
-    """Go up and down a ladder of values from `start` as long as it gets likelier; gives every value looked at."""
-    found = {start: likelihood(start)}
+def _climb(
+    variant: Callable[[float], Problem], ladder: Sequence[float], start: float
+) -> tuple[dict[float, float], Problem]:
+    """Go up and down a ladder of values from `start` as long as it gets likelier.
+
+    Gives the log-likelihood of every value looked at, and the likeliest variant of the problem.
+    """
+    likelihoods: dict[float, float] = {}
+    best: Problem | None = None
     for step in (1, -1):
         k = ladder.index(start)
-        while 0 <= k + step < len(ladder):
+        while 0 <= k < len(ladder):
+            value = ladder[k]
+            if value not in likelihoods:
+                problem = variant(value)
+                likelihoods[value] = run(problem, keep=False).log_likelihood
+                if best is None or likelihoods[value] >= max(likelihoods.values()):
+                    best = problem
+                elif value != start:
+                    break
             k += step
-            found[ladder[k]] = likelihood(ladder[k])
-            if found[ladder[k]] < found[ladder[k - step]]:
-                break
-    return found
-
-
-def _mag_lags(observations: Observations) -> tuple[float, ...]:
-    """Lags that a magnetometer may have: none, or half its interval where a row is the mean since the row before."""
-    t = observations.t[observations.kind == _kernels.MAG]
-    return (0.0, 0.5 * float(np.median(np.diff(t)))) if len(t) > 1 else (0.0,)
+    assert best is not None  # start is a rung
+    return likelihoods, best
 
 
 def _peak(likelihoods: Mapping[float, float]) -> float:
