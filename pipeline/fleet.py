@@ -64,6 +64,7 @@ def analyze_fleet(
         jobs: dict[Future[FlightResult | Failure | None], Path] = {
             executor.submit(analyze_one, file, config, names[file], named): file for file, named in files
         }
+        progress(f"{len(jobs)} files", 0.0)
         for number, job in enumerate(as_completed(jobs), start=1):
             file = jobs[job]
             try:
@@ -72,7 +73,7 @@ def analyze_fleet(
                 _LOG.exception("analysing %s failed", file)
                 outcomes[file] = Failure(file, f"the worker process failed: {type(error).__name__}: {error}")
             if outcomes[file] is not None:
-                progress(f"{file.name}: done", share * number)
+                progress(f"{file.name}: done ({number} of {len(jobs)} files)", share * number)
 
     ordered = [outcomes[file] for file, _ in files]
     flights = tuple(outcome for outcome in ordered if isinstance(outcome, FlightResult))

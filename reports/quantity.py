@@ -40,7 +40,8 @@ def uncertain(value: float | None, sigma: float | None, unit: str = "") -> str:
     magnitude = math.floor(math.log10(max(abs(value), sigma)))
     if exponent >= -3 and magnitude < 6:
         places = max(decimals, 0)
-        return f"{value:.{places}f} ± {sigma:.{places}f}".replace("-", MINUS) + tail
+        # Adding 0.0 turns a negative zero into zero.
+        return f"{round(value, places) + 0.0:.{places}f} ± {sigma:.{places}f}".replace("-", MINUS) + tail
     places = max(decimals + magnitude, 0)
     scale = 10.0**magnitude
     power = f"10{str(magnitude).translate(_SUPERSCRIPT)}"

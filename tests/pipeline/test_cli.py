@@ -1,0 +1,158 @@
+"""The command line as a user meets it: what it prints where, and how it ends."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SAMPLES = ROOT / "sample_logs"
+
+
+def rotorid(*arguments, cwd=None):
+    command = [sys.executable, "-c", "from pipeline.cli import main; main()", *map(str, arguments)]
+    environment = os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=300)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["analyze", "nowhere.bin", "--out", "out"],
+        ["analyze", ".", "--out", "out", "--poles", "0"],
+        ["analyze", ".", "--out", "out", "--rate", "ten"],
+        ["analyze", ".", "--out", "out", "--zeros", "9"],
+        ["analyze", "."],
+        ["inspect", "nowhere.bin"],
+        ["export", ".", "--out", "out"],
+        ["simulate", "no-such-case"],
+        ["fly"],
+    ],
+)
+def test_wrong_usage_ends_with_2_and_says_why(arguments, tmp_path):
+    (tmp_path / "a.bin").write_bytes(b"")
+    run = rotorid(*arguments, cwd=tmp_path)
+    assert run.returncode == 2
+    assert run.stderr.strip()
+    assert "Traceback" not in run.stderr
+    assert not run.stdout
+    assert not (tmp_path / "out").exists()
+
+
+def test_help_comes_at_once_and_without_the_numerical_rooms():
+    script = "import sys; sys.argv = ['rotorid', '--help']\nfrom pipeline.cli import app\n"
+    script += (
+        "app(standalone_mode=False)\nprint([m for m in ('numpy', 'pandas', 'numba', 'plotly') if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert run.stdout.rstrip().endswith("[]"), "help must not wait for numerical packages"
+    for command in ("analyze", "inspect", "export", "simulate", "serve"):
+        assert command in run.stdout
+    # 0.3 s of processor time is the aim; twice that leaves room for slow machines.
+    before = os.times()
+    assert rotorid("--help").returncode == 0
+    after = os.times()
+    used = after.children_user + after.children_system - before.children_user - before.children_system
+    assert used < 0.6
+
+
+def test_a_file_that_is_no_log_ends_with_1_and_its_reason(tmp_path):
+    path = tmp_path / "diary.bin"
+    path.write_text("dear diary,\n" * 10)
+    run = rotorid("analyze", path, "--out", tmp_path / "out")
+    assert run.returncode == 1
+    assert "diary.bin" in run.stderr
+    assert "not a flight log" in run.stderr
+    assert "Traceback" not in run.stderr
+    assert not run.stdout
+
+
+def test_an_unwritable_folder_ends_with_a_sentence(tmp_path):
+    (tmp_path / "taken").write_text("a file, not a folder")
+    run = rotorid("export", SAMPLES / "octa01_zurich_calm.bin", "--out", tmp_path / "taken", "--messages", "RCOU")
+    assert run.returncode == 1
+    assert "taken" in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_inspect_json_is_json_and_nothing_else():
+    run = rotorid("inspect", SAMPLES / "octa01_zurich_calm.bin", "--json")
+    assert run.returncode == 0
+    log = json.loads(run.stdout)
+    assert log["vehicle"]["frame_class"] == "octa"
+    assert {table["name"] for table in log["tables"]} >= {"motors", "imu", "gps", "baro", "mag"}
+    assert not run.stderr
+
+
+def test_export_writes_what_was_asked_for(tmp_path):
+    log = SAMPLES / "octa01_zurich_calm.bin"
+    run = rotorid(
+        "export", log, "--out", tmp_path, "--format", "csv", "--messages", "RCOU,motors", "--start", "30", "--end", "32"
+    )
+    assert run.returncode == 0
+    files = [Path(line) for line in run.stdout.split()]
+    assert sorted(file.name for file in files) == ["RCOU.csv", "motors.csv"]
+    times = [float(line.split(",")[0]) for line in files[0].read_text().splitlines()[1:]]
+    assert times
+    assert 30.0 <= min(times) <= max(times) <= 32.0
+
+
+def test_simulate_lists_its_cases():
+    run = rotorid("simulate", "list")
+    assert run.returncode == 0
+    assert "octa01_zurich_calm" in run.stdout
+
+
+@pytest.mark.slow
+def test_one_log_from_file_to_report(tmp_path):
+    """The main job as the README shows it, on the smallest sample; stdout holds JSON and nothing else."""
+    started = time.perf_counter()
+    run = rotorid("analyze", SAMPLES / "octa01_zurich_calm.bin", "--out", tmp_path, "--mass", "4.3", "--json")
+    assert run.returncode == 0, run.stderr
+    numbers = json.loads(run.stdout)
+    assert numbers == json.loads((tmp_path / "report.json").read_text("utf-8"))
+    for stage in ("read", "trajectory", "model"):
+        assert stage in run.stderr
+    assert numbers["missing"] == {}
+    assert [row["part"] for row in numbers["rmse"]] == ["held-out", "training"]
+    truth = json.loads((SAMPLES / "octa01_zurich_calm.json").read_text("utf-8"))
+    airborne = truth["time_s"]["airborne"]
+    assert numbers["flight"]["start_s"] == pytest.approx(airborne[0], abs=2.0)
+    assert numbers["flight"]["stop_s"] == pytest.approx(airborne[1], abs=2.0)
+    assert len(numbers["model"]["transfer_functions"]) == 3
+    assert all(len(row) == 8 for row in numbers["model"]["transfer_functions"].values())
+    assert numbers["thrust"]["common"]["newton"] > 0.0
+    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "report.json", "models.json", "rmse.csv"}
+    assert time.perf_counter() - started < 120.0
+
+
+@pytest.mark.slow
+def test_a_folder_with_good_and_bad_logs(tmp_path):
+    """Broken logs are named with their reasons; what the good ones hold is all there; the joint fit judges others."""
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    names = ["octa01_zurich_calm.bin", "octa02_alain_breeze.bin", "octa02_alain_breeze.tlog"]
+    for name in names:
+        (logs / name).write_bytes((SAMPLES / name).read_bytes())
+    whole = (SAMPLES / "octa03_quito_high.bin").read_bytes()
+    (logs / "cut.bin").write_bytes(whole[: len(whole) // 5])
+    (logs / "empty.bin").write_bytes(b"")
+    (logs / "README.md").write_text("flown on Friday")
+    run = rotorid("analyze", logs, "--out", tmp_path / "out", "--poles", "2", "--zeros", "1")
+    assert run.returncode == 1
+    assert "empty.bin" in run.stderr
+    assert "README.md" not in run.stderr
+    assert "Traceback" not in run.stderr
+    numbers = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
+    flights = {flight["name"]: flight for flight in numbers["flights"]}
+    assert set(flights) == {"cut", "octa01_zurich_calm", "octa02_alain_breeze.bin", "octa02_alain_breeze.tlog"}
+    assert flights["octa02_alain_breeze.bin"]["model"] is not None
+    (group,) = numbers["groups"]
+    assert (group["training"], group["held_out"]) == (["octa01_zurich_calm"], ["octa02_alain_breeze.bin"])
+    assert group["rmse"][0]["part"] == "held-out"
+    assert "held-out flight" in run.stdout
+    assert all((tmp_path / "out" / "flights" / name / "report.html").is_file() for name in flights)

@@ -1,0 +1,46 @@
+"""A stage may fail; the others go on, and the user learns why."""
+
+import logging
+from time import sleep
+
+from logparse import MissingDataError
+from pipeline.stages import Stages, silent
+
+
+def test_a_foreseen_error_becomes_a_reason():
+    stages = Stages(silent, 1.0)
+
+    def work(_):
+        raise MissingDataError("no GPS: set bit 2 of LOG_BITMASK")
+
+    assert stages.run("trajectory", work) is None
+    assert stages.missing == {"trajectory": "no GPS: set bit 2 of LOG_BITMASK"}
+    assert not stages.findings
+    assert stages.timings["trajectory"] >= 0.0
+
+
+def test_a_bug_becomes_a_finding_and_a_line_in_the_log(caplog):
+    stages = Stages(silent, 1.0)
+    with caplog.at_level(logging.ERROR):
+        assert stages.run("model", lambda _: 1 / 0) is None
+    assert "ZeroDivisionError" in stages.missing["model"]
+    assert [finding.id for finding in stages.findings] == ["internal-error"]
+    assert "Traceback" in caplog.text
+
+
+def test_a_stage_that_takes_too_long_is_given_up():
+    stages = Stages(silent, 0.01)
+
+    def work(report):
+        for step in range(1000):
+            sleep(0.005)
+            report("fit", step / 1000)
+
+    assert stages.run("model", work) is None
+    assert "--time-limit" in stages.missing["model"]
+
+
+def test_progress_names_the_stage():
+    seen = []
+    Stages(lambda stage, fraction: seen.append((stage, fraction)), 1.0).run("read", lambda report: report("inner", 0.5))
+    assert seen == [("read", 0.0), ("read", 0.5), ("read", 1.0)]

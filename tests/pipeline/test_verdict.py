@@ -1,0 +1,59 @@
+"""One word and one sentence on a model."""
+
+import pandas as pd
+import pytest
+
+from pipeline.verdict import Trust, judge
+from sysid import Validation
+
+
+def validation(fit: dict[str, float], trusted: dict[str, bool], *, duration: float = 40.0, unseen: bool = True):
+    rows = [
+        {"flight": "a", "output": output, "trained": trained, "duration": duration, "rmse": 1.0, "fit_percent": percent}
+        for output, percent in fit.items()
+        for trained in ((False, True) if unseen else (True,))
+    ]
+    return Validation(
+        model="m",
+        table=pd.DataFrame(rows),
+        horizons=pd.DataFrame(),
+        average=dict.fromkeys(fit, 1.0),
+        verdicts=(),
+        trusted=trusted,
+        unseen=unseen,
+        predictions={},
+    )
+
+
+@pytest.mark.parametrize(
+    ("fit", "trusted", "trust", "words"),
+    [
+        ({"x": 90.0, "z": 80.0}, {"x": True, "z": True}, Trust.YES, "can be trusted"),
+        ({"x": 90.0, "z": 20.0}, {"x": True, "z": True}, Trust.LIMITED, "movement in z unexplained"),
+        ({"x": 90.0, "z": -40.0}, {"x": True, "z": False}, Trust.LIMITED, "in x only"),
+        ({"x": -90.0, "z": -40.0}, {"x": False, "z": False}, Trust.NO, "Do not trust"),
+        ({"x": float("nan"), "z": 90.0}, {"x": True, "z": True}, Trust.LIMITED, "in x unexplained"),
+    ],
+)
+def test_verdict_follows_the_worst_axis(fit, trusted, trust, words):
+    verdict = judge(validation(fit, trusted))
+    assert verdict.trust is trust
+    assert words in verdict.sentence
+
+
+def test_no_verdict_without_unseen_flight():
+    assert judge(None).trust is Trust.UNKNOWN
+    assert judge(validation({"x": 99.0}, {"x": True}, unseen=False)).trust is Trust.UNKNOWN
+
+
+def test_two_seconds_judge_nothing():
+    """A held-out stretch in which the craft hardly had time to move flatters any model."""
+    verdict = judge(validation({"x": 99.0}, {"x": True}, duration=2.2))
+    assert verdict.trust is Trust.UNKNOWN
+    assert "too short" in verdict.sentence
+
+
+def test_a_diverging_model_is_called_that():
+    bad = validation({"x": 0.0}, {"x": False})
+    bad = Validation(**{name: getattr(bad, name) for name in bad.__slots__} | {"average": {"x": float("inf")}})
+    assert "diverges" in judge(bad).sentence

@@ -1,0 +1,83 @@
+"""Plots: what Plotly accepts, and what they must not pretend."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+import pytest
+
+from reports.figures import MOST_POINTS, flight_figures, motors
+
+
+def themed(value):
+    """Replace names of theme colours, which the page resolves, by a colour that Plotly knows."""
+    if isinstance(value, dict):
+        return {key: themed(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [themed(item) for item in value]
+    return "#000" if isinstance(value, str) and value.startswith("@") else value
+
+
+def test_plotly_accepts_every_figure(flight):
+    figures = flight_figures(flight)
+    assert [figure.id for figure in figures] == ["track", "altitude", "motors", "prediction"]
+    for figure in figures:
+        go.Figure(data=themed(figure.data), layout=themed(figure.layout))  # raises on unknown attributes
+        assert figure.caption
+
+
+def test_every_time_plot_shares_the_flights_time_axis(flight):
+    ranges = {tuple(figure.layout["xaxis"]["range"]) for figure in flight_figures(flight) if figure.time}
+    assert len(ranges) == 1
+
+
+def test_map_has_equal_scales(flight):
+    track = flight_figures(flight)[0]
+    assert track.layout["yaxis"]["scaleanchor"] == "x"
+
+
+def test_lines_break_where_nothing_was_logged(flight):
+    """A line across a gap would show commands that nobody recorded."""
+    with_gap = flight.motors.drop(flight.motors.loc[60.0:70.0].index)
+    line = motors(dataclasses.replace(flight, motors=with_gap)).data[0]
+    assert None in line["y"]
+    assert line["x"][line["y"].index(None) - 1] == pytest.approx(59.9, abs=0.2)
+
+
+def test_long_logs_are_thinned(flight):
+    t = np.arange(0.0, 3600.0, 0.02)
+    fast = pd.DataFrame({"m1": np.full(len(t), 1500.0)}, index=t)
+    line = motors(dataclasses.replace(flight, motors=fast, flight=None)).data[0]
+    assert len(line["x"]) <= MOST_POINTS
+
+
+def test_held_out_part_is_marked(flight):
+    layout = flight_figures(flight)[-1].layout
+    band = layout["shapes"][0]
+    assert (band["x0"], band["x1"]) == pytest.approx((82.0, 99.9), abs=0.2)
+    assert layout["annotations"][0]["text"] == "held out"
+
+
+@pytest.mark.parametrize("missing", ["trajectory", "gps", "baro", "motors", "modes", "flight", "experiment"])
+def test_a_missing_table_costs_only_its_own_plot(flight, missing):
+    changed = {missing: None}
+    if missing == "experiment":
+        changed["predictions"] = ()
+    figures = flight_figures(dataclasses.replace(flight, **changed))
+    assert len(figures) >= 3
+
+
+def test_nothing_known_gives_no_plots(flight):
+    empty = dataclasses.replace(
+        flight,
+        trajectory=None,
+        gps=None,
+        baro=None,
+        motors=None,
+        modes=None,
+        flight=None,
+        experiment=None,
+        predictions=(),
+    )
+    assert flight_figures(empty) == []

@@ -1,0 +1,219 @@
+"""What `reports.write` leaves in a folder: one set of numbers in every form, and no way out for text of a log."""
+
+import csv
+import dataclasses
+import json
+import math
+import re
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import reports
+from logparse import Finding, Severity
+from pipeline import FleetResult
+from reports.folder import folder_names
+from reports.numbers import fleet_numbers, flight_numbers, plain
+from reports.quantity import column
+
+HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>\u2028"
+
+
+class Page(HTMLParser):
+    """What a browser makes of a page: elements, scripts, visible text."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.text: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def strict(text: str) -> object:
+    """Read JSON as the standard has it, without NaN and Infinity."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def visible(cell: str) -> str:
+    return cell.strip("\N{FIGURE SPACE}\N{PUNCTUATION SPACE} ")
+
+
+def test_json_csv_and_html_carry_the_same_numbers(flight, tmp_path):
+    page = reports.write(flight, tmp_path)
+    assert page == tmp_path / "report.html"
+    numbers = strict((tmp_path / "report.json").read_text("utf-8"))
+    html = page.read_text("utf-8")
+    assert len(numbers["rmse"]) == 2
+    for row, line in zip(numbers["rmse"], rows_of(tmp_path / "rmse.csv"), strict=True):
+        assert line["flight"] == row["flight"] == "flight01"
+        assert line["part"] == row["part"]
+        for output, value in row["rmse_m"].items():
+            assert float(line[f"rmse_{output}_m"]) == value
+            assert visible(column([value])[0]) in html
+    table = flight.validation.table.set_index(["trained", "output"])
+    assert numbers["rmse"][0]["rmse_m"]["x"] == table.loc[(False, "x"), "rmse"]
+
+
+def test_models_hold_every_coefficient(flight, tmp_path):
+    reports.write(flight, tmp_path)
+    models = strict((tmp_path / "models.json").read_text("utf-8"))
+    stored = models["flights"][0]["transfer_functions"]["transfer_functions"]["y"]["m2"]
+    fitted = flight.model.transfer_functions["y"]["m2"]
+    assert stored["num"] == fitted.num.tolist()
+    assert stored["den"] == fitted.den.tolist()
+    assert models["flights"][0]["thrust"] is None
+    assert "voltage" in models["flights"][0]["missing"]["thrust"]
+
+
+def test_the_answer_comes_before_tables_and_plots(flight, tmp_path):
+    html = reports.write(flight, tmp_path).read_text("utf-8")
+    order = [html.index(mark) for mark in ('class="answer', "<table", 'class="plot', "<details")]
+    assert order == sorted(order)
+
+
+def test_page_needs_no_network(flight, tmp_path):
+    html = reports.write(flight, tmp_path).read_text("utf-8")
+    page = Page(html)
+    assert not [value for _, attrs in page.elements for name, value in attrs.items() if name in ("src", "srcset")]
+    assert not [attrs for tag, attrs in page.elements if tag == "link"]
+    assert all("://" not in (attrs.get("href") or "") for _, attrs in page.elements)
+    assert "default-src 'none'" in html
+    assert len(html) < 3_000_000, "Plotly travels packed: a page must stay fit for mailing"
+
+
+def hostile(flight):
+    """Put an attacker's text wherever a log's text can end up."""
+    vehicle = dataclasses.replace(flight.log.vehicle, firmware=HOSTILE, version=HOSTILE, frame_class=HOSTILE)
+    return dataclasses.replace(
+        flight,
+        name=HOSTILE,
+        log=dataclasses.replace(flight.log, vehicle=vehicle, path=Path(f"{HOSTILE.replace('/', '_')}.bin")),
+        modes=pd.DataFrame({"mode": [HOSTILE, "AUTO"]}, index=[10.0, 80.0]),
+        findings=(Finding(HOSTILE, Severity.ERROR, HOSTILE, HOSTILE, {"text": HOSTILE}),),
+        missing={"thrust": HOSTILE},
+    )
+
+
+def test_text_from_a_log_cannot_break_out(flight, tmp_path):
+    evil = hostile(flight)
+    fleet = FleetResult(flights=(evil,), failures=(), groups=(), config=evil.config)
+    own = Page(reports.write(flight, tmp_path / "own").read_text("utf-8"))
+    pages = [reports.write(evil, tmp_path / "one"), reports.write(fleet, tmp_path / "fleet")]
+    pages += (tmp_path / "fleet" / "flights").rglob("report.html")
+    assert len(pages) == 3
+    for path in pages:
+        html = path.read_text("utf-8")
+        page = Page(html)
+        tags = [tag for tag, _ in page.elements]
+        assert tags.count("script") <= [tag for tag, _ in own.elements].count("script")
+        assert "img" not in tags
+        assert not [attrs for _, attrs in page.elements if any(name.startswith("on") for name in attrs)]
+        assert "alert(1)" in "".join(page.text), "hostile text must be shown, as text"
+        figures = re.search(r'<script type="application/json" id="figures">(.*?)</script>', html, re.DOTALL)
+        assert figures
+        strict(figures.group(1))
+        assert "\u2028" not in figures.group(1)
+
+
+def test_mode_names_are_text_for_plotly_too(flight, tmp_path):
+    """Plotly reads some HTML in labels, so text must be escaped once more for it."""
+    html = reports.write(hostile(flight), tmp_path).read_text("utf-8")
+    figures = strict(re.search(r'id="figures">(.*?)</script>', html, re.DOTALL).group(1))
+    labels = [note["text"] for figure in figures for note in figure["layout"].get("annotations", [])]
+    assert any("&lt;script&gt;" in label for label in labels)
+    assert not any("<" in label for label in labels)
+
+
+def test_what_is_not_finite_becomes_null(flight, tmp_path):
+    table = flight.validation.table.copy()
+    table.loc[table["output"] == "x", ["rmse", "fit_percent"]] = [math.inf, math.nan]
+    broken = dataclasses.replace(
+        flight, validation=dataclasses.replace(flight.validation, table=table), timings={"read": math.nan}
+    )
+    page = reports.write(broken, tmp_path)
+    numbers = strict((tmp_path / "report.json").read_text("utf-8"))
+    assert numbers["rmse"][0]["rmse_m"]["x"] is None
+    assert rows_of(tmp_path / "rmse.csv")[0]["rmse_x_m"] == ""
+    text = unescape("".join(Page(page.read_text("utf-8")).text)).lower()
+    assert not re.search(r"\b(nan|inf)\b", text[: text.index("figures") if "figures" in text else None][:20_000])
+
+
+def test_plain_reduces_numpy_to_json():
+    value = plain({"a": np.float32(1.5), "b": np.array([1, 2]), "c": np.bool_(True), "d": (np.nan, 1 + 2j), "e": None})
+    assert value == {"a": 1.5, "b": [1, 2], "c": True, "d": [None, [1.0, 2.0]], "e": None}
+
+
+def test_fleet_has_a_page_for_each_flight_and_names_failures(fleet, tmp_path):
+    page = reports.write(fleet, tmp_path).read_text("utf-8")
+    for name in ("flight01", "flight02"):
+        assert f'href="flights/{name}/report.html"' in page
+        assert (tmp_path / "flights" / name / "report.html").is_file()
+    assert "notes.bin" in page
+    assert "text without a single FMT row" in page
+
+
+def test_fleet_table_is_the_papers_table_4(fleet, tmp_path):
+    """Held-out flights first, then their average, then those that were fitted."""
+    page = reports.write(fleet, tmp_path).read_text("utf-8")
+    table = page[page.index("<table") : page.index("</table>")]
+    order = [table.index(mark) for mark in ("Held out", "flight02", "Average", "Fitted", "flight01")]
+    assert order == sorted(order)
+    numbers = fleet_numbers(fleet)
+    held_out = [row for row in numbers["groups"][0]["rmse"] if row["part"] == "held-out"]
+    assert numbers["groups"][0]["rmse_average_m"] == held_out[0]["rmse_m"]
+    joint = [line for line in rows_of(tmp_path / "rmse.csv") if line["model"] == "joint"]
+    assert [(line["flight"], line["part"]) for line in joint] == [("flight02", "held-out"), ("flight01", "training")]
+
+
+def test_a_flight_without_anything_says_why(flight, tmp_path):
+    bare = dataclasses.replace(
+        flight,
+        flight=None,
+        trajectory=None,
+        experiment=None,
+        model=None,
+        validation=None,
+        predictions=(),
+        motors=None,
+        modes=None,
+        gps=None,
+        baro=None,
+        missing={"flight": "the log shows no flight", "trajectory": "no GPS: set bit 2 of LOG_BITMASK"},
+    )
+    page = reports.write(bare, tmp_path).read_text("utf-8")
+    assert "What could not be done" in page
+    assert "set bit 2 of LOG_BITMASK" in page
+    assert "Transfer functions: not determined" in page
+    assert flight_numbers(bare)["verdict"]["trust"] == "unknown"
+
+
+@pytest.mark.parametrize(
+    ("names", "folders"),
+    [
+        (["a", "A"], ["a", "A_2"]),
+        (["../../etc/passwd"], ["etc_passwd"]),
+        (["..", "."], ["flight", "flight_2"]),
+        (["2016-11-09 16-33-24", "Flug über See"], ["2016-11-09_16-33-24", "Flug_über_See"]),
+    ],
+)
+def test_folders_are_safe_and_unique(names, folders):
+    assert list(folder_names(names).values()) == folders

@@ -1,0 +1,69 @@
+"""Numbers as people read them."""
+
+import math
+
+import pytest
+
+from reports.quantity import (
+    NOT_DETERMINED,
+    column,
+    complex_numbers,
+    duration,
+    number,
+    size,
+    uncertain,
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (0.0, 3, "0"),
+        (1.23456, 3, "1.23"),
+        (0.0012345, 3, "0.00123"),
+        (-12.345, 3, "−12.3"),
+        (9.999, 3, "10.0"),
+        (1234.5, 3, "1234"),
+        (1.105e-5, 4, "1.105 × 10⁻⁵"),
+        (-2.5e7, 2, "−2.5 × 10⁷"),
+        (math.nan, 3, NOT_DETERMINED),
+        (None, 3, NOT_DETERMINED),
+    ],
+)
+def test_number_has_the_digits_asked_for(value, digits, text):
+    assert number(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "text"),
+    [
+        (1.1934, 0.0213, "1.19 ± 0.02 N"),
+        (1.1934, 0.0113, "1.193 ± 0.011 N"),
+        (-0.5, 2.0, "0 ± 2 N"),
+        (123.4, 31.0, "123 ± 31 N"),
+        (1.105e-5, 2.1e-7, "(1.10 ± 0.02) × 10⁻⁵ N"),
+        (3.5, None, "3.50 N"),
+        (3.5, math.nan, "3.50 N"),
+        (None, 0.1, NOT_DETERMINED),
+    ],
+)
+def test_uncertain_values_have_no_more_digits_than_their_sigma(value, sigma, text):
+    assert uncertain(value, sigma, "N") == text
+
+
+def test_columns_align_at_the_decimal_point():
+    cells = column([0.0193, 12.34, 251.0, None, 1.5])
+    assert cells[0] == "0.019"
+    assert cells[1].rstrip("\N{FIGURE SPACE}") == "12.3"
+    assert cells[2].rstrip("\N{FIGURE SPACE}\N{PUNCTUATION SPACE}") == "251"
+    behind = {len(cell.lstrip("0123456789–")) for cell in cells}
+    assert behind == {len(".019")}, "as many places behind the last whole digit in every cell"
+
+
+def test_conjugate_poles_are_written_once():
+    assert complex_numbers([(-0.21, 0.45), (-0.21, -0.45), (-3.0, 0.0)]) == ["−0.210 ± 0.450 i", "−3.00"]
+
+
+def test_spans_and_sizes():
+    assert [duration(s) for s in (9.44, 48.2, 125.0, 3725.0)] == ["9.4 s", "48 s", "2 min 05 s", "1 h 02 min"]
+    assert [size(n) for n in (12, 16_384, 3_095_199)] == ["1 kB", "16 kB", "3.1 MB"]
