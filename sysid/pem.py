@@ -26,9 +26,12 @@ from sysid.transfer_function import FitReport, TransferFunction, TransferFunctio
 #: Called with a stage in words and the part done so far, 0 to 1.
 Progress = Callable[[str, float], None]
 
-#: Prior size of the initial response, in standard deviations of the output: records begin near hover. Small, because
-#: own denominators have n initial states for every input, which otherwise explain a record without its inputs.
-INITIAL_SIZE = 0.05
+#: Prior size of the response to the initial state, in standard deviations of the output: records begin near hover. Own
+#: denominators have n initial states for every input; left free, they explain a record without its inputs.
+INITIAL_SIZE = 0.2
+
+#: Part of a record for which the response to the initial state is expected to last.
+INITIAL_PART = 0.05
 
 #: Residual assumed before the first fit, in standard deviations of the output.
 FIRST_RESIDUAL = 0.1
@@ -119,7 +122,7 @@ def fit_transfer_functions(
         hold=hold,
         rate=records[0].rate,
         disturbance={output: fit.disturbance for output, fit in fits.items()},
-        initial_sigma={output: fit.initial_sigma for output, fit in fits.items()},
+        initial_energy={output: fit.initial_energy for output, fit in fits.items()},
         initial_states={
             record.name: {output: fit.initial_states[r] for output, fit in fits.items()}
             for r, record in enumerate(records)
@@ -130,9 +133,9 @@ def fit_transfer_functions(
     )
 
 
-def initial_size(groups: int) -> float:
-    """Prior standard deviation of each coefficient of the initial responses, in standard deviations of the output."""
-    return INITIAL_SIZE / float(np.sqrt(groups))
+def expected_energy(duration: float, groups: int) -> float:
+    """Energy expected of the initial response of each denominator, in variances of the output times s."""
+    return INITIAL_SIZE**2 * INITIAL_PART * duration / groups
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +153,7 @@ class _Settings:
 class _OutputFit:
     functions: Mapping[str, TransferFunction]
     disturbance: Disturbance
-    initial_sigma: float
+    initial_energy: float
     initial_states: tuple[Floats, ...]
     report: FitReport
     slowest: float
@@ -164,6 +167,7 @@ def _fit_output(
     y = [record.y[:, column] - record.output_trim[column] for record in records]
     spread = np.sqrt(np.mean(np.concatenate([values - values.mean() for values in y]) ** 2))
     scale = float(spread) if spread > 1e-12 else 1.0
+    longest = max(record.duration for record in records)
     common = Problem(
         inputs=tuple((r.u - r.input_trim)[:, active] / excitation.scale[active] for r in records),
         outputs=tuple(values / scale for values in y),
@@ -172,16 +176,16 @@ def _fit_output(
         numerators=settings.zeros + 1,
         dt=records[0].dt,
         hold=settings.hold,
-        band=resolvable_band(max(record.duration for record in records), records[0].dt),
+        band=resolvable_band(longest, records[0].dt),
         ridge=1e-3 if settings.ridge is None else settings.ridge,
-        initial=(FIRST_RESIDUAL / initial_size(1)) ** 2,
+        initial=FIRST_RESIDUAL**2 / expected_energy(longest, 1),
     )
     rng = np.random.default_rng([settings.seed, column])
     problem, descent, steps = _search(common, settings, rng, deadline)
     report = _report(problem, descent, y, scale, settings, steps, time.monotonic() - begun)
     functions, undetermined = _transfer_functions(problem, descent.point, excitation, scale, records[0].input_names)
     report = replace(report, undetermined=undetermined)
-    initial_sigma = initial_size(problem.groups) * scale
+    initial_energy = expected_energy(longest, problem.groups) * scale**2
     residuals = []
     for record, values in zip(records, y, strict=True):
         simulated = free_run(
@@ -194,16 +198,14 @@ def _fit_output(
             settings.hold,
             shared=settings.structure == "common",
             sigma=max(report.rmse, 1e-9),
-            initial_sigma=initial_sigma,
+            initial_energy=initial_energy,
         )
         residuals.append((values - simulated)[round(INITIAL_SECONDS / record.dt) :])
     return _OutputFit(
         functions=functions,
         disturbance=fit_disturbance(residuals, records[0].dt),
-        initial_sigma=initial_sigma,
-        initial_states=tuple(
-            scale * local / np.concatenate([[1.0], descent.point.peaks.ravel()]) for local in descent.point.local
-        ),
+        initial_energy=initial_energy,
+        initial_states=tuple(scale * local for local in descent.point.local),
         report=report,
         slowest=_slowest(functions),
     )
@@ -225,16 +227,18 @@ def _search(
         group = tuple(range(len(group)))
         tried = [np.repeat(best.point.theta, len(group), axis=0) + 0.1 * rng.standard_normal((len(group), seen.order))]
         tried += [_staggered(len(group), seen.order, band, rng, k) for k in range(settings.starts - 1)]
-        first = (FIRST_RESIDUAL / initial_size(len(group))) ** 2
+        first = seen.initial * len(group)
         best, more = _best_start(replace(seen, group=group, initial=first), tried, deadline)
         steps += more
     # The prior of the initial states is weighed by the residual reached.
-    variance = float(np.mean(np.concatenate(best.point.residuals) ** 2))
-    initial = max(variance, 1e-12) / initial_size(len(set(group))) ** 2
+    variance = max(float(np.mean(np.concatenate(best.point.residuals) ** 2)), 1e-12)
+    longest = max(len(y) for y in common.outputs) * common.dt
+    initial = variance / expected_energy(longest, len(set(group)))
     problem, theta = replace(common, group=group, initial=initial), best.point.theta
     if not chosen:
-        division = replace(division, seen=replace(seen, group=group, initial=initial))
-        ridge, theta = choose_ridge(division, theta, deadline)
+        ridge, theta = choose_ridge(
+            replace(division, seen=replace(seen, group=group, initial=initial)), theta, deadline
+        )
         problem = replace(problem, ridge=ridge)
     descent = descend(problem, theta, MOST_STEPS, deadline)
     return problem, descent, steps + descent.iterations
@@ -354,9 +358,9 @@ def parameter_covariance(problem: Problem, point: Point) -> Floats:
     for z, jacobian in zip(point.regressors, jacobians, strict=True):
         locals_ = z.shape[1] - 1 - shared
         local, rest = z[:, :locals_], np.hstack([z[:, locals_:-1], jacobian])
-        prior = np.full(locals_, problem.initial)
-        prior[0] = 1e-12 * len(z)
-        reduced.append(rest - local @ np.linalg.solve(local.T @ local + np.diag(prior), local.T @ rest))
+        normal = local.T @ local
+        normal[1:, 1:] += problem.initial * point.system.initial_precision()
+        reduced.append(rest - local @ np.linalg.lstsq(normal, local.T @ rest, rcond=1e-13)[0])
     lags = max(round(COLOUR_SECONDS / problem.dt), 2)
     lags = min(lags, max(min(len(y) for y in problem.outputs) // 4, 2))
     freedom = max(problem.samples - information.shape[0], 1)

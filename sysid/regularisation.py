@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from sysid.experiment import Floats
-from sysid.response import INITIAL_SECONDS, free_run
-from sysid.separable import Point, Problem, descend
+from sysid.response import INITIAL_SECONDS
+from sysid.separable import Point, Problem, descend, initial_prior
 
 #: Candidates, strongest first. The strongest leaves next to nothing of the inputs' effect: what a black box should say
 #: of an output that the inputs do not explain.
@@ -63,7 +65,8 @@ def divide(problem: Problem) -> Division:
 def choose_ridge(division: Division, theta: Floats, deadline: float) -> tuple[float, Floats]:
     """Fit with every candidate and keep the one whose free run is best on the part held back.
 
-    The strongest candidate within 2 % of the best wins: smaller differences are chance.
+    There, offset and initial state are the likeliest ones, and an initial state has its price, so that numerators and
+    poles are judged and not how well three seconds tell the initial state.
 
     Parameters
     ----------
@@ -83,32 +86,24 @@ def choose_ridge(division: Division, theta: Floats, deadline: float) -> tuple[fl
         return CAUTIOUS, theta
     errors, thetas = [], []
     for ridge in RIDGES:
-        point = descend(replace(division.seen, ridge=ridge), theta, TRIAL_STEPS, deadline).point
-        squares = [_free_run_errors(division.seen, point, u, y) for u, y in division.held_back]
-        errors.append(float(np.sqrt(np.mean(np.concatenate(squares)))))
+        trial = replace(division.seen, ridge=ridge)
+        point = descend(trial, theta, TRIAL_STEPS, deadline).point
+        errors.append(sum(_held_back_cost(trial, point, u, y) for u, y in division.held_back))
         thetas.append(point.theta)
-    best = next(k for k, error in enumerate(errors) if error <= 1.02 * min(errors))
+        if time.monotonic() > deadline:
+            break
+    # Ties go to the strongest candidate.
+    best = next(k for k, error in enumerate(errors) if error <= 1.001 * min(errors))
     return RIDGES[best], thetas[best]
 
 
-def _free_run_errors(problem: Problem, point: Point, u: Floats, y: Floats) -> Floats:
-    n, unit = problem.order, point.system.unit
-    numerators, denominators = [], []
-    for j, g in enumerate(problem.group):
-        powers = unit[g] ** (n - np.arange(problem.numerators))
-        numerators.append((point.numerators[:, j] * powers)[::-1])
-        denominators.append(np.concatenate([[1.0], (point.system.a[g] * unit[g] ** np.arange(n, 0, -1))[::-1]]))
-    sigma = max(float(np.sqrt(np.mean(np.concatenate(point.residuals) ** 2))), 1e-6)
-    predicted = free_run(
-        numerators,
-        denominators,
-        u - u.mean(axis=0),
-        y,
-        y[0],
-        problem.dt,
-        problem.hold,
-        shared=problem.groups == 1,
-        sigma=sigma,
-        initial_sigma=sigma / np.sqrt(problem.initial),
-    )
-    return np.asarray((y - predicted)[round(INITIAL_SECONDS / problem.dt) :] ** 2)
+def _held_back_cost(problem: Problem, point: Point, u: Floats, y: Floats) -> float:
+    """Squared residual plus the price of the initial state, at their least."""
+    system = point.system
+    forced = system.forced(u - u.mean(axis=0), problem.group, sensitivities=False)[:, : problem.numerators]
+    residual = y - np.einsum("tkm,km->t", forced, point.numerators)
+    free = system.free(len(y), sensitivities=False)
+    shapes = np.hstack([np.ones((len(y), 1)), free.reshape(len(y), -1)])
+    factor = cho_factor(shapes.T @ shapes + initial_prior(problem, system), lower=True)
+    projection = shapes.T @ residual
+    return float(residual @ residual - projection @ cho_solve(factor, projection))

@@ -13,8 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from sysid._kernels import recur
+from sysid._kernels import recur, recur_few
 from sysid.experiment import Floats
+
+#: With fewer channels than this the states, not the channels, are worth being vector lanes.
+FEW = 4
 
 #: Time at the start of a record over which a free run may look at the outputs to find its initial state, s.
 INITIAL_SECONDS = 3.0
@@ -44,6 +47,35 @@ class Discretised:
     def order(self) -> int:
         """Order n of the denominators."""
         return int(self.a.shape[1])
+
+    def first(self) -> Discretised:
+        """Keep the first denominator only."""
+        return Discretised(self.unit[:1], self.a[:1], self.transition[:1], self.from_now[:1], self.from_next[:1])
+
+    def gramians(self) -> Floats:
+        """Inner products of the states' impulse responses, ``A P + P A' + B B' = 0``; shape (groups, n, n)."""
+        groups, n = self.a.shape
+        companion = np.zeros((groups, n, n))
+        companion[:, np.arange(n - 1), np.arange(1, n)] = 1.0
+        companion[:, n - 1] = -self.a
+        eye = np.eye(n)
+        kron = np.einsum("gij,kl->gikjl", companion, eye) + np.einsum("gij,kl->gkilj", companion, eye)
+        rhs = np.zeros((groups, n * n, 1))
+        rhs[:, -1] = -1.0
+        return np.linalg.solve(kron.reshape(groups, n * n, n * n), rhs).reshape(groups, n, n)
+
+    def initial_precision(self) -> Floats:
+        """Precision of the initial responses' coefficients, power-major, when each is expected to have unit energy.
+
+        Energy is the integral of the squared response over time in seconds; expected is a chi-square with n degrees of
+        freedom, so that a long-lived response is as unlikely as a strong one.
+        """
+        groups, n = self.a.shape
+        precision = np.zeros((n, groups, n, groups))
+        scaled = n * self.gramians() / self.unit[:, None, None]
+        for g in range(groups):
+            precision[:, g, :, g] = scaled[g]
+        return precision.reshape(n * groups, n * groups)
 
     def forced(self, inputs: Floats, group: Sequence[int], sensitivities: bool = True) -> Floats:
         """Respond to inputs from rest.
@@ -76,13 +108,20 @@ class Discretised:
 
     def _run(self, inputs: Floats, group: Sequence[int], start: Floats, sensitivities: bool) -> Floats:
         lanes, q = list(group), (2 if sensitivities else 1) * self.order
+        transition = self.transition[lanes, :q, :q]
+        now = np.ascontiguousarray(self.from_now[lanes, :q])
+        following = np.ascontiguousarray(self.from_next[lanes, :q])
+        values = np.ascontiguousarray(inputs)
+        if len(lanes) < FEW:
+            transposed = np.ascontiguousarray(transition.transpose(0, 2, 1))
+            return np.asarray(recur_few(transposed, now, following, np.ascontiguousarray(start[:q].T), values))
         return np.asarray(
             recur(
-                np.ascontiguousarray(self.transition[lanes, :q, :q].transpose(1, 2, 0)),
-                np.ascontiguousarray(self.from_now[lanes, :q].T),
-                np.ascontiguousarray(self.from_next[lanes, :q].T),
+                np.ascontiguousarray(transition.transpose(1, 2, 0)),
+                np.ascontiguousarray(now.T),
+                np.ascontiguousarray(following.T),
                 np.ascontiguousarray(start[:q]),
-                np.ascontiguousarray(inputs),
+                values,
                 self.order,
             )
         )
@@ -135,7 +174,7 @@ def free_run(
     *,
     shared: bool,
     sigma: float,
-    initial_sigma: float,
+    initial_energy: float,
     initial: Floats | None = None,
 ) -> Floats:
     """Simulate one output from the inputs and an initial state, by default found in the first `INITIAL_SECONDS`.
@@ -157,8 +196,8 @@ def free_run(
         All inputs pass one denominator, so that there is one initial response only.
     sigma : float
         Standard deviation of what the model does not explain, in the output's unit.
-    initial_sigma : float
-        Prior standard deviation of each coefficient of the initial response.
+    initial_energy : float
+        Energy that the response to the initial state of one denominator is expected to have, in squared units times s.
     initial : ndarray, shape (1 + n groups,), optional
         The offset and the coefficients of the normalised initial responses, power-major.
 
@@ -177,16 +216,18 @@ def free_run(
     for lane, j in enumerate(active):
         b = numerators[j][::-1] / system.unit[lane] ** (n - np.arange(len(numerators[j])))
         forced += states[:, : len(b), lane] @ b
-    free = system.free(samples, sensitivities=False)[:, :, : 1 if shared else None]
+    if shared:
+        system = system.first()
+    free = system.free(samples, sensitivities=False)
     shapes = np.hstack([np.ones((samples, 1)), free.reshape(samples, -1)])
     if initial is None:
-        # Maximum a posteriori: the offset is free, initial responses are no larger than those of the training records.
-        early = _early(samples, dt)
-        prior = np.max(np.abs(shapes), axis=0) / initial_sigma
-        prior[0] = 0.0
-        lhs = np.vstack([shapes[:early] / sigma, np.diag(prior)])
-        rhs = np.concatenate([(y - forced)[:early] / sigma, np.zeros(len(prior))])
-        initial = np.linalg.lstsq(lhs, rhs, rcond=None)[0]
+        # Maximum a posteriori: the offset is free, the initial responses are as small as those of the training records.
+        early = shapes[: _early(samples, dt)]
+        normal = early.T @ early
+        normal[1:, 1:] += sigma**2 / initial_energy * system.initial_precision()
+        scale = 1.0 / np.sqrt(np.diag(normal))
+        rhs = early.T @ (y - forced)[: len(early)]
+        initial = scale * np.linalg.lstsq(normal * scale * scale[:, None], scale * rhs, rcond=1e-12)[0]
     return np.asarray(forced + shapes @ initial)
 
 

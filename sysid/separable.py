@@ -50,7 +50,7 @@ class Problem:
     ridge : float
         Weight of the numerators' impulse-response energy relative to the information in the data.
     initial : float
-        Variance of the residual over the prior variance of a coefficient of the initial response.
+        Variance of the residual over the energy [s] that the response to an initial state is expected to have.
     """
 
     inputs: tuple[Floats, ...]
@@ -100,7 +100,6 @@ class Point:
     slope: Floats
     states: tuple[Floats, ...]
     free: Floats
-    peaks: Floats
     regressors: tuple[Floats, ...]
     penalty: Floats
 
@@ -111,11 +110,9 @@ def solve(problem: Problem, theta: Floats) -> Point:
     system = discretise(a, problem.dt, problem.hold)
     n, m, shared = problem.order, len(problem.group), problem.numerators * len(problem.group)
     free = system.free(max(len(y) for y in problem.outputs))
-    peaks = np.max(np.abs(free[:, :n]), axis=0)
-    shapes = (free[:, :n] / peaks).reshape(len(free), -1)
+    shapes = free[:, :n].reshape(len(free), -1)
     locals_ = 1 + shapes.shape[1]
-    prior = np.full(locals_, problem.initial)
-    prior[0] = 0.0
+    prior = initial_prior(problem, system)
 
     states, regressors, factors, couplings = [], [], [], []
     information = np.zeros((shared + 1, shared + 1))
@@ -129,7 +126,7 @@ def solve(problem: Problem, theta: Floats) -> Point:
         z[:, -1] = y
         gram = z.T @ z
         energy += np.diag(gram)[locals_:-1]
-        factor = cholesky(gram[:locals_, :locals_] + np.diag(prior + 1e-12 * len(y)), lower=True)
+        factor = cholesky(gram[:locals_, :locals_] + prior, lower=True)
         coupling = solve_triangular(factor, gram[:locals_, locals_:], lower=True)
         information += gram[locals_:, locals_:] - coupling.T @ coupling
         states.append(forced)
@@ -160,7 +157,6 @@ def solve(problem: Problem, theta: Floats) -> Point:
         slope=slope,
         states=tuple(states),
         free=free,
-        peaks=peaks,
         regressors=tuple(regressors),
         penalty=penalty,
     )
@@ -189,7 +185,7 @@ def sensitivities(problem: Problem, point: Point) -> tuple[Floats, ...]:
     forced = blocks.reshape(2 * n * m, groups * n)
     result = []
     for states, local in zip(point.states, point.local, strict=True):
-        initial = local[1:].reshape(n, groups) / point.peaks
+        initial = local[1:].reshape(n, groups)
         free = np.zeros((2 * n, groups, groups, n))
         for g in range(groups):
             free[:, g, g] = weights(initial[:, g], g)
@@ -214,18 +210,17 @@ def reduced_information(problem: Problem, point: Point, jacobians: tuple[Floats,
     shared = point.numerators.size
     q = shared + jacobians[0].shape[1]
     information, gradient = np.zeros((q, q)), np.zeros(q)
+    prior = initial_prior(problem, point.system)
     for z, jacobian, residual, local in zip(point.regressors, jacobians, point.residuals, point.local, strict=True):
         locals_ = z.shape[1] - 1 - shared
-        prior = np.full(locals_, problem.initial)
-        prior[0] = 0.0
         w = np.hstack([z[:, :-1], jacobian])
         gram = w.T @ w
-        factor = cholesky(gram[:locals_, :locals_] + np.diag(prior + 1e-12 * len(z)), lower=True)
+        factor = cholesky(gram[:locals_, :locals_] + prior, lower=True)
         coupling = solve_triangular(factor, gram[:locals_, locals_:], lower=True)
         information += gram[locals_:, locals_:] - coupling.T @ coupling
         gradient += w[:, locals_:].T @ residual
         # The local parameters are at their optimum: the prior balances their gradient, which the elimination passes on.
-        balance = solve_triangular(factor, w[:, :locals_].T @ residual - prior * local, lower=True)
+        balance = solve_triangular(factor, w[:, :locals_].T @ residual - prior @ local, lower=True)
         gradient -= coupling.T @ balance
     return information, gradient
 
@@ -306,29 +301,24 @@ def _bounded_step(problem: Problem, theta: Floats, hessian: Floats, gradient: Fl
     return np.clip(step, -LONGEST_STEP, LONGEST_STEP)
 
 
+def initial_prior(problem: Problem, system: Discretised) -> Floats:
+    """Precision of a record's offset, which is free, and of its initial responses, times the residual's variance."""
+    precision = problem.initial * system.initial_precision()
+    prior = np.zeros((1 + len(precision), 1 + len(precision)))
+    prior[1:, 1:] = precision + np.diag(1e-9 * np.diag(precision) + 1e-12)
+    return prior
+
+
 def _impulse_energy(problem: Problem, system: Discretised, energy: Floats) -> Floats:
     """Penalty matrix of the numerators: energy of each impulse response, weighed by the information on its input."""
     m = len(problem.group)
-    gramians = _gramians(system.a)[:, : problem.numerators, : problem.numerators]
+    gramians = system.gramians()[:, : problem.numerators, : problem.numerators]
     per_input = energy.reshape(problem.numerators, m)
     penalty = np.zeros((problem.numerators, m, problem.numerators, m))
     for j, g in enumerate(problem.group):
         block = gramians[g]
         penalty[:, j, :, j] = problem.ridge * block * (per_input[:, j].sum() / np.trace(block))
     return penalty.reshape(problem.numerators * m, problem.numerators * m)
-
-
-def _gramians(a: Floats) -> Floats:
-    """Inner products of the states' impulse responses, ``A P + P A' + B B' = 0``; shape (groups, n, n)."""
-    groups, n = a.shape
-    companion = np.zeros((groups, n, n))
-    companion[:, np.arange(n - 1), np.arange(1, n)] = 1.0
-    companion[:, n - 1] = -a
-    eye = np.eye(n)
-    kron = np.einsum("gij,kl->gikjl", companion, eye) + np.einsum("gij,kl->gkilj", companion, eye)
-    rhs = np.zeros((groups, n * n, 1))
-    rhs[:, -1] = -1.0
-    return np.linalg.solve(kron.reshape(groups, n * n, n * n), rhs).reshape(groups, n, n)
 
 
 def _powers_over_square(a: Floats) -> Floats:

@@ -145,11 +145,12 @@ class TransferFunctionModel:
         Samples per second of the training records.
     disturbance : mapping
         For each output, how the part that the model does not explain carries on (for `predict`).
-    initial_sigma : mapping
-        For each output the assumed standard deviation of each coefficient of the response to the initial state.
+    initial_energy : mapping
+        For each output the energy that the response to an initial state is expected to have; see
+        `sysid.response.free_run`.
     initial_states : mapping
         ``[record][output]``: offset and initial response of each training record as the fit found them, from which
-        `simulate` starts such a record; see `sysid.response.free_run`.
+        `simulate` starts such a record.
     reports : mapping
         For each output, how the fit went.
     training : tuple of str
@@ -168,7 +169,7 @@ class TransferFunctionModel:
     hold: str
     rate: float
     disturbance: Mapping[str, Disturbance]
-    initial_sigma: Mapping[str, float]
+    initial_energy: Mapping[str, float]
     initial_states: Mapping[str, Mapping[str, Floats]]
     reports: Mapping[str, FitReport]
     training: tuple[str, ...]
@@ -199,7 +200,7 @@ class TransferFunctionModel:
                 self.hold,
                 shared=self.structure == "common",
                 sigma=max(self.reports[output].rmse, 1e-9),
-                initial_sigma=self.initial_sigma[output],
+                initial_energy=self.initial_energy[output],
                 initial=self.initial_states.get(experiment.name, {}).get(output),
             )
         return result

@@ -1,0 +1,73 @@
+"""Records: what is accepted, what is refused and with which words."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sysid import Experiment, ExperimentError
+from sysid.experiment import require_alike
+
+T = np.arange(100) * 0.1
+
+
+def record(**changes):
+    arguments = {"t": T, "u": np.sin(T), "y": np.cos(T), "name": "a"} | changes
+    return Experiment.from_arrays(**arguments)
+
+
+def test_a_record_knows_its_rate_trims_and_names():
+    made = record(u=np.column_stack([1500.0 + T, 1400.0 - T]))
+    assert made.rate == pytest.approx(10.0)
+    assert made.duration == pytest.approx(9.9)
+    assert made.input_names == ("u1", "u2")
+    np.testing.assert_allclose(made.input_trim, [1500.0 + 4.95, 1400.0 - 4.95])
+    np.testing.assert_allclose(made.output_trim, [1.0])
+
+
+def test_split_and_window_carry_everything_along():
+    context = pd.DataFrame({"roll": T}, index=T)
+    made = record(context=context, units={"y1": "m"})
+    first, second = made.split(0.7)
+    assert (len(first.t), len(second.t)) == (70, 30)
+    assert second.t[0] == T[70]
+    assert second.context["roll"].iloc[0] == T[70]
+    np.testing.assert_allclose(second.output_trim, made.y[70])
+    np.testing.assert_allclose(second.input_trim, made.u[70:].mean(axis=0))
+    assert first.name != second.name
+    assert first.units == {"y1": "m"}
+    middle = made.window(2.0, 5.0)
+    assert middle.t[0] == pytest.approx(2.0)
+    assert middle.t[-1] == pytest.approx(4.9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"y": np.where(T > 5.0, np.nan, T)}, "output y1 has 49 of 100 values that are not finite"),
+        ({"u": np.where(T > 9.75, np.inf, T)}, "input u1 has 2 of 100 values"),
+        ({"t": T**1.01}, "not uniform"),
+        ({"t": T[::-1]}, "not uniform"),
+        ({"t": np.where(T == 0.0, np.nan, T)}, "time has values that are not finite"),
+        ({"u": T[:50]}, "they must agree"),
+        ({"t": T[:3], "u": T[:3], "y": T[:3]}, "at least"),
+        ({"input_names": ["a", "b"]}, "2 input names for 1 inputs"),
+        ({"y": np.zeros((100, 0))}, "shape"),
+    ],
+)
+def test_bad_data_is_refused_with_the_reason(changes, words):
+    with pytest.raises(ExperimentError, match=words):
+        record(**changes)
+
+
+def test_a_split_that_leaves_nothing_is_refused():
+    with pytest.raises(ExperimentError, match="window of 1 samples"):
+        record().split(0.99)
+
+
+def test_records_of_different_kinds_are_not_mixed():
+    with pytest.raises(ExperimentError, match="no experiments"):
+        require_alike([])
+    with pytest.raises(ExperimentError, match="only records of one kind"):
+        require_alike([record(), record(output_names=["z"], name="b")])
+    with pytest.raises(ExperimentError, match="10 Hz"):
+        require_alike([record(), record(t=np.arange(100) * 0.05, name="b")])

@@ -1,0 +1,179 @@
+"""Transfer functions from simulated records: the truth within the model's own uncertainty, and bad input."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sysid import Experiment, ExperimentError, fit_transfer_functions
+from tests.sysid.simulated import TRUE, motion, simulated_record
+
+POLES, ZEROS = 3, 1
+
+
+def true_parameters(output, name):
+    num, den = TRUE[output][int(name[1:]) - 1]
+    return np.concatenate([np.array(num) / 50.0, den[1:]])  # inputs are 50 us a unit
+
+
+@pytest.fixture(scope="module")
+def joint():
+    """Three records with different offsets, two of them beginning in motion."""
+    records = [
+        simulated_record(1, offset=3.0),
+        simulated_record(2, offset=-40.0, from_rest=False),
+        simulated_record(3, samples=900, from_rest=False),
+    ]
+    return records, fit_transfer_functions(records, POLES, ZEROS)
+
+
+def test_truth_is_found_within_the_models_own_uncertainty(joint):
+    """Normalised squared errors of 20 coefficients have mean 1; above 2 has a chance below 1 %."""
+    _, model = joint
+    normalised = []
+    for output, row in model.transfer_functions.items():
+        for name, function in row.items():
+            error = np.concatenate([function.num, function.den[1:]]) - true_parameters(output, name)
+            normalised.append(error @ np.linalg.solve(function.covariance, error) / len(error))
+            # The uncertainty itself is useful: a few per cent of the values.
+            assert np.all(function.standard_deviation < 0.25 * np.abs(true_parameters(output, name)))
+    assert 0.2 < np.mean(normalised) < 2.0
+
+
+def test_training_residual_is_the_noise(joint):
+    _, model = joint
+    for report in model.reports.values():
+        assert report.rmse == pytest.approx(0.05, rel=0.05)
+        assert report.converged
+
+
+def test_free_run_on_a_new_record_is_nearly_noise_free(joint):
+    """On a record with 0.05 of noise and a spread of about 0.5, the free run errs by a tenth of the noise."""
+    _, model = joint
+    clean = simulated_record(9, noise=0.0)
+    error = model.simulate(clean) - clean.y
+    assert np.sqrt(np.mean(error[30:] ** 2)) < 0.01
+
+
+def test_a_training_record_starts_from_the_state_that_the_fit_found(joint):
+    """The free run of the training records reproduces the residual that the fit reports."""
+    records, model = joint
+    residual = np.vstack([record.y - model.simulate(record) for record in records])
+    reported = [model.reports[output].rmse for output in model.output_names]
+    np.testing.assert_allclose(np.sqrt(np.mean(residual**2, axis=0)), reported, rtol=1e-6)
+
+
+def test_first_order_hold():
+    systems = {"y": TRUE["y1"][:1]}
+    record = simulated_record(4, hold="foh", noise=0.001, systems=systems)
+    model = fit_transfer_functions([record], POLES, ZEROS, hold="foh")
+    function = model.transfer_functions["y"]["u1"]
+    np.testing.assert_allclose(function.den, TRUE["y1"][0][1], rtol=0.01)
+    assert function.gain == pytest.approx(TRUE["y1"][0][0][1] / TRUE["y1"][0][1][-1] / 50.0, rel=0.01)
+
+
+def test_common_denominator_is_one_for_all_inputs():
+    den = [1.0, 1.6, 4.0, 1.2]
+    systems = {"y": (([2.0, 1.0], den), ([-0.6, 0.9], den))}
+    model = fit_transfer_functions([simulated_record(5, systems=systems)], POLES, ZEROS, structure="common")
+    row = model.transfer_functions["y"]
+    np.testing.assert_array_equal(row["u1"].den, row["u2"].den)
+    deviation = row["u1"].standard_deviation[2:]
+    assert np.all(np.abs(row["u1"].den[1:] - den[1:]) < 4.0 * deviation)
+
+
+def test_the_same_seed_gives_the_same_model():
+    record = simulated_record(6, samples=400)
+    first, second = (fit_transfer_functions([record], POLES, ZEROS, seed=3) for _ in range(2))
+    for output, row in first.transfer_functions.items():
+        for name, function in row.items():
+            np.testing.assert_array_equal(function.num, second.transfer_functions[output][name].num)
+
+
+def test_standard_errors_hold_for_coloured_residuals():
+    """Noise through a slow filter: white-noise formulae would claim errors several times too small."""
+    from scipy.signal import lfilter
+
+    systems, normalised = {"y": TRUE["y1"][:1]}, []
+    for seed in range(12):
+        record = simulated_record(100 + seed, samples=1000, noise=0.0, systems=systems)
+        noise = lfilter([0.05], [1.0, -0.95], np.random.default_rng(seed).standard_normal((1000, 1)), axis=0)
+        record = Experiment.from_arrays(record.t, record.u, record.y + noise, input_trim=[1500.0])
+        function = fit_transfer_functions([record], POLES, ZEROS, ridge=0.0).transfer_functions["y1"]["u1"]
+        error = np.concatenate([function.num, function.den[1:]]) - true_parameters("y1", "u1")
+        normalised.append((error / function.standard_deviation) ** 2)
+    # 60 squares with mean 1; correlated within a record, so allow a factor of two.
+    assert 0.4 < np.mean(normalised) < 2.5
+
+
+def test_poles_are_stable_even_for_noise():
+    """Nothing to identify: whatever comes out is stable, bounded, and said to be undetermined."""
+    rng = np.random.default_rng(0)
+    y = np.cumsum(np.cumsum(rng.standard_normal((300, 1)), axis=0), axis=0)
+    record = Experiment.from_arrays(np.arange(300) * 0.1, motion(rng, 300, 3), y)
+    model = fit_transfer_functions([record], 5, 3)
+    for function in model.transfer_functions["y1"].values():
+        assert np.all(function.poles.real < 0.0)
+    longer = Experiment.from_arrays(np.arange(3000) * 0.1, motion(rng, 3000, 3), np.zeros(3000))
+    assert np.all(np.abs(model.simulate(longer)) < 1e3 * np.abs(y).max())
+    assert "undetermined-coefficients" in {finding.id for finding in model.findings}
+
+
+def test_a_constant_input_is_left_out_with_a_finding():
+    record = simulated_record(7, samples=500, systems={"y": TRUE["y1"]})
+    dead = record.u.copy()
+    dead[:, 1] = 1100.0
+    made = Experiment.from_arrays(record.t, dead, record.y)
+    model = fit_transfer_functions([made], POLES, ZEROS)
+    assert model.transfer_functions["y1"]["u2"].gain == 0.0
+    finding = next(finding for finding in model.findings if finding.id == "constant-input")
+    assert "u2 stays at 1100" in finding.reason
+    assert np.isfinite(model.simulate(made)).all()
+
+
+def test_identical_inputs_share_their_effect_with_a_finding():
+    record = simulated_record(8, samples=800, systems={"y": TRUE["y1"][:1]}, noise=0.01)
+    twins = Experiment.from_arrays(record.t, np.repeat(record.u, 2, axis=1), record.y, input_trim=[1500.0, 1500.0])
+    model = fit_transfer_functions([twins], POLES, ZEROS, structure="common")
+    assert "identical-inputs" in {finding.id for finding in model.findings}
+    together = sum(function.gain for function in model.transfer_functions["y1"].values())
+    assert together == pytest.approx(1.0 / 1.2 / 50.0, rel=0.03)
+    assert not any(function.determined[:2].any() for function in model.transfer_functions["y1"].values())
+
+
+def test_bad_input_is_refused():
+    record = simulated_record(10, samples=40)
+    with pytest.raises(ExperimentError, match="40 samples for"):
+        fit_transfer_functions([record], 8, 7)
+    still = Experiment.from_arrays(record.t, np.full(40, 1500.0), record.y)
+    with pytest.raises(ExperimentError, match="every input is constant"):
+        fit_transfer_functions([still], 2, 1)
+    with pytest.raises(ValueError, match="fewer than poles"):
+        fit_transfer_functions([record], 3, 3)
+
+
+def test_a_constant_output_gives_a_model_without_effect():
+    record = simulated_record(11, samples=200)
+    level = Experiment.from_arrays(record.t, record.u, np.full(200, 4.0))
+    model = fit_transfer_functions([level], 2, 1)
+    assert "constant-output" in {finding.id for finding in model.findings}
+    np.testing.assert_allclose(model.simulate(level), 4.0, atol=1e-6)
+
+
+def test_a_time_limit_is_kept_and_said():
+    record = simulated_record(12)
+    model = fit_transfer_functions([record], 5, 3, time_limit=0.01)
+    assert "fit-not-converged" in {finding.id for finding in model.findings}
+    assert all(np.all(f.poles.real < 0.0) for row in model.transfer_functions.values() for f in row.values())
+
+
+def test_progress_and_json():
+    seen = []
+    record = simulated_record(13, samples=200)
+    model = fit_transfer_functions([record], 2, 1, progress=lambda stage, fraction: seen.append((stage, fraction)))
+    assert seen[0] == ("fitting y1", 0.0)
+    assert seen[-1][1] == 1.0
+    text = json.dumps(model.to_dict(), allow_nan=False)
+    read = json.loads(text)
+    assert read["transfer_functions"]["y1"]["u2"]["den"][0] == 1.0
+    assert len(read["transfer_functions"]["y1"]["u2"]["poles"]) == 2

@@ -1,0 +1,46 @@
+"""Denominators from logarithmic sections: always stable, differentiable, and back from poles."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sysid.sections import Band, clip, denominators, from_poles
+
+BAND = Band(1e-3, 30.0)
+
+
+@given(st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=7))
+def test_every_parameter_gives_a_stable_denominator(values):
+    theta = clip(np.array([values]), BAND)
+    a, _ = denominators(theta)
+    poles = np.roots(np.concatenate([[1.0], a[0, ::-1]]))
+    assert np.all(a > 0.0)
+    # Rounding of clustered roots: relative to their size.
+    assert np.all(poles.real < 1e-3 * np.abs(poles))
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 5, 6])
+def test_slopes_equal_differences(order):
+    rng = np.random.default_rng(order)
+    theta = rng.uniform(-1.0, 0.5, (3, order))
+    _, slope = denominators(theta)
+    for i in range(order):
+        up, down = theta.copy(), theta.copy()
+        up[:, i] += 1e-6
+        down[:, i] -= 1e-6
+        expected = (denominators(up)[0] - denominators(down)[0]) / 2e-6
+        np.testing.assert_allclose(slope[:, :, i], expected, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "poles",
+    [
+        [-0.3 + 2.0j, -0.3 - 2.0j, -0.1],
+        [-1.0, -2.0, -0.01, -5.0],
+        [-0.5 + 0.1j, -0.5 - 0.1j, -4.0, -0.2 + 3j, -0.2 - 3j],
+    ],
+)
+def test_poles_and_back(poles):
+    a, _ = denominators(from_poles(np.array(poles, dtype=complex))[None])
+    np.testing.assert_allclose(np.concatenate([[1.0], a[0, ::-1]]), np.real(np.poly(poles)), rtol=1e-9)
