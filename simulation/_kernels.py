@@ -3,6 +3,8 @@
 State vector of a craft with n rotors: position (3, NED, m), velocity (3, NED, m/s), body-to-NED quaternion (4, scalar
 first), angular rate (3, FRD, rad/s), rotor speeds (n, rad/s). No fast-math, no BLAS and no vectorised
 transcendental functions on the way from seed to log: the same seed has to give the same log, to the last bit.
+
+One file on purpose: numba's cache notices a change in a function's own file only, not in the files that it calls.
 """
 
 from math import asin, atan, atan2, cos, exp, isfinite, pi, sin, sqrt, tan
@@ -94,6 +96,24 @@ class CascadeParameters(NamedTuple):
     tilt_limit: float
     speed_limit: np.ndarray  # (3,): horizontal, up, down
     filter_frequency: float  # Hz, of gyro and accelerometer
+
+
+class AutopilotState(NamedTuple):
+    """What the autopilot remembers and last decided; all arrays, changed in place."""
+
+    integral_velocity: np.ndarray  # (3,)
+    slope_velocity: np.ndarray  # (3,), filtered derivative of the velocity error
+    last_velocity_error: np.ndarray  # (3,)
+    integral_rate: np.ndarray  # (3,)
+    slope_rate: np.ndarray  # (3,)
+    last_rate_error: np.ndarray  # (3,)
+    velocity_target: np.ndarray  # (3,), NED
+    accel_target: np.ndarray  # (3,), NED
+    angle_target: np.ndarray  # (3,), roll, pitch, yaw
+    angle: np.ndarray  # (3,), as the autopilot believes them
+    rate_target: np.ndarray  # (3,)
+    torque: np.ndarray  # (3,), normalised
+    thrust: np.ndarray  # (4,): throttle before and after the boost for tilt, the boost, the spool-up factor
 
 
 class SensorParameters(NamedTuple):
@@ -430,6 +450,161 @@ def wrap(angle: float) -> float:
 
 
 @njit(cache=True, nogil=True)
+def position_control(
+    x: np.ndarray,
+    upright: float,
+    yaw: float,
+    reference: np.ndarray,
+    errors: np.ndarray,
+    limited: bool,
+    dt: float,
+    gravity: float,
+    cascade: CascadeParameters,
+    autopilot: AutopilotState,
+) -> None:
+    """Position P, velocity PID, then lean angles and throttle (Elhesasy 2024, eq. 21-24).
+
+    `upright` is the cosine of the tilt, `yaw` the believed heading, `reference` (10,) and `errors` (9,) the rows of
+    this tick, `limited` whether the last allocation was cut (then nothing integrates).
+    """
+    smoothing = 1.0 - exp(-dt * 2.0 * pi * 5.0)
+    velocity_target, accel_target = autopilot.velocity_target, autopilot.accel_target
+    autopilot.thrust[3] = min(autopilot.thrust[3] + dt / 1.0, 1.0)  # spools up within a second
+    flying = x[2] < -0.1
+    for i in range(3):
+        error = reference[i] - (x[i] + errors[i])
+        velocity_target[i] = reference[3 + i] + cascade.position_p[i] * error
+    horizontal = sqrt(velocity_target[0] ** 2 + velocity_target[1] ** 2)
+    if horizontal > cascade.speed_limit[0]:
+        velocity_target[0] *= cascade.speed_limit[0] / horizontal
+        velocity_target[1] *= cascade.speed_limit[0] / horizontal
+    velocity_target[2] = min(max(velocity_target[2], -cascade.speed_limit[1]), cascade.speed_limit[2])
+    for i in range(3):
+        error = velocity_target[i] - (x[VELOCITY + i] + errors[3 + i])
+        change = (error - autopilot.last_velocity_error[i]) / dt
+        autopilot.slope_velocity[i] += smoothing * (change - autopilot.slope_velocity[i])
+        autopilot.last_velocity_error[i] = error
+        if flying and not limited:
+            autopilot.integral_velocity[i] += cascade.velocity_pid[i, 1] * error * dt
+        accel_target[i] = (
+            cascade.velocity_pid[i, 0] * error
+            + autopilot.integral_velocity[i]
+            + cascade.velocity_pid[i, 2] * autopilot.slope_velocity[i]
+        )
+    # Horizontal: the output is an acceleration; lean into it, yaw taken out.
+    for i in range(2):
+        accel_target[i] += reference[6 + i]
+    cy, sy = cos(yaw), sin(yaw)
+    forward = cy * accel_target[0] + sy * accel_target[1]
+    right = -sy * accel_target[0] + cy * accel_target[1]
+    limit = gravity * tan(cascade.tilt_limit)
+    lean = sqrt(forward * forward + right * right)
+    if lean > limit:
+        forward *= limit / lean
+        right *= limit / lean
+    autopilot.angle_target[1] = -atan(forward / gravity)
+    autopilot.angle_target[0] = atan(right * cos(autopilot.angle_target[1]) / gravity)
+    autopilot.angle_target[2] = reference[9]
+    # Vertical: the output is normalised thrust about hover, more of it when tilted.
+    throttle = cascade.hover_thrust * (1.0 - reference[8] / gravity) - accel_target[2]
+    boost = throttle / max(upright, 0.5) - throttle
+    accel_target[2] = -(throttle / cascade.hover_thrust - 1.0) * gravity
+    autopilot.thrust[0] = throttle
+    autopilot.thrust[1] = min(max((throttle + boost) * autopilot.thrust[3], 0.0), 1.0)
+    autopilot.thrust[2] = boost
+
+
+@njit(cache=True, nogil=True)
+def stand_by(yaw: float, autopilot: AutopilotState) -> None:
+    """Forget everything while the motors idle or stand; the heading to hold is the present one."""
+    for memory in (
+        autopilot.integral_velocity,
+        autopilot.slope_velocity,
+        autopilot.last_velocity_error,
+        autopilot.integral_rate,
+        autopilot.slope_rate,
+        autopilot.last_rate_error,
+        autopilot.velocity_target,
+        autopilot.accel_target,
+        autopilot.rate_target,
+        autopilot.torque,
+        autopilot.angle_target,
+        autopilot.thrust,
+    ):
+        memory[:] = 0.0
+    autopilot.angle_target[2] = yaw
+
+
+@njit(cache=True, nogil=True)
+def attitude_control(
+    rate: np.ndarray, limited: bool, dt: float, cascade: CascadeParameters, autopilot: AutopilotState
+) -> None:
+    """Angle P, rate PID to normalised torques (Elhesasy 2024, eq. 18-20); `rate` (3,) is the measured rate."""
+    smoothing = 1.0 - exp(-dt * 2.0 * pi * 20.0)
+    spool = autopilot.thrust[3]
+    for i in range(3):
+        autopilot.rate_target[i] = cascade.angle_p[i] * wrap(autopilot.angle_target[i] - autopilot.angle[i])
+        error = autopilot.rate_target[i] - rate[i]
+        change = (error - autopilot.last_rate_error[i]) / dt
+        autopilot.slope_rate[i] += smoothing * (change - autopilot.slope_rate[i])
+        autopilot.last_rate_error[i] = error
+        if not limited and spool >= 1.0:
+            autopilot.integral_rate[i] += cascade.rate_pid[i, 1] * error * dt
+        out = (
+            cascade.rate_pid[i, 0] * error
+            + autopilot.integral_rate[i]
+            + cascade.rate_pid[i, 2] * autopilot.slope_rate[i]
+        )
+        autopilot.torque[i] = min(max(out, -1.0), 1.0) * spool
+
+
+@njit(cache=True, nogil=True)
+def low_pass(frequency: float, dt: float) -> tuple[float, float, float]:
+    """Second-order Butterworth low-pass by the bilinear transform: b0, a1, a2 (b1 = 2 b0, b2 = b0)."""
+    ohm = tan(pi * frequency * dt)
+    scale = 1.0 + sqrt(2.0) * ohm + ohm * ohm
+    return ohm * ohm / scale, 2.0 * (ohm * ohm - 1.0) / scale, (1.0 - sqrt(2.0) * ohm + ohm * ohm) / scale
+
+
+@njit(cache=True, nogil=True)
+def sense_motion(
+    x: np.ndarray,
+    specific_force: np.ndarray,
+    noise: np.ndarray,
+    sensors: SensorParameters,
+    coefficients: tuple[float, float, float],
+    first: bool,
+    delays: np.ndarray,
+    measured: np.ndarray,
+) -> None:
+    """Fill `measured` (6,) with gyro and accelerometer behind their low-pass.
+
+    Broadband vibration grows with the square of the rotor speed. `delays` (2, 6) is the filter's memory, started in
+    the steady state of the first sample.
+    """
+    b0, a1, a2 = coefficients
+    n = x.size - ROTORS
+    mean_square = 0.0
+    for i in range(n):
+        mean_square += x[ROTORS + i] * x[ROTORS + i] / n
+    shake = mean_square / (sensors.vibration_speed * sensors.vibration_speed)
+    for i in range(6):
+        if i < 3:
+            white = sensors.gyro_white + sensors.gyro_vibration * shake
+            raw = x[RATE + i] + sensors.gyro_bias[i] + white * noise[i]
+        else:
+            white = sensors.accel_white + sensors.vibration * shake
+            raw = specific_force[i - 3] + sensors.accel_bias[i - 3] + white * noise[i]
+        if first:
+            delays[0, i] = raw / (1.0 + a1 + a2)
+            delays[1, i] = delays[0, i]
+        element = raw - a1 * delays[0, i] - a2 * delays[1, i]
+        measured[i] = b0 * (element + 2.0 * delays[0, i] + delays[1, i])
+        delays[1, i] = delays[0, i]
+        delays[0, i] = element
+
+
+@njit(cache=True, nogil=True)
 def fly_cascade(
     x: np.ndarray,
     dt: float,
@@ -485,54 +660,43 @@ def fly_cascade(
     steps = winds.shape[0]
     work = np.empty((5, x.size))
     force = np.empty(4)
+    specific_force = np.empty(3)
     C = np.empty((3, 3))
     command = np.zeros(n)
     pwm = np.full(n, drive.pwm_min)
     u = np.zeros(n)
-
-    # Second-order Butterworth low-pass of the inertial sensors (bilinear transform).
-    ohm = tan(pi * cascade.filter_frequency * dt)
-    scale = 1.0 + sqrt(2.0) * ohm + ohm * ohm
-    b0 = ohm * ohm / scale
-    a1 = 2.0 * (ohm * ohm - 1.0) / scale
-    a2 = (1.0 - sqrt(2.0) * ohm + ohm * ohm) / scale
-    delay1 = np.zeros(6)
-    delay2 = np.zeros(6)
+    coefficients = low_pass(cascade.filter_frequency, dt)
+    delays = np.zeros((2, 6))
     measured = np.zeros(6)
-
-    dt_rate = 2.0 * dt
-    dt_position = 10.0 * dt
-    smoothing = 1.0 - exp(-dt_rate * 2.0 * pi * 20.0)  # 20 Hz on the derivative terms
-    smoothing_velocity = 1.0 - exp(-dt_position * 2.0 * pi * 5.0)
-    integral_rate = np.zeros(3)
-    integral_velocity = np.zeros(3)
-    slope_rate = np.zeros(3)
-    slope_velocity = np.zeros(3)
-    last_rate_error = np.zeros(3)
-    last_velocity_error = np.zeros(3)
-    euler = np.zeros(3)
-    target = np.zeros(3)  # attitude target
-    rate_target = np.zeros(3)
-    torque = np.zeros(3)
-    velocity_target = np.zeros(3)
-    accel_target = np.zeros(3)
-    throttle_in, throttle, boost, spool = 0.0, 0.0, 0.0, 0.0
+    rate = np.zeros(3)
+    autopilot = AutopilotState(
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(4),
+    )
     limited = False
     state = DISARMED
     still = 0
-
-    charge = 0.0
-    voltage = drive.voltage_full
-    current = 0.0
+    charge, voltage = 0.0, drive.voltage_full
     row = 0
     for k in range(steps):
         tick = k // 10
         rotation_matrix(x[ATTITUDE:RATE], C)
-        roll_true = atan2(C[2, 1], C[2, 2])
         if C[2, 2] < 0.0:
             return row, OVERTURNED, k
-        pitch_true = -asin(min(max(C[2, 0], -1.0), 1.0))
-        yaw_true = atan2(C[1, 0], C[0, 0])
+        roll = atan2(C[2, 1], C[2, 2])
+        pitch = -asin(min(max(C[2, 0], -1.0), 1.0))
+        yaw = atan2(C[1, 0], C[0, 0])
 
         if k % 10 == 0:
             if state != LANDED:
@@ -540,113 +704,47 @@ def fly_cascade(
             # Landed: nearly still for one second while the reference keeps sinking.
             if state == LANDING:
                 speed2 = x[3] * x[3] + x[4] * x[4] + x[5] * x[5]
-                touching = x[2] > -0.05 and speed2 < 0.01
-                still = still + 1 if touching else 0
-                if still * dt_position > 1.0:
+                still = still + 1 if x[2] > -0.05 and speed2 < 0.01 else 0
+                if still * (10.0 * dt) > 1.0:
                     state = LANDED
+            believed = yaw + navigation[tick, 8]
             if state in (FLYING, LANDING):
-                spool = min(spool + dt_position / 1.0, 1.0)
-                cy, sy = cos(yaw_true + navigation[tick, 8]), sin(yaw_true + navigation[tick, 8])
-                flying = x[2] < -0.1
-                for i in range(3):
-                    error = reference[tick, i] - (x[i] + navigation[tick, i])
-                    velocity_target[i] = reference[tick, 3 + i] + cascade.position_p[i] * error
-                horizontal = sqrt(velocity_target[0] ** 2 + velocity_target[1] ** 2)
-                if horizontal > cascade.speed_limit[0]:
-                    velocity_target[0] *= cascade.speed_limit[0] / horizontal
-                    velocity_target[1] *= cascade.speed_limit[0] / horizontal
-                velocity_target[2] = min(max(velocity_target[2], -cascade.speed_limit[1]), cascade.speed_limit[2])
-                for i in range(3):
-                    error = velocity_target[i] - (x[VELOCITY + i] + navigation[tick, 3 + i])
-                    change = (error - last_velocity_error[i]) / dt_position
-                    slope_velocity[i] += smoothing_velocity * (change - slope_velocity[i])
-                    last_velocity_error[i] = error
-                    if flying and not limited:
-                        integral_velocity[i] += cascade.velocity_pid[i, 1] * error * dt_position
-                    accel_target[i] = (
-                        cascade.velocity_pid[i, 0] * error
-                        + integral_velocity[i]
-                        + cascade.velocity_pid[i, 2] * slope_velocity[i]
-                    )
-                # Horizontal: the cascade's output is an acceleration; lean into it, yaw taken out.
-                for i in range(2):
-                    accel_target[i] += reference[tick, 6 + i]
-                forward = cy * accel_target[0] + sy * accel_target[1]
-                right = -sy * accel_target[0] + cy * accel_target[1]
-                limit = frame.gravity * tan(cascade.tilt_limit)
-                lean = sqrt(forward * forward + right * right)
-                if lean > limit:
-                    forward *= limit / lean
-                    right *= limit / lean
-                target[1] = -atan(forward / frame.gravity)
-                target[0] = atan(right * cos(target[1]) / frame.gravity)
-                target[2] = reference[tick, 9]
-                # Vertical: the output is normalised thrust about hover, more of it when tilted.
-                throttle_in = cascade.hover_thrust * (1.0 - reference[tick, 8] / frame.gravity) - accel_target[2]
-                upright = max(C[2, 2], 0.5)
-                boost = throttle_in / upright - throttle_in
-                accel_target[2] = -(throttle_in / cascade.hover_thrust - 1.0) * frame.gravity
-                throttle = min(max((throttle_in + boost) * spool, 0.0), 1.0)
+                position_control(
+                    x,
+                    C[2, 2],
+                    believed,
+                    reference[tick],
+                    navigation[tick],
+                    limited,
+                    10.0 * dt,
+                    frame.gravity,
+                    cascade,
+                    autopilot,
+                )
             else:
-                spool, throttle_in, throttle, boost = 0.0, 0.0, 0.0, 0.0
-                for i in range(3):
-                    integral_velocity[i] = 0.0
-                    last_velocity_error[i] = 0.0
-                    slope_velocity[i] = 0.0
-                    velocity_target[i] = 0.0
-                    accel_target[i] = 0.0
-                target[0], target[1], target[2] = 0.0, 0.0, wrap(yaw_true + navigation[tick, 8])
+                stand_by(wrap(believed), autopilot)
 
         derivative(x, command, winds[k], frame, air, work[0], force)
-
-        # Gyro and accelerometer behind the low-pass; broadband vibration grows with the square of the rotor speed.
-        mean_square = 0.0
-        for i in range(n):
-            mean_square += x[ROTORS + i] * x[ROTORS + i] / n
-        shake = mean_square / (sensors.vibration_speed * sensors.vibration_speed)
-        for i in range(6):
-            if i < 3:
-                white = sensors.gyro_white + sensors.gyro_vibration * shake
-                raw = x[RATE + i] + sensors.gyro_bias[i] + white * noise[k, i]
-            else:
-                white = sensors.accel_white + sensors.vibration * shake
-                raw = force[i - 3] / frame.mass + sensors.accel_bias[i - 3] + white * noise[k, i]
-            if k == 0:
-                delay1[i] = raw / (1.0 + a1 + a2)
-                delay2[i] = delay1[i]
-            element = raw - a1 * delay1[i] - a2 * delay2[i]
-            measured[i] = b0 * (element + 2.0 * delay1[i] + delay2[i])
-            delay2[i] = delay1[i]
-            delay1[i] = element
+        for i in range(3):
+            specific_force[i] = force[i] / frame.mass
+        sense_motion(x, specific_force, noise[k], sensors, coefficients, k == 0, delays, measured)
 
         if k % 2 == 0:
-            euler[0] = roll_true + navigation[tick, 6]
-            euler[1] = pitch_true + navigation[tick, 7]
-            euler[2] = wrap(yaw_true + navigation[tick, 8])
-            active = state in (FLYING, LANDING)
-            for i in range(3):
-                if active:
-                    rate_target[i] = cascade.angle_p[i] * wrap(target[i] - euler[i])
-                    # The autopilot knows its gyro bias: it flies on the corrected rate.
-                    error = rate_target[i] - (measured[i] - sensors.gyro_bias[i])
-                    change = (error - last_rate_error[i]) / dt_rate
-                    slope_rate[i] += smoothing * (change - slope_rate[i])
-                    last_rate_error[i] = error
-                    if not limited and spool >= 1.0:
-                        integral_rate[i] += cascade.rate_pid[i, 1] * error * dt_rate
-                    out = cascade.rate_pid[i, 0] * error + integral_rate[i] + cascade.rate_pid[i, 2] * slope_rate[i]
-                    torque[i] = min(max(out, -1.0), 1.0) * spool
-                else:
-                    rate_target[i], torque[i], integral_rate[i] = 0.0, 0.0, 0.0
-                    slope_rate[i], last_rate_error[i] = 0.0, 0.0
-            if active:
-                limited = mix(throttle, torque[0], torque[1], torque[2], cascade.mixer, u)
+            autopilot.angle[0] = roll + navigation[tick, 6]
+            autopilot.angle[1] = pitch + navigation[tick, 7]
+            autopilot.angle[2] = wrap(yaw + navigation[tick, 8])
+            if state in (FLYING, LANDING):
+                # The autopilot knows its gyro bias: it flies on the corrected rate.
+                for i in range(3):
+                    rate[i] = measured[i] - sensors.gyro_bias[i]
+                attitude_control(rate, limited, 2.0 * dt, cascade, autopilot)
+                torque = autopilot.torque
+                limited = mix(autopilot.thrust[1], torque[0], torque[1], torque[2], cascade.mixer, u)
                 for i in range(n):
                     span = drive.pwm_full - drive.pwm_zero
                     pwm[i] = int(drive.pwm_zero + span * actuator(u[i], drive.expo))
             else:
-                for i in range(n):
-                    pwm[i] = drive.pwm_idle if state == IDLE else drive.pwm_min
+                pwm[:] = drive.pwm_idle if state == IDLE else drive.pwm_min
 
         # Battery: what the rotors take mechanically over the drives' efficiency; voltage seen through 10 Hz.
         power = drive.avionics_power + force[3] / drive.efficiency
@@ -661,33 +759,21 @@ def fly_cascade(
         if k % every == 0:
             r = records[row]
             r[0] = k * dt
-            for i in range(3):
-                r[1 + i] = x[POSITION + i]
-                r[4 + i] = x[VELOCITY + i]
-                r[11 + i] = x[RATE + i]
-                r[14 + i] = force[i] / frame.mass
-                r[17 + i] = work[0, VELOCITY + i]
-                r[20 + i] = winds[k, i]
-                r[29 + i] = target[i]
-                r[32 + i] = euler[i]
-                r[35 + i] = rate_target[i]
-                r[38 + i] = torque[i]
-                r[41 + i] = velocity_target[i]
-                r[44 + i] = accel_target[i]
-            for i in range(4):
-                r[7 + i] = x[ATTITUDE + i]
-            for i in range(6):
-                r[23 + i] = measured[i]
-            r[47] = throttle_in
-            r[48] = throttle
-            r[49] = boost
-            r[50] = voltage
-            r[51] = current
-            r[52] = charge
-            r[53] = state
-            for i in range(n):
-                r[54 + i] = x[ROTORS + i]
-                r[54 + n + i] = pwm[i]
+            r[1:14] = x[:ROTORS]
+            r[14:17] = specific_force
+            r[17:20] = work[0, VELOCITY:ATTITUDE]
+            r[20:23] = winds[k]
+            r[23:29] = measured
+            r[29:32] = autopilot.angle_target
+            r[32:35] = autopilot.angle
+            r[35:38] = autopilot.rate_target
+            r[38:41] = autopilot.torque
+            r[41:44] = autopilot.velocity_target
+            r[44:47] = autopilot.accel_target
+            r[47:50] = autopilot.thrust[:3]
+            r[50], r[51], r[52], r[53] = voltage, current, charge, state
+            r[54 : 54 + n] = x[ROTORS:]
+            r[54 + n :] = pwm
             row += 1
 
         rk4_step(x, command, winds[k], dt, frame, air, work)
