@@ -25,10 +25,7 @@ TAIL = 1  #: where the unreadable end of the stream begins; the stream's length 
 BAD_CHECKSUMS = 2
 STRAY_BYTES = 3
 BREAKS = 4
-FRAMES_V1 = 5
-FRAMES_V2 = 6
-SIGNED = 7
-STATE_SIZE = 8
+STATE_SIZE = 5
 
 # Columns of an open clock window (one row per link) and of a closed one (preceded by the link).
 FIRST_OFFSET = 0
@@ -38,6 +35,9 @@ LAST_BOOT = 3
 DELAY = 4
 SAMPLES = 5
 WINDOW_SIZE = 6
+
+#: Slots of what is no known message; `slot_of_id` has the first.
+UNKNOWN, NO_FRAME = -1, -2
 
 LINKS = 65536  #: a link is ``system << 8 | component``
 
@@ -61,26 +61,26 @@ _U = np.uint64
 
 
 def checksum_tables() -> npt.NDArray[np.uint16]:
-    """Tables of CRC-16/MCRF4XX for eight bytes at a time ("slicing by 8", Kounavis and Berry 2005), shape (8 * 256,).
+    """Tables of CRC-16/MCRF4XX for sixteen bytes at a time ("slicing", Kounavis and Berry 2005), shape (16 * 256,).
 
     Entry ``256 k + b`` is the register after byte b and k zero bytes.
     """
-    tables = np.zeros((8, 256), np.uint16)
+    tables = np.zeros((16, 256), np.uint16)
     register = np.arange(256, dtype=np.uint16)
     for _ in range(8):
         register = np.where(register & 1, (register >> 1) ^ 0x8408, register >> 1).astype(np.uint16)
     tables[0] = register
-    for k in range(1, 8):
+    for k in range(1, 16):
         tables[k] = (tables[k - 1] >> 8) ^ tables[0][tables[k - 1] & 0xFF]
     return tables.ravel()
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _u16(data: Array, p: Int) -> Int:
     return np.uint16(data[p]) | (np.uint16(data[p + _U(1)]) << np.uint16(8))
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _u32(data: Array, p: Int) -> Int:
     # LLVM makes one load of this.
     return (
@@ -91,21 +91,28 @@ def _u32(data: Array, p: Int) -> Int:
     )
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _u64(data: Array, p: Int) -> Int:
     return np.uint64(_u32(data, p)) | (np.uint64(_u32(data, p + _U(4))) << _U(32))
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _stamp(data: Array, mark: Int) -> Int:
     """Logger time before the frame at `mark`, us: eight bytes, the highest first."""
-    stamp = _U(0)
-    for k in range(8):
-        stamp = (stamp << _U(8)) | np.uint64(data[mark - _U(8) + _U(k)])
-    return np.int64(stamp)
+    stamp = _u64(data, mark - _U(8))
+    # LLVM makes one instruction of this.
+    stamp = ((stamp & _U(0x00FF00FF00FF00FF)) << _U(8)) | ((stamp >> _U(8)) & _U(0x00FF00FF00FF00FF))
+    stamp = ((stamp & _U(0x0000FFFF0000FFFF)) << _U(16)) | ((stamp >> _U(16)) & _U(0x0000FFFF0000FFFF))
+    return np.int64((stamp << _U(32)) | (stamp >> _U(32)))
 
 
-@njit(inline="always")
+@njit(forceinline=True)
+def _cut_u32(data: Array, p: Int, present: Int) -> Int:
+    """Little-endian integer of four bytes of which only `present` were sent; the rest are zero."""
+    return _u32(data, p) if present >= 4 else np.uint32(_cut_uint(data, p, present, 4))
+
+
+@njit(cache=True, nogil=True)
 def _cut_uint(data: Array, p: Int, present: Int, width: Int) -> Int:
     """Little-endian integer of `width` bytes of which only `present` were sent; the rest are zero."""
     value = _U(0)
@@ -114,22 +121,22 @@ def _cut_uint(data: Array, p: Int, present: Int, width: Int) -> Int:
     return value
 
 
-@njit(inline="always")
-def _eight_bytes(tables: Array, word: Int) -> Int:
-    """Register after eight bytes that have been combined with the register before them."""
-    return (
-        tables[_U(0x700) | (word & _U(0xFF))]
-        ^ tables[_U(0x600) | ((word >> _U(8)) & _U(0xFF))]
-        ^ tables[_U(0x500) | ((word >> _U(16)) & _U(0xFF))]
-        ^ tables[_U(0x400) | ((word >> _U(24)) & _U(0xFF))]
-        ^ tables[_U(0x300) | ((word >> _U(32)) & _U(0xFF))]
-        ^ tables[_U(0x200) | ((word >> _U(40)) & _U(0xFF))]
-        ^ tables[_U(0x100) | ((word >> _U(48)) & _U(0xFF))]
-        ^ tables[word >> _U(56)]
+@njit(forceinline=True)
+def _eight_bytes(tables: Array, zeros: Int, word: Int) -> Int:
+    """Register after eight bytes, combined with the register before them, and `zeros` / 256 zero bytes."""
+    return np.uint64(
+        tables[zeros + _U(0x700) + (word & _U(0xFF))]
+        ^ tables[zeros + _U(0x600) + ((word >> _U(8)) & _U(0xFF))]
+        ^ tables[zeros + _U(0x500) + ((word >> _U(16)) & _U(0xFF))]
+        ^ tables[zeros + _U(0x400) + ((word >> _U(24)) & _U(0xFF))]
+        ^ tables[zeros + _U(0x300) + ((word >> _U(32)) & _U(0xFF))]
+        ^ tables[zeros + _U(0x200) + ((word >> _U(40)) & _U(0xFF))]
+        ^ tables[zeros + _U(0x100) + ((word >> _U(48)) & _U(0xFF))]
+        ^ tables[zeros + (word >> _U(56))]
     )
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _checksum(data: Array, start: Int, size: Int, extra: Int, tables: Array) -> Int:
     """Checksum of `size` bytes from `start`, and the definition's extra byte.
 
@@ -138,33 +145,33 @@ def _checksum(data: Array, start: Int, size: Int, extra: Int, tables: Array) -> 
     byte-by-byte end; the bytes that really stand before it are shifted out.
     """
     pad = (_U(0) - size) & _U(7)
-    p = start - pad
-    if start < pad:
-        register = np.uint16(0xFFFF)
-        for k in range(size):
-            register = tables[_U((register ^ np.uint16(data[start + _U(k)])) & np.uint16(0xFF))] ^ (
-                register >> np.uint16(8)
-            )
-    else:
-        bits = pad << _U(3)
-        word = ((_u64(data, p) >> bits) << bits) ^ (_U(0xFFFF) << bits)
-        register = _eight_bytes(tables, word)
-        if pad == _U(7):
-            # The second inverted byte is already in the next eight.
-            register ^= np.uint16(0xFF)
+    # At the very beginning of a stream there are fewer bytes to be shifted out.
+    before = min(pad, start)
+    word = (_u64(data, start - before) >> (before << _U(3))) << (pad << _U(3))
+    word ^= _U(0xFFFF) << (pad << _U(3))
+    p = start + _U(8) - pad
+    end = start + size
+    # The second inverted byte may already be in the next eight.
+    inverted = _U(0xFF) if pad == _U(7) else _U(0)
+    if (end - p) & _U(8):
+        # An odd number of eights remains: take the first two together, then all others in pairs.
+        register = _eight_bytes(tables, _U(0x800), word) ^ _eight_bytes(tables, _U(0), _u64(data, p) ^ inverted)
         p += _U(8)
-        end = start + size
-        while p < end:
-            register = _eight_bytes(tables, _u64(data, p) ^ np.uint64(register))
-            p += _U(8)
-    return tables[_U((register ^ np.uint16(extra)) & np.uint16(0xFF))] ^ (register >> np.uint16(8))
+    else:
+        register = _eight_bytes(tables, _U(0), word) ^ inverted
+    while p < end:
+        register = _eight_bytes(tables, _U(0x800), _u64(data, p) ^ register) ^ _eight_bytes(
+            tables, _U(0), _u64(data, p + _U(8))
+        )
+        p += _U(16)
+    return np.uint64(tables[(register ^ np.uint64(extra)) & _U(0xFF)]) ^ (register >> _U(8))
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _frame(data: Array, mark: Int, size: Int, slot_of_id: Array) -> tuple[Int, Int, Int]:
-    """Header of the frame at `mark`: its message's slot (-1 unknown, -2 no frame), checksummed bytes and end."""
+    """Header of the frame at `mark`: its message's slot, checksummed bytes and end."""
     if mark + _U(8) > size:
-        return -2, _U(0), _U(0)
+        return NO_FRAME, _U(0), _U(0)
     length = np.uint64(data[mark + _U(1)])
     if data[mark] == _MARK_V1:
         number = np.uint64(data[mark + _U(5)])
@@ -181,17 +188,17 @@ def _frame(data: Array, mark: Int, size: Int, slot_of_id: Array) -> tuple[Int, I
         if data[mark + _U(2)] & np.uint8(1):
             end += _U(13)
     else:
-        return -2, _U(0), _U(0)
+        return NO_FRAME, _U(0), _U(0)
     if end > size:
-        return -2, _U(0), _U(0)
-    slot = np.int64(slot_of_id[number]) if number < np.uint64(slot_of_id.size) else -1
+        return NO_FRAME, _U(0), _U(0)
+    slot = np.int64(slot_of_id[number]) if number < np.uint64(slot_of_id.size) else UNKNOWN
     return slot, body, end
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _intact(data: Array, mark: Int, slot: Int, body: Int, crc_extra: Array, tables: Array) -> Any:
     checksum = _checksum(data, mark + _U(1), body, crc_extra[slot], tables)
-    return checksum == _u16(data, mark + _U(1) + body)
+    return checksum == np.uint64(_u16(data, mark + _U(1) + body))
 
 
 @njit(cache=True, nogil=True)
@@ -209,12 +216,34 @@ def find_frame(data: Array, start: Int, slot_of_id: Array, crc_extra: Array, tab
 
 
 @njit(cache=True, nogil=True)
+def _followed(data: Array, mark: Int, slot_of_id: Array, crc_extra: Array, tables: Array) -> Any:
+    """Whether what follows a frame of an unknown message is another frame or the end of the stream."""
+    size = np.uint64(data.size)
+    slot, body, _ = _frame(data, mark, size, slot_of_id)
+    if slot >= 0:
+        return _intact(data, mark, slot, body, crc_extra, tables)
+    return slot == UNKNOWN or mark + _U(8) > size
+
+
+@njit(cache=True, nogil=True)
+def _count_unknown(data: Array, mark: Int, unknown: Array) -> None:
+    number = np.int64(data[mark + _U(5)])
+    if data[mark] == _MARK_V2:
+        number = np.int64(_u32(data, mark + _U(7)) & np.uint32(0xFFFFFF))
+    row = 0
+    while row < unknown.shape[0] - 1 and unknown[row, 1] > 0 and unknown[row, 0] != number:
+        row += 1
+    unknown[row, 0] = number
+    unknown[row, 1] += 1
+
+
+@njit(cache=True, nogil=True)
 def scan(
     data: Array, stamp_bytes: Int, slot_of_id: Array, crc_extra: Array, tables: Array, boot_field: Array,
     heartbeat: Int, window_ms: Int, state: Array, offsets: Array, slots: Array, breaks: Array, unknown: Array,
-    bad_by_slot: Array, last_seq: Array, link_frames: Array, link_lost: Array, link_votes: Array,
+    bad_by_slot: Array, next_seq: Array, link_frames: Array, link_lost: Array, link_votes: Array,
     open_windows: Array, windows: Array,
-) -> tuple[int, int]:  # fmt: skip
+) -> tuple[Int, Int]:  # fmt: skip
     """Walk the stream from the state's position until `offsets` or `windows` is full or the stream ends.
 
     Parameters
@@ -243,8 +272,8 @@ def scan(
         Out: the first n spans without an intact frame.
     unknown : int64 array, shape (n, 2)
         Out: ids without a definition, and how many of each; the last row collects all further ids.
-    bad_by_slot, last_seq, link_frames, link_lost, link_votes, open_windows
-        In and out: frames with a wrong checksum by message; by link the last sequence number (-1: none yet), intact
+    bad_by_slot, next_seq, link_frames, link_lost, link_votes, open_windows
+        In and out: frames with a wrong checksum by message; by link the next sequence number (-1: none yet), intact
         frames, frames lost, heartbeats of an autopilot, clock window.
     windows : int64 array, shape (n, 1 + WINDOW_SIZE)
         Out: closed clock windows.
@@ -256,45 +285,30 @@ def scan(
     size = np.uint64(data.size)
     prefix = np.uint64(stamp_bytes)
     position = np.uint64(state[POSITION])
-    n = 0
+    n = _U(0)
     n_windows = 0
-    while position < size and n < offsets.size and n_windows < windows.shape[0]:
+    while position < size and n < _U(offsets.size) and n_windows < windows.shape[0]:
         mark = position + prefix
         slot, body, end = _frame(data, mark, size, slot_of_id)
-        stamped = stamp_bytes == 8
-        good = slot >= 0 and _intact(data, mark, slot, body, crc_extra, tables)
-        if slot == -1:
-            # Without its definition the checksum cannot be verified: what follows must look right.
-            next_slot, next_body, _ = _frame(data, end + prefix, size, slot_of_id)
-            if (
-                end + prefix + _U(8) > size
-                or next_slot == -1
-                or (next_slot >= 0 and _intact(data, end + prefix, next_slot, next_body, crc_extra, tables))
-            ):
-                number = np.int64(data[mark + _U(5)])
-                if data[mark] == _MARK_V2:
-                    number = np.int64(_u32(data, mark + _U(7)) & np.uint32(0xFFFFFF))
-                row = 0
-                while row < unknown.shape[0] - 1 and unknown[row, 1] > 0 and unknown[row, 0] != number:
-                    row += 1
-                unknown[row, 0] = number
-                unknown[row, 1] += 1
+        has_stamp = stamp_bytes == 8
+        if slot < 0 or not _intact(data, mark, slot, body, crc_extra, tables):
+            if slot == UNKNOWN and _followed(data, end + prefix, slot_of_id, crc_extra, tables):
+                _count_unknown(data, mark, unknown)
                 position = end
                 continue
-        if not good:
+            claimed = slot
+            claimed_next = end + prefix
             mark = find_frame(data, position, slot_of_id, crc_extra, tables)
             if mark == size:
                 state[TAIL] = np.int64(position)
                 position = size
                 break
-            if slot >= 0 and mark + _U(1) > end + prefix:
+            if claimed >= 0 and mark >= claimed_next:
                 # The next frame begins where this one says, so it was a frame.
                 state[BAD_CHECKSUMS] += 1
-                bad_by_slot[slot] += 1
-            begin = mark - prefix
-            if mark < position + prefix:
-                begin = position
-                stamped = False
+                bad_by_slot[claimed] += 1
+            has_stamp &= mark >= position + prefix
+            begin = mark - prefix if mark >= position + prefix else position
             if state[BREAKS] < breaks.shape[0]:
                 breaks[state[BREAKS], 0] = np.int64(position)
                 breaks[state[BREAKS], 1] = np.int64(begin)
@@ -304,64 +318,55 @@ def scan(
 
         offsets[n] = mark
         slots[n] = slot
-        n += 1
+        n += _U(1)
         position = end
+        length = np.int64(data[mark + _U(1)])
         if data[mark] == _MARK_V1:
-            state[FRAMES_V1] += 1
             who = mark + _U(2)
             payload = mark + _U(6)
         else:
-            state[FRAMES_V2] += 1
-            state[SIGNED] += np.int64(data[mark + _U(2)] & np.uint8(1))
             who = mark + _U(4)
             payload = mark + _U(10)
         link = (np.uint64(data[who + _U(1)]) << _U(8)) | np.uint64(data[who + _U(2)])
         seq = np.int64(data[who])
+        expected = np.int64(next_seq[link])
+        link_lost[link] += (seq - expected) & 0xFF if expected >= 0 else 0
         link_frames[link] += 1
-        if last_seq[link] >= 0:
-            link_lost[link] += (seq - last_seq[link] - 1) & 0xFF
-        last_seq[link] = seq
+        next_seq[link] = (seq + 1) & 0xFF
         # Neither a ground station (MAV_TYPE 6) nor something without an autopilot (MAV_AUTOPILOT 8).
-        whole = slot == heartbeat and data[mark + _U(1)] >= 6
-        if whole and data[payload + _U(4)] != 6 and data[payload + _U(5)] != 8:
+        if slot == heartbeat and length >= 6 and data[payload + _U(4)] != 6 and data[payload + _U(5)] != 8:
             link_votes[link] += 1
 
-        if boot_field[slot] < 0:
+        at = boot_field[_U(slot)]
+        if at < 0 or not (has_stamp or stamp_bytes == 0):
             continue
-        present = np.int64(data[mark + _U(1)]) - boot_field[slot]
-        boot = np.int64(_cut_uint(data, payload + _U(boot_field[slot]), present, 4))
+        boot = np.int64(_cut_u32(data, payload + _U(at), length - at))
+        delay = _stamp(data, mark) - boot * 1000 if stamp_bytes == 8 else 0
         if boot == 0:
             continue
-        stamp = boot * 1000
-        if stamp_bytes == 8:
-            if not stamped:
-                continue
-            stamp = _stamp(data, mark)
-        delay = stamp - boot * 1000
-        window = open_windows[link]
-        if window[SAMPLES] > 0:
+        if open_windows[link, SAMPLES] > 0:
             if (
-                boot < window[FIRST_BOOT] + window_ms
-                and boot > window[LAST_BOOT] - RESTART_MS
-                and abs(delay - window[DELAY]) < _DELAY_TOLERANCE_US
+                boot < open_windows[link, FIRST_BOOT] + window_ms
+                and boot > open_windows[link, LAST_BOOT] - RESTART_MS
+                and abs(delay - open_windows[link, DELAY]) < _DELAY_TOLERANCE_US
             ):
-                window[LAST_OFFSET] = np.int64(mark)
-                window[LAST_BOOT] = max(window[LAST_BOOT], boot)
-                window[DELAY] = min(window[DELAY], delay)
-                window[SAMPLES] += 1
+                open_windows[link, LAST_OFFSET] = np.int64(mark)
+                open_windows[link, LAST_BOOT] = max(open_windows[link, LAST_BOOT], boot)
+                open_windows[link, DELAY] = min(open_windows[link, DELAY], delay)
+                open_windows[link, SAMPLES] += 1
                 continue
             windows[n_windows, 0] = np.int64(link)
             for k in range(WINDOW_SIZE):
-                windows[n_windows, 1 + k] = window[k]
+                windows[n_windows, 1 + k] = open_windows[link, k]
             n_windows += 1
-        window[FIRST_OFFSET] = np.int64(mark)
-        window[LAST_OFFSET] = np.int64(mark)
-        window[FIRST_BOOT] = boot
-        window[LAST_BOOT] = boot
-        window[DELAY] = delay
-        window[SAMPLES] = 1
+        open_windows[link, FIRST_OFFSET] = np.int64(mark)
+        open_windows[link, LAST_OFFSET] = np.int64(mark)
+        open_windows[link, FIRST_BOOT] = boot
+        open_windows[link, LAST_BOOT] = boot
+        open_windows[link, DELAY] = delay
+        open_windows[link, SAMPLES] = 1
     state[POSITION] = np.int64(position)
-    return n, n_windows
+    return np.int64(n), n_windows
 
 
 @njit(cache=True, nogil=True)
@@ -388,21 +393,7 @@ def sort_by_slot(offsets: Array, slots: Array, n_slots: Int) -> tuple[Array, Arr
     return ordered, starts
 
 
-@njit(inline="always")
-def _logger_time(data: Array, mark: Int, stamped: Int, knots: Array, knot: Int) -> Int:
-    """Boot time of the frame at `mark` by the stream alone, us."""
-    first, after = knots[knot, KNOT_FIRST], knots[knot, KNOT_NEXT]
-    if not stamped:
-        begin = knots[knot, KNOT_OFFSET]
-        stretch = (knots[knot + 1, KNOT_OFFSET] if knot + 1 < knots.shape[0] else np.int64(data.size)) - begin
-        return first + np.int64((after - first) * ((np.int64(mark) - begin) / max(stretch, 1)))
-    if mark < _U(8):
-        return first
-    # A damaged stamp does no more harm than one clock window.
-    return min(max(_stamp(data, mark) - knots[knot, KNOT_DELAY], first), after)
-
-
-@njit(inline="always")
+@njit(forceinline=True)
 def _knot_at(knots: Array, mark: Int) -> Int:
     """Last knot that begins at or before `mark`; the first where there is none."""
     low, high = 0, knots.shape[0]
@@ -416,13 +407,125 @@ def _knot_at(knots: Array, mark: Int) -> Int:
 
 
 @njit(cache=True, nogil=True)
+def _locate(data: Array, marks: Array, payload: Array, present: Array, senders: Array) -> Int:
+    """Where payloads begin, how many bytes of each were sent, and who sent it; returns the least number of bytes."""
+    shortest: Any = np.int64(255)
+    for k in range(_U(marks.size)):
+        mark = np.uint64(marks[k])
+        length = np.int64(data[mark + _U(1)])
+        is_v1 = data[mark] == _MARK_V1
+        payload[k] = mark + (_U(6) if is_v1 else _U(10))
+        present[k] = length
+        senders[k] = _u16(data, mark + (_U(3) if is_v1 else _U(5)))
+        shortest = min(shortest, length)
+    return shortest
+
+
+@njit(cache=True, nogil=True)
+def _logger_times(data: Array, marks: Array, stamped: Int, knots: Array, times: Array, limits: Array) -> None:
+    """Boot time of each frame by the stream alone, us, and between which times its own may lie."""
+    n_knots = knots.shape[0]
+    knot = _knot_at(knots, np.int64(marks[0]))
+    k = _U(0)
+    n = _U(marks.size)
+    while k < n:
+        begin, delay = knots[knot, KNOT_OFFSET], knots[knot, KNOT_DELAY]
+        first, after = knots[knot, KNOT_FIRST], knots[knot, KNOT_NEXT]
+        end = knots[knot + 1, KNOT_OFFSET] if knot + 1 < n_knots else np.int64(data.size)
+        per_byte = (after - first) / max(end - begin, 1)
+        while k < n and np.int64(marks[k]) < end:
+            mark = np.uint64(marks[k])
+            if stamped and mark >= _U(8):
+                # A damaged stamp does no more harm than one clock window.
+                times[k] = min(max(_stamp(data, mark) - delay, first), after)
+            else:
+                times[k] = first if stamped else first + np.int64((np.int64(mark) - begin) * per_byte)
+            limits[k, 0] = first - _OWN_TIME_TOLERANCE_US
+            limits[k, 1] = after + _OWN_TIME_TOLERANCE_US
+            k += _U(1)
+        knot += 1
+
+
+@njit(cache=True, nogil=True)
+def _own_times(
+    data: Array, payload: Array, present: Array, senders: Array, autopilot: Int, kind: Int, offset: Int,
+    limits: Array, times: Array,
+) -> None:  # fmt: skip
+    """Replace boot times by those that the autopilot's messages tell themselves, where they can be."""
+    for k in range(_U(times.size)):
+        if senders[k] != autopilot:
+            continue
+        p, sent = payload[k] + _U(offset), present[k] - offset
+        if kind == CLOCK_US64:
+            own = np.int64(_u64(data, p)) if sent >= 8 else np.int64(_cut_uint(data, p, sent, 8))
+        else:
+            own = np.int64(_cut_u32(data, p, sent))
+            if kind == CLOCK_BOOT_MS:
+                own *= 1000
+            elif own != 0:
+                # 32 bits of microseconds come round every 72 minutes.
+                own += ((times[k] - own + (1 << 31)) >> 32) << 32
+        if own != 0 and limits[k, 0] < own < limits[k, 1]:
+            times[k] = own
+
+
+@njit(cache=True, nogil=True)
+def _fields(
+    data: Array, payload: Array, present: Array, shortest: Int, field_offset: Array, field_width: Array, column: Array,
+    target: Int, arena8: Array, arena16: Array, arena32: Array, arena64: Array,
+) -> None:  # fmt: skip
+    """Copy the fields of some frames into their columns, from row `target` on."""
+    n = _U(payload.size)
+    for f in range(field_offset.size):
+        offset = _U(field_offset[f])
+        out = _U(column[f] + target)
+        width = field_width[f]
+        if field_offset[f] + width <= shortest:
+            if width == 1:
+                for k in range(n):
+                    arena8[out + k] = data[payload[k] + offset]
+            elif width == 2:
+                for k in range(n):
+                    arena16[out + k] = _u16(data, payload[k] + offset)
+            elif width == 4:
+                for k in range(n):
+                    arena32[out + k] = _u32(data, payload[k] + offset)
+            else:
+                for k in range(n):
+                    arena64[out + k] = _u64(data, payload[k] + offset)
+            continue
+        # MAVLink 2 omits zeros at the end of a payload.
+        for k in range(n):
+            p, sent = payload[k] + offset, present[k] - field_offset[f]
+            if width == 1:
+                arena8[out + k] = data[p] if sent >= 1 else np.uint8(0)
+            elif width == 2:
+                arena16[out + k] = _u16(data, p) if sent >= 2 else np.uint16(_cut_uint(data, p, sent, 2))
+            elif width == 4:
+                arena32[out + k] = _cut_u32(data, p, sent)
+            else:
+                arena64[out + k] = _u64(data, p) if sent >= 8 else _cut_uint(data, p, sent, 8)
+
+
+@njit(cache=True, nogil=True)
+def _fetch(data: Array, ordered: Array) -> Int:
+    """Read a chunk of the stream in one go: frames of one message after the other are too far apart to be foreseen."""
+    p, last = np.uint64(ordered.min()), np.uint64(ordered.max())
+    read = np.uint8(0)
+    while p < last:
+        read ^= data[p]
+        p += _U(64)
+    return read
+
+
+@njit(cache=True, nogil=True)
 def decode(
     data: Array, ordered: Array, starts: Array, first_mark: Int, last_mark: Int, stamped: Int, autopilot: Int,
     knots: Array, slots: Array, clock_kind: Array, clock_offset: Array, first_field: Array, field_offset: Array,
     field_width: Array, column: Array, t_column: Array, sender_column: Array, row: Array,
     arena8: Array, arena16: Array, arena32: Array, arena64: Array, arena_f64: Array,
-) -> None:  # fmt: skip
-    """Decode the frames of some messages in one chunk of the stream into columns.
+) -> Int:  # fmt: skip
+    """Decode the frames of some messages in one chunk of the stream into columns; returns nothing of use.
 
     Parameters
     ----------
@@ -434,7 +537,7 @@ def decode(
     stamped : bool
         Whether logger time stands before each frame.
     autopilot : int
-        The link whose own times are on the boot clock.
+        Whose own times are on the boot clock: ``component << 8 | system``.
     knots : int64 array, shape (n_knots, 4)
         See `tlog_clock`.
     slots : int64 array, shape (n_messages,)
@@ -448,95 +551,55 @@ def decode(
     column : int64 array
         Where each column begins in the arena, in elements of its width.
     t_column, sender_column : int64 arrays, shape (n_messages,)
-        Likewise for the boot time [s, float64], and for the system [uint8]; the component is in the column after it.
-    row : int64 array, shape (n_messages, 2)
-        In and out: rows of each message written so far; and in: rows that there are in all.
+        Likewise for the boot time [s, float64] and for the sender [uint16, ``component << 8 | system``].
+    row : int64 array, shape (n_messages,)
+        In and out: rows of each message written so far.
     arena8, arena16, arena32, arena64, arena_f64
         One piece of memory seen as numbers of each width; out.
     """
-    payload: Any = np.empty(_BLOCK_ROWS, np.uint64)
-    present: Any = np.empty(_BLOCK_ROWS, np.int64)
-    shortest: Any
-    n_knots = knots.shape[0]
+    payload = np.empty(_BLOCK_ROWS, np.uint64)
+    present = np.empty(_BLOCK_ROWS, np.int64)
+    times = np.empty(_BLOCK_ROWS, np.int64)
+    limits = np.empty((_BLOCK_ROWS, 2), np.int64)
+    wanted = 0
+    for slot in slots:
+        wanted += starts[slot + 1] - starts[slot]
+    # The result goes out, else the reading would be left out.
+    read = _fetch(data, ordered) if wanted * 4 > ordered.size else np.uint8(0)
     for m in range(slots.size):
         begin, stop = np.int64(starts[slots[m]]), np.int64(starts[slots[m] + 1])
         while begin < stop and np.int64(ordered[begin]) < first_mark:
             begin += 1
         while begin < stop and np.int64(ordered[stop - 1]) >= last_mark:
             stop -= 1
-        if begin == stop:
-            continue
-        knot = _knot_at(knots, np.int64(ordered[begin]))
+        fields = slice(first_field[m], first_field[m + 1])
         for low in range(begin, stop, _BLOCK_ROWS):
-            rows: Any = min(stop - low, _BLOCK_ROWS)
-            target = row[m, 0]
-            row[m, 0] += rows
-            shortest = np.int64(255)
-            for k in range(rows):
-                mark = np.uint64(ordered[low + k])
-                length = np.int64(data[mark + _U(1)])
-                who = mark + (_U(3) if data[mark] == _MARK_V1 else _U(5))
-                start = mark + (_U(6) if data[mark] == _MARK_V1 else _U(10))
-                payload[k] = start
-                present[k] = length
-                shortest = min(shortest, length)
-                sender = _U(sender_column[m] + target + k)
-                arena8[sender] = data[who]
-                arena8[sender + _U(row[m, 1])] = data[who + _U(1)]
-                while knot + 1 < n_knots and np.uint64(knots[knot + 1, KNOT_OFFSET]) <= mark:
-                    knot += 1
-                time = _logger_time(data, mark, stamped, knots, knot)
-                link = (np.int64(data[who]) << 8) | np.int64(data[who + _U(1)])
-                if clock_kind[m] != CLOCK_NONE and link == autopilot:
-                    width = 8 if clock_kind[m] == CLOCK_US64 else 4
-                    own = np.int64(_cut_uint(data, start + _U(clock_offset[m]), length - clock_offset[m], width))
-                    given = own != 0
-                    if clock_kind[m] == CLOCK_BOOT_MS:
-                        own *= 1000
-                    elif clock_kind[m] == CLOCK_US32:
-                        # 32 bits of microseconds come round every 72 minutes.
-                        own += ((time - own + (1 << 31)) >> 32) << 32
-                    low_limit = knots[knot, KNOT_FIRST] - _OWN_TIME_TOLERANCE_US
-                    if given and low_limit < own < knots[knot, KNOT_NEXT] + _OWN_TIME_TOLERANCE_US:
-                        time = own
-                arena_f64[_U(t_column[m] + target + k)] = time / 1e6
-
-            for f in range(first_field[m], first_field[m + 1]):
-                offset = _U(field_offset[f])
-                out = _U(column[f] + target)
-                width = field_width[f]
-                whole = field_offset[f] + width <= shortest
-                # MAVLink 2 omits zeros at the end of a payload.
-                if width == 1:
-                    for k in range(rows):
-                        sent = present[k] - field_offset[f]
-                        arena8[out + _U(k)] = data[payload[k] + offset] if sent >= 1 else np.uint8(0)
-                elif width == 2:
-                    if whole:
-                        for k in range(rows):
-                            arena16[out + _U(k)] = _u16(data, payload[k] + offset)
-                    else:
-                        for k in range(rows):
-                            sent = present[k] - field_offset[f]
-                            arena16[out + _U(k)] = _cut_uint(data, payload[k] + offset, sent, 2)
-                elif width == 4:
-                    if whole:
-                        for k in range(rows):
-                            arena32[out + _U(k)] = _u32(data, payload[k] + offset)
-                    else:
-                        for k in range(rows):
-                            sent = present[k] - field_offset[f]
-                            p = payload[k] + offset
-                            arena32[out + _U(k)] = (
-                                _u32(data, p) if sent >= 4 else np.uint32(_cut_uint(data, p, sent, 4))
-                            )
-                elif whole:
-                    for k in range(rows):
-                        arena64[out + _U(k)] = _u64(data, payload[k] + offset)
-                else:
-                    for k in range(rows):
-                        sent = present[k] - field_offset[f]
-                        arena64[out + _U(k)] = _cut_uint(data, payload[k] + offset, sent, 8)
+            n: Any = min(stop - low, _BLOCK_ROWS)
+            marks = ordered[low : low + n]
+            senders = arena16[sender_column[m] + row[m] : sender_column[m] + row[m] + n]
+            shortest = _locate(data, marks, payload[:n], present[:n], senders)
+            _logger_times(data, marks, stamped, knots, times[:n], limits[:n])
+            if clock_kind[m] != CLOCK_NONE:
+                _own_times(
+                    data,
+                    payload[:n],
+                    present[:n],
+                    senders,
+                    autopilot,
+                    clock_kind[m],
+                    clock_offset[m],
+                    limits,
+                    times[:n],
+                )
+            t = arena_f64[t_column[m] + row[m] : t_column[m] + row[m] + n]
+            for k in range(n):
+                t[k] = times[k] / 1e6
+            _fields(
+                data, payload[:n], present[:n], shortest, field_offset[fields], field_width[fields], column[fields],
+                row[m], arena8, arena16, arena32, arena64,
+            )  # fmt: skip
+            row[m] += n
+    return read
 
 
 @njit(cache=True, nogil=True)

@@ -37,7 +37,7 @@ _MOST_UNKNOWN = 64
 #: Clock windows, ms of boot time: shorter where there is no logger time to tell the time between.
 _WINDOW_MS, _RAW_WINDOW_MS = 1000, 100
 #: Bytes of a mapped file that are kept in memory before they are given back.
-_KEEP = 1 << 26
+_KEEP = 1 << 24
 #: Bytes by which a stream with time stamps is told from one without.
 _SAMPLE = 1 << 18
 #: Intact frames that make a file of unknown content telemetry; chance gives less than one in a hundred heads.
@@ -138,7 +138,7 @@ class _Scan:
         self.link_frames, self.link_lost, self.link_votes = (np.zeros(_mavlink.LINKS, np.int64) for _ in range(3))
         self.state = np.zeros(_mavlink.STATE_SIZE, np.int64)
         self.state[_mavlink.TAIL] = len(data)
-        self._last_seq = np.full(_mavlink.LINKS, -1, np.int16)
+        self._next_seq = np.full(_mavlink.LINKS, -1, np.int16)
         self._open_windows = np.zeros((_mavlink.LINKS, _mavlink.WINDOW_SIZE), np.int64)
         self._windows: list[npt.NDArray[np.int64]] = []
 
@@ -154,7 +154,7 @@ class _Scan:
                 self.data, self.stamp_bytes, dialect.slot_of_id, dialect.crc_extra, dialect.checksum_tables,
                 dialect.boot_field, dialect.slot_of_name["HEARTBEAT"],
                 _WINDOW_MS if self.stamp_bytes else _RAW_WINDOW_MS, self.state, offsets, slots, self.breaks,
-                self.unknown, self.bad_by_slot, self._last_seq, self.link_frames, self.link_lost, self.link_votes,
+                self.unknown, self.bad_by_slot, self._next_seq, self.link_frames, self.link_lost, self.link_votes,
                 self._open_windows, windows,
             )  # fmt: skip
             if n:
@@ -172,9 +172,11 @@ class _Scan:
 
     def windows(self, link: int) -> npt.NDArray[np.int64]:
         """Clock windows of one sender in the order of the stream."""
-        closed = [rows[rows[:, 0] == link, 1:] for rows in self._windows]
-        last = self._open_windows[link]
-        return np.concatenate([*closed, last[None] if last[_mavlink.SAMPLES] else last[None][:0]])
+        rows = np.concatenate([*self._windows, np.empty((0, 1 + _mavlink.WINDOW_SIZE), np.int64)])
+        ours = rows[:, 0] == link
+        closed = rows[:, 1:] if ours.all() else rows[ours, 1:]
+        last = self._open_windows[link : link + 1]
+        return np.concatenate((closed, last[last[:, _mavlink.SAMPLES] > 0]))
 
     def autopilot(self) -> int:
         """Link of the vehicle's autopilot: most heartbeats, else most messages with boot time, else most frames."""
@@ -287,9 +289,9 @@ class TlogSource:
         """Where between two frames of the autopilot a new boot begins: behind its longest silence."""
         if not self._stamped:
             return first
-        pieces = [c.ordered for c in self._scan.chunks if c.last_mark >= last and c.first_mark <= first]
+        chunks = [c.ordered for c in self._scan.chunks if c.last_mark >= last and c.first_mark <= first]
+        pieces = [ordered[(ordered >= last) & (ordered <= first)] for ordered in chunks]
         marks = np.sort(np.concatenate(pieces)).astype(np.int64)
-        marks = marks[(marks >= last) & (marks <= first)]
         who = marks + np.where(self._data[marks] == 0xFE, 3, 5)
         sender = self._data[who].astype(np.int64) << 8 | self._data[who + 1]
         marks = marks[sender == self._autopilot]
@@ -347,12 +349,13 @@ class TlogSource:
         plan = _Plan(names, [counts.get(name, 0) for name in names])
         dialect = _dialect()
         release = _Release(self._buffer)
+        autopilot = (self._autopilot & 0xFF) << 8 | self._autopilot >> 8
         clock_kind, clock_offset = dialect.clock_kind[plan.slots], dialect.clock_offset[plan.slots]
         for chunk in self._scan.chunks:
             if chunk.last_mark < boot.start or chunk.first_mark >= boot.stop:
                 continue
             _mavlink.decode(
-                self._data, chunk.ordered, chunk.starts, boot.start, boot.stop, self._stamped, self._autopilot,
+                self._data, chunk.ordered, chunk.starts, boot.start, boot.stop, self._stamped, autopilot,
                 self._clock.knots, plan.slots, clock_kind, clock_offset, plan.first_field,
                 plan.field_offset, plan.field_width, plan.column, plan.t_column, plan.sender_column, plan.row,
                 *plan.arenas,
@@ -443,14 +446,14 @@ class _Plan:
         self.names = names
         self.rows = rows
         self.slots = np.array([_dialect().slot_of_name[name] for name in names], np.int64)
-        self.row = np.array([(0, n) for n in rows], np.int64).reshape(-1, 2)
+        self.row = np.zeros(len(names), np.int64)
         first, offset, width, column, t_column, sender_column = [0], [], [], [], [], []
         self._places: list[dict[str, tuple[int, np.dtype[Any]]]] = []
         end = 0
         for name, n in zip(names, rows, strict=True):
             t_column.append(end // 8)
             end += 8 * n
-            sender_column.append(end)
+            sender_column.append(end // 2)
             end += -(-2 * n // 8) * 8
             places = {}
             for item in _columns(name):
@@ -480,8 +483,9 @@ class _Plan:
 
     def senders(self, k: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
         """System and component of each row of message k."""
-        start, n = int(self.sender_column[k]), self.rows[k]
-        return self._memory[start : start + n], self._memory[start + n : start + 2 * n]
+        start = int(self.sender_column[k]) * 2
+        senders = self._memory[start : start + 2 * self.rows[k]].reshape(-1, 2)
+        return senders[:, 0], senders[:, 1]
 
     def values(self, k: int, name: str) -> npt.NDArray[Any]:
         """Column `name` of message k."""

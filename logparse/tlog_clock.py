@@ -118,13 +118,13 @@ def _continues(before: Int64s, after: Int64s, stamped: bool) -> npt.NDArray[np.b
 
 def _without_strays(windows: Int64s, stamped: bool) -> Int64s:
     """Leave out windows of a message or two that fit neither of their neighbours, which fit each other."""
-    if len(windows) < 3:
-        return windows
-    before, here, after = windows[:-2], windows[1:-1], windows[2:]
-    stray = np.zeros(len(windows), np.bool_)
-    stray[1:-1] = (here[:, SAMPLES] <= _FEW) & _continues(before, after, stamped)
-    stray[1:-1] &= ~(_continues(before, here, stamped) & _continues(here, after, stamped))
-    return windows[~stray]
+    fits = _continues(windows[:-1], windows[1:], stamped)
+    # A stray window and its neighbours make one bad fit or two.
+    suspects = np.unique(np.concatenate([np.flatnonzero(~fits), np.flatnonzero(~fits) + 1]))
+    suspects = suspects[(suspects > 0) & (suspects < len(windows) - 1)]
+    suspects = suspects[windows[suspects, SAMPLES] <= _FEW]
+    stray = suspects[_continues(windows[suspects - 1], windows[suspects + 1], stamped)]
+    return np.delete(windows, stray, axis=0) if len(stray) else windows
 
 
 def _restarts(windows: Int64s, stamped: bool) -> Int64s:
