@@ -186,8 +186,13 @@ def _position_targets(messages: Messages) -> list[pd.DataFrame]:
 
 
 def _attitude_targets(frame: pd.DataFrame) -> pd.DataFrame | None:
-    """Attitude targets of ATT and ANG (3.0 has no DesRoll)."""
-    return _angles(frame, "Des") if "DesRoll" in frame else None
+    """Attitude targets of ATT and ANG; until 3.0 they are called RollIn, PitchIn and NavYaw."""
+    if "DesRoll" in frame:
+        return _angles(frame, "Des")
+    if "RollIn" in frame:
+        columns = {"roll": "RollIn", "pitch": "PitchIn", "yaw": "NavYaw"}
+        return series(frame.index, {name: wrap(quantity(frame, source, "deg")) for name, source in columns.items()})
+    return None
 
 
 def _throttle(messages: Messages) -> pd.DataFrame | None:

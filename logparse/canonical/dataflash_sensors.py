@@ -189,7 +189,10 @@ def _gps_table(
     frame: pd.DataFrame, accuracy: pd.DataFrame | None, name: str, lag: float, remarks: Remarks
 ) -> pd.DataFrame:
     t = frame.index.to_numpy(dtype=np.float64)
-    fix = quantity(frame, "Status", "") if "Status" in frame else np.full(len(t), 3.0)
+    fix = numbers(frame, "Status") if "Status" in frame else np.full(len(t), 3.0)
+    if "Time" in frame and len(fix) and np.nanmax(fix, initial=0.0) == 2.0:
+        # Until 2.9 a good fix has status 2 and there is no 3.
+        fix = np.where(fix == 2.0, 3.0, fix)
     lat, lon = quantity(frame, "Lat", "deg"), quantity(frame, "Lng", "deg")
     speed, course = quantity(frame, "Spd", "m/s"), quantity(frame, "GCrs", "deg")
     down = quantity(frame, "VZ", "m/s")

@@ -276,6 +276,44 @@ def test_position_targets_of_every_age_in_metres_and_down():
         assert row.tolist() == pytest.approx([1.0, 2.0, -3.0, 0.1, 0.1, 0.1])
 
 
+def test_firmware_of_2013_has_fewer_columns():
+    t = np.arange(4) * 0.1
+    messages = {
+        "ATT": message(
+            t,
+            RollIn=[10.0] * 4,
+            Roll=[9.0] * 4,
+            PitchIn=[0.0] * 4,
+            Pitch=[1.0] * 4,
+            YawIn=[0.0] * 4,
+            Yaw=[182.0] * 4,
+            NavYaw=[180.0] * 4,
+        ),
+        "GPS": message(
+            t,
+            Status=[0, 1, 2, 2],
+            Time=[1, 2, 3, 4],
+            NSats=[9] * 4,
+            HDop=[1.5] * 4,
+            Lat=[14.1] * 4,
+            Lng=[100.6] * 4,
+            RelAlt=[0.0] * 4,
+            Alt=[2.0] * 4,
+            Spd=[1.0] * 4,
+            GCrs=[90.0] * 4,
+        ),
+        "CURR": message(
+            t, Thr=[0] * 4, ThrInt=[0] * 4, Volt=[1529] * 4, Curr=[125] * 4, Vcc=[5283] * 4, CurrTot=[16.6] * 4
+        ),
+    }
+    tables, _ = build(messages, {"FRAME": 1}, "dataflash-text")
+    assert np.degrees(tables.attitude.iloc[0]).tolist() == pytest.approx([9.0, 1.0, -178.0])
+    assert np.degrees(tables.setpoints["roll"].iloc[0]) == pytest.approx(10.0)
+    assert tables.gps["fix"].tolist() == [0, 1, 3, 3]
+    assert tables.gps["v_d"].isna().all()
+    assert tables.battery["voltage"].iloc[0] == pytest.approx(15.29)
+
+
 def test_targets_are_not_interpolated_over_pauses():
     manual = message(
         np.arange(100) * 0.1,
