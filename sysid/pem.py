@@ -343,8 +343,9 @@ def _transfer_functions(
 def parameter_covariance(problem: Problem, point: Point) -> Floats:
     """Covariance of normalised numerators and poles' parameters, for coloured residuals, at the solution.
 
-    The sandwich ``(H + P)^-1 (M + s^2 P) (H + P)^-1`` with the information H, the penalty P as a prior, and M the
-    covariance of the regressors' products with a residual of the colour found (Ljung 1999, section 9.5).
+    The sandwich ``H^-1 M H^-1`` with the information H in the data and M the covariance of the regressors' products
+    with a residual of the colour found (Ljung 1999, section 9.5). Regularisation is no information: what it alone
+    decides has a large covariance.
 
     Returns
     -------
@@ -365,12 +366,11 @@ def parameter_covariance(problem: Problem, point: Point) -> Floats:
     lags = min(lags, max(min(len(y) for y in problem.outputs) // 4, 2))
     freedom = max(problem.samples - information.shape[0], 1)
     colour = autocovariance(point.residuals, lags) * problem.samples / freedom
-    penalty = np.zeros_like(information)
-    penalty[:shared, :shared] = point.penalty
     size = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    bread = (information + penalty) * size * size[:, None]
-    bread[np.diag_indices(len(bread))] += 1e-13
-    filling = (coloured_information(reduced, colour) + colour[0] * penalty) * size * size[:, None]
+    # A trace of white prior keeps directions without information finite, and their covariance huge.
+    trace = 1e-11 * np.eye(len(size))
+    bread = information * size * size[:, None] + trace
+    filling = coloured_information(reduced, colour) * size * size[:, None] + colour[0] * trace
     inverse = np.linalg.inv(bread)
     return np.asarray((inverse @ filling @ inverse) * size * size[:, None])
 

@@ -97,7 +97,7 @@ def test_standard_errors_hold_for_coloured_residuals():
     systems, normalised = {"y": TRUE["y1"][:1]}, []
     for seed in range(12):
         record = simulated_record(100 + seed, samples=1000, noise=0.0, systems=systems)
-        noise = lfilter([0.05], [1.0, -0.95], np.random.default_rng(seed).standard_normal((1000, 1)), axis=0)
+        noise = lfilter([0.015], [1.0, -0.95], np.random.default_rng(seed).standard_normal((1000, 1)), axis=0)
         record = Experiment.from_arrays(record.t, record.u, record.y + noise, input_trim=[1500.0])
         function = fit_transfer_functions([record], POLES, ZEROS, ridge=0.0).transfer_functions["y1"]["u1"]
         error = np.concatenate([function.num, function.den[1:]]) - true_parameters("y1", "u1")
