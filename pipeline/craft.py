@@ -107,4 +107,9 @@ def _places(result: FlightResult, times: Sequence[datetime]) -> NDArray[np.float
 def craft_name(flights: Sequence[FlightResult]) -> str:
     """Name a craft for people, such as ``"ArduCopter octa plus"``."""
     vehicle = flights[0].log.vehicle
-    return " ".join(part for part in (vehicle.firmware or vehicle.autopilot, vehicle.frame_class, vehicle.frame_type) if part) or "craft"
+    return (
+        " ".join(
+            part for part in (vehicle.firmware or vehicle.autopilot, vehicle.frame_class, vehicle.frame_type) if part
+        )
+        or "craft"
+    )

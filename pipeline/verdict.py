@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from sysid import Validation
 
-#: A free run is close to the flight when it explains at least this part of its RMS movement, in per cent of fit.
+#: A free run follows a flight when its error is below half of the flight's RMS movement: 50 per cent of fit.
 CLOSE_PERCENT = 50.0
 
 #: Shortest held-out record that can judge a model, s: the first three seconds give the initial state and do not count.
@@ -59,30 +59,27 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
         )
     fit = scored.groupby("output", sort=False)["fit_percent"].mean()
     beats = [output for output in outputs if validation.trusted[output]]
-    errors = ", ".join(f"{validation.average[output]:.3g}" for output in outputs)
+    errors = ", ".join(f"{validation.average[output]:#.3g}".rstrip(".") for output in outputs)
     measured = f"its free run on {unseen} errs by {errors} m RMS in {_and(outputs)}"
     if not all(np.isfinite(validation.average[output]) for output in outputs):
         return Verdict(Trust.NO, f"Do not trust the model: its free run on {unseen} diverges.")
-    if not beats:
-        return Verdict(
-            Trust.NO,
-            f"Do not trust the model: {measured}, no better than assuming that the craft stands still.",
-        )
-    if len(beats) < len(outputs):
-        lost = [output for output in outputs if output not in beats]
+    follows = [output for output in beats if fit[output] >= CLOSE_PERCENT]
+    if len(follows) == len(outputs):
+        return Verdict(Trust.YES, f"The model can be trusted for flights like these: {measured}.")
+    if follows:
+        lost = [output for output in outputs if output not in follows]
         return Verdict(
             Trust.LIMITED,
-            f"Trust the model in {_and(beats)} only: {measured}; in {_and(lost)} that is no better than assuming that "
-            "the craft stands still or keeps its mean.",
+            f"Trust the model in {_and(follows)} only: {measured}; in {_and(lost)} that is {_hardly(lost, beats)}.",
         )
-    loose = [output for output in outputs if not fit[output] >= CLOSE_PERCENT]
-    if loose:
-        return Verdict(
-            Trust.LIMITED,
-            f"Trust the model with care: {measured}. That beats every guess without a model, but leaves more than "
-            f"{100 - CLOSE_PERCENT:.0f} % of the movement in {_and(loose)} unexplained.",
-        )
-    return Verdict(Trust.YES, f"The model can be trusted for flights like these: {measured}.")
+    return Verdict(Trust.NO, f"Do not trust the model: {measured}, {_hardly(outputs, beats)}.")
+
+
+def _hardly(outputs: list[str], beats: list[str]) -> str:
+    """Say how little a model achieves on outputs that it does not follow."""
+    if any(output in beats for output in outputs):
+        return "hardly better than a guess without any model"
+    return "no better than a guess without any model"
 
 
 def _and(words: list[str]) -> str:

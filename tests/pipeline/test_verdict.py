@@ -29,10 +29,11 @@ def validation(fit: dict[str, float], trusted: dict[str, bool], *, duration: flo
     ("fit", "trusted", "trust", "words"),
     [
         ({"x": 90.0, "z": 80.0}, {"x": True, "z": True}, Trust.YES, "can be trusted"),
-        ({"x": 90.0, "z": 20.0}, {"x": True, "z": True}, Trust.LIMITED, "movement in z unexplained"),
+        ({"x": 90.0, "z": 20.0}, {"x": True, "z": True}, Trust.LIMITED, "in x only"),
         ({"x": 90.0, "z": -40.0}, {"x": True, "z": False}, Trust.LIMITED, "in x only"),
-        ({"x": -90.0, "z": -40.0}, {"x": False, "z": False}, Trust.NO, "Do not trust"),
-        ({"x": float("nan"), "z": 90.0}, {"x": True, "z": True}, Trust.LIMITED, "in x unexplained"),
+        ({"x": -90.0, "z": -40.0}, {"x": False, "z": False}, Trust.NO, "no better than a guess"),
+        ({"x": float("nan"), "z": 90.0}, {"x": True, "z": True}, Trust.LIMITED, "in z only"),
+        ({"x": 20.0, "z": -20.0}, {"x": True, "z": False}, Trust.NO, "hardly better than a guess"),
     ],
 )
 def test_verdict_follows_the_worst_axis(fit, trusted, trust, words):
