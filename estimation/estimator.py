@@ -9,8 +9,9 @@ from estimation.timing import ACCEL, GYRO, sample_rate, usable
 from estimation.trajectory import Trajectory
 from logparse import MissingDataError, Tables
 
-#: An IMU logged slower than this cannot carry attitude from sample to sample, Hz.
-SLOWEST_IMU = 10.0
+#: An IMU logged slower than this cannot carry attitude from sample to sample, Hz: at the 10 Hz of telemetry, movement
+#: and vibration alias so far that the autopilot's own attitude is the better guide.
+SLOWEST_IMU = 15.0
 
 
 def estimate(
@@ -44,7 +45,7 @@ def estimate(
     Raises
     ------
     MissingDataError
-        When neither an IMU of 10 Hz nor attitude with positions is there.
+        When neither an IMU of 15 Hz nor attitude with positions is there.
     """
     noise = noise or SensorNoise()
     imu = usable(tables.imu, GYRO + ACCEL)
@@ -53,6 +54,6 @@ def estimate(
     if is_low_rate(tables):
         return estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise)
     raise MissingDataError(
-        "the log has neither IMU samples at 10 Hz or more nor GPS positions with attitude, so there is nothing to make "
+        "the log has neither IMU samples at 15 Hz or more nor GPS positions with attitude, so there is nothing to make "
         "a trajectory from: set LOG_BITMASK to include IMU and GPS (telemetry: SR0_POSITION, SR0_EXTRA1 >= 4)"
     )

@@ -31,8 +31,13 @@ DISTURBANCE_V, TIME_V = 1.0, 1.0
 TILT_SIGMA, YAW_SIGMA = np.radians(0.7), np.radians(3.0)
 #: White 1-sigma of the autopilot's own position and velocity estimate, m and m/s.
 EKF_POSITION, EKF_VELOCITY = 0.05, 0.1
+#: Correlation time of the GPS error here, s. Velocities at telemetry rate are too coarse to tell a wander of the GPS over
+#: minutes from a wander of the craft, so it is held to be nearly constant: known in size, not in course.
+GPS_ERROR_TIME = 1000.0
 #: The filter steps at least so often, s; a hole in the data longer than this splits the trajectory, s.
 LONGEST_STEP, LONGEST_HOLE = 0.25, 20.0
+#: The autopilot's positions are used where GPS fixes are further away than this, s.
+FILL_AFTER = 1.0
 #: States: position, velocity, disturbance, GPS error (three each), baro offset.
 SIZE = 13
 
@@ -80,7 +85,7 @@ def estimate_low_rate(
     finding = Finding(
         "low-rate-trajectory",
         Severity.WARNING,
-        "No IMU at 10 Hz or more: the trajectory comes from the autopilot's attitude and "
+        "No IMU fast enough to integrate: the trajectory comes from the autopilot's attitude and "
         f"{source} at telemetry rate; accelerations faster than about 1 Hz are missing.",
         "Analyse the .bin log of the same flight where there is one.",
         {"attitude_rate_hz": float(1.0 / np.median(np.diff(attitude.index.to_numpy(float))))},
@@ -116,21 +121,27 @@ def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_M
     selector = np.zeros((6, SIZE))
     selector[:3, 0:3] = selector[:3, 9:12] = np.eye(3)
     selector[3:, 3:6] = np.eye(3)
-    if ekf is not None and (tables.origin is not None or fixes is None):
-        z = ekf[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]].to_numpy(float)
-        variance = np.repeat([EKF_POSITION**2, EKF_VELOCITY**2], 3)
-        rows += [_Measured(t, selector, row, variance) for t, row in zip(ekf.index.to_numpy(float), z, strict=True)]
-        source = "the autopilot's positions"
-    else:
-        assert fixes is not None
-        assert origin is not None
+    sources = []
+    fixed = np.array([-np.inf])
+    if fixes is not None:
+        assert origin is not None  # made from the first fix if not logged
         frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))
-        (_, t, position, p_variance), (_, _, velocity, v_variance) = observe_gps(fixes, frame, noise)
+        (_, fixed, position, p_variance), (_, _, velocity, v_variance) = observe_gps(fixes, frame, noise)
         both = np.hstack([position, velocity]), np.hstack([p_variance, v_variance])
-        for when, z, variance in zip(t, *both, strict=True):
+        for when, z, variance in zip(fixed, *both, strict=True):
             there = np.isfinite(z)
             rows.append(_Measured(when, selector[there], z[there], variance[there]))
-        source = "GPS positions"
+        sources.append("GPS fixes")
+    if ekf is not None and (tables.origin is not None or fixes is None):
+        t = ekf.index.to_numpy(float)
+        z = ekf[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]].to_numpy(float)
+        variance = np.repeat([EKF_POSITION**2, EKF_VELOCITY**2], 3)
+        # The autopilot's positions hold the GPS already, later and smoothed: they only fill where fixes are missing.
+        lonely = _distance(t, fixed) > FILL_AFTER
+        for when, row, alone in zip(t, z, lonely, strict=True):
+            part = slice(0 if alone else 3, 6)
+            rows.append(_Measured(when, selector[part], row[part], variance[part]))
+        sources.append("the autopilot's " + ("positions" if lonely.any() else "velocities"))
     baro = usable(tables.baro, ["alt"])
     if baro is not None:
         H = np.zeros((1, SIZE))
@@ -138,7 +149,14 @@ def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_M
         for when, alt in zip(baro.index.to_numpy(float), baro["alt"].to_numpy(float), strict=True):
             rows.append(_Measured(when, H, np.array([alt]), np.array([noise.baro**2])))
     rows.sort(key=lambda row: row.t)
-    return origin or Geodetic(float("nan"), float("nan"), 0.0), rows, gps_sigma, source
+    return origin or Geodetic(float("nan"), float("nan"), 0.0), rows, gps_sigma, " and ".join(sources)
+
+
+def _distance(t: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Time from each of `t` to the nearest of the sorted `others`, s."""
+    after = np.clip(np.searchsorted(others, t), 0, len(others) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.asarray(np.minimum(np.abs(others[after] - t), np.abs(others[before] - t)))
 
 
 def _smooth_segment(
@@ -196,7 +214,7 @@ def _filter_and_smooth(
     """Run filterpy's filter over the nodes and Rauch-Tung-Striebel back; gives x (n, 13) and P (n, 13, 13)."""
     kf = KalmanFilter(dim_x=SIZE, dim_z=1, dim_u=3)
     kf.x = np.zeros((SIZE, 1))
-    first = next(m for m in measured if len(m.z) >= 3)
+    first = next((m for m in measured if len(m.z) >= 5), measured[0])
     kf.x[:3, 0] = first.z[:3]
     offsets = [m for m in measured if len(m.z) == 1]
     if offsets:
@@ -234,7 +252,7 @@ def _transition(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """F, B and Q over one step: the disturbance and the GPS error are Gauss-Markov, the rest follows."""
     F, B, Q = np.eye(SIZE), np.zeros((SIZE, 3)), np.zeros((SIZE, SIZE))
-    stay = np.exp(-step / noise.gps_error_time)
+    stay = np.exp(-step / GPS_ERROR_TIME)
     for axis, time in enumerate((TIME_H, TIME_H, TIME_V)):
         p, v, d, e = axis, 3 + axis, 6 + axis, 9 + axis
         a = np.exp(-step / time)
