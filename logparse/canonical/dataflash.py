@@ -60,7 +60,7 @@ def _old_receiver(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str,
     Copter 3.5 and later print the receiver's hardware. Before, only a newer one uses two constellations at once and
     so more satellites than GPS alone shows.
     """
-    if "MSG" in messages:
+    if "MSG" in messages and "Message" in messages["MSG"]:
         for text in messages["MSG"]["Message"]:
             match = re.search(r"u-blox \d HW: (\w{8})", str(text))
             if match:

@@ -1,6 +1,6 @@
 """Sensors that come several times: messages with a number in their name, or with an instance column."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
@@ -8,12 +8,10 @@ import pandas as pd
 from logparse.canonical.units import numbers
 
 #: Columns that hold the instance, by age of the firmware.
-INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C")
+_INSTANCE_COLUMNS = ("I", "Instance", "Inst")
 
 
-def instances(
-    messages: Mapping[str, pd.DataFrame], *names: str, columns: Iterable[str] = INSTANCE_COLUMNS[:3]
-) -> list[tuple[str, pd.DataFrame]]:
+def instances(messages: Mapping[str, pd.DataFrame], *names: str) -> list[tuple[str, pd.DataFrame]]:
     """List the instances of a sensor in their order, each with its name for findings.
 
     Parameters
@@ -21,15 +19,13 @@ def instances(
     messages : mapping of str to DataFrame
     *names : str
         Messages of instance 0, 1, 2 ...; one with an instance column stands for all of its instances.
-    columns : iterable of str
-        Columns that may hold the instance.
     """
     found: list[tuple[str, pd.DataFrame]] = []
     for name in names:
         if name not in messages:
             continue
         frame = messages[name]
-        column = next((column for column in columns if column in frame), None)
+        column = next((column for column in _INSTANCE_COLUMNS if column in frame), None)
         if column is None:
             if len(frame):
                 found.append((name, frame))
