@@ -102,4 +102,7 @@ def fit_disturbance(residuals: Sequence[Floats], dt: float, horizon: float = 1.0
             float(np.sum((r - candidate.predict(r, dt, steps))[steps:] ** 2)) for r in residuals if len(r) > steps
         )
 
-    return min((steady_gains(index) for index in TRACKING_INDICES), key=error)
+    drifting = [steady_gains(index) for index in TRACKING_INDICES]
+    # A level without a slope suits what wanders without direction.
+    wandering = [Disturbance(candidate.alpha, 0.0) for candidate in drifting] + [Disturbance(1.0, 0.0)]
+    return min((*drifting, *wandering), key=error)

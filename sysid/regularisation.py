@@ -92,8 +92,8 @@ def choose_ridge(division: Division, theta: Floats, deadline: float) -> tuple[fl
         thetas.append(point.theta)
         if time.monotonic() > deadline:
             break
-    # Ties go to the strongest candidate.
-    best = next(k for k, error in enumerate(errors) if error <= 1.001 * min(errors))
+    # Ties go to the weakest candidate: regularisation that does not improve must not bias.
+    best = max(k for k, error in enumerate(errors) if error <= 1.001 * min(errors))
     return RIDGES[best], thetas[best]
 
 

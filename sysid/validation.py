@@ -208,7 +208,7 @@ def _horizon_rows(record: Experiment, predicted: Floats, steps: int, trained: bo
                 "flight": record.name,
                 "output": output,
                 "trained": trained,
-                "horizon": steps * record.dt,
+                "horizon": round(steps * record.dt, 9),
                 "rmse": _rms(y[first:] - predicted[first:, column]),
                 "rmse_constant_position": _rms(y[first:] - held),
                 "rmse_constant_velocity": _rms(y[first:] - moved),

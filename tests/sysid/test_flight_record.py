@@ -1,0 +1,108 @@
+"""From log and trajectory to a record: axes, clock, filtering and what may be missing."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from estimation import STATE_COLUMNS
+from logparse import MissingDataError, Tables, Vehicle
+from sysid import Experiment
+from sysid.flight_record import air_density
+from sysid.resampling import resample
+
+
+@dataclass
+class Log:
+    tables: Tables
+    flight: object
+    path: Path = Path("flight.bin")
+    vehicle: Vehicle | None = None
+
+
+def frame(t, **columns):
+    return pd.DataFrame(columns, index=pd.Index(t, name="t"))
+
+
+def made(motors=None, flight=(10.0, 50.0)):
+    """Make a climb to the north-west at sea level, 60 s with motors at 10 Hz and states at 50 Hz."""
+    t, tm = np.arange(0.0, 60.0, 0.02), np.arange(0.0, 60.0, 0.1)
+    zero = np.zeros_like(t)
+    states = dict.fromkeys(STATE_COLUMNS, zero) | {"q_w": zero + 1.0, "f_z": zero - 9.8}
+    states |= {"p_n": 100.0 + t, "p_e": -t, "p_d": -3.0 - 2.0 * t}
+    trajectory = SimpleNamespace(states=frame(t, **states))
+    if motors is None:
+        motors = frame(tm, m1=1500.0 + tm, m2=1400.0 - tm)
+    baro = frame(tm, alt=tm, pressure=np.full_like(tm, 101325.0), temperature=np.full_like(tm, 310.0))
+    interval = flight and SimpleNamespace(start=flight[0], stop=flight[1])
+    return Log(Tables(motors=motors, baro=baro), interval), trajectory
+
+
+def test_position_is_north_east_up_of_the_first_airborne_sample():
+    record = Experiment.from_flight(*made())
+    assert record.t[0] == pytest.approx(10.0)
+    assert record.t[-1] == pytest.approx(50.0)
+    assert record.rate == pytest.approx(10.0)
+    np.testing.assert_allclose(record.y[0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(record.y[-1], [40.0, -40.0, 80.0], atol=1e-6)
+    np.testing.assert_allclose(record.u[0], [1510.0, 1390.0])
+    assert record.units["z"] == "m"
+    assert record.context["density"].iloc[0] == pytest.approx(1.225, rel=1e-3)
+    assert record.context["voltage"].isna().all()
+
+
+def test_gaps_in_the_motor_outputs_end_the_record():
+    log, _ = made()
+    kept = log.tables.motors.drop(log.tables.motors.loc[20.0:25.0].index)
+    record = Experiment.from_flight(*made(motors=kept))
+    assert record.t[0] >= 25.0
+    assert [finding.id for finding in record.findings] == ["motor-output-gaps"]
+    assert "24.9 of 40.0 s" in record.findings[0].reason
+
+
+def test_a_motor_without_values_is_left_out():
+    log, _ = made()
+    record = Experiment.from_flight(*made(motors=log.tables.motors.assign(m2=np.nan)))
+    assert record.input_names == ("m1",)
+    assert record.findings[0].id == "motor-without-output"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"motors": frame([])}, "LOG_BITMASK"),
+        ({"flight": None}, "never left the ground"),
+        ({"flight": (59.5, 59.9)}, "overlap in flight for"),
+    ],
+)
+def test_missing_data_is_named(arguments, words):
+    with pytest.raises(MissingDataError, match=words):
+        Experiment.from_flight(*made(**arguments))
+
+
+def test_resampling_removes_what_would_fold_and_keeps_what_is_slow():
+    """A 23 Hz vibration sampled at 10 Hz would show as 3 Hz; a ramp and a 1 Hz sine must come through unchanged."""
+    fine = np.arange(0.0, 20.0, 0.01)
+    t = np.arange(0.0, 20.0, 0.1)
+    slow = 3.0 + 0.5 * fine + np.sin(2.0 * np.pi * fine)
+    result = resample(fine, (slow + np.sin(2.0 * np.pi * 23.0 * fine))[:, None], t)[:, 0]
+    expected = 3.0 + 0.5 * t + np.sin(2.0 * np.pi * t)
+    assert np.max(np.abs(result - expected)[10:-10]) < 0.01
+    ramp = resample(fine, (3.0 + 0.5 * fine)[:, None], t)[:, 0]
+    np.testing.assert_allclose(ramp, 3.0 + 0.5 * t, atol=1e-9)
+
+
+def test_missing_samples_are_bridged_and_empty_columns_stay_empty():
+    fine = np.arange(0.0, 5.0, 0.1)
+    values = np.column_stack([np.where((fine > 2.0) & (fine < 2.5), np.nan, fine), np.full_like(fine, np.nan)])
+    result = resample(fine, values, np.arange(0.0, 4.5, 0.1))
+    np.testing.assert_allclose(result[:, 0], np.arange(0.0, 4.5, 0.1), atol=1e-9)
+    assert np.isnan(result[:, 1]).all()
+
+
+def test_air_density_of_the_standard_atmosphere():
+    """Tabulated values (ICAO doc 7488): sea level, 1000 m and 3000 m."""
+    np.testing.assert_allclose(air_density(np.array([101325.0, 89874.6, 70108.5])), [1.225, 1.1116, 0.9091], rtol=2e-4)

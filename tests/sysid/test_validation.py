@@ -1,0 +1,77 @@
+"""Verdicts and the numbers behind them."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from sysid import Experiment, validate
+
+
+@dataclass(frozen=True)
+class Known:
+    """A model that is right up to a given error."""
+
+    error: float
+    training: tuple[str, ...] = ("seen",)
+    name: str = "known"
+
+    def simulate(self, experiment):
+        return experiment.y + self.error
+
+    def predict(self, experiment, horizon=1.0):
+        return experiment.y + self.error * horizon
+
+
+def record(name, y=None, samples=400):
+    t = np.arange(samples) * 0.1
+    y = np.column_stack([5.0 * np.sin(0.3 * t), 2.0 * t]) if y is None else y
+    return Experiment.from_arrays(t, np.sin(t), y, name=name, output_names=["x", "z"], units={"x": "m", "z": "m"})
+
+
+def test_errors_and_baselines_in_closed_form():
+    validation = validate(Known(0.5), [record("unseen")])
+    x, z = (validation.table.set_index("output").loc[name] for name in ("x", "z"))
+    assert x["rmse"] == pytest.approx(0.5)
+    late = record("unseen").y[30:, 0]
+    assert x["rmse_mean"] == pytest.approx(late.std())
+    assert x["fit_percent"] == pytest.approx(100.0 * (1.0 - 0.5 / late.std()))
+    assert x["rmse_constant_position"] == pytest.approx(np.sqrt(np.mean((late - late[0]) ** 2)))
+    # A steady climb is what constant velocity predicts exactly.
+    assert z["rmse_constant_velocity"] == pytest.approx(0.0, abs=1e-9)
+    ahead = validation.horizons.set_index(["output", "horizon"]).loc[("z", 2.0)]
+    assert ahead["rmse"] == pytest.approx(1.0)
+    assert ahead["rmse_constant_position"] == pytest.approx(4.0)
+    assert ahead["rmse_constant_velocity"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_verdicts_say_what_the_table_says():
+    validation = validate(Known(0.5), [record("unseen"), record("another")])
+    assert validation.trusted == {"x": True, "z": False}
+    x, z = validation.verdicts
+    assert "the model generalises: free-run RMSE 0.5 m on 2 unseen records" in x
+    assert "do not trust the free run" in z
+    assert f"{validation.average['x']:.3g} m" in x
+
+
+def test_nothing_unseen_is_nothing_validated():
+    validation = validate(Known(0.01), [record("seen")])
+    assert not validation.unseen
+    assert not any(validation.trusted.values())
+    assert all("not validated" in verdict for verdict in validation.verdicts)
+
+
+def test_seen_flights_do_not_count():
+    better_on_seen = validate(Known(0.5), [record("seen"), record("unseen")])
+    assert better_on_seen.table["trained"].tolist() == [True, True, False, False]
+    assert "on 1 unseen record," in better_on_seen.verdicts[0]
+
+
+def test_a_craft_that_stands_still_and_short_records():
+    still = record("still", y=np.zeros((60, 2)), samples=60)
+    validation = validate(Known(0.0), [still])
+    assert np.isnan(validation.table["fit_percent"]).all()
+    assert validation.horizons["horizon"].max() <= 2.0
+    assert not validation.trusted["x"]
+    json.dumps(validation.to_dict(), allow_nan=False)
