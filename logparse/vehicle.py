@@ -73,6 +73,8 @@ def pwm_range(parameters: Mapping[str, float]) -> PwmRange:
         value = parameters.get(name)
         return None if value is None or not math.isfinite(value) else float(value)
 
+    if "SYS_AUTOSTART" in parameters or "CA_ROTOR_COUNT" in parameters:
+        return _px4_pwm_range(parameters)
     low, high = get("MOT_PWM_MIN"), get("MOT_PWM_MAX")
     if not low or not high or high <= low:
         channel = int(get("RCMAP_THROTTLE") or 3)
@@ -107,6 +109,36 @@ def pwm_range(parameters: Mapping[str, float]) -> PwmRange:
         spin_min=lowest,
         spin_max=0.95 if top is None else top,
         thrust_expo=0.65 if expo is None else expo,
+    )
+
+
+def _px4_pwm_range(parameters: Mapping[str, float]) -> PwmRange:
+    """Read PX4's range: PWM_MAIN_MINn of the motors' outputs, PWM_MIN before 1.13; DShot stands for 1000..2000 us.
+
+    PX4 maps thrust 0..1 onto the whole range (THR_MDL_FAC is the curve that ArduPilot calls MOT_THST_EXPO); on the
+    ground its motors turn at up to MPC_MANTHR_MIN.
+    """
+    outputs = [
+        f"PWM_{bank}_{{}}{k}"
+        for bank in ("MAIN", "AUX")
+        for k in range(1, 17)
+        if 101 <= parameters.get(f"PWM_{bank}_FUNC{k}", 0.0) <= 112
+    ]
+    low, high = (
+        min((parameters.get(name.format(end), 0.0) for name in outputs), default=0.0)
+        or parameters.get(f"PWM_{end}", 0.0)
+        or parameters.get(f"PWM_MAIN_{end}", 0.0)
+        for end in ("MIN", "MAX")
+    )
+    if not 500.0 < low < high:
+        low, high = 1000.0, 2000.0
+    return PwmRange(
+        pwm_min=low,
+        pwm_max=high,
+        spin_arm=0.0,
+        spin_min=float(parameters.get("MPC_MANTHR_MIN", 0.08)),
+        spin_max=1.0,
+        thrust_expo=float(parameters.get("THR_MDL_FAC", 0.0)),
     )
 
 
@@ -319,15 +351,7 @@ def _channels(parameters: Mapping[str, float], frame_class: str) -> Mapping[int,
 def _describe_px4(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str, float]) -> Vehicle:
     """Describe the craft of a PX4 log by its control allocation (CA_ROTORn) or airframe (SYS_AUTOSTART) parameters."""
     motors, frame_class, frame_type, source = _px4_motors(parameters)
-    count = len(motors)
-    lows = [parameters.get(f"PWM_MAIN_MIN{k}", parameters.get(f"PWM_AUX_MIN{k}")) for k in range(1, count + 1)]
-    highs = [parameters.get(f"PWM_MAIN_MAX{k}", parameters.get(f"PWM_AUX_MAX{k}")) for k in range(1, count + 1)]
-    low = min(
-        (value for value in lows if value), default=parameters.get("PWM_MIN", parameters.get("PWM_MAIN_MIN", 1000.0))
-    )
-    high = max(
-        (value for value in highs if value), default=parameters.get("PWM_MAX", parameters.get("PWM_MAIN_MAX", 2000.0))
-    )
+    levels = pwm_range(parameters)
     vehicle = Vehicle(
         autopilot="PX4",
         firmware="PX4",
@@ -335,20 +359,22 @@ def _describe_px4(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str,
         frame_type=frame_type,
         frame_source=source,
         motors=motors,
-        # PX4 maps thrust 0..1 straight onto the PWM range; THR_MDL_FAC is the same curve as MOT_THST_EXPO.
-        pwm_min=float(low),
-        pwm_max=float(high),
-        spin_arm=0.0,
-        spin_min=0.0,
-        spin_max=1.0,
-        thrust_expo=float(parameters.get("THR_MDL_FAC", 0.0)),
+        pwm_min=levels.pwm_min,
+        pwm_max=levels.pwm_max,
+        spin_arm=levels.spin_arm,
+        spin_min=levels.spin_min,
+        spin_max=levels.spin_max,
+        thrust_expo=levels.thrust_expo,
     )
     info = messages.get("information")
     if info is not None and {"key", "value"} <= set(info.columns):
         facts = dict(zip(info["key"], info["value"], strict=True))
         git_hash, board = facts.get("ver_sw"), facts.get("ver_hw")
+        release = str(facts.get("ver_sw_release", ""))
+        packed = int(release) if release.isdigit() else 0
         vehicle = replace(
             vehicle,
+            version=f"{packed >> 24}.{packed >> 16 & 255}.{packed >> 8 & 255}" if packed else None,
             git_hash=None if git_hash is None else str(git_hash),
             board_id=None if board is None else str(board),
         )

@@ -125,6 +125,18 @@ def test_px4_rotors_come_from_the_control_allocation():
         assert (px4.roll, px4.pitch, px4.yaw) == pytest.approx((arducopter.roll, arducopter.pitch, arducopter.yaw))
 
 
+def test_px4_range_version_and_board():
+    facts = {"ver_sw": "eae80c15", "ver_hw": "CUAV_7_NANO", "ver_sw_release": str(0x011000FF)}
+    messages = {"information": pd.DataFrame({"key": list(facts), "value": list(facts.values())})}
+    parameters = {"SYS_AUTOSTART": 4001, "PWM_MIN": 1075, "PWM_MAX": 1950, "MPC_MANTHR_MIN": 0.1, "THR_MDL_FAC": 0.3}
+    vehicle = describe(messages, format="ulog", parameters=parameters)
+    assert (vehicle.version, vehicle.git_hash, vehicle.board_id) == ("1.16.0", "eae80c15", "CUAV_7_NANO")
+    assert (vehicle.pwm_min, vehicle.pwm_max, vehicle.spin_min, vehicle.thrust_expo) == (1075, 1950, 0.1, 0.3)
+    newer = {"SYS_AUTOSTART": 4001} | {f"PWM_MAIN_FUNC{k}": 100 + k for k in range(1, 5)}
+    newer |= {f"PWM_MAIN_MIN{k}": 1100 for k in range(1, 5)} | {f"PWM_MAIN_MAX{k}": 1900 for k in range(1, 5)}
+    assert (pwm_range(newer).pwm_min, pwm_range(newer).pwm_max) == (1100, 1900)
+
+
 def test_px4_airframe_number_where_there_is_no_allocation():
     vehicle = describe({}, format="ulog", parameters={"SYS_AUTOSTART": 6001})
     assert (vehicle.frame_class, vehicle.frame_type, len(vehicle.motors)) == ("hexa", "x", 6)
