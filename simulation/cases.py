@@ -11,9 +11,10 @@ from types import MappingProxyType
 
 from simulation import elhesasy2024
 from simulation.atmosphere import SEA_LEVEL_DENSITY
-from simulation.dataflash_log import FlightLog, write_bin
+from simulation.dataflash_log import write_bin
 from simulation.errors import ParameterError
 from simulation.fly import Flight, Setup, fly
+from simulation.instruments import InstrumentedFlight
 from simulation.mission import GoTo, Mission, Turn, Wait
 from simulation.place import Place
 from simulation.rotor import QuadraticRotor, Rotor
@@ -222,7 +223,7 @@ def write_case(case: Case, folder: str | Path) -> list[Path]:
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     flight = fly(case.setup)
-    log = FlightLog(flight, case.start_utc, case.boot)
+    log = InstrumentedFlight(flight, case.start_utc, case.boot)
     paths = [folder / f"{case.name}.bin", folder / f"{case.name}.json"]
     write_bin(paths[0], log, case.imu_rate)
     paths[1].write_text(json.dumps(describe_truth(case, flight), indent=1) + "\n", encoding="utf-8")
@@ -300,7 +301,7 @@ def describe_truth(case: Case, flight: Flight) -> dict[str, object]:
             "name": vehicle.name,
             "mass_kg": vehicle.mass,
             "inertia_kg_m2": vehicle.inertia.tolist(),
-            "frame": "OCTA/PLUS",
+            "frame": vehicle.frame,
             "motors": [
                 {
                     "motor": k,

@@ -5,7 +5,6 @@ on-board estimator cannot know (XKF1 and its like) is left out. Values are round
 last bit, so that how NumPy vectorises the conversions does not show in a log.
 """
 
-import datetime as dt
 import math
 from pathlib import Path
 
@@ -15,160 +14,26 @@ import pandas as pd
 
 from logparse.dataflash_writer import MessageTable, write_dataflash
 from simulation._kernels import FLYING, LANDING
-from simulation.atmosphere import LAPSE_RATE, PRESSURE_EXPONENT, SEA_LEVEL_PRESSURE, SEA_LEVEL_TEMPERATURE
-from simulation.fly import Flight
+from simulation.instruments import Column, InstrumentedFlight
 
-#: What the logs say in place of a firmware version; VER and MSG.
-FIRMWARE = "ArduCopter V4.7.0-sim (simulated by rotorid)"
-
-_GPS_EPOCH = dt.datetime(1980, 1, 6, tzinfo=dt.UTC)
-_LEAP_SECONDS = 18
 _STABILIZE, _AUTO = 0, 3
 #: EV.Id of ArduPilot (LogEvent).
 _EVENT_ARMED, _EVENT_DISARMED, _EVENT_AUTO_ARMED, _EVENT_LANDED, _EVENT_NOT_LANDED = 10, 11, 15, 18, 28
 
-Column = npt.NDArray[np.float64]
 
-
-class FlightLog:
-    """A flight with the sensor samples that its log holds, shared by the on-board log and the telemetry log.
-
-    Parameters
-    ----------
-    flight : Flight
-    start_utc : datetime
-        UTC at the start of the simulation.
-    boot : float
-        Time since boot at the start of the simulation, s.
-    """
-
-    def __init__(self, flight: Flight, start_utc: dt.datetime, boot: float):
-        setup = flight.setup
-        self.flight = flight
-        self.start_utc = start_utc
-        self.boot = boot
-        # A stream of its own for each instrument: changing one leaves the others as they are.
-        seeds = [np.random.RandomState(setup.seed * 10 + k) for k in range(1, 5)]
-        self.gps = setup.sensors.gps.sample(flight.truth, setup.place, seeds[0])
-        self.baro = setup.sensors.barometer.sample(flight.truth, setup.place, seeds[1])
-        field_n = np.round(setup.place.magnetic_field(start_utc), 9)
-        self.mag = setup.sensors.magnetometer.sample(flight.truth, field_n, seeds[2])
-        self.battery = self.rows(10.0)[["voltage", "current", "charge"]].copy()
-        self.battery["voltage"] += 0.015 * seeds[3].standard_normal(len(self.battery))
-        self.battery["current"] += 0.2 * seeds[3].standard_normal(len(self.battery))
-
-    def rows(self, rate: float) -> pd.DataFrame:
-        """Give the records of the flight at `rate` [Hz]."""
-        truth = self.flight.truth
-        step = round(1.0 / rate / (truth.index[1] - truth.index[0]))
-        return truth.iloc[::step]
-
-    def navigated(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Position and velocity as the autopilot believes them, on the times of `rows`."""
-        reference, errors = self.planned(rows), self.flight.navigation
-        columns = ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]
-        ticks = reference["tick"].to_numpy()
-        return pd.DataFrame(rows[columns].to_numpy() + errors[ticks, 0:6], index=rows.index, columns=columns)
-
-    def planned(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Position, velocity and acceleration of the mission on the times of `rows`; `tick` is its row."""
-        tick = np.minimum(
-            (rows.index.to_numpy() / self.flight.tick + 1e-9).astype(np.int64), len(self.flight.reference.samples) - 1
-        )
-        columns = ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "a_n", "a_e", "a_d", "yaw"]
-        planned = pd.DataFrame(self.flight.reference.samples[tick], index=rows.index, columns=columns)
-        planned["tick"] = tick
-        return planned
-
-    def messages(self) -> list[tuple[float, str]]:
-        """Texts of the autopilot with their times on the simulation's clock."""
-        flight = self.flight
-        texts = [
-            (0.0, FIRMWARE),
-            (0.0, f"simulated, not flown: {flight.setup.place.name}, seed {flight.setup.seed}"),
-            (0.0, "Frame: OCTA/PLUS"),
-            (flight.reference.arm, "Arming motors"),
-            (flight.reference.takeoff, "Mission: 1 Takeoff"),
-        ]
-        texts += [(t, f"Mission: {k} {name}") for k, (t, name) in enumerate(flight.reference.items, start=2)]
-        texts.append((flight.reference.land, f"Mission: {len(flight.reference.items) + 2} Land"))
-        texts.append((flight.disarm, "Disarming motors"))
-        return texts
-
-    def parameters(self) -> dict[str, float]:
-        """Parameters of the autopilot that describe this craft, by ArduPilot's names."""
-        setup = self.flight.setup
-        vehicle, cascade, drive = setup.vehicle, setup.cascade, setup.vehicle.drive
-        parameters: dict[str, float] = {
-            "FORMAT_VERSION": 120,
-            "FRAME_CLASS": vehicle.frame_class,
-            "FRAME_TYPE": vehicle.frame_type,
-            "MOT_PWM_TYPE": 0,
-            "MOT_PWM_MIN": drive.pwm_min,
-            "MOT_PWM_MAX": drive.pwm_max,
-            "MOT_SPIN_ARM": drive.spin_arm,
-            "MOT_SPIN_MIN": drive.spin_min,
-            "MOT_SPIN_MAX": drive.spin_max,
-            "MOT_THST_EXPO": drive.expo,
-            "MOT_THST_HOVER": round(self.flight.hover_thrust, 4),
-            "MOT_BAT_VOLT_MAX": 0,
-            "MOT_BAT_VOLT_MIN": 0,
-            "INS_GYRO_FILTER": cascade.filter_frequency,
-            "INS_ACCEL_FILTER": cascade.filter_frequency,
-            "GPS1_TYPE": 1,
-            "GPS1_RATE_MS": round(1000.0 / setup.sensors.gps.rate),
-            "GPS1_DELAY_MS": round(1000.0 * setup.sensors.gps.lag),
-            "GPS1_POS_X": 0,
-            "GPS1_POS_Y": 0,
-            "GPS1_POS_Z": 0,
-            "COMPASS_ENABLE": 1,
-            "COMPASS_USE": 1,
-            "COMPASS_AUTODEC": 1,
-            "COMPASS_ORIENT": 0,
-            "COMPASS_OFS_X": 0,
-            "COMPASS_OFS_Y": 0,
-            "COMPASS_OFS_Z": 0,
-            "AHRS_ORIENTATION": 0,
-            "AHRS_TRIM_X": 0,
-            "AHRS_TRIM_Y": 0,
-            "BATT_MONITOR": 4,
-            "BATT_CAPACITY": round(1000.0 * vehicle.battery.capacity),
-            "BARO1_GND_PRESS": round(float(self.baro["pressure"].iloc[0]), 1),
-            "SCHED_LOOP_RATE": 400,
-            "LOG_DISARMED": 1,
-            "ATC_ANG_RLL_P": cascade.angle_p[0],
-            "ATC_ANG_PIT_P": cascade.angle_p[1],
-            "ATC_ANG_YAW_P": cascade.angle_p[2],
-        }
-        for axis, gains in (("RLL", cascade.roll_rate), ("PIT", cascade.pitch_rate), ("YAW", cascade.yaw_rate)):
-            for letter, gain in zip("PID", gains, strict=True):
-                parameters[f"ATC_RAT_{axis}_{letter}"] = gain
-        for number in range(1, 17):
-            parameters[f"SERVO{number}_FUNCTION"] = 32 + number if number <= len(vehicle.rotors) else 0
-        return parameters
-
-    def gps_time(self, t: Column) -> tuple[Column, npt.NDArray[np.int64]]:
-        """Second of the GPS week and GPS week at times on the simulation's clock."""
-        offset = (self.start_utc - _GPS_EPOCH).total_seconds() + _LEAP_SECONDS
-        week = ((offset + t) // 604800.0).astype(np.int64)
-        return offset + t - 604800.0 * week, week
-
-    def pressure_altitude(self) -> Column:
-        """Height that the barometer tells above where it was calibrated, m."""
-        pressure = self.baro["pressure"].to_numpy()
-        ratio = np.array([math.pow(p / SEA_LEVEL_PRESSURE, 1.0 / PRESSURE_EXPONENT) for p in pressure])
-        altitude: Column = SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - ratio)
-        altitude -= altitude[:10].mean()
-        return altitude
-
-
-def write_bin(path: Path, log: FlightLog, imu_rate: float) -> None:
+def write_bin(path: Path, log: InstrumentedFlight, imu_rate: float) -> None:
     """Write the flight as a DataFlash log, IMU rows at `imu_rate` [Hz], truth rows (SIM, SIM2) at 25 Hz."""
     write_dataflash(path, [*_descriptive(log), *_sensors(log, imu_rate), *_autopilot(log), *_truth(log)])
 
 
 def _table(
-    log: FlightLog, name: str, form: str, units: str, multipliers: str, t: npt.ArrayLike, columns: dict[str, object]
+    log: InstrumentedFlight,
+    name: str,
+    form: str,
+    units: str,
+    multipliers: str,
+    t: npt.ArrayLike,
+    columns: dict[str, object],
 ) -> MessageTable:
     """One message table; scalars are repeated, `t` is on the simulation's clock."""
     time_us = np.rint((np.asarray(t, dtype=float) + log.boot) * 1e6).astype(np.uint64)
@@ -179,7 +44,7 @@ def _table(
     return name, form, units, multipliers, frame
 
 
-def _descriptive(log: FlightLog) -> list[MessageTable]:
+def _descriptive(log: InstrumentedFlight) -> list[MessageTable]:
     flight, place = log.flight, log.flight.setup.place
     reference = flight.reference
     texts = log.messages()
@@ -238,7 +103,7 @@ def _descriptive(log: FlightLog) -> list[MessageTable]:
     ]
 
 
-def _sensors(log: FlightLog, imu_rate: float) -> list[MessageTable]:
+def _sensors(log: InstrumentedFlight, imu_rate: float) -> list[MessageTable]:
     imu = log.rows(imu_rate)
     gps, baro, mag, battery = log.gps, log.baro, log.mag, log.battery
     sensors = log.flight.setup.sensors
@@ -384,7 +249,7 @@ def _sensors(log: FlightLog, imu_rate: float) -> list[MessageTable]:
     ]
 
 
-def _autopilot(log: FlightLog) -> list[MessageTable]:
+def _autopilot(log: InstrumentedFlight) -> list[MessageTable]:
     rows = log.rows(10.0)
     flight, place = log.flight, log.flight.setup.place
     gravity = place.gravity
@@ -506,7 +371,7 @@ _ANGLES = (
 )
 
 
-def _truth(log: FlightLog) -> list[MessageTable]:
+def _truth(log: InstrumentedFlight) -> list[MessageTable]:
     rows = log.rows(25.0)
     lat, lon, alt = log.flight.geodetic(rows)
     w, x, y, z = _columns(rows, "q_w", "q_x", "q_y", "q_z")

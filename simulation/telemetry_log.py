@@ -12,16 +12,18 @@ import pandas as pd
 
 from logparse.tlog_writer import write_tlog as write_messages
 from simulation._kernels import FLYING, LANDING
-from simulation.dataflash_log import FlightLog
+from simulation.instruments import InstrumentedFlight
 
 _STABILIZE, _AUTO = 0, 3
-_OCTOROTOR, _ARDUPILOT = 14, 3
+_ARDUPILOT = 3
+#: MAV_TYPE by number of rotors.
+_TYPES = {4: 2, 6: 13, 8: 14}
 _MODE_CUSTOM, _MODE_ARMED = 1, 128
 _STANDBY, _ACTIVE = 3, 4
 _INFO, _REAL32 = 6, 9
 
 
-def write_tlog(path: Path, log: FlightLog) -> None:
+def write_tlog(path: Path, log: InstrumentedFlight) -> None:
     """Write the flight as a `.tlog`; receive times are the times of sending (a link without delay)."""
     start = log.start_utc - dt.timedelta(seconds=log.boot)
     write_messages(path, [(name, _on_boot_clock(frame, log.boot)) for name, frame in _messages(log)], start)
@@ -31,7 +33,7 @@ def _on_boot_clock(frame: pd.DataFrame, boot: float) -> pd.DataFrame:
     return frame.set_axis(pd.Index(frame.index.to_numpy(dtype=float) + boot, name="t"))
 
 
-def _messages(log: FlightLog) -> list[tuple[str, pd.DataFrame]]:
+def _messages(log: InstrumentedFlight) -> list[tuple[str, pd.DataFrame]]:
     flight = log.flight
     rows = log.rows(10.0)
     t = rows.index
@@ -144,7 +146,7 @@ def _messages(log: FlightLog) -> list[tuple[str, pd.DataFrame]]:
     return messages
 
 
-def _capacity(log: FlightLog) -> float:
+def _capacity(log: InstrumentedFlight) -> float:
     return log.flight.setup.vehicle.battery.capacity * 3600.0
 
 
@@ -152,7 +154,7 @@ def _unix_us(moment: dt.datetime) -> int:
     return (moment - dt.datetime(1970, 1, 1, tzinfo=dt.UTC)) // dt.timedelta(microseconds=1)
 
 
-def _parameters(log: FlightLog) -> pd.DataFrame:
+def _parameters(log: InstrumentedFlight) -> pd.DataFrame:
     parameters = log.parameters()
     n = len(parameters)
     # Sent one after the other once the link is up, as a ground station asks for them.
@@ -168,13 +170,13 @@ def _parameters(log: FlightLog) -> pd.DataFrame:
     )
 
 
-def _heartbeats(log: FlightLog) -> pd.DataFrame:
+def _heartbeats(log: InstrumentedFlight) -> pd.DataFrame:
     rows = log.rows(1.0)
     armed = (rows.index >= log.flight.reference.arm) & (rows.index < log.flight.disarm)
     flying = rows["state"].isin((FLYING, LANDING)).to_numpy()
     return pd.DataFrame(
         {
-            "type": _OCTOROTOR,
+            "type": _TYPES[len(log.flight.setup.vehicle.rotors)],
             "autopilot": _ARDUPILOT,
             "base_mode": np.where(armed, _MODE_CUSTOM | _MODE_ARMED, _MODE_CUSTOM),
             "custom_mode": np.where(rows.index >= log.flight.reference.takeoff, _AUTO, _STABILIZE),
@@ -185,7 +187,7 @@ def _heartbeats(log: FlightLog) -> pd.DataFrame:
     )
 
 
-def _gps(log: FlightLog) -> pd.DataFrame:
+def _gps(log: InstrumentedFlight) -> pd.DataFrame:
     gps, sensors = log.gps, log.flight.setup.sensors
     return pd.DataFrame(
         {
@@ -209,7 +211,7 @@ def _gps(log: FlightLog) -> pd.DataFrame:
     )
 
 
-def _truth(log: FlightLog) -> pd.DataFrame:
+def _truth(log: InstrumentedFlight) -> pd.DataFrame:
     rows = log.rows(10.0)
     w, x, y, z = (rows[name] for name in ("q_w", "q_x", "q_y", "q_z"))
     lat, lon, _ = log.flight.geodetic(rows)
@@ -224,7 +226,7 @@ def _truth(log: FlightLog) -> pd.DataFrame:
     return frame.assign(lat=lat * 1e7, lng=lon * 1e7)
 
 
-def _texts(log: FlightLog) -> pd.DataFrame:
+def _texts(log: InstrumentedFlight) -> pd.DataFrame:
     messages = log.messages()
     return pd.DataFrame(
         {"severity": _INFO, "text": [text[:50] for _, text in messages]}, index=[t for t, _ in messages]

@@ -11,6 +11,9 @@ from simulation.drive import Battery, Drive
 from simulation.errors import ParameterError
 from simulation.rotor import NO_BLADE, BladeElementRotor, QuadraticRotor, Rotor
 
+_FRAME_CLASSES = {1: "QUAD", 2: "HEXA", 3: "OCTA"}
+_FRAME_TYPES = {0: "PLUS", 1: "X"}
+
 
 @dataclass(frozen=True, slots=True)
 class RotorMount:
@@ -84,7 +87,7 @@ class Multirotor:
     drag_area : tuple of 3 float
         Drag coefficient times area along body x, y, z, m^2.
     frame_class, frame_type : int
-        ArduPilot's FRAME_CLASS and FRAME_TYPE.
+        ArduPilot's FRAME_CLASS (1 quad, 2 hexa, 3 octa) and FRAME_TYPE (0 plus, 1 x).
     """
 
     name: str
@@ -103,6 +106,8 @@ class Multirotor:
         if not (math.isfinite(self.mass) and self.mass > 0.0):
             raise ParameterError(f"{self.name}: mass must be positive, not {self.mass:g} kg")
         _check_inertia(self.name, self.inertia)
+        if self.frame_class not in _FRAME_CLASSES or self.frame_type not in _FRAME_TYPES:
+            raise ParameterError(f"{self.name}: frame class {self.frame_class}, type {self.frame_type} is not known")
         if not self.rotors:
             raise ParameterError(f"{self.name}: a multirotor needs rotors")
         for k, mount in enumerate(self.rotors, start=1):
@@ -113,6 +118,11 @@ class Multirotor:
         _check_rotors(self.name, [mount.rotor for mount in self.rotors])
         if min(*self.drag_linear, *self.drag_area) < 0.0:
             raise ParameterError(f"{self.name}: drag cannot be negative (it would drive the craft)")
+
+    @property
+    def frame(self) -> str:
+        """Frame as ArduPilot names it in its log, such as ``"OCTA/PLUS"``."""
+        return f"{_FRAME_CLASSES[self.frame_class]}/{_FRAME_TYPES[self.frame_type]}"
 
     def hover_speed(self, gravity: float, density: float = SEA_LEVEL_DENSITY) -> float:
         """Speed [rad/s] at which all rotors, turning alike, carry the weight together; for upright rotors.
