@@ -13,6 +13,9 @@ from logparse.vehicle import Vehicle
 
 __all__ = ["build_tables"]
 
+#: Messages that hold servo outputs.
+_OUTPUTS = ("RCOU", "MOT", "SERVO_OUTPUT_RAW", "actuator_outputs")
+
 
 def build_tables(
     messages: Mapping[str, pd.DataFrame],
@@ -61,12 +64,16 @@ def build_tables(
                 advice="Check the number of motors: firmware before 3.2 does not log its frame class.",
             )
         )
-    if vehicle.frame_class is not None and not vehicle.motors:
+    if not vehicle.motors and any(name in messages for name in _OUTPUTS):
+        frame = "/".join(part for part in (vehicle.frame_class, vehicle.frame_type) if part)
         remarks.add(
             Finding(
                 id="frame-unknown",
-                severity=Severity.WARNING,
-                reason=f"No motor table for frame {vehicle.frame_class}/{vehicle.frame_type}.",
+                severity=Severity.ERROR,
+                reason=f"Servo outputs are logged, but no motor table is known for the frame {frame}."
+                if vehicle.frame_class
+                else "Servo outputs are logged, but nothing says which of them drive motors (no FRAME_CLASS).",
+                advice="rotorid knows multirotors; their log needs the parameters, which are written when it starts.",
             )
         )
     return tables, remarks.findings()

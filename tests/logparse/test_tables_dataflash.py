@@ -76,6 +76,14 @@ def test_a_motor_that_no_output_drives_is_told():
     assert "motor-without-output" in [finding.id for finding in findings]
 
 
+@pytest.mark.parametrize("parameters", [{}, {"FRAME_CLASS": 6, "FRAME_TYPE": 0}])
+def test_outputs_of_no_known_frame_are_not_taken_for_motors(parameters):
+    # A helicopter, an aeroplane, or a log that lost its parameters.
+    tables, findings = build({"RCOU": message([1, 2], C1=[1500, 1600], C2=[1500, 1600])}, parameters)
+    assert tables.motors is None
+    assert [finding.id for finding in findings] == ["frame-unknown"]
+
+
 def imu(t, offset=0.0, **more):
     n = len(t)
     rates = {f"Gyr{axis}": np.full(n, 0.1 + offset) for axis in "XYZ"}
