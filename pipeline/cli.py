@@ -48,6 +48,10 @@ def main() -> NoReturn:
     logging.basicConfig(level=logging.DEBUG if debug else logging.CRITICAL, stream=sys.stderr)
     try:
         app()
+    except BrokenPipeError:
+        # Whoever read our output has seen enough; nothing may be written at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(SOME_FAILED)
     except OSError as error:
         _fail(f"{error.filename or 'output'}: {error.strerror or error}", SOME_FAILED)
     except KeyboardInterrupt:
@@ -192,7 +196,10 @@ def inspect(
 @app.command()
 def export(
     log: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A log of any format.")],
-    out: Annotated[Path, typer.Option(help="Folder for the files; made when missing.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the files; made when missing. Default: a new one named after the log."),
+    ] = None,
     table_format: Annotated[
         TableFormat, typer.Option("--format", help="parquet and csv: a file for each table; mat: one file for MATLAB.")
     ] = TableFormat.PARQUET,
@@ -213,8 +220,9 @@ def export(
     names = [name for part in messages or () for name in part.split(",") if name]
     if start is not None and end is not None and end < start:
         raise typer.BadParameter(f"--end {end:g} is before --start {start:g}")
+    folder = out or Path(f"{log.stem}-tables")
     files = write_tables(
-        logparse.read_log(log), out, format=table_format.value, messages=names or None, start=start, stop=end
+        logparse.read_log(log), folder, format=table_format.value, messages=names or None, start=start, stop=end
     )
     for file in files:
         typer.echo(file)

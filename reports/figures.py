@@ -269,9 +269,9 @@ def prediction(result: FlightResult, joint: Prediction | None = None) -> Figure 
 
 def _drawn(own: Sequence[Prediction], joint: Prediction | None) -> Iterable[tuple[Prediction, str, str]]:
     for part in own:
-        yield part, "@own", "predicted"
+        yield part, "@own", "own model"
     if joint is not None:
-        yield joint, "@joint", "predicted by the joint model"
+        yield joint, "@joint", "joint model"
 
 
 def _is_first(part: Prediction, own: Sequence[Prediction], joint: Prediction | None) -> bool:

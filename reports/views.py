@@ -204,7 +204,7 @@ def thrust_coefficients(thrust: Numbers | None, missing: Numbers) -> View:
             if value["reason"]
         ]
     mass = (
-        f"k from the given mass of {number(thrust['mass'], 4)} kg."
+        f"k from the given mass of {thrust['mass']:g} kg."
         if thrust["mass"]
         else "Motion alone gives only k/m; give the take-off mass (--mass) to have k in newtons."
     )
