@@ -14,7 +14,7 @@ from pipeline.craft import by_craft, craft_name
 from pipeline.errors import ConfigError
 from pipeline.flight import analyze
 from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, Prediction
-from pipeline.stages import Progress, Stages, silent
+from pipeline.stages import Progress, Stages, overall, silent
 
 _LOG = logging.getLogger("rotorid.pipeline")
 
@@ -59,7 +59,7 @@ def analyze_fleet(
             def report(stage: str, fraction: float, number: int = number, file: Path = file) -> None:
                 progress(f"{file.name}: {stage}", share * (number + fraction))
 
-            outcomes[file] = analyze_one(file, config, names[file], named, report)
+            outcomes[file] = analyze_one(file, config, names[file], named, overall(report))
     else:
         jobs: dict[Future[FlightResult | Failure | None], Path] = {
             executor.submit(analyze_one, file, config, names[file], named): file for file, named in files
@@ -85,15 +85,14 @@ def analyze_fleet(
         )
     groups = []
     crafts = sorted((craft for craft in by_craft(flights) if len(craft) > 1), key=len, reverse=True)
-    start = share * len(files)
+    start, whole = share * len(files), 0.99 - share * len(files)
     for number, craft in enumerate(crafts):
         name = craft_name(craft)
 
         def report_group(stage: str, fraction: float, number: int = number, name: str = name) -> None:
-            progress(f"{name}, jointly: {stage}", start + (1.0 - start) * (number + fraction) / len(crafts))
+            progress(f"{name}, jointly: {stage}", start + whole * (number + fraction) / len(crafts))
 
         groups.append(analyze_group(craft, config, report_group))
-    progress("done", 1.0)
     return FleetResult(flights=flights, failures=failures, groups=tuple(groups), config=config)
 
 

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import accumulate
 from time import perf_counter
 from typing import TypeVar
 
@@ -14,6 +15,26 @@ T = TypeVar("T")
 _LOG = logging.getLogger("rotorid.pipeline")
 # Tracebacks of our bugs are for whoever sets up logging; without that they must not reach the user's terminal.
 logging.getLogger("rotorid").addHandler(logging.NullHandler())
+
+
+#: Part of the time of one log's analysis that its stages usually take, in the order of the work.
+SHARES = {
+    "read": 0.02,
+    "tables": 0.05,
+    "health": 0.02,
+    "flight": 0.01,
+    "trajectory": 0.35,
+    "experiment": 0.02,
+    "thrust": 0.03,
+    "model": 0.45,
+    "validation": 0.05,
+}
+
+
+def overall(progress: Progress) -> Progress:
+    """Turn the fraction of a stage that is done into the fraction of a log's whole analysis."""
+    begins = dict(zip(SHARES, accumulate(SHARES.values(), initial=0.0), strict=False))
+    return lambda stage, fraction: progress(stage, begins.get(stage, 0.0) + SHARES.get(stage, 0.0) * fraction)
 
 
 class OutOfTimeError(RotoridError):

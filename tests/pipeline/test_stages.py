@@ -4,7 +4,7 @@ import logging
 from time import sleep
 
 from logparse import MissingDataError
-from pipeline.stages import Stages, silent
+from pipeline.stages import SHARES, Stages, overall, silent
 
 
 def test_a_foreseen_error_becomes_a_reason():
@@ -44,3 +44,14 @@ def test_progress_names_the_stage():
     seen = []
     Stages(lambda stage, fraction: seen.append((stage, fraction)), 1.0).run("read", lambda report: report("inner", 0.5))
     assert seen == [("read", 0.0), ("read", 0.5), ("read", 1.0)]
+
+
+def test_overall_progress_only_grows():
+    seen = []
+    report = overall(lambda _, fraction: seen.append(fraction))
+    for stage in SHARES:
+        for fraction in (0.0, 0.5, 1.0):
+            report(stage, fraction)
+    assert seen == sorted(seen)
+    assert seen[0] == 0.0
+    assert abs(seen[-1] - 1.0) < 1e-9

@@ -13,9 +13,6 @@ from logparse import Finding, Geodetic, Motor, Severity, Vehicle
 from pipeline import AnalysisConfig, FleetResult, FlightResult, GroupResult, LogFacts, Prediction, Span
 from pipeline.results import Failure
 
-#: Text as an attacker would put it into a log.
-HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>\u2028"
-
 
 def made_flight(
     name: str = "flight01",
