@@ -84,6 +84,18 @@ COLUMNS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "out_yaw": "1; yaw output to the mixer, -1..1",
             "out_thrust": "1; thrust output to the mixer, 0..1",
         },
+        "systemid": {
+            "axis": "1; what the chirp was added to, as SID_AXIS numbers it (10-13: mixer roll, pitch, yaw, thrust)",
+            "target": "chirp as added, in the unit of the axis (mixer: -1..1, angles: deg, rates: deg/s)",
+            "elapsed": "s; since the chirp began",
+            "frequency": "rad/s; of the chirp now",
+            "w_x": "rad/s; angular rate about body x",
+            "w_y": "rad/s",
+            "w_z": "rad/s",
+            "f_x": "m/s^2; specific force along body x",
+            "f_y": "m/s^2",
+            "f_z": "m/s^2",
+        },
         "ekf": {
             "p_n": "m; the autopilot's own estimate, north of its origin",
             "p_e": "m",
@@ -145,6 +157,7 @@ class Tables:
     attitude: pd.DataFrame | None = None
     setpoints: pd.DataFrame | None = None
     rates: pd.DataFrame | None = None
+    systemid: pd.DataFrame | None = None
     ekf: pd.DataFrame | None = None
     truth: pd.DataFrame | None = None
     rangefinder: pd.DataFrame | None = None

@@ -43,6 +43,7 @@ def build(
         attitude=control.attitude(messages),
         setpoints=control.setpoints(messages),
         rates=control.rates(messages),
+        systemid=control.systemid(messages),
         ekf=ekf,
         truth=control.truth(messages),
         rangefinder=dataflash_sensors.rangefinder(messages, remarks),

@@ -210,19 +210,52 @@ def _throttle(messages: Messages) -> pd.DataFrame | None:
     return series(frame.index, {"throttle": values})
 
 
+#: Axis of the craft, letter of RATE and PID messages, name of the mixer input.
+_AXES = (("x", "R", "roll"), ("y", "P", "pitch"), ("z", "Y", "yaw"))
+
+
 def rates(messages: Messages) -> pd.DataFrame | None:
-    """Rate controller: targets, rates and outputs of RATE."""
+    """Rate controller: targets, rates and outputs of RATE, or of PIDR, PIDP and PIDY where RATE is not logged."""
     if "RATE" not in messages:
-        return None
+        return _rates_from_pid(messages)
     frame = messages["RATE"]
     columns: dict[str, Array] = {}
-    for axis, letter in (("x", "R"), ("y", "P"), ("z", "Y")):
+    for axis, letter, _ in _AXES:
         columns[f"w_{axis}_ref"] = quantity(frame, f"{letter}Des", "deg/s")
-    for axis, letter in (("x", "R"), ("y", "P"), ("z", "Y")):
+    for axis, letter, _ in _AXES:
         columns[f"w_{axis}"] = quantity(frame, letter, "deg/s")
     for name, letter in (("roll", "R"), ("pitch", "P"), ("yaw", "Y"), ("thrust", "A")):
         columns[f"out_{name}"] = quantity(frame, f"{letter}Out", "")
     return series(frame.index, columns)
+
+
+def _rates_from_pid(messages: Messages) -> pd.DataFrame | None:
+    """Put together the rate controller from its three PID messages (since 4.0, in rad/s)."""
+    parts = []
+    for axis, letter, name in _AXES:
+        frame = messages.get(f"PID{letter}")
+        if frame is None or not {"Tar", "Act", "P", "I", "D", "FF"} <= set(frame.columns):
+            continue
+        output = sum((quantity(frame, term, "") for term in ("P", "I", "D", "FF")), np.zeros(len(frame)))
+        columns = {f"w_{axis}_ref": numbers(frame, "Tar"), f"w_{axis}": numbers(frame, "Act"), f"out_{name}": output}
+        parts.append(series(frame.index, columns))
+    return join(parts, COLUMNS["rates"], gap=_GAP)
+
+
+def systemid(messages: Messages) -> pd.DataFrame | None:
+    """Chirps of SYSTEMID mode: SIDD, with the axis that the last SIDS before them announces."""
+    if "SIDD" not in messages or not len(messages["SIDD"]):
+        return None
+    frame = messages["SIDD"]
+    columns = {"axis": np.full(len(frame), np.nan), "target": quantity(frame, "Targ", "")}
+    columns |= {"elapsed": quantity(frame, "Time", "s"), "frequency": 2.0 * np.pi * numbers(frame, "F")}
+    columns |= {f"w_{axis}": quantity(frame, f"G{axis}", "deg/s") for axis in "xyz"}
+    columns |= {f"f_{axis}": quantity(frame, f"A{axis}", "m/s/s") for axis in "xyz"}
+    table = series(frame.index, columns)
+    if "SIDS" in messages and len(messages["SIDS"]):
+        announced = series(messages["SIDS"].index, {"axis": numbers(messages["SIDS"], "Ax")})["axis"]
+        table["axis"] = announced.reindex(table.index, method="ffill")
+    return table
 
 
 def truth(messages: Messages) -> pd.DataFrame | None:

@@ -374,6 +374,36 @@ def test_rates_are_in_rad_per_second():
     )
 
 
+def test_rates_of_the_pid_messages_where_rate_is_missing():
+    roll = message(
+        [1.0, 1.1, 1.2], Tar=[0.2] * 3, Act=[0.1] * 3, P=[0.01] * 3, I=[0.02] * 3, D=[0.03] * 3, FF=[0.04] * 3
+    )
+    pitch = message([1.02, 1.12], Tar=[-0.2] * 2, Act=[-0.1] * 2, P=[0.0] * 2, I=[0.0] * 2, D=[-0.03] * 2, FF=[0.0] * 2)
+    rates = build({"PIDR": roll, "PIDP": pitch})[0].rates
+    row = rates.loc[1.1]
+    assert row[["w_x_ref", "w_x", "out_roll"]].tolist() == pytest.approx([0.2, 0.1, 0.1])
+    assert row[["w_y_ref", "w_y", "out_pitch"]].tolist() == pytest.approx([-0.2, -0.1, -0.03])
+    assert row[["w_z", "out_thrust"]].isna().all()
+
+
+def test_chirps_of_systemid_mode_know_their_axis():
+    data = message(
+        [1.0, 2.0, 5.0],
+        units={"Gx": "deg/s", "Ax": "m/s/s"},
+        Time=[0.0, 1.0, 0.0],
+        Targ=[0.0, 0.1, 0.0],
+        F=[0.5, 1.0, 0.5],
+        **{f"G{axis}": [0.0, 180.0, 0.0] for axis in "xyz"},
+        **{f"A{axis}": [0.0, -9.8, 0.0] for axis in "xyz"},
+    )
+    table = build({"SIDD": data, "SIDS": message([0.9, 4.9], Ax=[10, 11])})[0].systemid
+    assert table["axis"].tolist() == [10.0, 10.0, 11.0]
+    assert table.loc[2.0, ["frequency", "w_x", "f_z", "target"]].tolist() == pytest.approx(
+        [2.0 * math.pi, math.pi, -9.8, 0.1]
+    )
+    assert list(table.columns) == list(COLUMNS["systemid"])
+
+
 def test_esc_telemetry_is_by_motor_and_not_by_output():
     parameters = QUAD | {f"SERVO{k + 4}_FUNCTION": 32 + k for k in range(1, 5)}
     rows = [message([1.0, 1.1], Instance=[k, k], RPM=[600 * k] * 2, Volt=[16.0] * 2, Curr=[1.0] * 2) for k in range(8)]
