@@ -21,6 +21,7 @@ from logparse.findings import Finding, Severity
 from logparse.source import Boot
 from logparse.timebase import mend_times
 
+_HEADER_BYTES = 3
 #: Severities of the kernel's log, from emergency to debug, count from this character.
 _LEVEL_ZERO = ord("0")
 #: A flight controller is not up longer, us; later time stamps are damaged.
@@ -30,6 +31,34 @@ _LONGEST_UPTIME = 400 * 86_400_000_000
 def looks_like(head: bytes) -> bool:
     """Whether a file that begins so is a PX4 log."""
     return head.startswith(ULog.HEADER_BYTES)
+
+
+class _Handle(io.BytesIO):
+    """A file in memory that never steps back behind the message being read.
+
+    Where a message of a kind unknown to pyulog claims to go on behind the end of the file, pyulog steps back by what it
+    claims, and so for ever.
+    """
+
+    _header = 0
+    _asked = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Read, and note where the message's header (three bytes) began."""
+        if size == _HEADER_BYTES:
+            self._header = self.tell()
+        elif size is not None:
+            self._asked = size
+        return super().read(size)
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET, /) -> int:
+        """Seek; steps back end at the message's second byte, or at its first where all of it is given back."""
+        if whence != io.SEEK_CUR or offset >= 0:
+            return super().seek(offset, whence)
+        target = self.tell() + offset
+        if target == self._header and -offset == _HEADER_BYTES + self._asked:
+            return super().seek(target)
+        return super().seek(max(target, self._header + 1))
 
 
 class UlogSource:
@@ -53,7 +82,7 @@ class UlogSource:
         try:
             # pyulog reports damage by printing.
             with contextlib.redirect_stdout(said):
-                self._log = ULog(io.BytesIO(buffer))
+                self._log = ULog(_Handle(buffer))
         except Exception as error:  # damage makes pyulog raise whatever its parsing stumbles over
             raise LogError(f"pyulog cannot read this PX4 log, it is damaged: {error}") from error
         self._topics: dict[str, list[Any]] = {}
@@ -61,6 +90,8 @@ class UlogSource:
             if len(topic.data.get("timestamp", ())):
                 name = topic.name if topic.multi_id == 0 else f"{topic.name}_{topic.multi_id}"
                 self._topics.setdefault(name, []).append(topic)
+        for topics in self._topics.values():
+            topics.sort(key=lambda topic: int(topic.data["timestamp"][0]))
         if not self._topics:
             raise LogError(
                 "the PX4 log holds no data: logging stopped at once or the file is cut off behind its header"

@@ -1,0 +1,169 @@
+"""PX4 logs: what pyulog reads arrives unchanged, and damage becomes an error or a finding.
+
+The small logs are built here after the format's description (https://docs.px4.io/main/en/dev_log/ulog_file_format.html).
+"""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pyulog import ULog
+
+from logparse import LogError
+from logparse.ulog import looks_like, open_ulog
+
+SHARED = Path(__file__).parents[3] / "shared" / "logs" / "real"
+LOGS = sorted(SHARED.glob("*.ulg"))
+START = 5_000_000
+
+
+def message(kind, payload):
+    return struct.pack("<HB", len(payload), ord(kind)) + payload
+
+
+def info(kind, key, value):
+    return message(kind, bytes([len(key)]) + key.encode() + value)
+
+
+def data(subscription, stamp, *rest):
+    return message("D", struct.pack("<HQ", subscription, stamp) + b"".join(rest))
+
+
+def small_log(rows=20):
+    """Build a log with two instances of a topic, an array, a text field, parameters, texts and a dropout."""
+    parts = [
+        b"ULog\x01\x12\x35\x01" + struct.pack("<Q", START),
+        message("B", bytes(40)),
+        message("F", b"gyro:uint64_t timestamp;float[3] rate;uint8_t _padding0;"),
+        message("F", b"note:uint64_t timestamp;char[8] text;"),
+        info("I", "char[4] sys_name", b"PX4\0"),
+        info("P", "int32_t SYS_AUTOSTART", struct.pack("<i", 6001)),
+        info("P", "float MC_ROLL_P", struct.pack("<f", 6.5)),
+        message("A", struct.pack("<BH", 0, 1) + b"gyro"),
+        message("A", struct.pack("<BH", 1, 2) + b"gyro"),
+        message("A", struct.pack("<BH", 0, 3) + b"note"),
+        data(3, START, b"caf\xc3\xa9\0x\0"),
+    ]
+    for k in range(rows):
+        for instance in (1, 2):
+            rates = struct.pack("<3f", k, 10 * instance, -k)
+            parts.append(data(instance, START + 4000 * k + instance, rates))
+    parts += [
+        message("L", b"4" + struct.pack("<Q", START + 1000) + b"[commander] Takeoff detected\t"),
+        message("C", b"6" + struct.pack("<HQ", 7, START + 500) + b"tagged"),
+        message("O", struct.pack("<H", 250)),
+        info("P", "float MC_ROLL_P", struct.pack("<f", 7.25)),
+    ]
+    return b"".join(parts)
+
+
+def test_topics_instances_arrays_and_texts():
+    source = open_ulog(small_log())
+    (boot,) = source.boots
+    assert (boot.t_start, boot.t_end) == (5.0, 5.076002)
+    assert source.counts(boot) == {"gyro": 20, "gyro_1": 20, "note": 1, "information": 1, "logged_messages": 2}
+    gyro = source.decode("gyro_1", boot)
+    assert list(gyro.columns) == ["timestamp", "rate[0]", "rate[1]", "rate[2]"]
+    assert gyro.index.name == "t"
+    np.testing.assert_allclose(gyro.index, 5.000002 + 0.004 * np.arange(20), rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(gyro["rate[2]"], -np.arange(20, dtype=np.float32))
+    assert source.decode("note", boot)["text"].tolist() == ["café"]
+    assert source.decode("logged_messages", boot)["message"].tolist() == ["tagged", "[commander] Takeoff detected"]
+    assert source.decode("logged_messages", boot)["level"].tolist() == [6, 4]
+    assert source.decode("information", boot)["value"].tolist() == ["PX4"]
+
+
+def test_parameters_are_the_last_values():
+    source = open_ulog(small_log())
+    assert source.parameters(source.boots[0]) == {"SYS_AUTOSTART": 6001.0, "MC_ROLL_P": 7.25}
+
+
+def test_dropouts_are_a_finding():
+    (finding,) = open_ulog(small_log()).findings
+    assert finding.id == "dropped-messages"
+    assert finding.evidence == {"dropouts": 1, "seconds": 0.25, "longest": 0.25}
+
+
+def test_a_topic_subscribed_to_again_is_one_table():
+    row = data(9, START + 90_000, struct.pack("<3f", 1, 2, 3))
+    again = message("A", struct.pack("<BH", 0, 9) + b"gyro") + row
+    source = open_ulog(small_log() + again)
+    gyro = source.decode("gyro", source.boots[0])
+    assert len(gyro) == source.counts(source.boots[0])["gyro"] == 21
+    assert gyro.index.is_monotonic_increasing
+
+
+def test_recognised_by_content():
+    assert looks_like(small_log()[:64])
+    assert not looks_like(b"ULog is a format")
+
+
+def test_damage_is_a_finding_and_says_nothing_on_stdout(capsys):
+    log = bytearray(small_log())
+    at = log.find(struct.pack("<HQ", 1, START + 4001))
+    log[at : at + 2] = b"\xee\xee"  # data of a topic that nobody subscribed to
+    source = open_ulog(bytes(log))
+    assert "bytes-skipped" in [finding.id for finding in source.findings]
+    assert len(source.decode("gyro", source.boots[0])) == 19
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("size", [0, 7, 16, 200])
+def test_a_log_without_data_is_an_error(size):
+    with pytest.raises(LogError, match=r"damaged|no data"):
+        open_ulog(small_log()[:size])
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.data())
+def test_any_damage_gives_a_log_or_an_error(damage):
+    log = bytearray(small_log(rows=5))
+    for _ in range(damage.draw(st.integers(1, 6))):
+        at = damage.draw(st.integers(0, max(len(log) - 1, 0)))
+        what = damage.draw(st.sampled_from(["flip", "insert", "delete", "cut"]))
+        if what == "flip" and log:
+            log[at] ^= 1 << damage.draw(st.integers(0, 7))
+        elif what == "insert":
+            log[at:at] = damage.draw(st.binary(min_size=1, max_size=20))
+        elif what == "delete":
+            del log[at : at + damage.draw(st.integers(1, 20))]
+        elif what == "cut" and damage.draw(st.integers(0, 9)) == 0:
+            del log[at:]
+    try:
+        source = open_ulog(bytes(log))
+    except LogError:
+        return
+    (boot,) = source.boots
+    for name, count in source.counts(boot).items():
+        frame = source.decode(name, boot)
+        assert len(frame) == count
+        assert np.isfinite(frame.index).all()
+    source.parameters(boot)
+    assert isinstance(source.findings, tuple)
+
+
+@pytest.mark.skipif(not LOGS, reason="the shared logs are not beside the project")
+@pytest.mark.parametrize("path", LOGS, ids=lambda path: path.name)
+def test_shared_logs_hold_what_pyulog_reads(path):
+    source = open_ulog(path.read_bytes())
+    (boot,) = source.boots
+    reference = ULog(str(path))
+    counts = source.counts(boot)
+    for topic in reference.data_list:
+        name = topic.name if topic.multi_id == 0 else f"{topic.name}_{topic.multi_id}"
+        frame = source.decode(name, boot)
+        assert counts[name] == len(frame) == len(topic.data["timestamp"])
+        np.testing.assert_allclose(frame.index, topic.data["timestamp"] / 1e6, rtol=0, atol=1e-9)
+        for field in topic.field_data:
+            if field.type_str != "char":
+                np.testing.assert_array_equal(frame[field.field_name], topic.data[field.field_name])
+    assert source.parameters(boot) == {k: float(v) for k, v in reference.initial_parameters.items()}
+
+
+@pytest.mark.skipif(not LOGS, reason="the shared logs are not beside the project")
+def test_crash_dump_is_a_finding():
+    source = open_ulog((SHARED / "PX4-pyulog__sample_appended_multiple.ulg").read_bytes())
+    assert "autopilot-crashed" in [finding.id for finding in source.findings]
