@@ -8,7 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO, cast
 
 from logparse.errors import LogError
 from logparse.findings import Finding, Severity
@@ -68,23 +68,19 @@ def _zip_member(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tu
                 advice = "" if not logs else ": unpack it and give the logs one by one or as a folder"
                 raise LogError(f"{path.name} is a zip archive with {what} in it{advice}")
             with archive.open(logs[0]) as packed:
-                return _unpacked(packed, path.name)
+                return _unpacked(cast(zipfile.ZipExtFile, packed), path.name)
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         # RuntimeError is what zipfile raises for encrypted members.
         raise LogError(f"{path.name} is a zip archive that cannot be opened: {error}") from error
 
 
-class _Readable(Protocol):
-    def read(self, size: int, /) -> bytes: ...
-
-
-def _unpacked(packed: _Readable, name: str) -> tuple[Buffer, tuple[Finding, ...]]:
+def _unpacked(packed: gzip.GzipFile | zipfile.ZipExtFile, name: str) -> tuple[Buffer, tuple[Finding, ...]]:
     """Unpack into a temporary file that disappears with its map; keep what comes before damage."""
     findings: tuple[Finding, ...] = ()
     with tempfile.TemporaryFile() as file:
         size = 0
         try:
-            while piece := packed.read(_PIECE):
+            while piece := packed.read1(_PIECE):
                 size += len(piece)
                 if size > MAX_UNPACKED_BYTES:
                     raise LogError(

@@ -124,9 +124,10 @@ class DataflashSource:
         self._counted: dict[tuple[int, int], npt.NDArray[np.int64]] = {}
         self._scan(())
         # Messages may come before the FMT row that explains them where rows were lost: read again, knowing them.
-        late = [slot for slot in self._slots if self._unknown[slot.definition.id] and slot.since > 0]
+        first_break = self._run_index[0] if len(self._run_index) else len(self._sequence)
+        late = {slot.definition.id: slot for slot in reversed(self._slots) if slot.since >= first_break}
         if late:
-            self._scan([(slot.definition, slot.length) for slot in late])
+            self._scan([(slot.definition, slot.length) for slot in late.values()])
         if not len(self._sequence):
             raise LogError("no intact DataFlash message in the file: it is damaged or not a DataFlash log")
         self._read_units()

@@ -5,7 +5,6 @@ Every message is ``A3 95 id`` and a payload whose layout a FMT row has declared.
 Source: ArduPilot, libraries/AP_Logger/LogStructure.h and README.md.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -270,7 +269,8 @@ class UnitTable:
 
     def add_multiplier(self, multiplier_id: int, multiplier: float) -> None:
         """Take a MULT row."""
-        if math.isfinite(multiplier):
+        # What ArduPilot knows lies between 1e-9 and 3600; the rest comes from damaged rows.
+        if multiplier == 0.0 or 1e-12 < multiplier < 1e12:
             self._multipliers[chr(multiplier_id & 0xFF)] = decimal_multiplier(multiplier)
 
     def units(self, fields: Sequence[Field], unit_ids: str, clock: Field | None, counts: int) -> dict[str, str]:

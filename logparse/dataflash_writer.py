@@ -258,7 +258,12 @@ def _stored(values: npt.ArrayLike, field: Field, factor: float, divisor: float) 
     if kind.is_text:
         return _stored_text(values, kind.dtype)
     array = np.asarray(values)
-    if array.dtype == object:
+    if array.dtype.kind == "f" and not isinstance(values, np.ndarray):
+        # numpy makes floats of a list of large and small integers; those would lose their last digits.
+        exact = np.array(values, dtype=object)
+        if all(isinstance(value, int | np.integer) for value in exact):
+            array = exact
+    if array.dtype == object and kind.items != 1:
         array = np.stack([np.asarray(value) for value in array]) if len(array) else np.empty((0, kind.items))
     if kind.items != 1:
         if array.shape[1:] != (kind.items,):

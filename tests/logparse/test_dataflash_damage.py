@@ -1,0 +1,183 @@
+"""Damaged DataFlash logs: nothing intact is lost, nothing but `RotoridError` is raised, nothing hangs.
+
+The base log is written by our writer; each row carries a serial number, so that what a reader gets back can be
+compared with what was not touched by the damage. The message lengths are chosen so that no message is as long as
+several others together: a flipped id would else swallow its neighbours without a trace in the chain of headers.
+"""
+
+import io
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from logparse import RotoridError
+from logparse.dataflash import DataflashSource, open_dataflash
+from logparse.dataflash_writer import DataflashWriter
+
+TYPES = (("AA", "QIh", 17), ("BB", "QINd", 39), ("CC", "QIffffffff", 47), ("DD", "QIZN", 95))
+
+
+def base_log(rows: int) -> tuple[bytes, int, list[tuple[int, int, int]]]:
+    """Write a log; gives it, the byte where its rows begin, and (start, stop, serial) of each row."""
+    stream = io.BytesIO()
+    writer = DataflashWriter(stream)
+    for name, form, length in TYPES:
+        writer.define(name, form, [f"F{k}" if k else "TimeUS" for k in range(len(form))], id=40 + length)
+    begin = stream.tell()
+    rng = np.random.default_rng(4)
+    places = []
+    for serial in range(rows):
+        name, form, length = TYPES[int(rng.integers(len(TYPES)))]
+        values: list[object] = [1_000_000 + 2500 * serial, serial]
+        for char in form[2:]:
+            values.append({"N": "name", "Z": "text of a message", "h": -5}.get(char, float(rng.normal())))
+        start = stream.tell()
+        writer.write(name, *values)
+        assert stream.tell() - start == length
+        places.append((start, stream.tell(), serial))
+    return stream.getvalue(), begin, places
+
+
+BASE, BEGIN, PLACES = base_log(300)
+
+
+def serials(source: DataflashSource) -> set[int]:
+    found: set[int] = set()
+    for boot in source.boots:
+        for name in {"AA", "BB", "CC", "DD"} & set(source.counts(boot)):
+            found.update(source.decode(name, boot)["F1"].tolist())
+    return found
+
+
+def test_undamaged_log_is_complete() -> None:
+    source = open_dataflash(BASE)
+    assert serials(source) == {serial for _, _, serial in PLACES}
+    assert source.findings == ()
+
+
+def read_or_refuse(data: bytes) -> DataflashSource | None:
+    """Read everything in a log; None where it is refused as it should be."""
+    try:
+        source = open_dataflash(data)
+    except RotoridError:
+        return None
+    for boot in source.boots:
+        source.decode_many(source.counts(boot), boot)
+    assert source.findings is not None
+    return source
+
+
+@given(start=st.integers(BEGIN, len(BASE) - 1), size=st.integers(1, 200), filler=st.binary(max_size=200))
+@settings(max_examples=300, deadline=None, derandomize=True)
+def test_a_replaced_stretch_costs_only_what_it_touches(start: int, size: int, filler: bytes) -> None:
+    """Overwritten (same size), inserted (size 0 removed) and deleted bytes: all other rows are there."""
+    stop = min(start + size, len(BASE))
+    source = read_or_refuse(BASE[:start] + filler + BASE[stop:])
+    assert source is not None
+    untouched = {serial for a, b, serial in PLACES if b <= start or a >= stop}
+    assert untouched <= serials(source)
+
+
+@given(start=st.integers(BEGIN, len(BASE)), filler=st.binary(min_size=1, max_size=60))
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_inserted_bytes_cost_at_most_the_row_they_split(start: int, filler: bytes) -> None:
+    source = read_or_refuse(BASE[:start] + filler + BASE[start:])
+    assert source is not None
+    untouched = {serial for a, b, serial in PLACES if b <= start or a >= start}
+    assert untouched <= serials(source)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_thousands_of_bit_flips_lose_only_the_rows_around_them(seed: int) -> None:
+    """One to three flips at a time; a row is safe unless it or both of its neighbours' headers were hit."""
+    rng = np.random.default_rng(seed)
+    stops = np.array([b for _, b, _ in PLACES])
+    everything = {serial for _, _, serial in PLACES}
+    for _ in range(250):
+        data = bytearray(BASE)
+        bits = rng.integers(BEGIN * 8, len(BASE) * 8, int(rng.integers(1, 4)))
+        for bit in bits:
+            data[bit // 8] ^= 1 << (bit % 8)
+        source = read_or_refuse(bytes(data))
+        assert source is not None
+        hit = {int(np.searchsorted(stops, bit // 8, "right")) for bit in bits}
+        # Between two broken headers a lone row has no second header to confirm it.
+        alone = {serial for serial in everything if serial - 1 in hit and serial + 1 in hit}
+        assert everything - hit - alone <= serials(source)
+
+
+def test_every_truncation_keeps_the_rows_before_it() -> None:
+    log, begin, places = base_log(25)
+    for stop in (*range(0, begin, 17), *range(begin, len(log))):
+        if stop < 89:
+            assert read_or_refuse(log[:stop]) is None
+            continue
+        source = open_dataflash(log[:stop])
+        if stop < begin:
+            continue
+        expected = {serial for _, b, serial in places if b <= stop}
+        assert serials(source) == expected
+        ends = {begin, *(b for _, b, _ in places)}
+        assert [f.id for f in source.findings] == ([] if stop in ends else ["truncated-tail"])
+
+
+@given(data=st.data())
+@settings(max_examples=300, deadline=None, derandomize=True)
+def test_damage_anywhere_gives_a_log_or_a_refusal(data: st.DataObject) -> None:
+    """Also within FMT, UNIT, MULT and FMTU rows: several cuts, flips and insertions at once."""
+    log = bytearray(BASE[: BEGIN + 2000])
+    for _ in range(data.draw(st.integers(1, 12))):
+        where = data.draw(st.integers(0, len(log) - 1))
+        kind = data.draw(st.sampled_from(("flip", "cut", "insert", "header")))
+        if kind == "flip":
+            log[where] ^= 1 << data.draw(st.integers(0, 7))
+        elif kind == "cut" and len(log) > 300:
+            del log[where : where + data.draw(st.integers(1, 120))]
+        elif kind == "insert":
+            log[where:where] = data.draw(st.binary(max_size=100))
+        else:
+            log[where : where + 3] = b"\xa3\x95" + bytes((data.draw(st.integers(0, 255)),))
+    read_or_refuse(bytes(log))
+
+
+@given(junk=st.binary(max_size=3000))
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_junk_gives_a_log_or_a_refusal(junk: bytes) -> None:
+    read_or_refuse(junk)
+    read_or_refuse(junk.replace(b"\0", b"\xa3\x95\x80"))
+
+
+def test_damage_in_the_middle_of_real_formats_is_quick() -> None:
+    """A file of nothing but headers, and one of erased flash, are read in time proportional to their size."""
+    for data in (BASE + b"\xa3\x95\x80" * 400_000, BASE + b"\xff" * 2_000_000, BASE + b"\xa3\x95\x52" * 400_000):
+        begun = time.process_time()
+        assert read_or_refuse(data) is not None
+        assert time.process_time() - begun < 3.0
+
+
+def test_a_lost_beginning_is_made_up_for_by_later_definitions() -> None:
+    """Rows whose FMT row comes only behind them are read all the same."""
+    log, begin, places = base_log(40)
+    source = open_dataflash(log[begin:] + log[:begin] + log[begin:])
+    counts: dict[str, int] = {}
+    for boot in source.boots:
+        for name, count in source.counts(boot).items():
+            counts[name] = counts.get(name, 0) + count
+    assert sum(counts[name] for name in ("AA", "BB", "CC", "DD")) == 2 * len(places)
+
+
+def test_findings_name_the_place_and_are_few() -> None:
+    data = bytearray(BASE)
+    for start, _, serial in PLACES[10:290:7]:
+        data[start] = 0
+        assert serial >= 10
+    source = open_dataflash(bytes(data) + b"\xff" * 5000)
+    by_id = {finding.id: finding for finding in source.findings}
+    assert set(by_id) == {"bytes-skipped", "erased-tail"}
+    assert by_id["bytes-skipped"].evidence["places"] == 40
+    assert by_id["bytes-skipped"].evidence["first_byte"] == PLACES[10][0]
+    assert by_id["bytes-skipped"].evidence["messages_lost"] == 40
+    assert by_id["erased-tail"].evidence["bytes"] == 5000

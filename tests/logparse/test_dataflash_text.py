@@ -1,0 +1,182 @@
+"""DataFlash text logs: real ones against pymavlink, and what is odd in them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink import DFReader
+
+from logparse import LogError, RotoridError
+from logparse.dataflash_text import looks_like, open_dataflash_text
+
+LOGS = Path(__file__).parents[3] / "shared" / "logs" / "real"
+TEXT = ["DigitalSarcasm-Quadcopter__nan.log", "Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log"]
+
+HEAD = """FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format
+FMT, 129, 23, PARM, Nf, Name,Value
+FMT, 130, 14, GPS, BIHI, Status,TimeMS,Week,T
+FMT, 1, 11, ATT, cccC, RollIn,Roll,PitchIn,Yaw
+FMT, 3, 6, MODE, Mh, Mode,ThrCrs
+FMT, 4, 67, MSG, Z, Message
+FMT, 10, 3, STRT, ,
+"""
+
+
+@pytest.mark.skipif(not LOGS.exists(), reason="the shared logs are not beside the project")
+@pytest.mark.parametrize("name", TEXT)
+def test_real_logs_as_pymavlink_reads_them(name: str) -> None:
+    """Every row of every type, each field of the first rows and of the last."""
+    source = open_dataflash_text((LOGS / name).read_bytes())
+    (boot,) = source.boots
+    reader = DFReader.DFReader_text(str(LOGS / name))
+    theirs: dict[str, list[DFReader.DFMessage]] = {}
+    while (message := reader.recv_msg()) is not None:
+        theirs.setdefault(message.get_type(), []).append(message)
+    reader.data_map.close()
+    reader.filehandle.close()
+    counts = source.counts(boot)
+    # pymavlink drops the one FMT line that has no columns.
+    assert counts.pop("FMT") - len(theirs.pop("FMT")) in (0, 1)
+    assert counts == {kind: len(rows) for kind, rows in theirs.items()}
+    for kind, rows in theirs.items():
+        frame = source.decode(kind, boot)
+        for k in (*range(min(20, len(rows))), len(rows) - 1):
+            for field in rows[k]._fieldnames:
+                if (kind, field) == ("MODE", "Mode"):
+                    continue  # pymavlink fails on a mode given by name.
+                value = getattr(rows[k], field)
+                ours = frame[field].iloc[k]
+                assert ours == value or (np.isnan(ours) and np.isnan(value)), (kind, field)
+
+
+@pytest.mark.skipif(not LOGS.exists(), reason="the shared logs are not beside the project")
+@pytest.mark.parametrize("name", TEXT)
+def test_real_logs_lie_on_the_boot_clock(name: str) -> None:
+    source = open_dataflash_text((LOGS / name).read_bytes())
+    (boot,) = source.boots
+    for kind in source.counts(boot):
+        t = source.decode(kind, boot).index
+        assert t.is_monotonic_increasing, kind
+        assert t[0] >= boot.t_start - 0.01, kind
+        assert t[-1] <= boot.t_end + 0.01, kind
+
+
+def test_only_gps_carries_time() -> None:
+    """3.0-era tables: rows without a clock lie between the GPS rows around them, by line."""
+    body = "PARM, A, 1\n"
+    for k in range(10):
+        body += f"GPS, 3, {90_000_000 + 200 * k}, 1765, {5000 + 200 * k}\n"
+        body += "ATT, 0.00, 1.25, 0.00, 359.99\n" * 3
+    source = open_dataflash_text((HEAD + body).encode())
+    (boot,) = source.boots
+    assert (boot.t_start, boot.t_end) == (5.0, 6.8)
+    att = source.decode("ATT", boot)
+    np.testing.assert_allclose(att.index[:6], [5.05, 5.1, 5.15, 5.25, 5.3, 5.35])
+    assert att["Roll"].tolist() == [1.25] * 30
+    assert att["Yaw"].iloc[0] == 359.99
+    assert source.decode("GPS", boot).index[1] == 5.2
+    assert source.decode("PARM", boot).index.tolist() == [5.0]
+
+
+def test_prelude_windows_lines_and_values_without_blanks() -> None:
+    """Lines before the first FMT line, CRLF, commas without blanks, text with commas, modes by name and number."""
+    text = "ArduCopter V3.0.1\nFree RAM: 1331\n APM 2\n\n" + HEAD
+    text += "MODE,STABILIZE,500\nMODE, 5, 400\nMSG, one, two,  three\n"
+    text += "PARM,RATE_RLL_P,0.15\nPARM, B, NaN\nPARM, C, 1e3\n"
+    text += "GPS,3,1000,1765,5000\nGPS, 3, 1200, 1765, 5200\n"
+    source = open_dataflash_text(text.replace("\n", "\r\n").encode())
+    (boot,) = source.boots
+    assert source.decode("MODE", boot)["Mode"].tolist() == ["STABILIZE", "5"]
+    assert source.decode("MSG", boot)["Message"].tolist() == ["one, two,  three"]
+    parameters = source.decode("PARM", boot)
+    assert parameters["Name"].tolist() == ["RATE_RLL_P", "B", "C"]
+    np.testing.assert_array_equal(parameters["Value"], [0.15, np.nan, 1000.0])
+    assert source.findings == ()
+
+
+def test_values_separated_by_blanks_alone() -> None:
+    text = HEAD + "GPS 3 1000 1765 5000\nATT 0.00 1.25 0.00 90.00\nGPS 3 1200 1765 5200\n"
+    source = open_dataflash_text(text.encode())
+    (boot,) = source.boots
+    assert source.decode("ATT", boot)["Roll"].tolist() == [1.25]
+
+
+def test_units_and_multipliers_of_modern_logs() -> None:
+    text = """FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns
+FMT, 2, 44, FMTU, QBNN, TimeUS,FmtType,UnitIds,MultIds
+FMT, 3, 76, UNIT, QbZ, TimeUS,Id,Label
+FMT, 4, 20, MULT, Qbd, TimeUS,Id,Mult
+FMT, 5, 23, MAG, QBhcL, TimeUS,I,MagX,Alt,Lat
+UNIT, 1000, 71, Gauss
+UNIT, 1000, m, m
+MULT, 1000, 67, 0.001
+MULT, 1000, 71, 1E-07
+MULT, 1000, 66, 0.01
+FMTU, 1000, 5, s#GmD, F-CBG
+MAG, 2000, 1, 321, 12.34, -35.3632621
+"""
+    source = open_dataflash_text(text.encode())
+    frame = source.decode("MAG", source.boots[0])
+    assert frame.iloc[0].tolist() == [2000, 1, 0.321, 12.34, -35.3632621]
+    assert frame.attrs["units"] == {"TimeUS": "us", "MagX": "Gauss", "Alt": "m"}
+    assert frame.attrs["multipliers"] == {"MagX": 0.001}
+    assert frame.attrs["instance"] == "I"
+
+
+def test_64_bit_integers_are_exact() -> None:
+    text = "FMT, 1, 19, X, QQ, TimeUS,Big\nX, 1000, 18446744073709551615\nX, 2000, 9007199254740993\n"
+    source = open_dataflash_text(text.encode())
+    assert source.decode("X", source.boots[0])["Big"].tolist() == [18446744073709551615, 9007199254740993]
+
+
+def test_several_boots() -> None:
+    text = "FMT, 1, 11, X, Q, TimeUS\n" + "".join(f"X, {t}\n" for t in range(60_000_000, 61_000_000, 10_000))
+    source = open_dataflash_text((text + text.replace("X, 60", "X, 20")).encode())
+    assert [boot.t_start for boot in source.boots] == [60.0, 20.0]
+    assert [source.counts(boot) for boot in source.boots] == [{"FMT": 1, "X": 100}] * 2
+    assert source.boots[1].start == 101
+
+
+def test_damaged_lines_cost_themselves_only() -> None:
+    text = HEAD + "GPS, 3, 1000, 1765, 5000\nATT, 1, x, 3\nATT, 1, 2, 3, 4\nQQ, 1\nGPS, 3, 12\nATT, 5, 6, 7, 8"
+    source = open_dataflash_text(text.encode() + b"\n\xff\xfe\xff\n")
+    (boot,) = source.boots
+    assert source.decode("ATT", boot)["Roll"].tolist() == [2, 6]
+    assert {finding.id: dict(finding.evidence) for finding in source.findings} == {
+        "lines-skipped": {"lines": 2},
+        "unknown-messages": {"messages": 2},
+    }
+
+
+@given(data=st.data())
+@settings(max_examples=150, deadline=None, derandomize=True)
+def test_damage_anywhere_gives_a_log_or_a_refusal(data: st.DataObject) -> None:
+    rows = "".join(f"GPS, 3, {200 * k}, 1765, {5000 + 200 * k}\nATT, 0.00, 1, 0.00, 5\nMODE, 3, 4\n" for k in range(6))
+    text = bytearray((HEAD + rows).encode())
+    for _ in range(data.draw(st.integers(1, 8))):
+        where = data.draw(st.integers(0, len(text) - 1))
+        if data.draw(st.booleans()):
+            text[where] ^= 1 << data.draw(st.integers(0, 7))
+        else:
+            text[where : where + data.draw(st.integers(0, 20))] = data.draw(st.binary(max_size=10))
+    try:
+        source = open_dataflash_text(bytes(text))
+    except RotoridError:
+        return
+    for boot in source.boots:
+        for name in source.counts(boot):
+            source.decode(name, boot)
+    assert source.findings is not None
+
+
+def test_no_row_is_refused() -> None:
+    with pytest.raises(LogError, match="no line"):
+        open_dataflash_text(b"hello\nworld\n")
+
+
+def test_looks_like_by_content() -> None:
+    assert looks_like(("some prelude\r\n" + HEAD.replace("\n", "\r\n")).encode())
+    assert not looks_like(b'{"FMT": 1}\n')
+    assert not looks_like(b"t,roll,pitch\n0,1,2\n")

@@ -1,0 +1,182 @@
+"""`read_log`: what a user hands in, from good logs in archives to things that are no logs."""
+
+import gzip
+import io
+import json
+import shutil
+import zipfile
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from logparse import LogError, containers, read_log
+from logparse.dataflash_writer import DataflashWriter, write_dataflash
+
+LOGS = Path(__file__).parents[3] / "shared" / "logs"
+
+
+def small_log(path: Path, start: float = 10.0, seconds: float = 20.0) -> Path:
+    t = np.arange(start, start + seconds, 0.1)
+    index = pd.Index(t, name="t")
+    week = pd.DataFrame(
+        {"Status": np.full(len(t), 3), "GMS": 1000.0 + t, "GWk": np.full(len(t), 2300), "Lat": np.full(len(t), 47.0)},
+        index=index,
+    )
+    attitude = pd.DataFrame({"Roll": np.sin(t), "Pitch": np.cos(t)}, index=index)
+    parameters = pd.DataFrame(
+        {"Name": ["A", "B", "A", "C"], "Value": [1.0, 2.0, 3.0, np.nan]}, index=pd.Index([start] * 4, name="t")
+    )
+    write_dataflash(
+        path,
+        [
+            ("GPS", "QBIHL", "s-s-D", "F-C-G", week),
+            ("ATT", "Qff", "sdd", "F00", attitude),
+            ("PARM", "QNf", "s--", "F--", parameters),
+        ],
+    )
+    return path
+
+
+def test_log_of_one_boot(tmp_path: Path) -> None:
+    log = read_log(small_log(tmp_path / "a.bin"))
+    assert log.format == "dataflash"
+    assert log.duration == pytest.approx(19.9)
+    assert log.boots == (log.boot,)
+    assert dict(log.parameters) == {"A": 3.0, "B": 2.0}
+    assert "parameter-not-a-number" in {finding.id for finding in log.findings}
+    gps_seconds = timedelta(weeks=2300, seconds=1000) - timedelta(seconds=18)
+    assert log.start_utc == datetime(1980, 1, 6, tzinfo=UTC) + gps_seconds
+    assert log.flights == ()
+    assert log.flight is None
+    assert log.vehicle is not None
+
+
+def test_messages_are_a_mapping_of_what_occurs(tmp_path: Path) -> None:
+    log = read_log(small_log(tmp_path / "a.bin"))
+    messages = log.messages
+    assert "ATT" in messages
+    assert "IMU" not in messages
+    assert messages.get("IMU") is None
+    with pytest.raises(KeyError):
+        messages["IMU"]
+    assert messages["ATT"] is messages["ATT"]
+    assert {name: len(frame) for name, frame in messages.items()} == dict(messages.counts)
+    assert len(list(messages.values())) == len(messages)
+
+
+@pytest.mark.parametrize("name", ["flight.log", "flight.tlog", "flight", "flight.ulg"])
+def test_names_do_not_matter(tmp_path: Path, name: str) -> None:
+    assert read_log(str(small_log(tmp_path / name))).format == "dataflash"
+
+
+def test_archives(tmp_path: Path) -> None:
+    path = small_log(tmp_path / "a.bin")
+    with gzip.open(tmp_path / "a.bin.gz", "wb") as packed:
+        packed.write(path.read_bytes())
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("README.txt", "a flight")
+        archive.write(path, "logs/a.bin")
+    for name in ("a.bin.gz", "a.zip"):
+        log = read_log(tmp_path / name)
+        pd.testing.assert_frame_equal(log.messages["ATT"], read_log(path).messages["ATT"])
+
+
+def test_archive_that_is_cut_short_gives_what_it_holds(tmp_path: Path) -> None:
+    path = small_log(tmp_path / "a.bin")
+    packed = gzip.compress(path.read_bytes())
+    (tmp_path / "cut.gz").write_bytes(packed[: len(packed) // 2])
+    log = read_log(tmp_path / "cut.gz")
+    assert 0 < len(log.messages["ATT"]) < 200
+    assert "damaged-archive" in {finding.id for finding in log.findings}
+    (tmp_path / "stub.gz").write_bytes(packed[:12])
+    with pytest.raises(LogError, match="cannot be unpacked"):
+        read_log(tmp_path / "stub.gz")
+
+
+def test_archives_that_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = small_log(tmp_path / "a.bin")
+    with zipfile.ZipFile(tmp_path / "two.zip", "w") as archive:
+        archive.write(path, "a.bin")
+        archive.write(path, "b.bin")
+    with pytest.raises(LogError, match="2 logs"):
+        read_log(tmp_path / "two.zip")
+    with zipfile.ZipFile(tmp_path / "none.zip", "w") as archive:
+        archive.writestr("README.txt", "nothing")
+    with pytest.raises(LogError, match="no log"):
+        read_log(tmp_path / "none.zip")
+    (tmp_path / "broken.zip").write_bytes(b"PK\x03\x04" + b"x" * 100)
+    with pytest.raises(LogError, match="cannot be opened"):
+        read_log(tmp_path / "broken.zip")
+    monkeypatch.setattr(containers, "MAX_UNPACKED_BYTES", 1000)
+    with gzip.open(tmp_path / "bomb.gz", "wb") as packed:
+        packed.write(path.read_bytes())
+    with pytest.raises(LogError, match="unpacks to more"):
+        read_log(tmp_path / "bomb.gz")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "empty"),
+        (b"\0" * 5000, "nothing but zeros"),
+        (b"\xff" * 5000, "nothing but zeros"),
+        (b'{"t": 0.1, "roll": 0.2}\n' * 50, "JSON"),
+        (b"time,roll\n0,1\n", "a text that begins 'time,roll'"),
+        (np.random.default_rng(3).bytes(4000), "binary data of an unknown kind"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "binary data of an unknown kind"),
+    ],
+)
+def test_what_is_no_log_is_refused_in_words(tmp_path: Path, content: bytes, words: str) -> None:
+    path = tmp_path / "thing.bin"
+    path.write_bytes(content)
+    with pytest.raises(LogError, match=words) as caught:
+        read_log(path)
+    assert "thing.bin" in str(caught.value)
+
+
+def test_missing_file_and_folder_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="No such file"):
+        read_log(tmp_path / "none.bin")
+    with pytest.raises(LogError, match="folder"):
+        read_log(tmp_path)
+
+
+def test_boot_is_chosen_by_the_user_or_by_length(tmp_path: Path) -> None:
+    parts = [small_log(tmp_path / f"{k}.bin", start, seconds) for k, (start, seconds) in enumerate(((90, 5), (10, 30)))]
+    with (tmp_path / "both.bin").open("wb") as both:
+        for part in parts:
+            both.write(part.read_bytes())
+    log = read_log(tmp_path / "both.bin")
+    assert len(log.boots) == 2
+    assert log.boot == log.boots[1]
+    assert log.messages["ATT"].index[0] == pytest.approx(10.0)
+    first = read_log(tmp_path / "both.bin", boot=0)
+    assert first.messages["ATT"].index[0] == pytest.approx(90.0)
+    with pytest.raises(LogError, match="there is no boot 2"):
+        read_log(tmp_path / "both.bin", boot=2)
+
+
+def test_a_log_of_nothing_but_definitions(tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    DataflashWriter(stream)
+    path = tmp_path / "only_formats.bin"
+    path.write_bytes(stream.getvalue())
+    log = read_log(path)
+    assert set(log.messages) == {"FMT", "FMTU", "UNIT", "MULT"}
+
+
+@pytest.mark.skipif(not LOGS.exists(), reason="the shared logs are not beside the project")
+def test_every_shared_log_is_recognised(tmp_path: Path) -> None:
+    """By content: each file is read under a name that says nothing."""
+    formats = {}
+    for path in sorted((LOGS / "real").glob("*")):
+        if path.suffix != ".tsv":
+            copy = tmp_path / "log"
+            shutil.copyfile(path, copy)
+            formats[path.name] = read_log(copy).format
+    inventory = pd.read_csv(LOGS / "real" / "INVENTORY.tsv", sep="\t").set_index("file")["format"]
+    expected = {"dataflash-bin": "dataflash", "dataflash-text": "dataflash-text", "ulog": "ulog", "tlog": "tlog"}
+    assert formats == {name: expected[kind.split(" ")[0]] for name, kind in inventory.items()}, json.dumps(formats)
