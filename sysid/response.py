@@ -33,12 +33,15 @@ class Discretised:
         w, the unit of frequency, rad/s.
     a : ndarray, shape (groups, n)
         Normalised coefficients ``a[k] / w^(n-k)``.
+    gramians : ndarray, shape (groups, n, n)
+        Inner products of the impulse responses of the states ``p^k / A``, in normalised time.
     transition : ndarray, shape (groups, 2 n, 2 n)
     from_now, from_next : ndarray, shape (groups, 2 n)
     """
 
     unit: Floats
     a: Floats
+    gramians: Floats
     transition: Floats
     from_now: Floats
     from_next: Floats
@@ -50,19 +53,9 @@ class Discretised:
 
     def first(self) -> Discretised:
         """Keep the first denominator only."""
-        return Discretised(self.unit[:1], self.a[:1], self.transition[:1], self.from_now[:1], self.from_next[:1])
-
-    def gramians(self) -> Floats:
-        """Inner products of the states' impulse responses, ``A P + P A' + B B' = 0``; shape (groups, n, n)."""
-        groups, n = self.a.shape
-        companion = np.zeros((groups, n, n))
-        companion[:, np.arange(n - 1), np.arange(1, n)] = 1.0
-        companion[:, n - 1] = -self.a
-        eye = np.eye(n)
-        kron = np.einsum("gij,kl->gikjl", companion, eye) + np.einsum("gij,kl->gkilj", companion, eye)
-        rhs = np.zeros((groups, n * n, 1))
-        rhs[:, -1] = -1.0
-        return np.linalg.solve(kron.reshape(groups, n * n, n * n), rhs).reshape(groups, n, n)
+        return Discretised(
+            self.unit[:1], self.a[:1], self.gramians[:1], self.transition[:1], self.from_now[:1], self.from_next[:1]
+        )
 
     def initial_precision(self) -> Floats:
         """Precision of the initial responses' coefficients, power-major, when each is expected to have unit energy.
@@ -72,7 +65,7 @@ class Discretised:
         """
         groups, n = self.a.shape
         precision = np.zeros((n, groups, n, groups))
-        scaled = n * self.gramians() / self.unit[:, None, None]
+        scaled = n * self.gramians / self.unit[:, None, None]
         for g in range(groups):
             precision[:, g, :, g] = scaled[g]
         return precision.reshape(n * groups, n * groups)
@@ -155,7 +148,28 @@ def discretise(a: Floats, dt: float, hold: str) -> Discretised:
     exponential = np.asarray(expm(block))
     held = exponential[:, : 2 * n, 2 * n]
     ramp = exponential[:, : 2 * n, 2 * n + 1] if hold == "foh" else np.zeros_like(held)
-    return Discretised(unit, normalised, exponential[:, : 2 * n, : 2 * n], held - ramp, ramp)
+    transition = exponential[:, : 2 * n, : 2 * n]
+    return Discretised(unit, normalised, _gramians(normalised), transition, held - ramp, ramp)
+
+
+def _gramians(a: Floats) -> Floats:
+    """Solve ``A P + P A' + B B' = 0`` for companion forms.
+
+    States being derivatives of one another, ``P[i, j]`` is zero for odd i + j and otherwise, but for its sign, the moment
+    ``q[(i + j) / 2]`` of the first one's power spectrum: n unknowns instead of n^2.
+    """
+    n = a.shape[1]
+    i, j = np.indices((n, n))
+    sign = np.where((i + j) % 2 == 0, (-1.0) ** ((j - i) // 2), 0.0)
+    moment = (i + j) // 2
+    equations = np.zeros((len(a), n, n))
+    rows = np.arange(n)
+    for k in range(n):
+        equations[:, rows, moment[:, k]] -= a[:, k, None] * sign[:, k]
+    equations[:, rows[:-1], moment[1:, n - 1]] += sign[1:, n - 1]
+    rhs = np.zeros((len(a), n, 1))
+    rhs[:, n - 1] = -0.5
+    return np.asarray(np.linalg.solve(equations, rhs)[:, moment, 0] * sign)
 
 
 def numerator_to_seconds(normalised: Floats, unit: float, order: int) -> Floats:

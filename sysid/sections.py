@@ -56,33 +56,39 @@ def denominators(theta: Floats) -> tuple[Floats, Floats]:
         ``d a[g, k] / d theta[g, i]`` at ``[g, k, i]``.
     """
     groups, n = theta.shape
-    a, slope = np.empty((groups, n)), np.empty((groups, n, n))
-    for g in range(groups):
-        factors: list[Floats] = []
-        derivatives: list[list[Floats]] = []
-        for i in range(0, n - 1, 2):
-            w, zeta = np.exp(theta[g, i]), np.exp(theta[g, i + 1])
-            factors.append(np.array([1.0, 2.0 * zeta * w, w * w]))
-            derivatives.append([np.array([2.0 * zeta * w, 2.0 * w * w]), np.array([2.0 * zeta * w, 0.0])])
-        if n % 2:
-            w = np.exp(theta[g, n - 1])
-            factors.append(np.array([1.0, w]))
-            derivatives.append([np.array([w])])
-        whole = np.ones(1)
-        for factor in factors:
-            whole = np.convolve(whole, factor)
-        a[g] = whole[:0:-1]
-        column = 0
-        for which, own in enumerate(derivatives):
-            rest = np.ones(1)
-            for other, factor in enumerate(factors):
-                if other != which:
-                    rest = np.convolve(rest, factor)
-            for derivative in own:
-                product = np.convolve(rest, derivative)
-                slope[g, :, column] = np.concatenate([product[::-1], np.zeros(n - len(product))])
-                column += 1
-    return a, slope
+    factors, derivatives = [], []
+    one, none = np.ones(groups), np.zeros(groups)
+    for i in range(0, n - 1, 2):
+        w, damping = np.exp(theta[:, i]), 2.0 * np.exp(theta[:, i] + theta[:, i + 1])
+        factors.append(np.array([w * w, damping, one]))
+        derivatives.append((np.array([2.0 * w * w, damping]), np.array([none, damping])))
+    if n % 2:
+        w = np.exp(theta[:, n - 1])
+        factors.append(np.array([w, one]))
+        derivatives.append((np.array([w]),))
+    slope = np.zeros((n, n, groups))
+    column = 0
+    for which, own in enumerate(derivatives):
+        rest = np.ones((1, groups))
+        for other, factor in enumerate(factors):
+            if other != which:
+                rest = _multiply(rest, factor)
+        for derivative in own:
+            product = _multiply(rest, derivative)
+            slope[: len(product), column] = product
+            column += 1
+    whole = np.ones((1, groups))
+    for factor in factors:
+        whole = _multiply(whole, factor)
+    return np.ascontiguousarray(whole[:n].T), np.ascontiguousarray(slope.transpose(2, 0, 1))
+
+
+def _multiply(first: Floats, second: Floats) -> Floats:
+    """Multiply polynomials of many groups at once; shape (powers, groups), ascending."""
+    product = np.zeros((len(first) + len(second) - 1, first.shape[1]))
+    for power, coefficients in enumerate(second):
+        product[power : power + len(first)] += coefficients * first
+    return product
 
 
 def from_poles(poles: Floats) -> Floats:

@@ -248,7 +248,7 @@ def descend(problem: Problem, theta: Floats, iterations: int, deadline: float = 
         On `time.monotonic`; reached, the best point so far is returned as not converged.
     """
     point = solve(problem, clip(theta, problem.band))
-    damping, growth = 1e-2, 2.0
+    damping, growth = 1e-1, 2.0
     for iteration in range(iterations):
         if time.monotonic() > deadline:
             return Descent(point, iteration, False)
@@ -312,7 +312,7 @@ def initial_prior(problem: Problem, system: Discretised) -> Floats:
 def _impulse_energy(problem: Problem, system: Discretised, energy: Floats) -> Floats:
     """Penalty matrix of the numerators: energy of each impulse response, weighed by the information on its input."""
     m = len(problem.group)
-    gramians = system.gramians()[:, : problem.numerators, : problem.numerators]
+    gramians = system.gramians[:, : problem.numerators, : problem.numerators]
     per_input = energy.reshape(problem.numerators, m)
     penalty = np.zeros((problem.numerators, m, problem.numerators, m))
     for j, g in enumerate(problem.group):

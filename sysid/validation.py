@@ -232,20 +232,28 @@ def _verdict(output: str, rows: pd.DataFrame, ahead: pd.DataFrame, unit: str, un
     where = f"{flights} {'unseen ' if unseen else 'training '}record{'s' if flights != 1 else ''}"
     numbers = f"free-run RMSE {rmse:.3g}{unit} on {where}, against {baselines[best]:.3g}{unit} for {best}"
     beaten = ahead.groupby("horizon")[["rmse", "rmse_constant_position", "rmse_constant_velocity"]].mean()
-    reach = 0.0
-    for horizon, row in beaten.iterrows():
-        if row["rmse"] < (1.0 - MARGIN) * min(row["rmse_constant_position"], row["rmse_constant_velocity"]):
-            reach = max(reach, float(str(horizon)))
-    short = (
-        f"with measurements it predicts better than constant velocity up to {reach:g} s ahead"
-        if reach > 0.0
-        else "with measurements it predicts no better than constant position or velocity"
-    )
+    limit = (1.0 - MARGIN) * beaten[["rmse_constant_position", "rmse_constant_velocity"]].min(axis=1)
+    run = _longest_run([float(str(horizon)) for horizon in beaten.index], (beaten["rmse"] < limit).to_list())
+    if run is None:
+        short = "with measurements it predicts no better than constant position or velocity"
+    else:
+        span = f"{run[0]:g} s" if run[0] == run[1] else f"{run[0]:g} to {run[1]:g} s"
+        short = f"with measurements it predicts better than constant position and velocity {span} ahead"
     if not unseen:
         return f"{output}: not validated, every record was used for the fit; {numbers}; {short}.", False
     if good:
         return f"{output}: the model generalises: {numbers}; {short}.", True
     return f"{output}: do not trust the free run: {numbers}; {short}.", False
+
+
+def _longest_run(horizons: Sequence[float], good: Sequence[bool]) -> tuple[float, float] | None:
+    """Find the first and last horizon of the longest unbroken run of good ones."""
+    best: list[float] = []
+    run: list[float] = []
+    for horizon, holds in zip(horizons, good, strict=True):
+        run = [*run, horizon] if holds else []
+        best = run if len(run) > len(best) else best
+    return (best[0], best[-1]) if best else None
 
 
 def _records(table: pd.DataFrame) -> list[dict[str, object]]:
