@@ -155,8 +155,8 @@ def discretise(a: Floats, dt: float, hold: str) -> Discretised:
 def _gramians(a: Floats) -> Floats:
     """Solve ``A P + P A' + B B' = 0`` for companion forms.
 
-    States being derivatives of one another, ``P[i, j]`` is zero for odd i + j and otherwise, but for its sign, the moment
-    ``q[(i + j) / 2]`` of the first one's power spectrum: n unknowns instead of n^2.
+    States being derivatives of one another, ``P[i, j]`` is zero for odd i + j and otherwise, but for its sign, the
+    moment ``q[(i + j) / 2]`` of the first one's power spectrum: n unknowns instead of n^2.
     """
     n = a.shape[1]
     i, j = np.indices((n, n))

@@ -56,7 +56,8 @@ def denominators(theta: Floats) -> tuple[Floats, Floats]:
         ``d a[g, k] / d theta[g, i]`` at ``[g, k, i]``.
     """
     groups, n = theta.shape
-    factors, derivatives = [], []
+    factors: list[Floats] = []
+    derivatives: list[tuple[Floats, ...]] = []
     one, none = np.ones(groups), np.zeros(groups)
     for i in range(0, n - 1, 2):
         w, damping = np.exp(theta[:, i]), 2.0 * np.exp(theta[:, i] + theta[:, i + 1])
