@@ -45,12 +45,13 @@ def fingerprint(vehicle: Vehicle, parameters: Mapping[str, float], *, simulated:
 def by_craft(flights: Iterable[FlightResult]) -> list[tuple[FlightResult, ...]]:
     """Gather the flights that a joint fit can use, one tuple for each craft, in the order given.
 
-    Only flights with an experiment count, and of two recordings of one flight only the first (see `same_flight`).
+    Only flights with an experiment and a known position count, and of two recordings of one flight only the first
+    (see `same_flight`).
     """
     crafts: dict[str, list[FlightResult]] = {}
     # On-board recordings first: they hold more samples than telemetry of the same flight.
     usable = sorted(
-        (flight for flight in flights if flight.experiment is not None),
+        (flight for flight in flights if flight.experiment is not None and flight.position_known),
         key=lambda flight: flight.log.format in ("tlog", "mavlink-raw"),
     )
     kept: list[FlightResult] = []

@@ -1,6 +1,7 @@
 """One log to one result: read, estimate, identify on the first part of the flight, judge on the rest."""
 
 import hashlib
+import math
 from pathlib import Path
 
 import estimation
@@ -9,7 +10,7 @@ import sysid
 from logparse import Finding, FlightLog, MissingDataError, health
 from pipeline.config import AnalysisConfig
 from pipeline.craft import fingerprint
-from pipeline.results import FlightResult, LogFacts, Prediction, Span
+from pipeline.results import POSITION_KNOWN, FlightResult, LogFacts, Prediction, Span, horizontal_sigma
 from pipeline.stages import Progress, Stages, silent
 
 #: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
@@ -66,7 +67,7 @@ def analyze(
             experiment, fitted, held_out = cut
     if experiment is not None:
         thrust = stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
-        model = stages.run("model", lambda report: _fit(fitted, config, report))
+        model = stages.run("model", lambda report: _fit(fitted, trajectory, flight, config, report))
     if model is not None:
         fit_model = model
         validation = stages.run("validation", lambda _: sysid.validate(fit_model, [fitted, held_out]))
@@ -121,7 +122,19 @@ def _cut(
     return whole, *whole.split(config.training_fraction)
 
 
-def _fit(fitted: sysid.Experiment, config: AnalysisConfig, report: Progress) -> sysid.TransferFunctionModel:
+def _fit(
+    fitted: sysid.Experiment,
+    trajectory: estimation.Trajectory | None,
+    flight: Span | None,
+    config: AnalysisConfig,
+    report: Progress,
+) -> sysid.TransferFunctionModel:
+    sigma = math.inf if trajectory is None else horizontal_sigma(trajectory, flight)
+    if not sigma <= POSITION_KNOWN:
+        raise MissingDataError(
+            f"the horizontal position is not known (its 1-sigma grows to {sigma:.0f} m), so there is no motion to fit: "
+            "the log has no usable GPS"
+        )
     return sysid.fit_transfer_functions(
         [fitted], poles=config.poles, zeros=config.zeros, structure=config.structure, progress=report
     )

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from sysid import Experiment, ThrustModel, TransferFunctionModel, Validation
 
 
+#: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
+POSITION_KNOWN = 25.0
+
+
 @dataclass(frozen=True, slots=True)
 class Span:
     """A stretch of time on the log's boot clock, s."""
@@ -147,6 +151,19 @@ class FlightResult:
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def position_known(self) -> bool:
+        """Whether there is a horizontal position, and not only what inertial navigation without GPS drifted to."""
+        if self.trajectory is None:
+            return False
+        return horizontal_sigma(self.trajectory, self.flight) <= POSITION_KNOWN
+
+
+def horizontal_sigma(trajectory: Trajectory, span: Span | None) -> float:
+    """Give the largest horizontal 1-sigma of position in a stretch of time, m."""
+    sigma = trajectory.sigma if span is None else trajectory.sigma.loc[span.start : span.stop]
+    return float((sigma["p_n"] ** 2 + sigma["p_e"] ** 2).max() ** 0.5)
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,7 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
         What judged the model, in words.
     """
     if validation is None:
-        return Verdict(Trust.UNKNOWN, "There is no model to trust.")
+        return Verdict(Trust.UNKNOWN, "There is no model of the motion to judge.")
     if not validation.unseen:
         return Verdict(Trust.UNKNOWN, "The model is not judged: every flight was used to fit it.")
     scored = validation.table[~validation.table["trained"]]

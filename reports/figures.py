@@ -73,6 +73,8 @@ def track(result: FlightResult) -> Figure | None:
     """Draw the flight seen from above, east to the right and north up, with equal scales."""
     data: list[Trace] = []
     span = result.flight
+    if result.trajectory is not None and not result.position_known:
+        return None
     if result.trajectory is not None:
         states = _within(result.trajectory.states, span)
         if states.empty:

@@ -40,7 +40,7 @@ def flight_numbers(result: FlightResult) -> Numbers:
             "model": None if result.model is None else _model_facts(result.model),
             "thrust": None if result.thrust is None else result.thrust.to_dict(),
             "trajectory": _trajectory(result),
-            "findings": [_finding(finding) for finding in result.findings],
+            "findings": _findings(result.findings),
             "missing": dict(result.missing),
             "timings_s": dict(result.timings),
         }
@@ -138,11 +138,10 @@ def _flight(result: FlightResult) -> Numbers | None:
         if len(states):
             north, east = (states[name] - states[name].iloc[0] for name in ("p_n", "p_e"))
             speed = np.linalg.norm(states[["v_n", "v_e", "v_d"]].to_numpy(), axis=1)
-            facts |= {
-                "height_m": float(states["p_d"].iloc[0] - states["p_d"].min()),
-                "distance_m": float(np.hypot(north, east).max()),
-                "speed_max_m_s": float(speed.max()),
-            }
+            facts["height_m"] = float(states["p_d"].iloc[0] - states["p_d"].min())
+            if result.position_known:
+                facts["distance_m"] = float(np.hypot(north, east).max())
+                facts["speed_max_m_s"] = float(speed.max())
     return facts
 
 
@@ -212,7 +211,7 @@ def _group(group: GroupResult) -> Numbers:
         "validation": None if group.validation is None else group.validation.to_dict(),
         "model": None if group.model is None else _model_facts(group.model),
         "thrust": None if group.thrust is None else group.thrust.to_dict(),
-        "findings": [_finding(finding) for finding in group.findings],
+        "findings": _findings(group.findings),
         "missing": dict(group.missing),
     }
 
@@ -239,6 +238,13 @@ def _trajectory(result: FlightResult) -> Numbers | None:
         "sigma_median": {str(name): float(value) for name, value in sigma.items()},
         "diagnostics": dict(trajectory.diagnostics),
     }
+
+
+def _findings(findings: Iterable[Finding]) -> list[Numbers]:
+    """List findings, worst first, each once."""
+    worst = ("error", "warning", "info")
+    once = {(finding.id, finding.reason): finding for finding in findings}.values()
+    return [_finding(finding) for finding in sorted(once, key=lambda finding: worst.index(finding.severity))]
 
 
 def _finding(finding: Finding) -> Numbers:

@@ -53,9 +53,9 @@ def _what_it_is(numbers: Numbers) -> str:
         return text + " It holds no flight."
     flown = f" The craft was in the air for {duration(flight['duration_s'])}"
     if flight.get("height_m") is not None:
-        flown += (
-            f", up to {number(flight['height_m'], 2)} m above its start and {number(flight['distance_m'], 2)} m away"
-        )
+        flown += f", up to {number(flight['height_m'], 2)} m above its start"
+    if flight.get("distance_m") is not None:
+        flown += f" and {number(flight['distance_m'], 2)} m away from it"
     more = len(log["flights"]) - 1
     others = f" ({more} shorter flight{'s' if more > 1 else ''} in the same log not analysed)" if more > 0 else ""
     return text + flown + others + "."

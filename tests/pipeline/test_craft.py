@@ -29,7 +29,7 @@ def flown(
     states = pd.DataFrame({"p_n": 3.0 * t, "p_e": 0.0, "p_d": -10.0}, index=t)
     trajectory = Trajectory(
         states=states,
-        sigma=pd.DataFrame(),
+        sigma=pd.DataFrame({"p_n": 0.5, "p_e": 0.5}, index=t),
         covariance=np.zeros((0, 9, 9)),
         origin=Geodetic(lat, 0.1, 100.0),
         method="strapdown",
@@ -93,3 +93,11 @@ def test_tuning_tells_crafts_apart_where_no_board_id_does():
     assert len({fingerprint(OCTA, gain, simulated=False) for gain in gains}) == 2
     known = dataclasses.replace(OCTA, board_id="one")
     assert len({fingerprint(known, gain, simulated=False) for gain in gains}) == 1, "tuning must not split a craft"
+
+
+def test_what_drifted_without_gps_is_no_flight_to_fit():
+    lost = flown("a")
+    assert lost.trajectory is not None
+    drifting = dataclasses.replace(lost.trajectory, sigma=lost.trajectory.sigma * 1000.0)
+    crafts = by_craft([dataclasses.replace(lost, trajectory=drifting), flown("b", lat=0.2)])
+    assert [[flight.name for flight in craft] for craft in crafts] == [["b"]]
