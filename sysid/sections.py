@@ -90,18 +90,3 @@ def _multiply(first: Floats, second: Floats) -> Floats:
     for power, coefficients in enumerate(second):
         product[power : power + len(first)] += coefficients * first
     return product
-
-
-def from_poles(poles: Floats) -> Floats:
-    """Find the parameters, shape (n,), of a set of stable poles (complex ones in conjugate pairs)."""
-    upper = sorted((p for p in poles if p.imag > 1e-12 * abs(p)), key=abs)
-    real = sorted(-float(p.real) for p in poles if abs(p.imag) <= 1e-12 * abs(p))
-    theta: list[float] = []
-    for p in upper:
-        w = abs(p)
-        theta += [np.log(w), np.log(max(-p.real / w, DAMPING[0]))]
-    last = [np.log(real.pop(len(real) // 2))] if len(real) % 2 else []
-    for first, second in zip(real[::2], real[1::2], strict=True):
-        w = np.sqrt(first * second)
-        theta += [np.log(w), np.log((first + second) / (2.0 * w))]
-    return np.array(theta + last)

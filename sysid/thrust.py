@@ -36,6 +36,9 @@ DETERMINED = 0.15
 #: Condition number of the motors' regressors above which differences between motors are not read.
 SEPARABLE = 1e4
 
+#: A motor that works this much more or less than the mean of all is worth a finding.
+UNEVEN = 0.15
+
 #: Vertical speed in body axes whose effect on thrust is worth a parameter, m/s.
 CLIMBING = 0.2
 
@@ -90,6 +93,8 @@ class ThrustModel:
         V at which coefficients hold; None when voltage was not logged.
     damping : float or None
         Loss of thrust per mass with climbing speed along body z, 1/s; None when the flight hardly climbs.
+    effort : mapping
+        Mean thrust command of each motor over the mean of all motors.
     hover_command, hover_pwm : float
         Mean command and PWM that carry the weight in the air of the records.
     rmse : float
@@ -110,6 +115,7 @@ class ThrustModel:
     reference_density: float
     reference_voltage: float | None
     damping: float | None
+    effort: Mapping[str, float]
     hover_command: float
     hover_pwm: float
     rmse: float
@@ -141,6 +147,7 @@ class ThrustModel:
             **plain,
             "units": {"per_mass": "m/s^2 at full command", "newton": "N at full command"},
             "common": self.common.to_dict(),
+            "effort": dict(self.effort),
             "per_motor": {name: value.to_dict() for name, value in self.per_motor.items()},
             "training": list(self.training),
             "findings": [
@@ -237,6 +244,9 @@ def fit_thrust(experiments: Sequence[Experiment], mass: float | None = None) -> 
                 {"undetermined": len(undetermined), "condition": condition},
             )
         )
+    means = regressors.mean(axis=0)
+    effort = {motor: float(part) for motor, part in zip(motors, means / means.mean(), strict=True)}
+    findings += _uneven(effort)
     if mass is None:
         findings.append(
             Finding(
@@ -258,6 +268,7 @@ def fit_thrust(experiments: Sequence[Experiment], mass: float | None = None) -> 
         reference_density=REFERENCE_DENSITY,
         reference_voltage=reference,
         damping=float(together.values[1]) if climbing else None,
+        effort=effort,
         hover_command=hover,
         hover_pwm=vehicle.pwm_min + width * (vehicle.spin_min + hover * (vehicle.spin_max - vehicle.spin_min)),
         rmse=together.rmse,
@@ -346,6 +357,22 @@ def _coefficient(value: float, sigma: float, mass: float | None, reason: str) ->
         return ThrustCoefficient(None, None, None, None, False, reason)
     newton = None if mass is None else (value * mass, sigma * mass)
     return ThrustCoefficient(value, sigma, newton and newton[0], newton and newton[1], True)
+
+
+def _uneven(effort: Mapping[str, float]) -> list[Finding]:
+    """Name the motors that work harder or less than the others, which shows even where single thrusts do not."""
+    return [
+        Finding(
+            "uneven-motor",
+            Severity.WARNING,
+            f"motor {motor} works {100.0 * abs(part - 1.0):.0f} % {'harder' if part > 1.0 else 'less'} than the mean of "
+            "all motors: a weak motor or propeller, an off-centre load, or motors tilted about their arms",
+            "check motor, propeller and centre of gravity",
+            {"motor": motor, "effort": part},
+        )
+        for motor, part in effort.items()
+        if abs(part - 1.0) > UNEVEN
+    ]
 
 
 def _hover_command(thrust: float, expo: float) -> float:

@@ -1,11 +1,11 @@
-"""Denominators from logarithmic sections: always stable, differentiable, and back from poles."""
+"""Denominators from logarithmic sections: always stable, and differentiable."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sysid.sections import Band, clip, denominators, from_poles
+from sysid.sections import Band, clip, denominators
 
 BAND = Band(1e-3, 30.0)
 
@@ -31,16 +31,3 @@ def test_slopes_equal_differences(order):
         down[:, i] -= 1e-6
         expected = (denominators(up)[0] - denominators(down)[0]) / 2e-6
         np.testing.assert_allclose(slope[:, :, i], expected, atol=1e-7)
-
-
-@pytest.mark.parametrize(
-    "poles",
-    [
-        [-0.3 + 2.0j, -0.3 - 2.0j, -0.1],
-        [-1.0, -2.0, -0.01, -5.0],
-        [-0.5 + 0.1j, -0.5 - 0.1j, -4.0, -0.2 + 3j, -0.2 - 3j],
-    ],
-)
-def test_poles_and_back(poles):
-    a, _ = denominators(from_poles(np.array(poles, dtype=complex))[None])
-    np.testing.assert_allclose(np.concatenate([[1.0], a[0, ::-1]]), np.real(np.poly(poles)), rtol=1e-9)
