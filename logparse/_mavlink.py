@@ -226,6 +226,21 @@ def _followed(data: Array, mark: Int, slot_of_id: Array, crc_extra: Array, table
 
 
 @njit(cache=True, nogil=True)
+def _count_damaged(data: Array, position: Int, prefix: Int, next_mark: Int, slot_of_id: Array, bad: Array) -> Int:
+    """Count the frames with wrong checksums between two intact ones, as far as each begins where the last one ends."""
+    size = np.uint64(data.size)
+    count = 0
+    while position + prefix < next_mark:
+        slot, _, end = _frame(data, position + prefix, size, slot_of_id)
+        if slot < 0 or end + prefix > next_mark:
+            break
+        bad[slot] += 1
+        count += 1
+        position = end
+    return count
+
+
+@njit(cache=True, nogil=True)
 def _count_unknown(data: Array, mark: Int, unknown: Array) -> None:
     number = np.int64(data[mark + _U(5)])
     if data[mark] == _MARK_V2:
@@ -296,17 +311,12 @@ def scan(
                 _count_unknown(data, mark, unknown)
                 position = end
                 continue
-            claimed = slot
-            claimed_next = end + prefix
             mark = find_frame(data, position, slot_of_id, crc_extra, tables)
             if mark == size:
                 state[TAIL] = np.int64(position)
                 position = size
                 break
-            if claimed >= 0 and mark >= claimed_next:
-                # The next frame begins where this one says, so it was a frame.
-                state[BAD_CHECKSUMS] += 1
-                bad_by_slot[claimed] += 1
+            state[BAD_CHECKSUMS] += _count_damaged(data, position, prefix, mark, slot_of_id, bad_by_slot)
             has_stamp &= mark >= position + prefix
             begin = mark - prefix if mark >= position + prefix else position
             if state[BREAKS] < breaks.shape[0]:

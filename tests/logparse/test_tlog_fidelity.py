@@ -1,0 +1,229 @@
+"""Every message of every shared telemetry log, against pymavlink.
+
+Each frame that pymavlink gives must be a row here, with the same values in every field, and there may be no others.
+"""
+
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from pymavlink import mavutil
+
+from logparse import LogError
+from logparse.mavlink_dialect import definitions, pymavlink_dialect
+from logparse.source import Boot
+from logparse.tlog import open_tlog
+
+LOGS = Path(__file__).parents[3] / "shared" / "logs"
+#: Text logs and JSON are also named .log.
+TELEMETRY = [*sorted(LOGS.glob("*/*.tlog")), *sorted(LOGS.glob("real/kevinaangstadt*.log"))]
+
+pytestmark = pytest.mark.skipif(not TELEMETRY, reason="the shared logs are not beside the project")
+
+
+def positions_by_pymavlink(path):
+    """Where pymavlink finds frames, by the start byte of each."""
+    connection = mavutil.mavlogfile(str(path))
+    found = []
+    while (message := connection.recv_msg()) is not None:
+        if message.get_type() != "BAD_DATA":
+            found.append(connection.f.tell() - len(message.get_msgbuf()))
+    connection.close()
+    return np.array(found)
+
+
+def marks_of(source):
+    """Where the reader finds frames."""
+    return np.sort(np.concatenate([chunk.ordered for chunk in source.scan.chunks])).astype(np.int64)
+
+
+def decoded_by_pymavlink(data, marks):
+    """Decode the frames there: name -> list of (system, component, values in the order of the fields)."""
+    link = pymavlink_dialect().MAVLink(None)
+    found = defaultdict(list)
+    for mark in marks:
+        length = data[mark + 1]
+        size = length + 8 if data[mark] == 0xFE else length + 12 + 13 * (data[mark + 2] & 1)
+        message = link.decode(bytearray(data[mark : mark + size]))
+        name = message.get_type()
+        values = [getattr(message, field) for field in definitions()[name].fields]
+        found[name].append((message.get_srcSystem(), message.get_srcComponent(), *values))
+    return found
+
+
+@pytest.fixture(scope="module", params=TELEMETRY, ids=lambda path: path.name)
+def pair(request):
+    data = request.param.read_bytes()
+    source = open_tlog(data)
+    # Decoding verifies the checksum, so that a frame which pymavlink does not accept fails here.
+    return source, Boot(0, len(data), 0.0, 0.0), decoded_by_pymavlink(data, marks_of(source))
+
+
+@pytest.mark.parametrize("path", TELEMETRY, ids=lambda path: path.name)
+def test_frames_are_those_of_pymavlink(path):
+    ours, theirs = marks_of(open_tlog(path.read_bytes())), positions_by_pymavlink(path)
+    assert not np.setdiff1d(theirs, ours).size
+    extra = np.setdiff1d(ours, theirs).tolist()
+    # Behind the ten stray bytes of this log pymavlink loses an intact frame (`pair` decodes it with its checksum).
+    assert extra == ([496911] if path.name.startswith("kevinaangstadt") else [])
+
+
+def test_counts(pair):
+    source, whole, expected = pair
+    assert source.counts(whole) == {name: len(rows) for name, rows in expected.items()}
+    by_boot = [pd.Series(source.counts(boot)) for boot in source.boots]
+    pd.testing.assert_series_equal(
+        pd.concat(by_boot).groupby(level=0).sum(), pd.Series(source.counts(whole)).sort_index(), check_names=False
+    )
+
+
+def test_values(pair):
+    source, whole, expected = pair
+    frames = source.decode_many(expected, whole)
+    for name, rows in expected.items():
+        frame = frames[name]
+        systems, components, *columns = zip(*rows, strict=True)
+        np.testing.assert_array_equal(frame["system"], systems)
+        np.testing.assert_array_equal(frame["component"], components)
+        for field, values in zip(definitions()[name].fields, columns, strict=True):
+            if isinstance(values[0], str):
+                # pymavlink keeps what stands behind the NUL that ends a text.
+                assert frame[field].tolist() == [text.partition("\0")[0] for text in values], f"{name}.{field}"
+            elif isinstance(values[0], list):
+                got = np.stack([frame[f"{field}[{k}]"] for k in range(len(values[0]))], axis=1)
+                np.testing.assert_array_equal(got, np.array(values, got.dtype), f"{name}.{field}")
+            else:
+                np.testing.assert_array_equal(frame[field], np.array(values, frame[field].dtype), f"{name}.{field}")
+
+
+def test_own_boot_time_is_the_index(pair):
+    source, whole, _ = pair
+    frame = source.decode("ATTITUDE", whole)
+    np.testing.assert_array_equal(frame.index, frame["time_boot_ms"] / 1e3)
+
+
+def test_times_of_other_messages_lie_between_those_around_them(pair):
+    source, _, _ = pair
+    for boot in source.boots:
+        attitude = source.decode("ATTITUDE", boot)
+        for name in ("VFR_HUD", "SYS_STATUS"):
+            t = source.decode(name, boot).index.to_numpy()
+            assert t.min() > boot.t_start - 5.0
+            assert t.max() < boot.t_end + 5.0
+            # A radio stutters; between two messages with boot time, times may step back by a clock window at most.
+            assert np.diff(t).min() > -1.1
+        assert boot.t_start <= attitude.index.min() <= attitude.index.max() <= boot.t_end
+
+
+@pytest.mark.parametrize(
+    ("name", "boots"),
+    [
+        ("brunoolivieri", [(684.661, 1010.245)]),
+        ("code-lever", [(36.407, 613.131)]),
+        ("mbiuki", [(12.54, 225.013), (26.202, 652.424)]),
+        (
+            "pypi-fasttlogparser",
+            [(103.656, 259.474), (15.986, 84.275), (17.754, 1188.048), (20.115, 861.118), (13.772, 73.147)],
+        ),
+    ],
+)
+def test_power_ups_are_told_apart(name, boots):
+    """The restarts were found by hand: time_boot_ms starts again, sequence numbers at 0 and "Initialising APM..."."""
+    (path,) = (path for path in TELEMETRY if path.name.startswith(name))
+    source = open_tlog(path.read_bytes())
+    assert [(boot.t_start, boot.t_end) for boot in source.boots] == boots
+    assert source.boots[0].start == 0
+    assert source.boots[-1].stop == path.stat().st_size
+    for before, after in zip(source.boots, source.boots[1:], strict=False):
+        assert before.stop == after.start
+
+
+def test_a_new_boot_begins_with_its_first_words():
+    (path,) = (path for path in TELEMETRY if path.name.startswith("pypi-fasttlogparser"))
+    source = open_tlog(path.read_bytes())
+    for boot in source.boots[1:4]:
+        texts = source.decode("STATUSTEXT", boot)["text"].tolist()
+        # What the radio lost of "Initialising APM...", "Calibrating barometer" and so on differs.
+        first = texts.index("GROUND START")
+        assert first <= 3
+        assert "GROUND START" not in texts[first + 1 :]
+
+
+def test_frames_lost_as_counted_independently():
+    """The inventory of the logs counts 3051 and 3829 vehicle frames lost by sequence number."""
+    for name, lost in (("mbiuki", 3051), ("pypi-fasttlogparser", 3829)):
+        (path,) = (path for path in TELEMETRY if path.name.startswith(name))
+        (finding,) = (f for f in open_tlog(path.read_bytes()).findings if f.id == "frames-lost")
+        assert finding.evidence["frames"] == lost
+
+
+def test_damage_of_shared_logs_is_reported():
+    def findings(name):
+        (path,) = (path for path in TELEMETRY if path.name.startswith(name))
+        return {finding.id: finding.evidence for finding in open_tlog(path.read_bytes()).findings}
+
+    assert findings("kevinaangstadt")["bytes-skipped"]["bytes"] == 10
+    assert findings("kevinaangstadt")["bytes-skipped"]["first_byte"] == 496893
+    assert findings("code-lever")["truncated-tail"] == {"first_byte": 720953, "bytes": 9}
+    assert findings("pypi-fasttlogparser")["truncated-tail"]["first_byte"] == 5865441
+
+
+def test_signed_frame_is_kept():
+    (path,) = (path for path in TELEMETRY if path.name.startswith("brunoolivieri"))
+    data = path.read_bytes()
+    assert data[3254 + 8] == 0xFD
+    assert data[3254 + 10] & 1, "the frame there is signed"
+    source = open_tlog(data)
+    texts = source.decode("STATUSTEXT", source.boots[0])
+    assert "Mission Planner 1.3.75" in texts["text"].tolist()
+
+
+@pytest.mark.parametrize(
+    "name", ["octa02_auto_wind2", "octa03_auto_wind5", "octa15_two_flights_logdisarmed", "quad06_auto"]
+)
+def test_telemetry_agrees_with_the_card(name):
+    """The same flight on the autopilot's card: attitude at the same boot times is the same."""
+    dataflash = pytest.importorskip("logparse.dataflash")
+    path = LOGS / "sitl" / f"{name}.BIN"
+    card = dataflash.open_dataflash(path.read_bytes())
+    logged = card.decode("ATT", card.boots[0])
+    data = path.with_suffix(".tlog").read_bytes()
+    source = open_tlog(data)
+    sent = source.decode("ATTITUDE", source.boots[0])
+    t = logged.index.to_numpy()
+    sent = sent[(sent.index > t[0]) & (sent.index < t[-1])]
+    near = np.abs(t[np.clip(np.searchsorted(t, sent.index), 1, len(t) - 1)] - sent.index) < 0.1
+    assert near.mean() > 0.9
+    for angle in ("Roll", "Pitch"):
+        interpolated = np.interp(sent.index, t, logged[angle])
+        error = np.degrees(sent[angle.lower()]) - interpolated
+        # Both sample the same estimate; linear interpolation over 0.1 s costs some tenths of a degree in turns.
+        assert np.sqrt(np.mean(error[near] ** 2)) < 0.3
+
+
+def test_raw_stream_without_time_stamps():
+    path = LOGS / "sitl" / "quad06_auto.tlog"
+    data = path.read_bytes()
+    stamped = open_tlog(data)
+    whole = Boot(0, len(data), 0.0, 0.0)
+    marks = marks_of(stamped)
+    ends = np.append(marks[1:] - 8, len(data))
+    raw = b"".join(data[mark:end] for mark, end in zip(marks, ends, strict=True))
+    source = open_tlog(raw)
+    assert source.format == "mavlink-raw"
+    (boot,) = source.boots
+    assert source.counts(boot) == stamped.counts(whole)
+    assert "no-time-stamps" in [finding.id for finding in source.findings]
+    for name in ("ATTITUDE", "VFR_HUD", "HEARTBEAT"):
+        a, b = source.decode(name, boot), stamped.decode(name, whole)
+        np.testing.assert_array_equal(a.to_numpy(), b.to_numpy())
+        # What tells no time is interpolated between what does, which comes ten times a second.
+        timed = b.index > boot.t_start
+        assert np.abs(a.index - b.index)[timed].max() < 0.3
+
+
+def test_what_is_not_telemetry():
+    with pytest.raises(LogError, match="no intact MAVLink frame"):
+        open_tlog((LOGS / "sitl" / "paper01.BIN").read_bytes()[:20000])
