@@ -6,7 +6,6 @@ import signal
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import accumulate
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TypeAlias
@@ -52,37 +51,18 @@ class Crashed:
 Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
 
 
-#: Stages of the pipeline with what they are called on the page and the part of the time that they usually take.
-STAGES = {
-    "read": ("Reading the log", 0.05),
-    "tables": ("Decoding messages", 0.05),
-    "health": ("Checking the log", 0.01),
-    "flight": ("Looking for the flight", 0.01),
-    "trajectory": ("Reconstructing the flight path", 0.15),
-    "experiment": ("Resampling commands and motion", 0.02),
-    "thrust": ("Fitting thrust", 0.02),
-    "model": ("Fitting transfer functions", 0.57),
-    "validation": ("Judging on the unseen part of the flight", 0.03),
-    "report": ("Writing the report", 0.09),
-}
-
-
 def analyze_log(log: Path, name: str, folder: Path, progress: Progress) -> None:
     """Run the pipeline on a log and write its report."""
     # Imported here and not above: the server itself never needs the 200 MB of numpy, numba and pandas.
     import pipeline
     import reports
+    from pipeline.stages import overall
 
-    begun = dict(zip(STAGES, accumulate((share for _, share in STAGES.values()), initial=0.0), strict=False))
-
-    def overall(stage: str, fraction: float) -> None:
-        words, share = STAGES.get(stage, (stage, 0.0))
-        progress(words, begun.get(stage, 0.0) + share * fraction)
-
-    result = pipeline.analyze(log, progress=overall, name=Path(name).stem)
+    advance = overall(progress)
+    result = pipeline.analyze(log, progress=advance, name=Path(name).stem)
     # The report names the file as its user does, not as it is kept here.
     result = replace(result, log=replace(result.log, path=Path(name)))
-    overall("report", 0.0)
+    advance("report", 0.0)
     reports.write(result, folder)
 
 

@@ -133,13 +133,15 @@ def analyze(
     from pipeline.errors import ConfigError
     from pipeline.fleet import find_logs
     from pipeline.progress import shown
-    from pipeline.stages import overall
+    from pipeline.stages import STAGES, overall
 
     single = len(paths) == 1 and paths[0].is_file() and not config.training
     result: pipeline.FlightResult | pipeline.FleetResult
     with shown() as progress:
         if single:
-            result = pipeline.analyze(paths[0], config, overall(progress))
+            advance = overall(progress)
+            result = pipeline.analyze(paths[0], config, advance)
+            advance("report", 0.0)
         else:
             count = len(find_logs(paths))
             if not count:
@@ -147,7 +149,7 @@ def analyze(
             executor: Executor | None
             with workers.pool(min(jobs or os.cpu_count() or 1, count)) as executor:
                 result = pipeline.analyze_fleet(paths, config, executor, progress)
-        progress("write the report", 0.99)
+            progress(STAGES["report"].title, 0.99)
         report = reports.write(result, out)
     failed = _print_analysis(report, as_json)
     raise typer.Exit(SOME_FAILED if failed else OK)

@@ -92,7 +92,7 @@ def analyze_fleet(
         def report_group(stage: str, fraction: float, number: int = number, name: str = name) -> None:
             progress(f"{name}, jointly: {stage}", start + whole * (number + fraction) / len(crafts))
 
-        groups.append(analyze_group(craft, config, report_group))
+        groups.append(analyze_group(craft, config, overall(report_group)))
     return FleetResult(flights=flights, failures=failures, groups=tuple(groups), config=config)
 
 

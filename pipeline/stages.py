@@ -1,10 +1,11 @@
 """The stages of one analysis: each is timed, reports its progress, and may fail without taking the others along."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import accumulate
 from time import perf_counter
+from types import MappingProxyType
 from typing import TypeVar
 
 from logparse import Finding, RotoridError, Severity
@@ -17,24 +18,35 @@ _LOG = logging.getLogger("rotorid.pipeline")
 logging.getLogger("rotorid").addHandler(logging.NullHandler())
 
 
-#: Part of the time of one log's analysis that its stages usually take, in the order of the work.
-SHARES = {
-    "read": 0.02,
-    "tables": 0.05,
-    "health": 0.02,
-    "flight": 0.01,
-    "trajectory": 0.35,
-    "experiment": 0.02,
-    "thrust": 0.03,
-    "model": 0.45,
-    "validation": 0.05,
-}
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What a stage is called for people, and the part of one log's analysis that it usually takes."""
+
+    title: str
+    share: float
+
+
+#: In the order of the work. The last is done by whoever asked for the analysis.
+STAGES: Mapping[str, Stage] = MappingProxyType(
+    {
+        "read": Stage("reading the log", 0.02),
+        "tables": Stage("decoding messages", 0.05),
+        "health": Stage("checking the log", 0.02),
+        "flight": Stage("looking for the flight", 0.01),
+        "trajectory": Stage("reconstructing the trajectory", 0.30),
+        "experiment": Stage("resampling commands and motion", 0.02),
+        "thrust": Stage("fitting thrust", 0.03),
+        "model": Stage("fitting transfer functions", 0.45),
+        "validation": Stage("judging the model on unseen flight", 0.05),
+        "report": Stage("writing the report", 0.05),
+    }
+)
 
 
 def overall(progress: Progress) -> Progress:
-    """Turn the fraction of a stage that is done into the fraction of a log's whole analysis."""
-    begins = dict(zip(SHARES, accumulate(SHARES.values(), initial=0.0), strict=False))
-    return lambda stage, fraction: progress(stage, begins.get(stage, 0.0) + SHARES.get(stage, 0.0) * fraction)
+    """Turn a stage's name and the fraction of it that is done into its title and the fraction of the whole."""
+    begins = dict(zip(STAGES, accumulate((stage.share for stage in STAGES.values()), initial=0.0), strict=False))
+    return lambda name, fraction: progress(STAGES[name].title, begins[name] + STAGES[name].share * fraction)
 
 
 class OutOfTimeError(RotoridError):

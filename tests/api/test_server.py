@@ -15,7 +15,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.worker import STAGES
+from pipeline.stages import STAGES
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample_logs" / "octa01_zurich_calm.bin"
@@ -80,9 +80,8 @@ def test_a_sample_log_gives_models_and_rmse(server: httpx.Client, answer: httpx.
 
 
 @pytest.mark.slow
-def test_the_page_has_words_for_every_stage(answer: httpx.Response) -> None:
+def test_every_stage_of_the_analysis_has_a_title(answer: httpx.Response) -> None:
     assert answer.json()["report"]["timings_s"].keys() <= STAGES.keys()
-    assert sum(share for _, share in STAGES.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.slow

@@ -115,7 +115,7 @@ def test_one_log_from_file_to_report(tmp_path):
     assert run.returncode == 0, run.stderr
     numbers = json.loads(run.stdout)
     assert numbers == json.loads((tmp_path / "report.json").read_text("utf-8"))
-    for stage in ("read", "trajectory", "model"):
+    for stage in ("reading", "trajectory", "transfer functions", "report"):
         assert stage in run.stderr
     assert numbers["missing"] == {}
     assert [row["part"] for row in numbers["rmse"]] == ["held-out", "training"]

@@ -4,7 +4,7 @@ import logging
 from time import sleep
 
 from logparse import MissingDataError
-from pipeline.stages import SHARES, Stages, overall, silent
+from pipeline.stages import STAGES, Stages, overall, silent
 
 
 def test_a_foreseen_error_becomes_a_reason():
@@ -49,7 +49,7 @@ def test_progress_names_the_stage():
 def test_overall_progress_only_grows():
     seen = []
     report = overall(lambda _, fraction: seen.append(fraction))
-    for stage in SHARES:
+    for stage in STAGES:
         for fraction in (0.0, 0.5, 1.0):
             report(stage, fraction)
     assert seen == sorted(seen)
