@@ -365,8 +365,8 @@ def _uneven(effort: Mapping[str, float]) -> list[Finding]:
         Finding(
             "uneven-motor",
             Severity.WARNING,
-            f"motor {motor} works {100.0 * abs(part - 1.0):.0f} % {'harder' if part > 1.0 else 'less'} than the mean of "
-            "all motors: a weak motor or propeller, an off-centre load, or motors tilted about their arms",
+            f"motor {motor} works {100.0 * abs(part - 1.0):.0f} % {'harder' if part > 1.0 else 'less'} than the mean: "
+            "a weak motor or propeller, an off-centre load, or motors tilted about their arms",
             "check motor, propeller and centre of gravity",
             {"motor": motor, "effort": part},
         )
