@@ -410,9 +410,10 @@ def gather(
     tables = row.size
     begins = np.zeros(tables + 1, np.int64)
     fill = np.zeros(tables, np.int64)
-    place = np.empty(_BLOCK_MESSAGES, np.uint64)
-    found = np.empty(_BLOCK_MESSAGES, np.uint64)
-    table_found = np.empty(_BLOCK_MESSAGES, np.int32)
+    # Bytes from the beginning of the block; small, so that they stay in the innermost cache.
+    place = np.empty(_BLOCK_MESSAGES, np.uint32)
+    found = np.empty(_BLOCK_MESSAGES, np.uint32)
+    table_found = np.empty(_BLOCK_MESSAGES, np.uint16)
     index = state[0]
     position = state[1]
     run = state[2]
@@ -428,10 +429,14 @@ def gather(
                 while run < run_index.size and run_index[run] == index:
                     position = run_position[run]
                     run += 1
+                if hits == 0:
+                    block = position
+                elif position - block >= _BLOCK_BYTES:
+                    break
             slot = slots[index]
             table = table_of_slot[slot]
             if table >= 0:
-                found[hits] = np.uint64(position)
+                found[hits] = position - block
                 table_found[hits] = table
                 fill[table] += 1
                 hits += 1
@@ -463,7 +468,7 @@ def gather(
             m = np.uint64(begins[table + 1] - begins[table])
             first_row = np.uint64(row[table])
             for f in range(first_field[table], first_field[table + 1]):
-                o = np.uint64(offset[f])
+                o = np.uint64(block + offset[f])
                 begin = np.uint64(target[f])
                 what = operation[f]
                 up = factor[f]
@@ -471,59 +476,59 @@ def gather(
                 if what in (COPY_4, SCALE_F32):
                     to = begin // np.uint64(4) + first_row
                     for k in range(m):
-                        out_4[to + k] = _u32(data, place[a + k] + o)
+                        out_4[to + k] = _u32(data, np.uint64(place[a + k]) + o)
                     if what == SCALE_F32:
                         for k in range(m):
                             out_f4[to + k] = np.float64(out_f4[to + k]) * up / down
                 elif what in (COPY_8, SCALE_F64):
                     to = begin // np.uint64(8) + first_row
                     for k in range(m):
-                        out_8[to + k] = _u64(data, place[a + k] + o)
+                        out_8[to + k] = _u64(data, np.uint64(place[a + k]) + o)
                     if what == SCALE_F64:
                         for k in range(m):
                             out_f8[to + k] = out_f8[to + k] * up / down
                 elif what == COPY_2:
                     to = begin // np.uint64(2) + first_row
                     for k in range(m):
-                        out_2[to + k] = _u16(data, place[a + k] + o)
+                        out_2[to + k] = _u16(data, np.uint64(place[a + k]) + o)
                 elif what == COPY_1:
                     to = begin + first_row
                     for k in range(m):
-                        bytes_out[to + k] = data[place[a + k] + o]
+                        bytes_out[to + k] = data[np.uint64(place[a + k]) + o]
                 elif what == COPY_N:
                     width = np.uint64(size[f])
                     to = begin + first_row * width
                     for k in range(m):
                         for b in range(width):
-                            bytes_out[to + k * width + b] = data[place[a + k] + o + b]
+                            bytes_out[to + k * width + b] = data[np.uint64(place[a + k]) + o + b]
                 elif what <= SCALE_U16:
                     to = begin // np.uint64(4) + first_row
                     if what == SCALE_I16:
                         for k in range(m):
-                            out_f4[to + k] = np.float64(np.int16(_u16(data, place[a + k] + o))) * up / down
+                            out_f4[to + k] = np.float64(np.int16(_u16(data, np.uint64(place[a + k]) + o))) * up / down
                     elif what == SCALE_U16:
                         for k in range(m):
-                            out_f4[to + k] = np.float64(_u16(data, place[a + k] + o)) * up / down
+                            out_f4[to + k] = np.float64(_u16(data, np.uint64(place[a + k]) + o)) * up / down
                     elif what == SCALE_I8:
                         for k in range(m):
-                            out_f4[to + k] = np.float64(np.int8(data[place[a + k] + o])) * up / down
+                            out_f4[to + k] = np.float64(np.int8(data[np.uint64(place[a + k]) + o])) * up / down
                     else:
                         for k in range(m):
-                            out_f4[to + k] = np.float64(data[place[a + k] + o]) * up / down
+                            out_f4[to + k] = np.float64(data[np.uint64(place[a + k]) + o]) * up / down
                 else:
                     to = begin // np.uint64(8) + first_row
                     if what == SCALE_I32:
                         for k in range(m):
-                            out_f8[to + k] = np.float64(np.int32(_u32(data, place[a + k] + o))) * up / down
+                            out_f8[to + k] = np.float64(np.int32(_u32(data, np.uint64(place[a + k]) + o))) * up / down
                     elif what == SCALE_U32:
                         for k in range(m):
-                            out_f8[to + k] = np.float64(_u32(data, place[a + k] + o)) * up / down
+                            out_f8[to + k] = np.float64(_u32(data, np.uint64(place[a + k]) + o)) * up / down
                     elif what == SCALE_I64:
                         for k in range(m):
-                            out_f8[to + k] = np.float64(np.int64(_u64(data, place[a + k] + o))) * up / down
+                            out_f8[to + k] = np.float64(np.int64(_u64(data, np.uint64(place[a + k]) + o))) * up / down
                     else:
                         for k in range(m):
-                            out_f8[to + k] = np.float64(_u64(data, place[a + k] + o)) * up / down
+                            out_f8[to + k] = np.float64(_u64(data, np.uint64(place[a + k]) + o)) * up / down
             row[table] += np.int64(m)
     state[0] = index
     state[1] = position
@@ -632,9 +637,8 @@ def neighbouring_times(
 @njit(cache=True, nogil=True)
 def is_orderly(t: Floats, low: float, high: float, odd_step: float) -> bool:
     """Whether times lie within a span and never step back by more than `odd_step`."""
-    last = low
-    for k in range(t.size):
-        if not (low <= t[k] <= high) or t[k] < last - odd_step:
-            return False
-        last = t[k]
-    return True
+    # Counted rather than left at the first bad one, so that several are compared at once.
+    good = 0
+    for k in range(1, t.size):
+        good += (t[k] >= t[k - 1] - odd_step) & (t[k] >= low) & (t[k] <= high)
+    return good == t.size - 1 and low <= t[0] <= high if t.size > 0 else True

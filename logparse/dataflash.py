@@ -573,7 +573,8 @@ class _Layout:
                     what = _COPY.get(item.type.size, _decode.COPY_N)
                     dtype = item.type.dtype if item.type.items == 1 else np.dtype((np.void, item.type.size))
                 else:
-                    what = _SCALE[code]
+                    # A clock beyond 2**63 is damaged; read as signed it stands out, and converts in one step.
+                    what = _SCALE["i8" if is_index and code == "u8" else code]
                     dtype = np.dtype(np.float32 if item.type.size <= 2 or code == "f4" else np.float64)
                     if is_index and item.type.size == 4:
                         dtype = np.dtype(np.float64)

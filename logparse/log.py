@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from functools import cached_property
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -257,12 +256,12 @@ def _flown(log: FlightLog) -> tuple[float, float]:
 
 
 def _reader(head: bytes) -> Callable[[Buffer], MessageSource] | None:
+    """Find the reader for a file that begins with `head`; only what is asked is imported."""
     for module, opener in _READERS:
-        if find_spec(module) is not None:
-            reader = import_module(module)
-            if reader.looks_like(head):
-                found: Callable[[Buffer], MessageSource] = getattr(reader, opener)
-                return found
+        reader = import_module(module)
+        if reader.looks_like(head):
+            found: Callable[[Buffer], MessageSource] = getattr(reader, opener)
+            return found
     return None
 
 
