@@ -17,6 +17,9 @@ CLOSE_PERCENT = 50.0
 #: Shortest held-out record that can judge a model, s: the first three seconds give the initial state and do not count.
 SHORTEST_JUDGE = 10.0
 
+#: Held-out records that it takes to trust a model: on a single one a bad model does well now and then.
+FEWEST_JUDGES = 2
+
 
 class Trust(StrEnum):
     """How far a model may be trusted to predict flights like those that judged it."""
@@ -64,6 +67,11 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     if not all(np.isfinite(validation.average[output]) for output in outputs):
         return Verdict(Trust.NO, f"Do not trust the model: its free run on {unseen} diverges.")
     follows = [output for output in beats if fit[output] >= CLOSE_PERCENT]
+    if len(follows) == len(outputs) and scored["flight"].nunique() < FEWEST_JUDGES:
+        return Verdict(
+            Trust.LIMITED,
+            f"The model looks right, but only one record has judged it: {measured}; judge it on other flights.",
+        )
     if len(follows) == len(outputs):
         return Verdict(Trust.YES, f"The model can be trusted for flights like these: {measured}.")
     if follows:

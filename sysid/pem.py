@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from logparse import Finding, Severity
 from sysid.covariance import autocovariance, coloured_information
@@ -98,15 +99,17 @@ def fit_transfer_functions(
     begun = time.monotonic()
     fits: dict[str, _OutputFit] = {}
     outputs = records[0].output_names
-    for column, output in enumerate(outputs):
-        report(f"fitting {output}", column / len(outputs))
-        fits[output] = _fit_output(
-            records,
-            column,
-            excitation,
-            _Settings(poles, zeros, structure, hold, ridge, starts, seed),
-            begun + time_limit * (column + 1) / len(outputs),
-        )
+    # The matrices are small: BLAS threads only wait for one another, ten times as long as the work takes.
+    with threadpool_limits(limits=1, user_api="blas"):
+        for column, output in enumerate(outputs):
+            report(f"fitting {output}", column / len(outputs))
+            fits[output] = _fit_output(
+                records,
+                column,
+                excitation,
+                _Settings(poles, zeros, structure, hold, ridge, starts, seed),
+                begun + time_limit * (column + 1) / len(outputs),
+            )
     report("fitted", 1.0)
     findings += _judge(records, {output: fit.report for output, fit in fits.items()}, fits)
     denominator = "own denominators" if structure == "per_input" else "a common denominator"

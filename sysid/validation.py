@@ -241,6 +241,8 @@ def _verdict(output: str, rows: pd.DataFrame, ahead: pd.DataFrame, unit: str, un
         short = f"with measurements it predicts better than constant position and velocity {span} ahead"
     if not unseen:
         return f"{output}: not validated, every record was used for the fit; {numbers}; {short}.", False
+    if good and flights < 2:
+        return f"{output}: better than no model, but one record is weak evidence: {numbers}; {short}.", True
     if good:
         return f"{output}: the model generalises: {numbers}; {short}.", True
     return f"{output}: do not trust the free run: {numbers}; {short}.", False

@@ -7,11 +7,14 @@ from pipeline.verdict import Trust, judge
 from sysid import Validation
 
 
-def validation(fit: dict[str, float], trusted: dict[str, bool], *, duration: float = 40.0, unseen: bool = True):
+def validation(
+    fit: dict[str, float], trusted: dict[str, bool], *, duration: float = 40.0, unseen: bool = True, flights="ab"
+):
     rows = [
-        {"flight": "a", "output": output, "trained": trained, "duration": duration, "rmse": 1.0, "fit_percent": percent}
+        {"flight": f, "output": output, "trained": trained, "duration": duration, "rmse": 1.0, "fit_percent": percent}
         for output, percent in fit.items()
         for trained in ((False, True) if unseen else (True,))
+        for f in flights
     ]
     return Validation(
         model="m",
@@ -52,6 +55,12 @@ def test_two_seconds_judge_nothing():
     verdict = judge(validation({"x": 99.0}, {"x": True}, duration=2.2))
     assert verdict.trust is Trust.UNKNOWN
     assert "too short" in verdict.sentence
+
+
+def test_one_record_is_not_enough_to_trust_a_model():
+    verdict = judge(validation({"x": 90.0, "z": 80.0}, {"x": True, "z": True}, flights="a"))
+    assert verdict.trust is Trust.LIMITED
+    assert "only one record" in verdict.sentence
 
 
 def test_a_diverging_model_is_called_that():

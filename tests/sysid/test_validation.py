@@ -55,6 +55,11 @@ def test_verdicts_say_what_the_table_says():
     assert f"{validation.average['x']:.3g} m" in x
 
 
+def test_one_unseen_record_does_not_show_that_a_model_generalises():
+    verdict = validate(Known(0.5), [record("unseen")]).verdicts[0]
+    assert "one record is weak evidence: free-run RMSE 0.5 m on 1 unseen record" in verdict
+
+
 def test_nothing_unseen_is_nothing_validated():
     validation = validate(Known(0.01), [record("seen")])
     assert not validation.unseen
