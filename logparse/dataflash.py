@@ -43,7 +43,7 @@ _CHUNK = 1 << 22
 #: Definitions of one id that are tried in turn: after a redefinition the one before may still be meant.
 _CANDIDATES = 4
 #: Bytes of a mapped file that are kept in memory before they are given back.
-_KEEP = 1 << 24
+_KEEP = 1 << 23
 #: A page cache of huge pages maps them whole: giving back a part of one brings it all back at the next touch.
 _HUGE_PAGE = 1 << 21
 

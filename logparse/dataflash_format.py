@@ -75,6 +75,8 @@ FIELD_TYPES = MappingProxyType(
     }
 )
 
+_SIZES = {char: kind.size for char, kind in FIELD_TYPES.items()}
+
 #: Unit ids of FMTU rows (log_Units of LogStructure.h).
 UNITS = MappingProxyType(
     {
@@ -185,7 +187,7 @@ class Definition:
         """Bytes that the format characters ask for, with the header; None when a character is unknown."""
         if any(char not in FIELD_TYPES for char in self.format):
             return None
-        return HEADER_LENGTH + sum(FIELD_TYPES[char].size for char in self.format)
+        return HEADER_LENGTH + sum(_SIZES[char] for char in self.format)
 
     def fields(self, length: int | None = None) -> tuple[Field, ...]:
         """Fields that lie within `length` bytes (default: the declared length) and before any unknown character.
@@ -197,8 +199,8 @@ class Definition:
         names: set[str] = set()
         offset = HEADER_LENGTH
         for k, char in enumerate(self.format):
-            kind = FIELD_TYPES.get(char)
-            if kind is None or offset + kind.size > end:
+            size = _SIZES.get(char)
+            if size is None or offset + size > end:
                 break
             label = self.labels[k] if k < len(self.labels) and self.labels[k] else f"field{k + 1}"
             name, repeat = label, 1
@@ -207,7 +209,7 @@ class Definition:
                 name = f"{label}_{repeat}"
             names.add(name)
             fields.append(Field(name, char, offset))
-            offset += kind.size
+            offset += size
         return tuple(fields)
 
     def pack(self) -> bytes:
