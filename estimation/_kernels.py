@@ -22,8 +22,8 @@ SLOW_EVERY = 8  # their smoothed values are worked out for every eighth output r
 ENTRIES = 7  # most entries that a row of H has
 
 # Kinds of measurement groups.
-GPS_POSITION, GPS_VELOCITY, BARO, MAG, STANDSTILL = 0, 1, 2, 3, 4
-KINDS = 5
+GPS_POSITION, GPS_VELOCITY, BARO, MAG = 0, 1, 2, 3
+KINDS = 4
 
 _FLAGS = {"reassoc", "contract", "nsz"}
 

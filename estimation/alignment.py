@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from estimation.attitude import matrix_from_quat, quat_from_euler
+from estimation.attitude import euler_from_quat, matrix_from_quat, quat_from_euler
 from estimation.local_frame import LocalFrame
 from estimation.observations import usable_field, usable_fixes
 from estimation.states import (
@@ -43,7 +43,7 @@ class Alignment:
     still : bool
         Found standing still before flight.
     yaw_source : str
-        ``"magnetometer"``, ``"autopilot"`` or ``"unknown"``.
+        ``"magnetometer"``, ``"autopilot"``, ``"movement"`` or ``"unknown"``.
     """
 
     x: np.ndarray
@@ -117,6 +117,15 @@ def align(
     return Alignment(x, np.diag(sigma**2), still, yaw_source)
 
 
+def turned(aligned: Alignment, yaw: float, yaw_sigma: float) -> Alignment:
+    """Give an alignment another heading and its 1-sigma, rad."""
+    x, P = aligned.x.copy(), aligned.P.copy()
+    roll, pitch, _ = euler_from_quat(x[6:10])
+    x[6:10] = quat_from_euler(roll, pitch, yaw)
+    P[ATTITUDE + 2, ATTITUDE + 2] = yaw_sigma**2
+    return Alignment(x, P, aligned.still, "movement")
+
+
 def with_priors(P: np.ndarray, noise: SensorNoise) -> np.ndarray:
     """Give the start's covariance with the sensor errors' priors of other noise settings; P of shape (25, 25)."""
     P = P.copy()
@@ -157,7 +166,8 @@ def _initial_yaw(
             return float(np.arctan2(np.sin(yaw), np.cos(yaw))), np.radians(15.0), "magnetometer"
     if logged is not None:
         return float(logged[2]), np.radians(15.0), "autopilot"
-    return 0.0, np.radians(30.0), "unknown"
+    # Anything between -180 and 180 degrees.
+    return 0.0, np.pi / np.sqrt(3.0), "unknown"
 
 
 def _place(

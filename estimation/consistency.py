@@ -67,7 +67,10 @@ def errors(trajectory: Trajectory, truth: pd.DataFrame) -> pd.DataFrame:
         Columns of `SIGMA_COLUMNS`; attitude errors as rotations about NED axes, rad.
     """
     t = trajectory.states.index.to_numpy(float)
-    inside = truth[(truth.index >= t[0]) & (truth.index <= t[-1])]
+    # Not across a hole: there the trajectory says nothing.
+    after = np.clip(np.searchsorted(t, truth.index.to_numpy(float)), 1, len(t) - 1)
+    near = (t[after] - t[after - 1] < 2.5 * np.median(np.diff(t))) & (truth.index >= t[0]) & (truth.index <= t[-1])
+    inside = truth[near]
     at = inside.index.to_numpy(float)
     result = pd.DataFrame(index=inside.index)
     for column in (*GROUPS["position"], *GROUPS["velocity"]):

@@ -4,14 +4,10 @@ from datetime import datetime
 
 from estimation.lowrate import estimate_low_rate, is_low_rate
 from estimation.states import SensorNoise
-from estimation.strapdown import estimate_strapdown
+from estimation.strapdown import FEWEST_SAMPLES, SLOWEST_IMU, estimate_strapdown
 from estimation.timing import ACCEL, GYRO, sample_rate, usable
 from estimation.trajectory import Trajectory
 from logparse import MissingDataError, Tables
-
-#: An IMU logged slower than this cannot carry attitude from sample to sample, Hz: at the 10 Hz of telemetry, movement
-#: and vibration alias so far that the autopilot's own attitude is the better guide.
-SLOWEST_IMU = 15.0
 
 
 def estimate(
@@ -49,7 +45,7 @@ def estimate(
     """
     noise = noise or SensorNoise()
     imu = usable(tables.imu, GYRO + ACCEL)
-    if imu is not None and len(imu) >= 10 and sample_rate(imu) >= SLOWEST_IMU:
+    if imu is not None and len(imu) >= FEWEST_SAMPLES and sample_rate(imu) >= SLOWEST_IMU:
         return estimate_strapdown(tables, rate=rate, start=start, stop=stop, date=date, noise=noise)
     if is_low_rate(tables):
         return estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise)

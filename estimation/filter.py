@@ -43,7 +43,7 @@ class Problem:
     noise : SensorNoise
     x, P : ndarray, shapes (26,), (25, 25)
         The start.
-    white_scale : ndarray, shape (5,)
+    white_scale : ndarray, shape (4,)
         Factor on the white variance of each kind of measurement.
     """
 
@@ -189,7 +189,8 @@ def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
         o.axis,
         o.z,
         o.variance,
-        problem.noise.random_walks(),
+        # A sensor that is not there has no error to wander.
+        problem.noise.random_walks() * (np.diag(P) > 0.0),
         gps_error,
         problem.world.gravity,
         problem.world.earth_rate,
@@ -221,7 +222,7 @@ def matched_scale(problem: Problem, result: ForwardPass) -> np.ndarray:
 
     Returns
     -------
-    ndarray, shape (5,)
+    ndarray, shape (4,)
         For `Problem.white_scale`.
     """
     o = problem.observations

@@ -31,8 +31,8 @@ DISTURBANCE_V, TIME_V = 1.0, 1.0
 TILT_SIGMA, YAW_SIGMA = np.radians(0.7), np.radians(3.0)
 #: White 1-sigma of the autopilot's own position and velocity estimate, m and m/s.
 EKF_POSITION, EKF_VELOCITY = 0.05, 0.1
-#: Correlation time of the GPS error here, s. Velocities at telemetry rate are too coarse to tell a wander of the GPS over
-#: minutes from a wander of the craft, so it is held to be nearly constant: known in size, not in course.
+#: Correlation time of the GPS error here, s. Velocities at telemetry rate are too coarse to tell a wander of the GPS
+#: over minutes from a wander of the craft, so it is held to be nearly constant: known in size, not in course.
 GPS_ERROR_TIME = 1000.0
 #: The filter steps at least so often, s; a hole in the data longer than this splits the trajectory, s.
 LONGEST_STEP, LONGEST_HOLE = 0.25, 20.0
@@ -176,7 +176,7 @@ def _smooth_segment(
         np.concatenate(
             [
                 np.round(np.array([m.t for m in measured]) / TICK),
-                np.round(np.arange(when[0], when[-1], LONGEST_STEP) / TICK),
+                np.round(np.append(np.arange(when[0], when[-1], LONGEST_STEP), when[-1]) / TICK),
             ]
         )
     )

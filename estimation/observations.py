@@ -16,7 +16,7 @@ from logparse import Tables
 Block = tuple[int, np.ndarray, np.ndarray, np.ndarray]
 
 #: Sensor names of the kernel's kinds, in their order.
-KIND_NAMES = ("gps_position", "gps_velocity", "baro", "mag", "standstill")
+KIND_NAMES = ("gps_position", "gps_velocity", "baro", "mag")
 
 
 @dataclass(frozen=True, slots=True)

@@ -122,5 +122,5 @@ class SensorNoise:
         return q
 
     def jitter(self) -> np.ndarray:
-        """Uncertainty of the time of each kind of measurement (see `observations.KIND_NAMES`), s, shape (5,)."""
-        return np.array([self.gps_jitter, self.gps_jitter, self.baro_jitter, self.mag_jitter, 0.0])
+        """Uncertainty of the time of each kind of measurement (see `observations.KIND_NAMES`), s, shape (4,)."""
+        return np.array([self.gps_jitter, self.gps_jitter, self.baro_jitter, self.mag_jitter])

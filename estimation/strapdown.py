@@ -2,28 +2,45 @@
 
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 
-from estimation.alignment import Alignment, align, with_priors
+from estimation import _kernels
+from estimation.alignment import Alignment, align, turned, with_priors
 from estimation.consistency import innovation_statistics
 from estimation.filter import ForwardPass, Problem, World, assemble, run
+from estimation.findings import gps_troubles, imu_holes, missing_sensors, other_imu
 from estimation.local_frame import LocalFrame, is_simulated
-from estimation.magnetic_field import world_field
+from estimation.magnetic_field import MagneticField, world_field
 from estimation.observations import Observations, observe, usable_field, usable_fixes
 from estimation.smoother import Smoothed, smooth
 from estimation.states import SENSOR_ERROR_COLUMNS, SensorNoise
 from estimation.timing import ACCEL, GYRO, InertialSignal, imu_delays, sample_rate, segments, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
-from estimation.tuning import WINDOW, Tuned, relinearised, tune
-from logparse import Finding, Geodetic, MissingDataError, Severity, Tables
+from estimation.tuning import DECISIVE, WINDOW, Tuned, relinearised, tune
+from logparse import Geodetic, MissingDataError, Tables
 
 #: Segments of the log shorter than this are left out, s.
 SHORTEST_SEGMENT = 2.0
+FEWEST_SAMPLES = 10
+#: An IMU logged slower than this cannot carry attitude from sample to sample, Hz: at the 10 Hz of telemetry, movement
+#: and vibration alias so far that the autopilot's own attitude is the better guide.
+SLOWEST_IMU = 15.0
+#: Headings that are tried where nothing tells the heading.
+HEADINGS = 8
 #: Gravity where the place is not known: the mean of the globe, m/s^2.
 STANDARD_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class _Surroundings:
+    """Where the log was flown, as far as it is known."""
+
+    origin: Geodetic | None
+    frame: LocalFrame | None
+    field: MagneticField | None
+    world: World
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,40 +76,22 @@ def estimate_strapdown(
     noise: SensorNoise,
 ) -> Trajectory:
     """Filter and smooth every segment of the IMU; parameters as in `estimation.estimate`."""
-    imu = usable(tables.imu, GYRO + ACCEL)
-    assert imu is not None  # the caller chose this path because the IMU is there
-    fixes = usable_fixes(tables.gps)
-    origin = find_origin(tables, fixes)
-    frame = None
-    field = None
-    if origin is not None:
-        frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))
-        field = world_field(origin, tables.parameters, date)
-    mag = usable_field(tables.mag)
-    world = World(
-        gravity=frame.gravity if frame else STANDARD_GRAVITY,
-        earth_rate=frame.earth_rate if frame else np.zeros(3),
-    )
-    if field is None:
+    place = _surroundings(tables, date)
+    mag = usable_field(tables.mag) is not None
+    if place.field is None:
         tables = replace(tables, mag=None)
-    observations = observe(tables, frame, noise)
-
-    pieces = segments(imu)
-    found = [
-        _Segment(
-            InertialSignal.of(piece, tables.parameters, (noise.gyro, noise.accel)),
-            align(tables, piece, frame, field.ned if field else None, noise),
-        )
-        for piece in pieces
-        if piece.index[-1] - piece.index[0] >= SHORTEST_SEGMENT and len(piece) >= 10
-    ]
+    observations = observe(tables, place.frame, noise)
+    imus = [imu for imu in _imus(tables) if imu is not None]
+    candidates = [_segments(tables, imu, place, observations, noise) for imu in imus]
+    chosen, gain = _likeliest_imu(candidates, observations, place.world, noise)
+    found = candidates[chosen]
     if not found:
         raise MissingDataError(
             f"the log has no {SHORTEST_SEGMENT:g} s of IMU samples without a hole: it is too short, or the logger lost "
             "most of it (see DSF.Dp; a faster card or a smaller LOG_BITMASK helps)"
         )
     longest = max(found, key=lambda segment: segment.length)
-    tuned = tune(longest.signal, observations, longest.aligned.x, longest.aligned.P, world, noise)
+    tuned = tune(longest.signal, observations, longest.aligned.x, longest.aligned.P, place.world, noise)
     observations = tuned.in_time(observations)
     done = []
     for segment in found:
@@ -100,17 +99,109 @@ def estimate_strapdown(
         end = min(segment.signal.stop, np.inf if stop is None else stop)
         t = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
         if t.size:
-            done.append(_estimate(segment, t, observations, world, tuned))
+            done.append(_estimate(segment, t, observations, place.world, tuned))
     if not done:
         raise ValueError(f"the log has no IMU samples between start = {start} and stop = {stop} s")
+    findings = missing_sensors(
+        gps=usable_fixes(tables.gps) is not None, mag=mag, baro=usable(tables.baro, ["alt"]) is not None
+    )
+    findings += imu_holes(segments(imus[chosen])) + other_imu(chosen, gain)
+    for estimate in done:
+        findings += gps_troubles(estimate.problem, estimate.result)
+    states, sigma = _frames(done)
+    return Trajectory(
+        states=states,
+        sigma=sigma,
+        covariance=np.concatenate([e.smoothed.covariance for e in done]),
+        origin=place.origin or Geodetic(float("nan"), float("nan"), 0.0),
+        method="strapdown",
+        diagnostics={"imu": chosen, "imu_rate": sample_rate(imus[chosen]), **_diagnostics(tables, done, place, tuned)},
+        findings=tuple(findings),
+    )
+
+
+def _surroundings(tables: Tables, date: datetime | None) -> _Surroundings:
+    """Find the autopilot's origin, else the first good fix, and what the world is like there."""
+    origin = tables.origin
+    fixes = usable_fixes(tables.gps)
+    if origin is None and fixes is not None:
+        first = fixes.iloc[0]
+        origin = Geodetic(float(first["lat"]), float(first["lon"]), float(first["alt"]))
+    if origin is None:
+        return _Surroundings(None, None, None, World(STANDARD_GRAVITY, np.zeros(3)))
+    frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))
+    field = world_field(origin, tables.parameters, date)
+    return _Surroundings(origin, frame, field, World(frame.gravity, frame.earth_rate))
+
+
+def _imus(tables: Tables) -> list[pd.DataFrame | None]:
+    """Give the usable rows of every IMU that is logged fast enough, the first one first."""
+    others = [usable(imu, GYRO + ACCEL) for imu in tables.further.get("imu", ())]
+    return [usable(tables.imu, GYRO + ACCEL), *(imu for imu in others if sample_rate(imu) >= SLOWEST_IMU)]
+
+
+def _segments(
+    tables: Tables, imu: pd.DataFrame, place: _Surroundings, observations: Observations, noise: SensorNoise
+) -> list[_Segment]:
+    """Split one IMU at its holes and align each piece."""
+    found = []
+    for piece in segments(imu):
+        if piece.index[-1] - piece.index[0] < SHORTEST_SEGMENT or len(piece) < FEWEST_SAMPLES:
+            continue
+        signal = InertialSignal.of(piece, tables.parameters, (noise.gyro, noise.accel))
+        aligned = align(tables, piece, place.frame, place.field.ned if place.field else None, noise)
+        if aligned.yaw_source == "unknown" and place.frame is not None:
+            aligned = _heading_from_movement(signal, aligned, observations, place.world, noise)
+        found.append(_Segment(signal, aligned))
+    return found
+
+
+def _heading_from_movement(
+    signal: InertialSignal, aligned: Alignment, observations: Observations, world: World, noise: SensorNoise
+) -> Alignment:
+    """Try headings all around and take that under which GPS and IMU agree best."""
+    if not np.any(observations.between(signal.start, signal.stop).kind == _kernels.GPS_VELOCITY):
+        return aligned
+    step = 2.0 * np.pi / HEADINGS
+    tries = [turned(aligned, k * step, 0.5 * step) for k in range(HEADINGS)]
+    return max(tries, key=lambda start: _fit(_Segment(signal, start), observations, world, noise))
+
+
+def _fit(segment: _Segment, observations: Observations, world: World, noise: SensorNoise) -> float:
+    """Give the log-likelihood of a segment's beginning with everything as documented."""
+    signal, aligned = segment.signal, segment.aligned
+    outputs = np.array([signal.start])
+    stop = signal.start + WINDOW
+    problem = assemble(signal, observations, outputs, aligned.x, aligned.P, world, noise, stop=stop)
+    return run(problem, keep=False).log_likelihood
+
+
+def _likeliest_imu(
+    candidates: list[list[_Segment]], observations: Observations, world: World, noise: SensorNoise
+) -> tuple[int, float]:
+    """Choose the IMU that agrees best with the other sensors, and by how much; the first unless decisively worse."""
+    spans = [max(found, key=lambda segment: segment.length) if found else None for found in candidates]
+    if len(candidates) == 1 or spans[0] is None:
+        return 0, 0.0
+    # The same measurements for all, or the likelihoods would not compare.
+    common = [span for span in spans if span is not None]
+    seen = observations.between(max(s.signal.start for s in common) + 0.1, min(s.signal.stop for s in common) - 0.1)
+    fits = [-np.inf if span is None else _fit(span, seen, world, noise) for span in spans]
+    best = int(np.argmax(fits))
+    gain = fits[best] - fits[0]
+    return (best, gain) if gain > DECISIVE else (0, 0.0)
+
+
+def _diagnostics(tables: Tables, done: list[_Estimate], place: _Surroundings, tuned: Tuned) -> dict[str, object]:
+    """Say what the filter found of itself and of the sensors."""
     gyro_delay, accel_delay = imu_delays(tables.parameters)
-    diagnostics: dict[str, object] = {
+    field = place.field
+    return {
         "innovations": innovation_statistics([e.problem for e in done], [e.result for e in done]),
         "log_likelihood": sum(e.result.log_likelihood for e in done),
         "segments": [(float(e.t[0]), float(e.t[-1])) for e in done],
         "aligned_still": [e.segment.aligned.still for e in done],
         "yaw_source": [e.segment.aligned.yaw_source for e in done],
-        "imu_rate": sample_rate(imu),
         "gyro_delay": gyro_delay,
         "accel_delay": accel_delay,
         "lags": dict(tuned.lags),
@@ -119,27 +210,6 @@ def estimate_strapdown(
         "declination": float(np.arctan2(field.ned[1], field.ned[0])) if field else float("nan"),
         "declination_source": field.declination_source if field else "none",
     }
-    findings = _missing(tables, fixes, mag) + _holes(pieces)
-    states, sigma = _frames(done)
-    return Trajectory(
-        states=states,
-        sigma=sigma,
-        covariance=np.concatenate([e.smoothed.covariance for e in done]),
-        origin=origin or Geodetic(float("nan"), float("nan"), 0.0),
-        method="strapdown",
-        diagnostics=diagnostics,
-        findings=tuple(findings),
-    )
-
-
-def find_origin(tables: Tables, fixes: pd.DataFrame | None) -> Geodetic | None:
-    """Give the autopilot's origin where logged, else the first good fix, else None."""
-    if tables.origin is not None:
-        return tables.origin
-    if fixes is None:
-        return None
-    first = fixes.iloc[0]
-    return Geodetic(float(first["lat"]), float(first["lon"]), float(first["alt"]))
 
 
 def _estimate(segment: _Segment, t: np.ndarray, observations: Observations, world: World, tuned: Tuned) -> _Estimate:
@@ -184,51 +254,3 @@ def _frames(done: list[_Estimate]) -> tuple[pd.DataFrame, pd.DataFrame]:
         pd.DataFrame(states, index=index, columns=[*STATE_COLUMNS, *errors]),
         pd.DataFrame(sigma, index=index, columns=[*SIGMA_COLUMNS, *errors]),
     )
-
-
-def _missing(tables: Tables, fixes: pd.DataFrame | None, mag: pd.DataFrame | None) -> list[Finding]:
-    """Say which sensors are not there."""
-    findings = []
-    if fixes is None:
-        findings.append(
-            Finding(
-                "no-gps",
-                Severity.ERROR,
-                "No usable GPS fix: horizontal position and velocity drift freely and their sigmas grow accordingly.",
-                "Set LOG_BITMASK to include GPS and wait for a 3-D fix before take-off.",
-            )
-        )
-    if mag is None:
-        findings.append(
-            Finding(
-                "no-magnetometer",
-                Severity.WARNING,
-                "No magnetometer: heading is known only from the movement of the craft, if it moves.",
-                "Set LOG_BITMASK to include COMPASS.",
-            )
-        )
-    if usable(tables.baro, ["alt"]) is None:
-        findings.append(
-            Finding(
-                "no-baro",
-                Severity.INFO,
-                "No barometer: height rests on GPS alone.",
-                "Set LOG_BITMASK to include the sensors (CTUN, BARO).",
-            )
-        )
-    return findings
-
-
-def _holes(pieces: list[pd.DataFrame]) -> list[Finding]:
-    """Say where the IMU has holes."""
-    return [
-        Finding(
-            "imu-hole",
-            Severity.WARNING,
-            f"No IMU samples for {after.index[0] - before.index[-1]:.1f} s from t = {before.index[-1]:.1f} s; "
-            "the trajectory has no rows there.",
-            "Check that the logger keeps up (DSF.Dp) and LOG_DISARMED.",
-            {"start": float(before.index[-1]), "stop": float(after.index[0])},
-        )
-        for before, after in pairwise(pieces)
-    ]

@@ -1,0 +1,114 @@
+"""What the estimate found out about a log: sensors missing, silent or wrong, and for how long."""
+
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+
+from estimation import _kernels
+from estimation.filter import ForwardPass, Problem
+from logparse import Finding, Severity
+
+#: A receiver silent for longer than this is out, s.
+LONGEST_SILENCE = 5.0
+#: Refused fixes nearer to each other than this belong to one glitch, s.
+GLITCH_PAUSE = 2.0
+
+
+def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
+    """Say which aiding sensors are not there, each flag telling whether it is."""
+    findings = []
+    if not gps:
+        findings.append(
+            Finding(
+                "no-gps",
+                Severity.ERROR,
+                "No usable GPS fix: horizontal position and velocity drift freely and their sigmas grow accordingly.",
+                "Set LOG_BITMASK to include GPS and wait for a 3-D fix before take-off.",
+            )
+        )
+    if not mag:
+        findings.append(
+            Finding(
+                "no-magnetometer",
+                Severity.WARNING,
+                "No magnetometer: heading is known only from the movement of the craft, if it moves.",
+                "Set LOG_BITMASK to include COMPASS.",
+            )
+        )
+    if not baro:
+        findings.append(
+            Finding(
+                "no-baro",
+                Severity.INFO,
+                "No barometer: height rests on GPS alone.",
+                "Set LOG_BITMASK to include the sensors (CTUN, BARO).",
+            )
+        )
+    return findings
+
+
+def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
+    """Say where the IMU has holes: between successive segments of its table."""
+    return [
+        Finding(
+            "imu-hole",
+            Severity.WARNING,
+            f"No IMU samples for {after.index[0] - before.index[-1]:.1f} s from t = {before.index[-1]:.1f} s; "
+            "the trajectory has no rows there.",
+            "Check that the logger keeps up (DSF.Dp) and LOG_DISARMED.",
+            {"start": float(before.index[-1]), "stop": float(after.index[0])},
+        )
+        for before, after in pairwise(pieces)
+    ]
+
+
+def other_imu(chosen: int, gain: float) -> list[Finding]:
+    """Say that another IMU than the first was taken, and by how much it is likelier."""
+    if chosen == 0:
+        return []
+    return [
+        Finding(
+            "other-imu",
+            Severity.WARNING,
+            f"IMU {chosen + 1} agrees better with GPS, baro and compass than IMU 1, and is used instead.",
+            "Look at the mounting, calibration and temperature of the first IMU.",
+            {"imu": chosen, "log_likelihood_gain": gain},
+        )
+    ]
+
+
+def gps_troubles(problem: Problem, result: ForwardPass) -> list[Finding]:
+    """Say where GPS positions stayed away or were refused, in one segment."""
+    o = problem.observations
+    mine = np.flatnonzero(o.kind == _kernels.GPS_POSITION)
+    if mine.size == 0:
+        return []
+    findings = []
+    t = o.t[mine]
+    for before, after in pairwise([*t.tolist(), float(problem.t[-1])]):
+        if after - before > LONGEST_SILENCE:
+            findings.append(
+                Finding(
+                    "gps-outage",
+                    Severity.WARNING,
+                    f"No GPS position for {after - before:.0f} s from t = {before:.1f} s; the smoother bridges it.",
+                    evidence={"start": before, "stop": after},
+                )
+            )
+    refused = np.flatnonzero(result.inverse_variance[o.start[mine]] == 0.0)
+    for run in np.split(refused, np.flatnonzero(np.diff(t[refused]) > GLITCH_PAUSE) + 1):
+        if run.size < 2:
+            continue
+        scalars = np.concatenate([np.arange(o.start[g], o.start[g + 1]) for g in mine[run]])
+        size = float(np.abs(result.innovation[scalars]).max())
+        findings.append(
+            Finding(
+                "gps-glitch",
+                Severity.WARNING,
+                f"GPS positions up to {size:.0f} m off were refused from t = {t[run[0]]:.1f} to {t[run[-1]]:.1f} s.",
+                "Look at satellites and HDOP there; a mast and distance from power cables help.",
+                {"start": float(t[run[0]]), "stop": float(t[run[-1]]), "size_m": size, "fixes": int(run.size)},
+            )
+        )
+    return findings

@@ -1,0 +1,207 @@
+"""Simulated flights with known truth: a smooth multirotor path and the sensors of a small autopilot that saw it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from pygeomag import GeoMag
+from scipy.interpolate import BPoly, CubicSpline
+from scipy.signal import bilinear, lfilter
+
+from estimation.attitude import matrix_from_quat, multiply, quat_from_euler
+from estimation.local_frame import LocalFrame
+from logparse import Geodetic, Tables
+
+PLACE = Geodetic(np.radians(47.4), np.radians(8.5), 480.0)
+STEP = 0.002  # s; the truth's own sampling
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Errors of the sensors, SI; the defaults are a MEMS autopilot with a single-frequency receiver."""
+
+    imu_rate: float = 50.0
+    cutoff: float = 20.0
+    gyro_density: float = 1.5e-4
+    accel_density: float = 2.0e-3
+    gyro_bias: float = 3.0e-3
+    accel_bias: float = 0.06
+    gyro_walk: float = 1.0e-5
+    accel_walk: float = 1.5e-4
+    vibration_rate: float = 0.05
+    vibration_force: float = 1.5
+    gps_rate: float = 5.0
+    gps_lag: float = 0.12
+    gps_error: tuple[float, float, float] = (1.0, 1.0, 1.5)
+    gps_error_time: float = 100.0
+    gps_white: float = 0.05
+    gps_speed: float = 0.2
+    baro_rate: float = 10.0
+    baro_white: float = 0.12
+    baro_walk: float = 0.04
+    mag_rate: float = 10.0
+    mag_white: float = 3.0e-7
+    hard_iron: float = 2.0e-6
+
+
+@dataclass(frozen=True)
+class Flight:
+    tables: Tables
+    truth: pd.DataFrame
+    biases: pd.DataFrame = field(repr=False)
+
+
+def _path(rng: np.random.Generator, duration: float, still: float, heading: float) -> tuple[np.ndarray, ...]:
+    """Minimum-jerk hops between random waypoints with rests, after `still` seconds on the ground, and random yaw."""
+    knots, points, yaws = [0.0, still], [np.zeros(3), np.zeros(3)], [heading, heading]
+    while knots[-1] < duration:
+        hop = rng.uniform(5.0, 14.0)
+        target = np.append(rng.uniform(-40.0, 40.0, 2), -rng.uniform(5.0, 35.0))
+        target = points[-1] + np.clip(target - points[-1], -3.0 * hop, 3.0 * hop)
+        knots += [knots[-1] + hop, knots[-1] + hop + rng.uniform(0.0, 3.0)]
+        turn = yaws[-1] + rng.uniform(-1.5, 1.5)
+        points += [target, target]
+        yaws += [turn, turn]
+    t = np.arange(0.0, duration, STEP)
+    values = np.column_stack([np.array(points), yaws])
+    flat = np.zeros((len(knots), 3, 4))
+    flat[:, 0] = values
+    curve = BPoly.from_derivatives(knots, flat)
+    position, velocity, acceleration = (curve(t, nu)[:, :3] for nu in range(3))
+    return t, position, velocity, acceleration, curve(t)[:, 3]
+
+
+def _walk(rng: np.random.Generator, start: float, density: float, n: int, step: float) -> np.ndarray:
+    steps = rng.normal(0.0, density * np.sqrt(step), (n, 3))
+    return rng.normal(0.0, start, 3) + np.cumsum(steps, axis=0)
+
+
+def _gauss_markov(rng: np.random.Generator, sigma: np.ndarray, time: float, n: int, step: float) -> np.ndarray:
+    a = np.exp(-step / time)
+    noise = rng.normal(size=(n, 3)) * sigma
+    noise[1:] *= np.sqrt(1.0 - a * a)
+    return lfilter([1.0], [1.0, -a], noise, axis=0)
+
+
+def fly(
+    seed: int, *, duration: float = 120.0, still: float = 8.0, heading: float = 0.4, sensors: Sensors | None = None
+) -> Flight:
+    """Fly a random path after `still` seconds on the ground with the nose at `heading`, and log it."""
+    sensors = sensors or Sensors()
+    rng = np.random.default_rng(seed)
+    t, position, velocity, acceleration, yaw = _path(rng, duration, still, heading)
+    n = len(t)
+    frame = LocalFrame.at(PLACE)
+    # Thrust carries the craft against gravity and drag; drag is what the accelerometer feels across the thrust.
+    thrust = acceleration - np.array([0.0, 0.0, frame.gravity]) + 0.25 * velocity * np.array([1.0, 1.0, 0.3])
+    down = -thrust / np.linalg.norm(thrust, axis=1, keepdims=True)
+    heading = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(n)])
+    right = np.cross(down, heading)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    forward = np.cross(right, down)
+    roll = np.arctan2(right[:, 2], down[:, 2])
+    pitch = -np.arcsin(forward[:, 2])
+    quat = quat_from_euler(roll, pitch, np.arctan2(forward[:, 1], forward[:, 0]))
+    flips = np.cumprod(np.concatenate([[1.0], np.where((quat[1:] * quat[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)]))
+    quat *= flips[:, None]
+    turning = CubicSpline(t, quat)
+    C = matrix_from_quat(quat)
+    rate = 2.0 * multiply(quat * np.array([1.0, -1.0, -1.0, -1.0]), turning(t, 1))[:, 1:]
+    rate += np.einsum("nji,j->ni", C, frame.earth_rate)
+    coriolis = 2.0 * np.cross(frame.earth_rate, velocity)
+    force = np.einsum("nji,nj->ni", C, acceleration + coriolis - np.array([0.0, 0.0, frame.gravity]))
+
+    gyro_bias = _walk(rng, sensors.gyro_bias, sensors.gyro_walk, n, STEP)
+    accel_bias = _walk(rng, sensors.accel_bias, sensors.accel_walk, n, STEP)
+    airborne = (t > still)[:, None]
+    phase = 2.0 * np.pi * (np.cumsum(rng.normal(93.0, 30.0, (n, 6)), axis=0) * STEP + rng.random(6))
+    shaking = airborne * np.sin(phase)
+    gyro = rate + gyro_bias + rng.normal(0.0, sensors.gyro_density / np.sqrt(STEP), (n, 3))
+    gyro += sensors.vibration_rate * shaking[:, :3]
+    accel = force + accel_bias + rng.normal(0.0, sensors.accel_density / np.sqrt(STEP), (n, 3))
+    accel += sensors.vibration_force * shaking[:, 3:]
+    if sensors.cutoff > 0.0:
+        w = 2.0 * np.pi * sensors.cutoff
+        b, a = bilinear([w * w], [1.0, np.sqrt(2.0) * w, w * w], 1.0 / STEP)
+        before = [np.zeros((2, 3))] * 2
+        for signal, state in zip((gyro, accel), before, strict=True):
+            mean = signal[:50].mean(axis=0)
+            signal[:] = mean + lfilter(b, a, signal - mean, axis=0, zi=state)[0]
+    every = round(1.0 / sensors.imu_rate / STEP)
+    index = pd.Index(t[::every], name="t")
+    imu = pd.DataFrame(
+        np.column_stack([gyro, accel])[::every],
+        index=index,
+        columns=["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"],
+    )
+    names = ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "q_w", "q_x", "q_y", "q_z"]
+    truth = pd.DataFrame(np.column_stack([position, velocity, quat])[::every], index=index, columns=names)
+    biases = pd.DataFrame(
+        np.column_stack([gyro_bias, accel_bias])[::every],
+        index=index,
+        columns=["b_gx", "b_gy", "b_gz", "b_ax", "b_ay", "b_az"],
+    )
+    tables = Tables(
+        imu=imu,
+        gps=_gps(rng, sensors, frame, t, position, velocity),
+        baro=_baro(rng, sensors, t, position),
+        mag=_mag(rng, sensors, t, C),
+        attitude=pd.DataFrame(
+            {"roll": roll, "pitch": pitch, "yaw": np.arctan2(np.sin(yaw), np.cos(yaw))}, index=pd.Index(t, name="t")
+        ).iloc[:: round(0.1 / STEP)],
+        parameters={"INS_GYRO_FILTER": sensors.cutoff, "INS_ACCEL_FILTER": sensors.cutoff},
+        origin=PLACE,
+    )
+    return Flight(tables, truth, biases)
+
+
+def _gps(
+    rng: np.random.Generator,
+    sensors: Sensors,
+    frame: LocalFrame,
+    t: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+) -> pd.DataFrame:
+    rows = np.arange(round(0.1 / STEP), len(t), round(1.0 / sensors.gps_rate / STEP))
+    m = len(rows)
+    sigma = np.array(sensors.gps_error)
+    seen = position[rows] + _gauss_markov(rng, sigma, sensors.gps_error_time, m, 1.0 / sensors.gps_rate)
+    seen += rng.normal(0.0, sensors.gps_white, (m, 3))
+    speed = velocity[rows] + rng.normal(0.0, sensors.gps_speed, (m, 3))
+    origin = frame.origin
+    return pd.DataFrame(
+        {
+            "t_valid": t[rows],
+            "lat": origin.lat + seen[:, 0] / frame.metres_per_lat,
+            "lon": origin.lon + seen[:, 1] / frame.metres_per_lon,
+            "alt": origin.alt - seen[:, 2],
+            "v_n": speed[:, 0],
+            "v_e": speed[:, 1],
+            "v_d": speed[:, 2],
+            "fix": 3.0,
+            "satellites": 14.0,
+            "hdop": 0.8,
+            "h_acc": sigma[0],
+            "v_acc": sigma[2],
+            "s_acc": sensors.gps_speed,
+        },
+        index=pd.Index(t[rows] + sensors.gps_lag, name="t"),
+    )
+
+
+def _baro(rng: np.random.Generator, sensors: Sensors, t: np.ndarray, position: np.ndarray) -> pd.DataFrame:
+    rows = np.arange(0, len(t), round(1.0 / sensors.baro_rate / STEP))
+    drift = _walk(rng, 1.0, sensors.baro_walk, len(rows), 1.0 / sensors.baro_rate)[:, 0]
+    alt = -position[rows, 2] + drift + rng.normal(0.0, sensors.baro_white, len(rows))
+    return pd.DataFrame({"alt": alt, "pressure": np.nan, "temperature": np.nan}, index=pd.Index(t[rows], name="t"))
+
+
+def _mag(rng: np.random.Generator, sensors: Sensors, t: np.ndarray, C: np.ndarray) -> pd.DataFrame:
+    world = GeoMag(base_year=2020).calculate(
+        glat=np.degrees(PLACE.lat), glon=np.degrees(PLACE.lon), alt=PLACE.alt / 1000.0, time=2020.0
+    )
+    rows = np.arange(0, len(t), round(1.0 / sensors.mag_rate / STEP))
+    field_b = np.einsum("nji,j->ni", C[rows], 1e-9 * np.array([world.x, world.y, world.z]))
+    field_b += rng.normal(0.0, sensors.hard_iron, 3) + rng.normal(0.0, sensors.mag_white, field_b.shape)
+    return pd.DataFrame(field_b, index=pd.Index(t[rows], name="t"), columns=["mag_x", "mag_y", "mag_z"])

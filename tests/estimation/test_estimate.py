@@ -1,0 +1,240 @@
+"""The strapdown estimate judged by simulated truth and by its own covariance, and what it makes of poor input."""
+
+from dataclasses import astuple, replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from estimation import SENSOR_ERROR_COLUMNS, SIGMA_COLUMNS, STATE_COLUMNS, compare, errors, estimate, nees
+from logparse import MissingDataError, Tables
+from tests.estimation.simulated_flight import Sensors, fly
+
+#: Truth is compared from here on: the craft has taken off and the heading has been found, s.
+SETTLED = 15.0
+
+
+def settled(flight, after=SETTLED):
+    return flight.truth[flight.truth.index > after]
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly(0, duration=100.0)
+
+
+@pytest.fixture(scope="module")
+def trajectory(flight):
+    return estimate(flight.tables)
+
+
+def later(tables: Tables, start: float) -> Tables:
+    """Give the log as if it had been started in the air."""
+    names = ("imu", "gps", "baro", "mag", "attitude")
+    return replace(tables, **{name: getattr(tables, name)[getattr(tables, name).index > start] for name in names})
+
+
+def test_trajectory_has_the_promised_columns(trajectory, flight):
+    names = [*SENSOR_ERROR_COLUMNS]
+    assert list(trajectory.states.columns) == [*STATE_COLUMNS, *names]
+    assert list(trajectory.sigma.columns) == [*SIGMA_COLUMNS, *names]
+    assert trajectory.method == "strapdown"
+    assert trajectory.findings == ()
+    steps = np.diff(trajectory.states.index.to_numpy())
+    np.testing.assert_allclose(steps, 0.02, atol=1e-9)
+    assert np.isfinite(trajectory.states.to_numpy()).all()
+    variance = np.diagonal(trajectory.covariance, axis1=1, axis2=2)
+    np.testing.assert_allclose(np.sqrt(variance), trajectory.sigma[[*SIGMA_COLUMNS]].to_numpy(), rtol=1e-9)
+
+
+def test_rates_and_forces_are_free_of_bias(trajectory, flight):
+    """A bias left in the accelerometer would show in the mean force along the body's axes."""
+    true = flight.biases.reindex(trajectory.states.index, method="nearest")
+    for column in ("b_gx", "b_gy", "b_gz", "b_ax", "b_ay", "b_az"):
+        error = (trajectory.states[column] - true[column]).iloc[1000:]
+        assert np.sqrt(np.mean((error / trajectory.sigma[column].iloc[1000:]) ** 2)) < 3.0
+
+
+@pytest.mark.slow
+def test_accuracy_and_honesty_over_ten_minutes():
+    """Pooled over flights: goals of accuracy, and errors as large as the covariance says (chi-square per freedom)."""
+    flights = [fly(seed, duration=600.0) for seed in range(4)]
+    results = [estimate(f.tables) for f in flights]
+    rms = np.sqrt(
+        np.mean([np.square(astuple(compare(r, settled(f)))) for r, f in zip(results, flights, strict=True)], 0)
+    )
+    _, _, horizontal_velocity, vertical_velocity, tilt, yaw = rms
+    assert horizontal_velocity < 0.065
+    assert vertical_velocity < 0.03
+    assert np.degrees(tilt) < 0.085
+    # The goal is 0.105 degrees; what these sensors allow is 0.10 and four flights know that to a tenth.
+    assert np.degrees(yaw) < 0.115
+    honesty = [nees(r, settled(f)) for r, f in zip(results, flights, strict=True)]
+    assert 0.8 < np.mean([n["velocity"] for n in honesty]) < 1.2
+    assert 0.8 < np.mean([n["attitude"] for n in honesty]) < 1.2
+    # GPS errors of 100 s: six independent positions per axis and flight, so the mean of 72 squares: 1 +- 0.17.
+    assert 0.6 < np.mean([n["position"] for n in honesty]) < 1.4
+
+
+def test_the_time_of_the_imu_is_shifted_by_its_filter(flight, trajectory):
+    """Without the parameters the delay is not known, and turning with 11 ms of lag costs attitude."""
+    blind = estimate(replace(flight.tables, parameters={}))
+    assert trajectory.diagnostics["gyro_delay"] == pytest.approx(0.01125, rel=1e-3)
+    assert blind.diagnostics["gyro_delay"] == 0.0
+    assert compare(trajectory, settled(flight)).tilt < compare(blind, settled(flight)).tilt
+
+
+def test_a_wrong_gps_lag_is_found(flight):
+    """The receiver is 80 ms later than its table says: likelihood finds that to the 20-30 ms that it can."""
+    gps = flight.tables.gps.assign(t_valid=flight.tables.gps["t_valid"] + 0.08)
+    found = estimate(replace(flight.tables, gps=gps)).diagnostics["lags"]["gps"]
+    assert found == pytest.approx(0.08, abs=0.03)
+
+
+def test_a_known_gps_lag_is_left_alone(trajectory):
+    assert trajectory.diagnostics["lags"] == {"mag": 0.0, "gps": 0.0}
+
+
+def test_an_outage_is_bridged(flight):
+    gps = flight.tables.gps
+    cut = estimate(replace(flight.tables, gps=gps[(gps.index < 50.0) | (gps.index > 70.0)]))
+    error = errors(cut, flight.truth)
+    inside = error[(error.index > 50.0) & (error.index < 70.0)]
+    assert np.hypot(inside["p_n"], inside["p_e"]).max() < 3.0
+    assert [f.id for f in cut.findings] == ["gps-outage"]
+
+
+def test_a_glitch_leaves_no_trace(flight, trajectory):
+    gps = flight.tables.gps.copy()
+    gps.loc[60.0:63.0, "lat"] += 15.0 / 6.37e6
+    glitched = estimate(replace(flight.tables, gps=gps))
+    clean = compare(trajectory, settled(flight)).horizontal_position
+    assert compare(glitched, settled(flight)).horizontal_position == pytest.approx(clean, rel=0.01)
+    assert [f.id for f in glitched.findings] == ["gps-glitch"]
+    assert glitched.findings[0].evidence["start"] == pytest.approx(60.0, abs=0.3)
+
+
+def test_other_sensors_make_good_what_is_missing(flight):
+    """Each sensor's absence is told, and costs only what it alone knew."""
+    for name, finding in (("mag", "no-magnetometer"), ("baro", "no-baro")):
+        result = estimate(replace(flight.tables, **{name: None}))
+        assert [f.id for f in result.findings] == [finding]
+        error = compare(result, settled(flight))
+        assert error.horizontal_velocity < 0.1
+        assert np.degrees(error.yaw) < 1.0
+    assert "b_baro" not in result.states
+
+
+@pytest.mark.parametrize("heading", [0.4, 2.9])
+def test_heading_without_magnetometer_or_autopilot_comes_from_movement(heading):
+    flight = fly(6, duration=80.0, heading=heading)
+    result = estimate(replace(flight.tables, mag=None, attitude=None))
+    assert result.diagnostics["yaw_source"] == ["movement"]
+    assert np.degrees(compare(result, settled(flight)).yaw) < 1.0
+
+
+def test_without_gps_the_sigma_says_that_position_drifts(flight):
+    result = estimate(replace(flight.tables, gps=None))
+    assert [f.id for f in result.findings] == ["no-gps"]
+    last = errors(result, flight.truth).iloc[-1]
+    sigma = result.sigma.iloc[-1]
+    assert sigma["p_n"] > 20.0
+    assert abs(last["p_n"]) < 5.0 * sigma["p_n"]
+    # Height is still the barometer's.
+    assert sigma["p_d"] < 2.0
+
+
+def test_imu_alone_gives_attitude_rates(flight):
+    alone = Tables(imu=flight.tables.imu)
+    result = estimate(alone)
+    assert {f.id for f in result.findings} == {"no-gps", "no-magnetometer", "no-baro"}
+    assert np.isnan(result.origin.lat)
+    assert np.degrees(compare(result, settled(flight)).tilt) < 5.0
+
+
+@pytest.mark.parametrize("attitude", [True, False])
+def test_a_log_that_starts_in_the_air(flight, attitude):
+    tables = later(flight.tables, 30.0)
+    result = estimate(tables if attitude else replace(tables, attitude=None))
+    assert result.diagnostics["aligned_still"] == [False]
+    error = compare(result, settled(flight, 35.0))
+    assert error.horizontal_velocity < 0.1
+    assert np.degrees(error.tilt) < 0.3
+
+
+def test_a_craft_that_never_moves():
+    still = fly(5, duration=40.0, still=40.0)
+    result = estimate(still.tables)
+    error = errors(result, settled(still, 5.0))
+    for column in ("v_n", "v_e", "v_d", "p_d"):
+        assert np.abs(error[column]).max() < 4.0 * result.sigma[column].max()
+    # Heading rests on hard iron of some degrees that nothing can tell from heading.
+    assert np.degrees(result.sigma["phi_d"].median()) > 1.5
+
+
+def test_nan_bursts_are_holes(flight):
+    rng = np.random.default_rng(0)
+    imu, gps = flight.tables.imu.copy(), flight.tables.gps.copy()
+    for _ in range(15):
+        at = rng.integers(0, len(imu) - 30)
+        imu.iloc[at : at + rng.integers(1, 25), rng.integers(0, 6)] = np.nan
+    gps.iloc[100:120, gps.columns.get_loc("lat")] = np.nan
+    gps.iloc[200:230, gps.columns.get_loc("v_n")] = np.nan
+    result = estimate(replace(flight.tables, imu=imu, gps=gps))
+    assert np.isfinite(result.states.to_numpy()).all()
+    assert compare(result, settled(flight)).horizontal_velocity < 0.15
+    assert nees(result, settled(flight))["velocity"] < 3.0
+
+
+def test_a_clock_jump_splits_the_log(flight):
+    """The boot clock jumps by 300 s: two segments, no rows between them, one origin."""
+
+    def jumped(table):
+        t = table.index.to_numpy()
+        return table.set_axis(pd.Index(np.where(t < 50.0, t, t + 300.0), name="t"))
+
+    names = ("imu", "gps", "baro", "mag", "attitude")
+    tables = replace(flight.tables, **{name: jumped(getattr(flight.tables, name)) for name in names})
+    valid = tables.gps["t_valid"].to_numpy()
+    tables = replace(tables, gps=tables.gps.assign(t_valid=np.where(valid < 50.0, valid, valid + 300.0)))
+    result = estimate(tables)
+    assert [f.id for f in result.findings] == ["imu-hole"]
+    t = result.states.index
+    assert not ((t > 51.0) & (t < 349.0)).any()
+    assert compare(result, jumped(settled(flight))).horizontal_velocity < 0.1
+
+
+def test_start_and_stop_cut_the_same_trajectory(flight, trajectory):
+    part = estimate(flight.tables, start=40.0, stop=60.0, rate=10.0)
+    assert part.states.index[0] == pytest.approx(40.0)
+    assert part.states.index[-1] == pytest.approx(60.0)
+    whole = trajectory.states.reindex(part.states.index, method="nearest")
+    assert np.abs(part.states["v_n"] - whole["v_n"]).max() < 1e-3
+    with pytest.raises(ValueError, match="no IMU samples between"):
+        estimate(flight.tables, start=1e5)
+
+
+def test_the_better_imu_is_chosen(flight):
+    """The first IMU shakes loose; the second is sound. The likelier one is taken, whole, and the result says which."""
+    rng = np.random.default_rng(4)
+    loose = flight.tables.imu + rng.normal(0.0, [0.2] * 3 + [3.0] * 3, flight.tables.imu.shape)
+    tables = replace(flight.tables, imu=loose, further={"imu": (flight.tables.imu,)})
+    result = estimate(tables)
+    assert result.diagnostics["imu"] == 1
+    assert compare(result, settled(flight)).horizontal_velocity < 0.06
+    assert [f.id for f in result.findings] == ["other-imu"]
+
+
+@pytest.mark.parametrize("rate", [25.0, 200.0])
+def test_any_imu_rate(rate):
+    flight = fly(2, duration=60.0, sensors=Sensors(imu_rate=rate))
+    error = compare(estimate(flight.tables), settled(flight))
+    assert error.horizontal_velocity < 0.08
+    assert np.degrees(error.tilt) < 0.2
+
+
+def test_nothing_to_estimate_from_is_said_with_what_to_set(flight):
+    with pytest.raises(MissingDataError, match="LOG_BITMASK"):
+        estimate(Tables())
+    with pytest.raises(MissingDataError, match="too short"):
+        estimate(replace(flight.tables, imu=flight.tables.imu.iloc[:40]))

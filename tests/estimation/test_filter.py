@@ -1,0 +1,130 @@
+"""The compiled filter and smoother against filterpy on the same matrices."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+
+from estimation import _kernels
+from estimation.alignment import align
+from estimation.filter import World, assemble, matched_scale, run
+from estimation.local_frame import LocalFrame
+from estimation.magnetic_field import world_field
+from estimation.observations import observe
+from estimation.smoother import smooth
+from estimation.states import SIZE, SensorNoise
+from estimation.timing import InertialSignal
+from tests.estimation.simulated_flight import PLACE, fly
+
+#: Times of samples are taken as exact here: filterpy does not know of noise that grows with speed.
+NOISE = SensorNoise(gps_jitter=0.0, baro_jitter=0.0, mag_jitter=0.0)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    flight = fly(3, duration=24.0)
+    frame = LocalFrame.at(PLACE)
+    field = world_field(PLACE, {}, None).ned
+    imu = flight.tables.imu
+    signal = InertialSignal.of(imu, flight.tables.parameters, (NOISE.gyro, NOISE.accel))
+    start = align(flight.tables, imu, frame, field, NOISE)
+    outputs = np.arange(1.0, 23.0, 0.5)
+    world = World(frame.gravity, frame.earth_rate)
+    return assemble(signal, observe(flight.tables, frame, NOISE), outputs, start.x, start.P, world, NOISE)
+
+
+def transition(result, node):
+    """F of one node, written out from the definition of the error state."""
+    F = np.eye(SIZE)
+    T, S, C = result.transition_time[node], result.transition_velocity[node], result.transition_rotation[node]
+    F[0:3, 3:6] = T * np.eye(3)
+    F[3:6, 6:9] = -np.array([[0.0, -S[2], S[1]], [S[2], 0.0, -S[0]], [-S[1], S[0], 0.0]])
+    F[3:6, 12:15] = -C
+    F[6:9, 9:12] = -C
+    F[19:22, 19:22] *= np.exp(-T / NOISE.gps_error_time)
+    return F
+
+
+def process_noise(problem, T, node):
+    subs = slice(problem.node_sub[node], problem.node_sub[node + 1])
+    q = T * NOISE.random_walks()
+    q[6:9] += problem.sub_noise[subs, 0].sum()
+    q[3:6] += problem.sub_noise[subs, 1].sum()
+    gone = 1.0 - np.exp(-2.0 * T / NOISE.gps_error_time)
+    q[19:22] += gone * np.diag(problem.P)[19:22]
+    return np.diag(q)
+
+
+@pytest.fixture(scope="module")
+def oracle(problem):
+    """Covariances, injected corrections and (F, Q) of every node, by filterpy."""
+    result = run(problem)
+    kf = KalmanFilter(dim_x=SIZE, dim_z=1)
+    kf.P = problem.P.copy()
+    P, injected, Fs, Qs = [], [], [], []
+    o = problem.observations
+    for node in range(len(problem.t)):
+        F = transition(result, node)
+        Q = process_noise(problem, result.transition_time[node], node)
+        kf.x = np.zeros((SIZE, 1))
+        kf.predict(F=F, Q=Q)
+        for group in range(problem.node_group[node], problem.node_group[node + 1]):
+            for m in range(o.start[group], o.start[group + 1]):
+                if result.inverse_variance[m] == 0.0:
+                    continue
+                H = np.zeros((1, SIZE))
+                np.add.at(H[0], result.index[m], result.value[m])
+                S = float((H @ kf.P @ H.T)[0, 0]) + o.variance[m]
+                # Huber's bound, the one thing that filterpy does not have.
+                S = max(S, result.innovation[m] ** 2 / 9.0)
+                assert result.inverse_variance[m] == pytest.approx(1.0 / S, rel=1e-7)
+                R = S - float((H @ kf.P @ H.T)[0, 0])
+                before = kf.x.copy()
+                kf.update(np.array([[result.innovation[m]]]) + H @ before, R=R, H=H)
+                np.testing.assert_allclose(result.gain[m], kf.K[:, 0], rtol=1e-5, atol=1e-9)
+        P.append(kf.P.copy())
+        injected.append(kf.x[:, 0].copy())
+        Fs.append(F)
+        Qs.append(Q)
+    return result, np.array(P), np.array(injected), Fs, Qs
+
+
+def test_forward_covariance_is_filterpys(problem, oracle):
+    result, P, *_ = oracle
+    for node, row in enumerate(problem.node_out):
+        if row >= 0:
+            scale = np.sqrt(np.outer(np.diag(P[node])[:9], np.diag(P[node])))
+            assert np.abs((result.rows[row] - P[node][:9]) / scale).max() < 1e-6
+
+
+def test_smoother_is_rauch_tung_striebel(problem, oracle):
+    """Modified Bryson-Frazier gives what the RTS recursion gives, for states and covariance."""
+    result, P, injected, Fs, Qs = oracle
+    smoothed = smooth(problem, result)
+    # filterpy's method (not the function of the same name) pairs the F that leads to a node with that node.
+    _, P_smoothed, gains, _ = KalmanFilter(dim_x=SIZE, dim_z=1).rts_smoother(np.zeros((len(P), SIZE)), P, Fs, Qs)
+    correction = np.zeros(SIZE)
+    for node in range(len(P) - 1, -1, -1):
+        if node < len(P) - 1:
+            correction = gains[node] @ (correction + injected[node + 1])
+        row = problem.node_out[node]
+        if row < 0:
+            continue
+        sd = np.sqrt(np.diag(P_smoothed[node]))
+        moved = smoothed.x[row, :6] - result.x[row, :6]
+        assert np.abs((moved - correction[:6]) / sd[:6]).max() < 1e-3
+        np.testing.assert_allclose(np.sqrt(np.diag(smoothed.covariance[row])), sd[:9], rtol=1e-4)
+        if row % _kernels.SLOW_EVERY == 0:
+            np.testing.assert_allclose(np.sqrt(smoothed.slow_variance[row]), sd[9:], rtol=1e-3)
+
+
+def test_matched_scale_finds_how_noisy_a_sensor_is(problem):
+    """Told that the GPS velocity is four times as good as it is, the innovations tell the truth (variance 16 times)."""
+    o = problem.observations
+    boast = np.where(o.scalar_kind == _kernels.GPS_VELOCITY, o.variance / 16.0, o.variance)
+    told = replace(problem, observations=replace(o, variance=boast))
+    told = replace(told, white_scale=matched_scale(told, run(told)))
+    scale = matched_scale(told, run(told))[_kernels.GPS_VELOCITY]
+    # 24 s hold 360 innovations: the median of their squares is known to a tenth or so.
+    assert 10.0 < scale < 25.0

@@ -1,0 +1,111 @@
+"""The telemetry path: accuracy on simulated truth, and its smoother against filterpy's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+from scipy.interpolate import Akima1DInterpolator
+
+from estimation import Trajectory, compare, errors, estimate
+from estimation.lowrate import SIZE, _filter_and_smooth, _Measured, _transition
+from estimation.states import SensorNoise
+from tests.estimation.simulated_flight import Sensors, fly
+
+
+def thinned(table, step):
+    """Keep one row per `step` seconds, as a telemetry stream does."""
+    t = table.index.to_numpy()
+    return table[np.concatenate([[True], np.diff(np.floor(t / step)) > 0])]
+
+
+@pytest.fixture(scope="module")
+def flight():
+    # A good receiver: what is judged here is the filter.
+    return fly(1, duration=90.0, sensors=Sensors(gps_error=(0.05, 0.05, 0.1), gps_white=0.01, gps_speed=0.1))
+
+
+@pytest.fixture(scope="module")
+def telemetry(flight):
+    t = flight.tables
+    return replace(
+        t, imu=None, mag=None, attitude=thinned(t.attitude, 0.25), gps=thinned(t.gps, 0.25), baro=thinned(t.baro, 0.5)
+    )
+
+
+@pytest.fixture(scope="module")
+def trajectory(telemetry) -> Trajectory:
+    return estimate(telemetry, rate=20.0)
+
+
+def test_telemetry_at_four_hertz(flight, trajectory):
+    assert trajectory.method == "low-rate"
+    assert [f.id for f in trajectory.findings] == ["low-rate-trajectory"]
+    error = compare(trajectory, flight.truth[flight.truth.index > 10.0])
+    assert error.horizontal_position < 0.12
+    assert error.horizontal_velocity < 0.15
+
+
+def test_sigma_covers_the_error(flight, trajectory):
+    error = errors(trajectory, flight.truth[flight.truth.index > 10.0])
+    sigma = trajectory.sigma.reindex(error.index, method="nearest")
+    # The position error is one throw of the GPS's, which hardly wanders in 90 s; velocity errors are many.
+    for column, bound in (("p_n", 3.0), ("p_e", 3.0), ("v_n", 1.3), ("v_e", 1.3), ("v_d", 1.3)):
+        assert np.sqrt(np.mean((error[column] / sigma[column]) ** 2)) < bound
+
+
+def test_the_autopilots_velocities_are_used_and_its_positions_fill_holes(flight, telemetry):
+    truth = flight.truth[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]]
+    ekf = thinned(truth, 0.25).assign(roll=np.nan, pitch=np.nan, yaw=np.nan)
+    gps = telemetry.gps[(telemetry.gps.index < 40.0) | (telemetry.gps.index > 60.0)]
+    result = estimate(replace(telemetry, gps=gps, ekf=ekf), rate=20.0)
+    assert result.diagnostics["position_source"] == "GPS fixes and the autopilot's positions"
+    error = errors(result, flight.truth.loc[42.0:58.0])
+    assert np.hypot(error["p_n"], error["p_e"]).max() < 0.2
+
+
+def test_smoother_agrees_with_filterpy_where_there_is_no_input():
+    """Filterpy's method of the class is right for varying F; ours adds the input, so without one they are the same."""
+    rng = np.random.default_rng(0)
+    t = np.cumsum(rng.uniform(0.1, 0.3, 60))
+    selector = np.zeros((3, SIZE))
+    selector[:, 0:3] = selector[:, 9:12] = np.eye(3)
+    measured = [_Measured(when, selector, rng.normal(size=3), np.full(3, 0.04)) for when in np.round(t, 4)]
+    baro = np.zeros((1, SIZE))
+    baro[0, 2], baro[0, 12] = -1.0, 1.0
+    measured.append(_Measured(measured[-1].t, baro, np.array([0.3]), np.array([0.02])))
+    nodes = np.array([m.t for m in measured[:-1]])
+    idle = Akima1DInterpolator(nodes, np.zeros((len(nodes), 3)))
+    gps_sigma = np.array([1.0, 1.0, 1.5])
+    x, P = _filter_and_smooth(nodes, idle, measured, gps_sigma, SensorNoise())
+
+    from estimation import lowrate
+
+    disturbance = np.array([lowrate.DISTURBANCE_H, lowrate.DISTURBANCE_H, lowrate.DISTURBANCE_V])
+    kf = KalmanFilter(dim_x=SIZE, dim_z=3)
+    kf.x = np.zeros((SIZE, 1))
+    kf.x[:3, 0] = measured[0].z
+    kf.x[12, 0] = measured[-1].z[0] + measured[0].z[2]
+    kf.P = np.diag(np.concatenate([np.full(6, 10.0), disturbance, gps_sigma, [10.0]]) ** 2)
+    xs, Ps, Fs, Qs = [], [], [], []
+    for k, m in enumerate(measured[:-1]):
+        F, _, Q = (
+            _transition(nodes[k] - nodes[k - 1], disturbance, gps_sigma, SensorNoise())
+            if k
+            else (
+                np.eye(SIZE),
+                None,
+                np.zeros((SIZE, SIZE)),
+            )
+        )
+        kf.predict(F=F, Q=Q)
+        kf.update(m.z[:, None], R=np.diag(m.variance), H=m.H)
+        if k == len(nodes) - 1:
+            kf.update(measured[-1].z[:, None], R=np.diag(measured[-1].variance), H=baro)
+        xs.append(kf.x.copy())
+        Ps.append(kf.P.copy())
+        Fs.append(F)
+        Qs.append(Q)
+    theirs, their_P, _, _ = kf.rts_smoother(np.array(xs), np.array(Ps), Fs, Qs)
+    np.testing.assert_allclose(x, theirs[:, :, 0], atol=1e-8)
+    np.testing.assert_allclose(P, their_P, atol=1e-8)

@@ -1,0 +1,95 @@
+"""Acceptance on logs of the firmware in its own simulator, with truth in the log: the autopilot's EKF3 is to be beaten.
+
+Position truth there is relative to where the simulator started, the estimates to the EKF's origin: the constant between
+the two is not judged. Only airborne time counts.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from estimation import errors, estimate
+from estimation.attitude import matrix_from_quat, quat_from_euler
+from estimation.lowrate import GRAVITY
+from logparse import read_log
+
+LOGS = Path(__file__).parents[3] / "shared" / "logs" / "sitl"
+NAMES = ("octa02_auto_wind2", "octa05_auto_quito", "octa07_loiter_sticks", "paper01", "paper05", "quad06_auto")
+MEASURES = {
+    "horizontal position": ("p_n", "p_e"),
+    "vertical position": ("p_d",),
+    "horizontal velocity": ("v_n", "v_e"),
+    "vertical velocity": ("v_d",),
+    "tilt": ("phi_n", "phi_e"),
+    "yaw": ("phi_d",),
+}
+
+needs_logs = pytest.mark.skipif(not LOGS.is_dir(), reason="needs the shared logs in ../shared/logs/sitl")
+
+
+def airborne_truth(log):
+    """Truth from a second after take-off to a second before landing, of the longest flight."""
+    flight = log.flight
+    return log.tables.truth.loc[flight.start + 1.0 : flight.stop - 1.0]
+
+
+def rms(error, columns):
+    """Root of the mean square over rows that are known; constant offsets of position are taken out."""
+    table = error[list(columns)]
+    if columns[0].startswith("p_"):
+        table = table - table.median()
+    return float(np.sqrt(np.nanmean((table.to_numpy() ** 2).sum(axis=1))))
+
+
+@pytest.fixture(scope="module")
+def judged():
+    """RMS errors of ours and of EKF3 by measure, one row per log."""
+    ours, theirs = [], []
+    for name in NAMES:
+        log = read_log(LOGS / f"{name}.BIN")
+        truth = airborne_truth(log)
+        trajectory = estimate(log.tables)
+        ekf = log.tables.ekf
+        quat = quat_from_euler(*ekf[["roll", "pitch", "yaw"]].to_numpy().T)
+        columns = dict(zip(("q_w", "q_x", "q_y", "q_z"), quat.T, strict=True))
+        autopilot = replace(trajectory, states=ekf.assign(**columns).dropna())
+        for result, rows in ((trajectory, ours), (autopilot, theirs)):
+            error = errors(result, truth)
+            rows.append({measure: rms(error, columns) for measure, columns in MEASURES.items()})
+    return pd.DataFrame(ours, index=NAMES), pd.DataFrame(theirs, index=NAMES)
+
+
+def pooled(table):
+    return np.sqrt((table**2).mean())
+
+
+@needs_logs
+@pytest.mark.slow
+def test_smoother_beats_the_autopilots_filter(judged):
+    """Pooled over logs: better everywhere, and at most 0.6 times its error in velocity and attitude."""
+    ours, theirs = judged
+    ratio = pooled(ours) / pooled(theirs)
+    assert (ratio < 1.0).all(), ratio
+    for measure in ("horizontal velocity", "vertical velocity", "tilt", "yaw"):
+        assert ratio[measure] < 0.6, ratio
+
+
+@needs_logs
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["octa02_auto_wind2", "quad06_auto"])
+def test_telemetry_is_near_the_truth_of_the_matching_log(name):
+    truth = airborne_truth(read_log(LOGS / f"{name}.BIN"))
+    trajectory = estimate(read_log(LOGS / f"{name}.tlog").tables)
+    assert trajectory.method == "low-rate"
+    assert rms(errors(trajectory, truth), ("p_n", "p_e", "p_d")) < 0.12
+    states = trajectory.states
+    R = matrix_from_quat(states[["q_w", "q_x", "q_y", "q_z"]].to_numpy())
+    acceleration = np.einsum("nij,nj->ni", R, states[["f_x", "f_y", "f_z"]].to_numpy())
+    acceleration[:, 2] += GRAVITY
+    velocity = truth[["v_n", "v_e", "v_d"]].dropna()
+    true = np.gradient(velocity.to_numpy(), velocity.index.to_numpy(), axis=0)
+    found = np.column_stack([np.interp(velocity.index, states.index, column) for column in acceleration.T])
+    assert np.sqrt(np.mean((found - true) ** 2, axis=0)).max() < 0.17
