@@ -25,7 +25,8 @@ TAIL = 1  #: where the unreadable end of the stream begins; the stream's length 
 BAD_CHECKSUMS = 2
 STRAY_BYTES = 3
 BREAKS = 4
-STATE_SIZE = 5
+VERIFIED = 5  #: behind the checksum of the last frame: a signature, which it does not cover, may be damaged
+STATE_SIZE = 6
 
 # Columns of an open clock window (one row per link) and of a closed one (preceded by the link).
 FIRST_OFFSET = 0
@@ -54,6 +55,10 @@ _DELAY_TOLERANCE_US = 1_000_000
 #: A message's own time may differ from the logger's by this much before it is disbelieved, us.
 _OWN_TIME_TOLERANCE_US = 10_000_000
 
+#: So many frames of unknown messages in a row are believed.
+_MOST_UNKNOWN_RUN = 8
+#: Time stamp, header, payload, checksum and signature.
+_LONGEST_RECORD = 8 + 10 + 255 + 2 + 13
 _BLOCK_ROWS = 1024
 _MARK_V1 = np.uint8(0xFE)
 _MARK_V2 = np.uint8(0xFD)
@@ -202,11 +207,11 @@ def _intact(data: Array, mark: Int, slot: Int, body: Int, crc_extra: Array, tabl
 
 
 @njit(cache=True, nogil=True)
-def find_frame(data: Array, start: Int, slot_of_id: Array, crc_extra: Array, tables: Array) -> Int:
-    """Find where the first intact frame of a known message from `start` on begins; the end if there is none."""
+def find_frame(data: Array, start: Int, stop: Int, slot_of_id: Array, crc_extra: Array, tables: Array) -> Int:
+    """Find where the first intact frame of a known message between `start` and `stop` begins; the end if none does."""
     size = np.uint64(data.size)
     mark = np.uint64(start)
-    while mark < size:
+    while mark < np.uint64(stop):
         if data[mark] == _MARK_V1 or data[mark] == _MARK_V2:
             slot, body, _ = _frame(data, mark, size, slot_of_id)
             if slot >= 0 and _intact(data, mark, slot, body, crc_extra, tables):
@@ -216,13 +221,26 @@ def find_frame(data: Array, start: Int, slot_of_id: Array, crc_extra: Array, tab
 
 
 @njit(cache=True, nogil=True)
-def _followed(data: Array, mark: Int, slot_of_id: Array, crc_extra: Array, tables: Array) -> Any:
-    """Whether what follows a frame of an unknown message is another frame or the end of the stream."""
+def _is_unknown_frame(
+    data: Array, mark: Int, end: Int, prefix: Int, slot_of_id: Array, crc_extra: Array, tables: Array
+) -> Any:
+    """Whether what looks like the frame of an unknown message at `mark` is one.
+
+    It hides no intact frame, and behind it, perhaps behind others of its kind, comes an intact frame or the end.
+    """
     size = np.uint64(data.size)
-    slot, body, _ = _frame(data, mark, size, slot_of_id)
-    if slot >= 0:
-        return _intact(data, mark, slot, body, crc_extra, tables)
-    return slot == UNKNOWN or mark + _U(8) > size
+    stop = min(size, mark + _U(_MOST_UNKNOWN_RUN * _LONGEST_RECORD))
+    intact = find_frame(data, mark + _U(1), stop, slot_of_id, crc_extra, tables)
+    for _ in range(_MOST_UNKNOWN_RUN):
+        if intact < end:
+            return False
+        mark = end + prefix
+        if intact == mark:
+            return True
+        slot, _, end = _frame(data, mark, size, slot_of_id)
+        if slot != UNKNOWN:
+            return slot == NO_FRAME and mark + _U(8) > size
+    return True
 
 
 @njit(cache=True, nogil=True)
@@ -300,6 +318,7 @@ def scan(
     size = np.uint64(data.size)
     prefix = np.uint64(stamp_bytes)
     position = np.uint64(state[POSITION])
+    verified = np.uint64(state[VERIFIED])
     n = _U(0)
     n_windows = 0
     while position < size and n < _U(offsets.size) and n_windows < windows.shape[0]:
@@ -307,11 +326,12 @@ def scan(
         slot, body, end = _frame(data, mark, size, slot_of_id)
         has_stamp = stamp_bytes == 8
         if slot < 0 or not _intact(data, mark, slot, body, crc_extra, tables):
-            if slot == UNKNOWN and _followed(data, end + prefix, slot_of_id, crc_extra, tables):
+            if slot == UNKNOWN and _is_unknown_frame(data, mark, end, prefix, slot_of_id, crc_extra, tables):
                 _count_unknown(data, mark, unknown)
                 position = end
+                verified = end
                 continue
-            mark = find_frame(data, position, slot_of_id, crc_extra, tables)
+            mark = find_frame(data, verified, size, slot_of_id, crc_extra, tables)
             if mark == size:
                 state[TAIL] = np.int64(position)
                 position = size
@@ -329,6 +349,7 @@ def scan(
         offsets[n] = mark
         slots[n] = slot
         n += _U(1)
+        verified = mark + _U(3) + body
         position = end
         length = np.int64(data[mark + _U(1)])
         if data[mark] == _MARK_V1:
@@ -376,6 +397,7 @@ def scan(
         open_windows[link, DELAY] = delay
         open_windows[link, SAMPLES] = 1
     state[POSITION] = np.int64(position)
+    state[VERIFIED] = np.int64(verified)
     return np.int64(n), n_windows
 
 
