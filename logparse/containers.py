@@ -21,6 +21,50 @@ _HEAD = 1 << 16
 
 Buffer = bytes | mmap.mmap
 
+#: Bytes of a mapped file that are kept in memory before they are given back.
+_KEEP = 1 << 23
+#: A page cache of huge pages maps them whole: giving back a part of one brings it all back at the next touch.
+_HUGE_PAGE = 1 << 21
+
+
+class MappedPages:
+    """Pages of a mapped file in memory, given back on the way so that a file larger than memory can be read.
+
+    Attributes
+    ----------
+    matter : bool
+        Whether the file is mapped and large enough to be read in pieces.
+    """
+
+    def __init__(self, buffer: "Buffer"):
+        self._map = buffer if isinstance(buffer, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED") else None
+        self.matter = self._map is not None and len(buffer) > _KEEP
+        self._released = 0
+
+    def start_at(self, position: int) -> None:
+        """Begin to read at a byte of the file."""
+        self._released = position - position % _HUGE_PAGE
+
+    def release_up_to(self, position: int) -> None:
+        """Give back what was read before `position`, a good piece at a time."""
+        position -= position % _HUGE_PAGE
+        if self._map is not None and self.matter and position - self._released >= _KEEP:
+            self._map.madvise(mmap.MADV_DONTNEED, self._released, position - self._released)
+            self._released = position
+
+    def release(self) -> None:
+        """Give back everything."""
+        if self._map is not None and self.matter:
+            self._map.madvise(mmap.MADV_DONTNEED)
+        self._released = 0
+
+    def pieces(self, messages: int) -> range:
+        """Message counts at which to pause and release, for a pass over all messages of the file."""
+        if not self.matter or self._map is None:
+            return range(messages, messages + 1)
+        step = max(1, messages * _KEEP // len(self._map))
+        return range(step, messages + step, step)
+
 
 def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tuple[Finding, ...]]:
     """Map a file; what a gzip or zip archive holds is unpacked into a temporary file and mapped.

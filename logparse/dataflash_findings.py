@@ -1,5 +1,6 @@
 """What the scan of a DataFlash log had to say, as findings: one per kind, however long the list behind it."""
 
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,32 +8,64 @@ import numpy as np
 from logparse.findings import Finding, Severity
 
 if TYPE_CHECKING:
-    from logparse.dataflash import DataflashSource
+    from logparse.dataflash_chain import Chain
 
 _NAMED = 8
 
 
-def scan_findings(source: "DataflashSource") -> list[Finding]:
+def scan_findings(chain: "Chain") -> list[Finding]:
     """Damage, unknown messages, contradictory or changed definitions, dropped messages and several boots."""
     return [
-        *_damage(source),
-        *_unknown_messages(source),
-        *_definitions(source),
-        *_dropped_by_autopilot(source),
-        *_several_boots(source),
+        *_damage(chain),
+        *_unknown_messages(chain),
+        *_definitions(chain),
+        *_dropped_by_autopilot(chain),
+        *_several_boots(chain),
     ]
 
 
-def _damage(source: "DataflashSource") -> list[Finding]:
+def decoding_findings(crowded: Collection[str], mended: Mapping[str, int]) -> list[Finding]:
+    """Tell what decoding came upon: names with more layouts than are read, rows by name whose time was mended."""
+    findings = [
+        Finding(
+            "implausible-time",
+            Severity.WARNING,
+            f"{count} rows of {name} carry a time outside the boot or far from their neighbours; "
+            "their time was interpolated.",
+            evidence={"message": name, "rows": count},
+        )
+        for name, count in mended.items()
+    ]
+    if crowded:
+        findings.append(
+            Finding(
+                "too-many-layouts",
+                Severity.WARNING,
+                f"The layout of {_listed(sorted(crowded))} changes more often than any autopilot changes it; "
+                "only the commonest were read.",
+                "Copy the log from the card again.",
+                {"messages": _listed(sorted(crowded))},
+            )
+        )
+    return findings
+
+
+def _listed(names: Sequence[object]) -> str:
+    return ", ".join(str(name) for name in names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
+
+
+def _damage(chain: "Chain") -> list[Finding]:
     findings = []
-    starts, stops = source.gaps
-    size = source.size
+    starts, stops = chain.gap_start, chain.gap_stop
+    size = len(chain.data)
     if len(stops) and stops[-1] == size:
-        findings.append(_tail(source, int(starts[-1]), size))
+        findings.append(_tail(chain, int(starts[-1]), size))
         starts, stops = starts[:-1], stops[:-1]
     if len(starts):
+        totals = chain.totals(chain.whole)
+        mean_length = float(totals @ chain.length[: len(totals)]) / len(chain.sequence)
         skipped = int((stops - starts).sum())
-        lost = max(len(starts), round(skipped / source.mean_length))
+        lost = max(len(starts), round(skipped / mean_length))
         findings.append(
             Finding(
                 "bytes-skipped",
@@ -46,10 +79,10 @@ def _damage(source: "DataflashSource") -> list[Finding]:
     return findings
 
 
-def _tail(source: "DataflashSource", start: int, size: int) -> Finding:
+def _tail(chain: "Chain", start: int, size: int) -> Finding:
     evidence = {"first_byte": start, "bytes": size - start}
     # A look at both ends tells erased flash from messages without reading a tail of any length.
-    ends = np.concatenate((source.data[start : start + 4096], source.data[max(start, size - 4096) :]))
+    ends = np.concatenate((chain.data[start : start + 4096], chain.data[max(start, size - 4096) :]))
     if size - start >= 16 and (np.all(ends == 0xFF) or np.all(ends == 0)):
         return Finding(
             "erased-tail",
@@ -57,7 +90,7 @@ def _tail(source: "DataflashSource", start: int, size: int) -> Finding:
             f"The last {size - start} bytes were never written (all {int(ends[0]):#04x}).",
             evidence=evidence,
         )
-    if source.truncated_at >= start:
+    if chain.truncated_at >= start:
         return Finding(
             "truncated-tail",
             Severity.WARNING,
@@ -72,12 +105,12 @@ def _tail(source: "DataflashSource", start: int, size: int) -> Finding:
     )
 
 
-def _unknown_messages(source: "DataflashSource") -> list[Finding]:
-    unknown = {k: int(n) for k, n in enumerate(source.unknown_ids) if n}
+def _unknown_messages(chain: "Chain") -> list[Finding]:
+    unknown = {k: int(n) for k, n in enumerate(chain.unknown_ids) if n}
     if not unknown:
         return []
     listed = sorted(unknown, key=lambda k: -unknown[k])
-    names = ", ".join(str(k) for k in listed[:_NAMED]) + (" ..." if len(listed) > _NAMED else "")
+    names = _listed(listed)
     total = sum(unknown.values())
     return [
         Finding(
@@ -89,11 +122,12 @@ def _unknown_messages(source: "DataflashSource") -> list[Finding]:
     ]
 
 
-def _definitions(source: "DataflashSource") -> list[Finding]:
+def _definitions(chain: "Chain") -> list[Finding]:
     findings = []
-    contradictory = source.contradictory_in_use
+    used = np.flatnonzero(chain.totals(chain.whole)).tolist()
+    contradictory = list(dict.fromkeys(chain.slots[k].name for k in used if k in chain.contradictory))
     if contradictory:
-        names = ", ".join(contradictory[:_NAMED]) + (" ..." if len(contradictory) > _NAMED else "")
+        names = _listed(contradictory)
         findings.append(
             Finding(
                 "contradictory-format",
@@ -103,9 +137,13 @@ def _definitions(source: "DataflashSource") -> list[Finding]:
                 evidence={"messages": names},
             )
         )
-    redefined = source.redefined_in_use
+    layouts: dict[int, set[tuple[str, tuple[str, ...]]]] = {}
+    for k in used:
+        definition = chain.slots[k].definition
+        layouts.setdefault(definition.id, set()).add((definition.format, definition.labels))
+    redefined = list(dict.fromkeys(chain.slots[k].name for k in used if len(layouts[chain.slots[k].definition.id]) > 1))
     if redefined:
-        names = ", ".join(redefined[:_NAMED]) + (" ..." if len(redefined) > _NAMED else "")
+        names = _listed(redefined)
         findings.append(
             Finding(
                 "redefined-format",
@@ -117,8 +155,14 @@ def _definitions(source: "DataflashSource") -> list[Finding]:
     return findings
 
 
-def _dropped_by_autopilot(source: "DataflashSource") -> list[Finding]:
-    dropped = source.dropped_by_autopilot
+def _dropped_by_autopilot(chain: "Chain") -> list[Finding]:
+    # DSF.Dp counts from each boot on.
+    starts = [span.first for span in chain.spans.values()]
+    counts: dict[int, int] = {}
+    for index, count in chain.distinct_rows("DSF", ("Dp",)):
+        boot = int(np.searchsorted(starts, index, "right"))
+        counts[boot] = max(counts.get(boot, 0), int(count))
+    dropped = sum(counts.values())
     if not dropped:
         return []
     return [
@@ -132,8 +176,8 @@ def _dropped_by_autopilot(source: "DataflashSource") -> list[Finding]:
     ]
 
 
-def _several_boots(source: "DataflashSource") -> list[Finding]:
-    n = len(source.boots)
+def _several_boots(chain: "Chain") -> list[Finding]:
+    n = len(chain.spans)
     if n == 1:
         return []
     return [

@@ -2,6 +2,7 @@
 
 import io
 import struct
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -245,6 +246,21 @@ def test_more_definitions_than_a_byte_can_number() -> None:
     frame = source.decode("X", source.boots[0])
     assert frame.shape == (300, 301)
     assert [frame[f"A{k}"].iloc[k] for k in range(300)] == [k % 256 for k in range(300)]
+
+
+@pytest.mark.slow
+def test_a_file_of_nothing_but_redefinitions_stays_within_bounds() -> None:
+    """Tens of thousands of layouts of one name would make a table of that many columns."""
+    data = [FMT.pack()]
+    for k in range(20_000):
+        data += [fmt(1, 12, "X", "QB", f"TimeUS,A{k}"), stamped(1, 1000 * k, bytes((k % 256,))) * 20]
+    begun = time.process_time()
+    source = open_dataflash(b"".join(data))
+    frame = source.decode("X", source.boots[0])
+    assert frame.size < 8_000_000 + sum(map(len, data))
+    assert len(frame) > 0
+    assert "too-many-layouts" in {finding.id for finding in source.findings}
+    assert time.process_time() - begun < 60.0
 
 
 def write_boot(start_us: int, rows: int, step_us: int = 10_000) -> bytes:
