@@ -1,0 +1,247 @@
+"""Trajectory estimation: speed against filterpy, smsfusion and gtsam, accuracy against EKF3 in the simulator's logs.
+
+Every peer gets the same simulated flight (tests/estimation/simulated_flight.py) and does forward filter, smoother and
+covariance in its own way. Ours carries 25 error states with compass and baro; smsfusion 15 with heading given; gtsam a
+batch of CombinedImuFactors between nodes at 10 Hz, GPS positions and velocities, and one covariance per node.
+"""
+
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from estimation import errors, estimate
+from estimation.alignment import align
+from estimation.attitude import quat_from_euler
+from estimation.filter import ForwardPass, Problem, World, assemble
+from estimation.filter import run as filter_forward
+from estimation.local_frame import LocalFrame
+from estimation.magnetic_field import world_field
+from estimation.observations import observe, usable_fixes
+from estimation.smoother import smooth
+from estimation.states import SIZE, SensorNoise
+from estimation.timing import ACCEL, GYRO, InertialSignal
+from logparse import Tables, read_log
+from tests.estimation.simulated_flight import PLACE, Sensors, fly
+
+Row = tuple[str, str, str, str, str]
+
+SITL = Path(__file__).parents[2] / "shared" / "logs" / "sitl"
+MEASURES = {
+    "horizontal position, m": ("p_n", "p_e"),
+    "vertical position, m": ("p_d",),
+    "horizontal velocity, m/s": ("v_n", "v_e"),
+    "vertical velocity, m/s": ("v_d",),
+    "tilt, deg": ("phi_n", "phi_e"),
+    "yaw, deg": ("phi_d",),
+}
+
+
+def cpu(work: Callable[[], object], passes: int = 3) -> float:
+    """Least CPU time of a few passes, s; a first pass compiles and warms up."""
+    work()
+    best = np.inf
+    for _ in range(passes):
+        start = time.process_time()
+        work()
+        best = min(best, time.process_time() - start)
+    return best
+
+
+def problem_of(tables: Tables, rate: float) -> Callable[[], Problem]:
+    """Lay out the whole log, as `estimate` does after tuning."""
+    noise = SensorNoise()
+    frame = LocalFrame.at(PLACE)
+    signal = InertialSignal.of(tables.imu, tables.parameters, (noise.gyro, noise.accel))
+    start = align(tables, tables.imu, frame, world_field(PLACE, {}, None).ned, noise)
+    observations = observe(tables, frame, noise)
+    outputs = np.arange(1.0, signal.stop - 1.0, 1.0 / rate)
+    world = World(frame.gravity, frame.earth_rate)
+    return lambda: assemble(signal, observations, outputs, start.x, start.P, world, noise)
+
+
+def forward_and_back(lay_out: Callable[[], Problem]) -> Callable[[], object]:
+    def work() -> object:
+        problem = lay_out()
+        return smooth(problem, filter_forward(problem))
+
+    return work
+
+
+def filterpy_seconds(problem: Problem, result: ForwardPass) -> float:
+    """Time filterpy on the same nodes, with the same F, Q, H and R given for nothing."""
+    from filterpy.kalman import KalmanFilter
+
+    steps = []
+    for node, T in enumerate(result.transition_time):
+        F = np.eye(SIZE)
+        S, C = result.transition_velocity[node], result.transition_rotation[node]
+        F[0:3, 3:6] = T * np.eye(3)
+        F[3:6, 6:9] = -np.array([[0.0, -S[2], S[1]], [S[2], 0.0, -S[0]], [-S[1], S[0], 0.0]])
+        F[3:6, 12:15] = F[6:9, 9:12] = -C
+        updates = []
+        o = problem.observations
+        for group in range(problem.node_group[node], problem.node_group[node + 1]):
+            for m in range(o.start[group], o.start[group + 1]):
+                H = np.zeros((1, SIZE))
+                np.add.at(H[0], result.index[m], result.value[m])
+                updates.append((np.array([[result.innovation[m]]]), o.variance[m], H))
+        steps.append((F, np.diag(T * problem.noise.random_walks() + 1e-9), updates))
+    start = time.process_time()
+    kf = KalmanFilter(dim_x=SIZE, dim_z=1)
+    kf.P = problem.P.copy()
+    P = []
+    for F, Q, updates in steps:
+        kf.predict(F=F, Q=Q)
+        for z, R, H in updates:
+            kf.update(z, R=R, H=H)
+        P.append(kf.P.copy())
+    kf.rts_smoother(np.zeros((len(P), SIZE)), np.array(P), [s[0] for s in steps], [s[1] for s in steps])
+    return time.process_time() - start
+
+
+def smsfusion_seconds(tables: Tables) -> float:
+    """Time smsfusion's AidedINS in its fixed-interval smoother, with a heading at the compass's rate."""
+    import smsfusion as sf
+
+    imu = tables.imu
+    fixes = usable_fixes(tables.gps)
+    ned = LocalFrame.at(PLACE).to_ned(*(fixes[c].to_numpy() for c in ("lat", "lon", "alt")))
+    speed = fixes[["v_n", "v_e", "v_d"]].to_numpy()
+    fix_at = {int(k): i for i, k in enumerate(np.searchsorted(imu.index, fixes["t_valid"]))}
+    force, rate = imu[ACCEL].to_numpy(), np.degrees(imu[GYRO].to_numpy())
+    fs = 1.0 / float(np.median(np.diff(imu.index)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        smoother = sf.FixedIntervalSmoother(sf.AidedINS(fs, P0_prior=0.1 * np.eye(15), ignore_bias_acc=False))
+    start = time.process_time()
+    for k in range(len(imu)):
+        aid = {}
+        if k in fix_at:
+            i = fix_at[k]
+            aid = {"pos": ned[i], "pos_var": np.ones(3), "vel": speed[i], "vel_var": 0.04 * np.ones(3)}
+        if k % 5 == 0:
+            aid |= {"head": 0.4, "head_var": 1.0, "head_degrees": False}
+        smoother.update(force[k], rate[k], degrees=True, **aid)
+    assert len(smoother.P) == len(imu)
+    return time.process_time() - start
+
+
+def gtsam_seconds(tables: Tables) -> float:
+    """Time gtsam's batch smoother over nodes at 10 Hz and the covariance of each node."""
+    import gtsam
+    from gtsam.symbol_shorthand import B, V, X
+
+    imu = tables.imu
+    fixes = usable_fixes(tables.gps)
+    ned = LocalFrame.at(PLACE).to_ned(*(fixes[c].to_numpy() for c in ("lat", "lon", "alt")))
+    speed = fixes[["v_n", "v_e", "v_d"]].to_numpy()
+    force, rate = imu[ACCEL].to_numpy(), imu[GYRO].to_numpy()
+    step = float(np.median(np.diff(imu.index)))
+    per_node = round(0.1 / step)
+    fix_node = np.round((fixes["t_valid"].to_numpy() - imu.index[0]) / 0.1).astype(int)
+    start = time.process_time()
+    parameters = gtsam.PreintegrationCombinedParams.MakeSharedD(9.81)
+    parameters.setAccelerometerCovariance(1e-3 * np.eye(3))
+    parameters.setGyroscopeCovariance(1e-6 * np.eye(3))
+    parameters.setIntegrationCovariance(1e-8 * np.eye(3))
+    graph, guess = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    state = gtsam.NavState(gtsam.Pose3(), np.zeros(3))
+    bias = gtsam.imuBias.ConstantBias()
+    sigmas = gtsam.noiseModel.Diagonal.Sigmas
+    graph.add(gtsam.PriorFactorPose3(X(0), state.pose(), sigmas(np.array([0.05, 0.05, 0.2, 5.0, 5.0, 5.0]))))
+    graph.add(gtsam.PriorFactorVector(V(0), np.zeros(3), gtsam.noiseModel.Isotropic.Sigma(3, 0.1)))
+    graph.add(gtsam.PriorFactorConstantBias(B(0), bias, sigmas(np.array([0.1] * 3 + [0.01] * 3))))
+    nodes = len(imu) // per_node
+    for node in range(nodes):
+        guess.insert(X(node), state.pose())
+        guess.insert(V(node), state.velocity())
+        guess.insert(B(node), bias)
+        if node + 1 < nodes:
+            between = gtsam.PreintegratedCombinedMeasurements(parameters, bias)
+            for k in range(node * per_node, (node + 1) * per_node):
+                between.integrateMeasurement(force[k], rate[k], step)
+            graph.add(
+                gtsam.CombinedImuFactor(X(node), V(node), X(node + 1), V(node + 1), B(node), B(node + 1), between)
+            )
+            state = between.predict(state, bias)
+    metre, tenth = gtsam.noiseModel.Isotropic.Sigma(3, 1.0), gtsam.noiseModel.Isotropic.Sigma(3, 0.2)
+    for i, node in enumerate(fix_node):
+        if 0 <= node < nodes:
+            graph.add(gtsam.GPSFactor(X(node), ned[i], metre))
+            graph.add(gtsam.PriorFactorVector(V(node), speed[i], tenth))
+    solution = gtsam.LevenbergMarquardtOptimizer(graph, guess).optimize()
+    marginals = gtsam.Marginals(graph, solution)
+    for node in range(nodes):
+        marginals.marginalCovariance(X(node))
+    return time.process_time() - start
+
+
+def speed_rows() -> list[Row]:
+    """Time ours alone, then the peers on as much of the flight as they do in seconds."""
+    rows: list[Row] = []
+    long = fly(0, duration=1200.0).tables
+    seconds = cpu(forward_and_back(problem_of(long, 50.0)))
+    rows.append(("20 min at 50 Hz: filter, smoother, covariance at 50 Hz", f"{seconds:.2f} s", "", "", "< 1 s"))
+    whole = cpu(lambda: estimate(long))
+    rows.append(("  the same with tuning and tables: estimate()", f"{whole:.2f} s", "", "", ""))
+    fast = fly(0, duration=120.0, sensors=Sensors(imu_rate=500.0)).tables
+    each = cpu(forward_and_back(problem_of(fast, 10.0))) / len(fast.imu)
+    rows.append(("per IMU sample at 500 Hz, forward and back", f"{1e6 * each:.2f} us", "", "", "< 4 us"))
+    # The slow log is all outputs and measurements; in the fast one ours moves the covariance from node to node only,
+    # where the peers move it with every IMU sample.
+    for rate in (50.0, 500.0):
+        tables = fly(0, duration=30.0, sensors=Sensors(imu_rate=rate)).tables
+        ours = cpu(forward_and_back(problem_of(tables, 50.0)))
+        each_sample = problem_of(tables, rate)()
+        theirs = filterpy_seconds(each_sample, filter_forward(each_sample))
+        rows.append(compared(f"30 s of {rate:.0f} Hz IMU, given the matrices: filterpy", ours, theirs, "> 100"))
+        if find_spec("smsfusion"):
+            theirs = min(smsfusion_seconds(tables) for _ in range(2))  # the first one compiles
+            rows.append(compared(f"30 s of {rate:.0f} Hz IMU: smsfusion", ours, theirs, "> 45"))
+    if find_spec("gtsam"):
+        tables = fly(0, duration=60.0).tables
+        ours = cpu(forward_and_back(problem_of(tables, 10.0)))
+        rows.append(compared("60 s of 50 Hz IMU, 10 Hz nodes: gtsam", ours, gtsam_seconds(tables), "> 15"))
+    return rows
+
+
+def compared(what: str, ours: float, theirs: float, target: str) -> Row:
+    return what, f"{ours:.4f} s", f"{theirs:.3f} s", f"{theirs / ours:.0f}", target
+
+
+def accuracy_rows() -> list[Row]:
+    """Pool RMS errors over the simulator's logs, airborne, ours and EKF3's."""
+    if not SITL.is_dir():
+        return [("accuracy on the simulator's logs", "", "logs not there", "", "")]
+    ours, theirs = [], []
+    for path in sorted(SITL.glob("*.BIN")):
+        log = read_log(path)
+        if log.tables.ekf is None or log.flight is None:
+            continue
+        truth = log.tables.truth.loc[log.flight.start + 1.0 : log.flight.stop - 1.0]
+        trajectory = estimate(log.tables)
+        ekf = log.tables.ekf
+        quat = quat_from_euler(*ekf[["roll", "pitch", "yaw"]].to_numpy().T)
+        columns = dict(zip(("q_w", "q_x", "q_y", "q_z"), quat.T, strict=True))
+        for result, pool in ((trajectory, ours), (replace(trajectory, states=ekf.assign(**columns).dropna()), theirs)):
+            error = errors(result, truth)
+            # The simulator's origin is not the EKF's: constant offsets of position say nothing.
+            error[["p_n", "p_e", "p_d"]] -= error[["p_n", "p_e", "p_d"]].median()
+            pool.append([np.nanmean((error[[*c]].to_numpy() ** 2).sum(axis=1)) for c in MEASURES.values()])
+    rows = []
+    for measure, us, them in zip(MEASURES, np.sqrt(np.mean(ours, 0)), np.sqrt(np.mean(theirs, 0)), strict=True):
+        unit = 57.29578 if measure.endswith("deg") else 1.0
+        target = "< 1" if "position" in measure else "< 0.6"
+        rows.append(
+            (f"{len(ours)} logs, EKF3: {measure}", f"{us * unit:.4f}", f"{them * unit:.4f}", f"{us / them:.2f}", target)
+        )
+    return rows
+
+
+def run() -> list[Row]:
+    return speed_rows() + accuracy_rows()
