@@ -64,18 +64,17 @@ class DataflashSource:
 
     def _read_units(self) -> None:
         """Give each definition the units and multipliers that the FMTU rows behind it name."""
-        for values in self._chain.distinct_rows("UNIT", ("Id", "Label")):
-            self._units.add_unit(int(values[1]), clean_text(values[2]))
-        for values in self._chain.distinct_rows("MULT", ("Id", "Mult")):
-            self._units.add_multiplier(int(values[1]), float(values[2]))
+        for values in self._chain.distinct_rows("UNIT", {"Id": int, "Label": bytes}):
+            self._units.add_unit(values[1], clean_text(values[2]))
+        for values in self._chain.distinct_rows("MULT", {"Id": int, "Mult": float}):
+            self._units.add_multiplier(values[1], values[2])
         by_id: dict[int, list[Slot]] = {}
         for slot in self._chain.slots:
             by_id.setdefault(slot.definition.id, []).append(slot)
-        for index, message_id, raw_units, raw_multipliers in self._chain.distinct_rows(
-            "FMTU", ("FmtType", "UnitIds", "MultIds")
-        ):
-            units, multipliers = clean_text(raw_units), clean_text(raw_multipliers)
-            slots = by_id.get(int(message_id), [])
+        columns = {"FmtType": int, "UnitIds": bytes, "MultIds": bytes}
+        for index, message_id, *ids in self._chain.distinct_rows("FMTU", columns):
+            units, multipliers = map(clean_text, ids)
+            slots = by_id.get(message_id, [])
             newest = bisect_right(slots, index, key=lambda slot: slot.since)
             # The newest definition before this row is meant; one that contradicts itself has two slots.
             for slot in slots[max(0, newest - 2) : newest]:

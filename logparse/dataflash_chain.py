@@ -5,7 +5,7 @@ is damaged, and the chain goes on at the next position where a known header is f
 header: payloads can hold bytes that look like one header, hardly two at the right distance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -23,6 +23,8 @@ _CHUNK = 1 << 22
 _MOST_SLOTS = 4096
 #: Definitions of one id that are tried in turn: after a redefinition the one before may still be meant.
 _CANDIDATES = 4
+
+_KINDS = {"i": int, "u": int, "f": float, "S": bytes}
 
 Int64s = npt.NDArray[np.int64]
 
@@ -108,7 +110,6 @@ class Chain:
     def __init__(self, buffer: Buffer):
         self.data = np.frombuffer(buffer, np.uint8)
         self.pages = MappedPages(buffer)
-        self.crowded: set[str] = set()
         self._counted: dict[tuple[int, int], Int64s] = {}
         self._scan(())
         # Messages may come before the FMT row that explains them where rows were lost: read again, knowing them.
@@ -129,6 +130,7 @@ class Chain:
             Numbers the definitions; a byte is enough for all files but a few, and is a byte per message.
         """
         self.pages.start_at(0)
+        self.crowded: set[str] = set()
         self.slots: list[Slot] = []
         self._most_slots = 256 if number is np.uint8 else _MOST_SLOTS
         self._candidates = np.full((256, _CANDIDATES), -1, np.int32)
@@ -267,10 +269,11 @@ class Chain:
         _decode.locate(sequence, self.length, run_index, run_position, span.position, wanted, positions, indices)
         return positions, indices
 
-    def distinct_rows(self, name: str, columns: tuple[str, ...]) -> list[tuple[Any, ...]]:
+    def distinct_rows(self, name: str, columns: Mapping[str, type]) -> list[tuple[Any, ...]]:
         """Give stored values of a few columns of UNIT, MULT, FMTU or DSF, each row behind its message index.
 
-        Of rows that are the same in these columns only the first is given: logs repeat themselves.
+        Of rows that are the same in these columns only the first is given: logs repeat themselves. Nothing is given
+        where a damaged FMT row makes the columns something else than int, float or bytes as asked.
         """
         rows: list[tuple[Any, ...]] = []
         for number, (positions, indices) in self._housekeeping.items():
@@ -278,6 +281,11 @@ class Chain:
             if self.slots[number].name != name or not set(columns) <= set(fields) or not len(indices):
                 continue
             items = [fields[column] for column in columns]
+            if any(
+                _KINDS.get(i.type.dtype.kind) is not kind or i.type.items != 1
+                for i, kind in zip(items, columns.values(), strict=True)
+            ):
+                continue
             places = np.concatenate([np.arange(item.offset, item.offset + item.type.size) for item in items])
             raw = self.data[positions[:, None] + places]
             record = np.dtype([(item.name, item.type.dtype) for item in items])

@@ -159,9 +159,9 @@ def _dropped_by_autopilot(chain: "Chain") -> list[Finding]:
     # DSF.Dp counts from each boot on.
     starts = [span.first for span in chain.spans.values()]
     counts: dict[int, int] = {}
-    for index, count in chain.distinct_rows("DSF", ("Dp",)):
+    for index, count in chain.distinct_rows("DSF", {"Dp": int}):
         boot = int(np.searchsorted(starts, index, "right"))
-        counts[boot] = max(counts.get(boot, 0), int(count))
+        counts[boot] = max(counts.get(boot, 0), count)
     dropped = sum(counts.values())
     if not dropped:
         return []

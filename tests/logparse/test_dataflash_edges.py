@@ -342,6 +342,21 @@ def test_dropped_messages_of_the_autopilot_are_told() -> None:
     assert (finding.id, finding.evidence["messages"]) == ("dropped-messages", 12)
 
 
+def test_damaged_definitions_of_the_units_are_survived() -> None:
+    """UNIT, MULT, FMTU and DSF rows whose FMT rows make something else of their columns."""
+    stream = io.BytesIO()
+    writer = DataflashWriter(stream)
+    writer.define("DSF", "QIHIIII", "TimeUS,Dp,Blk,Bytes,FMn,FMx,FAv", "s------", "F------")
+    writer.write("DSF", 1_000_000, 5, 0, 0, 0, 0, 0)
+    for old, new in (("QbZ\0", "QnZ\0"), ("Qbd\0", "Qba\0"), ("QBNN\0", "QNBN\0"), ("QIHIIII\0", "QnHIIII\0")):
+        data = stream.getvalue().replace(old.encode(), new.encode(), 1)
+        assert data != stream.getvalue()
+        source = open_dataflash(data)
+        for name in source.counts(source.boots[0]):
+            assert source.decode(name, source.boots[0]) is not None
+        assert source.findings is not None
+
+
 def test_no_message_is_refused() -> None:
     for data in (b"", b"\xff" * 1000, b"\0" * 1000, HEADER * 400, b"hello" * 100):
         with pytest.raises(LogError, match="no intact DataFlash message"):
