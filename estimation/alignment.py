@@ -28,6 +28,9 @@ from logparse import Tables
 STILL_RATE, STILL_FORCE = 0.03, 0.4
 #: Seconds of standing still that are averaged, and the least that is trusted.
 STILL_LONGEST, STILL_SHORTEST = 5.0, 1.0
+#: Motors above this carry the craft (spin-up ends near 1150 us, hover is above 1300 us); GPS noise on the ground is
+#: below this speed, m/s.
+RUNNING_PWM, GROUND_SPEED = 1250.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,7 @@ class Alignment:
 
 
 def still_span(imu: pd.DataFrame) -> float:
-    """Seconds from the first row for which the craft stands still."""
+    """Give the seconds from the first row for which the craft stands as still as on the ground."""
     t = imu.index.to_numpy(float)
     head = imu[t <= t[0] + STILL_LONGEST]
     gyro, force = head[GYRO].to_numpy(float), head[ACCEL].to_numpy(float)
@@ -85,7 +88,7 @@ def align(
     """
     start = float(imu.index[0])
     span = still_span(imu)
-    still = span >= STILL_SHORTEST
+    still = span >= STILL_SHORTEST and not _under_way(tables, start, start + span)
     head = imu[imu.index <= imu.index[0] + (span if still else 1.0)]
     force = head[ACCEL].to_numpy(float).mean(axis=0)
     sigma = np.zeros(SIZE)
@@ -115,6 +118,19 @@ def align(
         sigma[HARD_IRON : HARD_IRON + 3] = noise.hard_iron
         sigma[FIELD : FIELD + 3] = noise.field
     return Alignment(x, np.diag(sigma**2), still, yaw_source)
+
+
+def _under_way(tables: Tables, start: float, stop: float) -> bool:
+    """Tell whether motors or GPS speak against standing still: a hover on a calm day can be as steady as the ground."""
+    if tables.motors is not None:
+        running = tables.motors.loc[start:stop].to_numpy(float)
+        if running.size and np.nanmedian(running) > RUNNING_PWM:
+            return True
+    fixes = usable_fixes(tables.gps)
+    if fixes is None:
+        return False
+    speed = fixes.loc[start:stop, ["v_n", "v_e"]].to_numpy(float)
+    return bool(speed.size and np.nanmedian(np.hypot(speed[:, 0], speed[:, 1])) > GROUND_SPEED)
 
 
 def turned(aligned: Alignment, yaw: float, yaw_sigma: float) -> Alignment:

@@ -43,6 +43,13 @@ def matrix_from_quat(quat_nb: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def continuous(quat_nb: np.ndarray) -> np.ndarray:
+    """Flip signs of successive quaternions (n, 4), of which both mean the same attitude, so that none jumps."""
+    turns_over = (quat_nb[1:] * quat_nb[:-1]).sum(axis=1) < 0.0
+    signs = np.cumprod(np.where(np.concatenate([[False], turns_over]), -1.0, 1.0))
+    return quat_nb * signs[:, None]
+
+
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Hamilton product of quaternions, shape (..., 4)."""
     aw, ax, ay, az = np.moveaxis(np.asarray(a, float), -1, 0)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2
 
-from estimation.attitude import error_rotation
+from estimation.attitude import continuous, error_rotation
 from estimation.filter import ForwardPass, Problem
 from estimation.observations import KIND_NAMES
 from estimation.trajectory import Trajectory
@@ -85,9 +85,7 @@ def errors(trajectory: Trajectory, truth: pd.DataFrame) -> pd.DataFrame:
 
 def _interpolate_quat(at: np.ndarray, t: np.ndarray, states: pd.DataFrame) -> np.ndarray:
     """Attitude between output rows, by normalised linear interpolation."""
-    quat = states[["q_w", "q_x", "q_y", "q_z"]].to_numpy(float)
-    flips = np.cumprod(np.concatenate([[1.0], np.where((quat[1:] * quat[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)]))
-    quat = quat * flips[:, None]
+    quat = continuous(states[["q_w", "q_x", "q_y", "q_z"]].to_numpy(float))
     mixed = np.column_stack([np.interp(at, t, column) for column in quat.T])
     return np.asarray(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))
 

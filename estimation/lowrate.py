@@ -14,9 +14,9 @@ import pandas as pd
 from filterpy.kalman import KalmanFilter
 from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline
 
-from estimation.attitude import matrix_from_quat, multiply, quat_from_euler
+from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.local_frame import LocalFrame, is_simulated
-from estimation.observations import observe_gps, reported, usable_fixes
+from estimation.observations import find_origin, observe_gps, reported, usable_fixes
 from estimation.states import SensorNoise
 from estimation.timing import TICK, segments, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
@@ -114,10 +114,7 @@ def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_M
         h, v = reported(fixes, "h_acc", noise.h_acc), reported(fixes, "v_acc", noise.v_acc)
         gps_sigma = np.array([np.median(h), np.median(h), np.median(v)])
     gps_sigma = gps_sigma * noise.gps_error_share
-    origin = tables.origin
-    if origin is None and fixes is not None:
-        first = fixes.iloc[0]
-        origin = Geodetic(float(first["lat"]), float(first["lon"]), float(first["alt"]))
+    origin = find_origin(tables)
     selector = np.zeros((6, SIZE))
     selector[:3, 0:3] = selector[:3, 9:12] = np.eye(3)
     selector[3:, 3:6] = np.eye(3)
@@ -165,8 +162,7 @@ def _smooth_segment(
     """Filter, smooth and lay out one stretch of telemetry; gives states, sigma and covariance (n, 9, 9)."""
     when = attitude.index.to_numpy(float)
     quat = quat_from_euler(*attitude[["roll", "pitch", "yaw"]].to_numpy(float).T)
-    flips = np.cumprod(np.concatenate([[1.0], np.where((quat[1:] * quat[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)]))
-    turning = Akima1DInterpolator(when, quat * flips[:, None])
+    turning = Akima1DInterpolator(when, continuous(quat))
     down_axis = matrix_from_quat(quat)[:, :, 2]
     # Beyond 60 degrees of tilt the height is not steady, so the tangent is not the acceleration.
     push = -GRAVITY * down_axis[:, :2] / np.maximum(down_axis[:, 2:], 0.5)

@@ -13,7 +13,7 @@ from estimation.filter import ForwardPass, Problem, World, assemble, run
 from estimation.findings import gps_troubles, imu_holes, missing_sensors, other_imu
 from estimation.local_frame import LocalFrame, is_simulated
 from estimation.magnetic_field import MagneticField, world_field
-from estimation.observations import Observations, observe, usable_field, usable_fixes
+from estimation.observations import Observations, find_origin, observe, usable_field, usable_fixes
 from estimation.smoother import Smoothed, smooth
 from estimation.states import SENSOR_ERROR_COLUMNS, SensorNoise
 from estimation.timing import ACCEL, GYRO, InertialSignal, imu_delays, sample_rate, segments, usable
@@ -121,12 +121,8 @@ def estimate_strapdown(
 
 
 def _surroundings(tables: Tables, date: datetime | None) -> _Surroundings:
-    """Find the autopilot's origin, else the first good fix, and what the world is like there."""
-    origin = tables.origin
-    fixes = usable_fixes(tables.gps)
-    if origin is None and fixes is not None:
-        first = fixes.iloc[0]
-        origin = Geodetic(float(first["lat"]), float(first["lon"]), float(first["alt"]))
+    """Find the origin and what the world is like there."""
+    origin = find_origin(tables)
     if origin is None:
         return _Surroundings(None, None, None, World(STANDARD_GRAVITY, np.zeros(3)))
     frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))

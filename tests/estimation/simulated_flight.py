@@ -8,7 +8,7 @@ from pygeomag import GeoMag
 from scipy.interpolate import BPoly, CubicSpline
 from scipy.signal import bilinear, lfilter
 
-from estimation.attitude import matrix_from_quat, multiply, quat_from_euler
+from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.local_frame import LocalFrame
 from logparse import Geodetic, Tables
 
@@ -102,8 +102,7 @@ def fly(
     roll = np.arctan2(right[:, 2], down[:, 2])
     pitch = -np.arcsin(forward[:, 2])
     quat = quat_from_euler(roll, pitch, np.arctan2(forward[:, 1], forward[:, 0]))
-    flips = np.cumprod(np.concatenate([[1.0], np.where((quat[1:] * quat[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)]))
-    quat *= flips[:, None]
+    quat = continuous(quat)
     turning = CubicSpline(t, quat)
     C = matrix_from_quat(quat)
     rate = 2.0 * multiply(quat * np.array([1.0, -1.0, -1.0, -1.0]), turning(t, 1))[:, 1:]

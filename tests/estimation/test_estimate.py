@@ -238,3 +238,12 @@ def test_nothing_to_estimate_from_is_said_with_what_to_set(flight):
         estimate(Tables())
     with pytest.raises(MissingDataError, match="too short"):
         estimate(replace(flight.tables, imu=flight.tables.imu.iloc[:40]))
+
+
+def test_a_steady_hover_is_not_taken_for_the_ground(flight):
+    """The log starts at rest, but the motors carry: tilt is then not to be read off the accelerometer."""
+    t = flight.tables.imu.index
+    hover = pd.DataFrame(1450.0, index=t[::5], columns=["m1", "m2", "m3", "m4"])
+    result = estimate(replace(flight.tables, motors=hover))
+    assert result.diagnostics["aligned_still"] == [False]
+    assert compare(result, settled(flight)).horizontal_velocity < 0.1
