@@ -283,7 +283,12 @@ def _what_it_is(head: bytes) -> str:
 
 
 def _last_values(rows: pd.DataFrame, name: str, value: str) -> dict[str, float]:
-    return dict(zip(rows[name].astype(str), rows[value].astype(float), strict=True))
+    """Last value by name; nothing where a damaged definition has made something else of the columns."""
+    if not {name, value} <= set(rows.columns):
+        return {}
+    with np.errstate(invalid="ignore"):  # signalling NaNs of damaged rows
+        values = pd.to_numeric(rows[value], errors="coerce").astype(float)
+    return dict(zip(rows[name].astype(str), values, strict=True))
 
 
 def _start_utc(messages: Mapping[str, pd.DataFrame]) -> datetime | None:

@@ -54,6 +54,14 @@ def test_log_of_one_boot(tmp_path: Path) -> None:
     assert log.vehicle is not None
 
 
+def test_parameters_under_a_damaged_definition_are_left_out(tmp_path: Path) -> None:
+    path = small_log(tmp_path / "a.bin")
+    path.write_bytes(path.read_bytes().replace(b"TimeUS,Name,Value", b"TimeUS,Nbme,Value", 1))
+    log = read_log(path)
+    assert dict(log.parameters) == {}
+    assert log.tables.attitude is not None
+
+
 def test_messages_are_a_mapping_of_what_occurs(tmp_path: Path) -> None:
     log = read_log(small_log(tmp_path / "a.bin"))
     messages = log.messages
