@@ -53,7 +53,9 @@ def analyze(
         raise MissingDataError(stages.missing["tables"])
     checked = stages.run("health", lambda _: health.check(log)) or ()
     flight = stages.run("flight", lambda _: _longest_flight(log, checked))
-    trajectory = stages.run("trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate))
+    trajectory = stages.run(
+        "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
+    )
     if flight is None and trajectory is None:
         raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
 
