@@ -96,7 +96,8 @@ class Layout:
                 columns[item.name] = _text_column(raw, is_bytes=slot.name == "FILE" and item.name == "Data")
             elif item.char == "g":
                 up, down = self._scales[table][k]
-                columns[item.name] = raw.astype(np.float32) * np.float32(up / down)
+                with np.errstate(invalid="ignore"):  # signalling NaNs of damaged rows
+                    columns[item.name] = raw.astype(np.float32) * np.float32(up / down)
             else:
                 columns[item.name] = raw
         return columns
