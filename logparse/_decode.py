@@ -46,8 +46,9 @@ STATE_SIZE = 17
 
 #: A clock may step back by this much, us, and still be the same boot (rows of slow tasks are written late).
 BACK_US = 5_000_000
-#: A clock may jump ahead by this much, us, from one row to the next without a second look.
-AHEAD_US = 10_000_000
+#: A clock may jump ahead by this much, us, from one row to the next without a second look. Less than `BACK_US`, so
+#: that after a damaged time stamp the next rows do not seem to be of another boot.
+AHEAD_US = 4_000_000
 #: Rows after a pause are of one clock when they follow each other within this time, us.
 PAUSE_US = 3_600_000_000
 #: So many rows in a row must agree on another clock before it is believed.

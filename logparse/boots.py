@@ -9,6 +9,10 @@ from logparse import _decode
 from logparse.source import Boot
 
 
+#: A last row on its own is of this boot when it is at most so much later than the one before, us.
+_LAST_PAUSE_US = 60_000_000
+
+
 @dataclass(frozen=True, slots=True)
 class Span:
     """Messages of one boot: ``first`` to ``last - 1``, the first of them at byte (or line) `position`."""
@@ -34,7 +38,7 @@ def boot_spans(
     rows = rows[: n + 1].copy()
     rows[n, 2:] = state[_decode.BOOT_START], state[_decode.TIME]
     ahead = int(state[_decode.PENDING_TIME] - state[_decode.TIME])
-    if state[_decode.PENDING] > 0 and 0 < ahead <= _decode.PAUSE_US:
+    if 0 < ahead <= (_decode.PAUSE_US if state[_decode.PENDING] > 1 else _LAST_PAUSE_US) and state[_decode.PENDING] > 0:
         # The last rows came after a pause and were too few to be sure of; nothing speaks against them.
         rows[n, 3] = state[_decode.PENDING_TIME]
     lasts = [*rows[1:, 0].tolist(), messages]

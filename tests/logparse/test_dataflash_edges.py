@@ -305,6 +305,20 @@ def test_rows_slightly_back_long_pauses_and_odd_stamps_are_one_boot() -> None:
     assert [(f.id, f.evidence["rows"]) for f in source.findings] == [("implausible-time", 2)]
 
 
+@pytest.mark.parametrize("bit", range(64))
+def test_no_flipped_bit_of_a_clock_makes_another_boot(bit: int) -> None:
+    times = [100_000_000 + 10_000 * k for k in range(2000)]
+    data = bytearray(FMT.pack() + fmt(1, 12, "X", "QB", "TimeUS,A"))
+    begin = len(data)
+    data += b"".join(stamped(1, t, b"\0") for t in times)
+    for k in (0, 700, 1990):
+        data[begin + 12 * k + 3 + bit // 8] ^= 1 << (bit % 8)
+    source = open_dataflash(bytes(data))
+    (boot,) = source.boots
+    t = source.decode("X", boot).index.to_numpy()
+    np.testing.assert_allclose(t, np.array(times) * 1e-6, atol=5.0)
+
+
 def test_messages_without_time_lie_between_their_neighbours() -> None:
     data = FMT.pack() + fmt(1, 11, "X", "Q", "TimeUS") + fmt(2, 4, "U", "B", "A")
     data += row(2, b"\0") + stamped(1, 10_000_000) + row(2, b"\1") * 3 + stamped(1, 11_000_000) + row(2, b"\2")
