@@ -8,7 +8,6 @@ import numpy.typing as npt
 from logparse import _decode
 from logparse.source import Boot
 
-
 #: A last row on its own is of this boot when it is at most so much later than the one before, us.
 _LAST_PAUSE_US = 60_000_000
 

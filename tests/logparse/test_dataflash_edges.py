@@ -316,7 +316,8 @@ def test_no_flipped_bit_of_a_clock_makes_another_boot(bit: int) -> None:
     source = open_dataflash(bytes(data))
     (boot,) = source.boots
     t = source.decode("X", boot).index.to_numpy()
-    np.testing.assert_allclose(t, np.array(times) * 1e-6, atol=5.0)
+    # A first row that is too early cannot be told from one before a pause.
+    np.testing.assert_allclose(t[1:], np.array(times[1:]) * 1e-6, atol=5.0)
 
 
 def test_messages_without_time_lie_between_their_neighbours() -> None:
