@@ -46,6 +46,8 @@ class MessageSource(Protocol):
 
         The index `t` is in seconds on the boot clock (raw messages may step slightly backwards); columns are named as
         logged and scaled to the units in ``frame.attrs["units"]`` (column name -> unit as logged, such as ``"deg"``).
+        ``frame.attrs["multipliers"]`` says what each scaled column was multiplied by, ``frame.attrs["instance"]`` which
+        column tells the instances of a sensor apart; both only where the format knows them.
         """
 
     def units(self, name: str) -> Mapping[str, str]:
