@@ -202,7 +202,7 @@ def _frame(data: Array, mark: Int, size: Int, slot_of_id: Array) -> tuple[Int, I
 
 @njit(forceinline=True)
 def _intact(data: Array, mark: Int, slot: Int, body: Int, crc_extra: Array, tables: Array) -> Any:
-    checksum = _checksum(data, mark + _U(1), body, crc_extra[slot], tables)
+    checksum = _checksum(data, mark + _U(1), body, crc_extra[_U(slot)], tables)
     return checksum == np.uint64(_u16(data, mark + _U(1) + body))
 
 
@@ -454,51 +454,59 @@ def _locate(data: Array, marks: Array, payload: Array, present: Array, senders: 
 
 
 @njit(cache=True, nogil=True)
-def _logger_times(data: Array, marks: Array, stamped: Int, knots: Array, times: Array, limits: Array) -> None:
-    """Boot time of each frame by the stream alone, us, and between which times its own may lie."""
+def _tell_times(
+    data: Array, marks: Array, payload: Array, present: Array, senders: Array, stamped: Int, knots: Array,
+    autopilot: Int, kind: Int, offset: Int, t: Array,
+) -> None:  # fmt: skip
+    """Boot time of each frame, s: its own where the autopilot tells one that can be, else by the stream."""
     n_knots = knots.shape[0]
-    knot = _knot_at(knots, np.int64(marks[0]))
-    k = _U(0)
-    n = _U(marks.size)
-    while k < n:
-        begin, delay = knots[knot, KNOT_OFFSET], knots[knot, KNOT_DELAY]
-        first, after = knots[knot, KNOT_FIRST], knots[knot, KNOT_NEXT]
-        end = knots[knot + 1, KNOT_OFFSET] if knot + 1 < n_knots else np.int64(data.size)
-        per_byte = (after - first) / max(end - begin, 1)
-        while k < n and np.int64(marks[k]) < end:
-            mark = np.uint64(marks[k])
-            if stamped and mark >= _U(8):
-                # A damaged stamp does no more harm than one clock window.
-                times[k] = min(max(_stamp(data, mark) - delay, first), after)
+    knot = _knot_at(knots, np.int64(marks[0])) - 1
+    end = np.int64(0)
+    begin, delay, first, after = end, end, end, end
+    for k in range(_U(marks.size)):
+        mark = np.uint64(marks[k])
+        while np.int64(mark) >= end:
+            knot += 1
+            begin, delay = knots[knot, KNOT_OFFSET], knots[knot, KNOT_DELAY]
+            first, after = knots[knot, KNOT_FIRST], knots[knot, KNOT_NEXT]
+            end = knots[knot + 1, KNOT_OFFSET] if knot + 1 < n_knots else np.int64(data.size)
+        p, sent = payload[k] + _U(offset), present[k] - offset
+        has_own = kind != CLOCK_NONE and senders[k] == autopilot
+        if has_own and kind == CLOCK_BOOT_MS:
+            own = np.int64(_cut_u32(data, p, sent)) * 1000
+            if own != 0 and first - _OWN_TIME_TOLERANCE_US < own < after + _OWN_TIME_TOLERANCE_US:
+                t[k] = own / 1e6
+                continue
+        if not stamped:
+            time = first + np.int64((after - first) * ((np.int64(mark) - begin) / (end - begin)))
+        elif mark < _U(8):
+            time = first
+        else:
+            # A damaged stamp does no more harm than one clock window.
+            time = min(max(_stamp(data, mark) - delay, first), after)
+        if has_own and kind != CLOCK_BOOT_MS:
+            if kind == CLOCK_US64:
+                own = np.int64(_u64(data, p)) if sent >= 8 else np.int64(_cut_uint(data, p, sent, 8))
             else:
-                times[k] = first if stamped else first + np.int64((np.int64(mark) - begin) * per_byte)
-            limits[k, 0] = first - _OWN_TIME_TOLERANCE_US
-            limits[k, 1] = after + _OWN_TIME_TOLERANCE_US
-            k += _U(1)
-        knot += 1
+                # 32 bits of microseconds come round every 72 minutes.
+                own = np.int64(_cut_u32(data, p, sent))
+                own += ((time - own + (1 << 31)) >> 32) << 32 if own != 0 else 0
+            if own != 0 and first - _OWN_TIME_TOLERANCE_US < own < after + _OWN_TIME_TOLERANCE_US:
+                time = own
+        t[k] = time / 1e6
 
 
 @njit(cache=True, nogil=True)
-def _own_times(
-    data: Array, payload: Array, present: Array, senders: Array, autopilot: Int, kind: Int, offset: Int,
-    limits: Array, times: Array,
-) -> None:  # fmt: skip
-    """Replace boot times by those that the autopilot's messages tell themselves, where they can be."""
-    for k in range(_U(times.size)):
-        if senders[k] != autopilot:
-            continue
-        p, sent = payload[k] + _U(offset), present[k] - offset
-        if kind == CLOCK_US64:
-            own = np.int64(_u64(data, p)) if sent >= 8 else np.int64(_cut_uint(data, p, sent, 8))
-        else:
-            own = np.int64(_cut_u32(data, p, sent))
-            if kind == CLOCK_BOOT_MS:
-                own *= 1000
-            elif own != 0:
-                # 32 bits of microseconds come round every 72 minutes.
-                own += ((times[k] - own + (1 << 31)) >> 32) << 32
-        if own != 0 and limits[k, 0] < own < limits[k, 1]:
-            times[k] = own
+def _copy_text(data: Array, payload: Array, present: Array, offset: Int, width: Int, out: Int, arena8: Array) -> None:
+    """Copy a ``char`` array of each frame up to its first zero, and fill up with zeros."""
+    for k in range(payload.size):
+        start = payload[k] + _U(offset)
+        sent = min(width, present[k] - offset)
+        ended = False
+        for j in range(width):
+            byte = data[start + _U(j)] if j < sent and not ended else np.uint8(0)
+            ended |= byte == 0
+            arena8[_U(out + k * width + j)] = byte
 
 
 @njit(cache=True, nogil=True)
@@ -510,8 +518,11 @@ def _fields(
     n = _U(payload.size)
     for f in range(field_offset.size):
         offset = _U(field_offset[f])
-        out = _U(column[f] + target)
         width = field_width[f]
+        if width < 0:
+            _copy_text(data, payload, present, field_offset[f], -width, column[f] + target * -width, arena8)
+            continue
+        out = _U(column[f] + target)
         if field_offset[f] + width <= shortest:
             if width == 1:
                 for k in range(n):
@@ -579,9 +590,10 @@ def decode(
     first_field : int64 array, shape (n_messages + 1,)
         Where each message's fields begin in the arrays that follow.
     field_offset, field_width : int64 arrays
-        Where each column's element stands in an untruncated payload, and its bytes (1, 2, 4 or 8).
+        Where each column's element stands in an untruncated payload, and its bytes (1, 2, 4 or 8), or less than zero
+        for a text of so many characters.
     column : int64 array
-        Where each column begins in the arena, in elements of its width.
+        Where each column begins in the arena, in elements of its width (text: in bytes).
     t_column, sender_column : int64 arrays, shape (n_messages,)
         Likewise for the boot time [s, float64] and for the sender [uint16, ``component << 8 | system``].
     row : int64 array, shape (n_messages,)
@@ -591,8 +603,6 @@ def decode(
     """
     payload = np.empty(_BLOCK_ROWS, np.uint64)
     present = np.empty(_BLOCK_ROWS, np.int64)
-    times = np.empty(_BLOCK_ROWS, np.int64)
-    limits = np.empty((_BLOCK_ROWS, 2), np.int64)
     wanted = 0
     for slot in slots:
         wanted += starts[slot + 1] - starts[slot]
@@ -610,39 +620,14 @@ def decode(
             marks = ordered[low : low + n]
             senders = arena16[sender_column[m] + row[m] : sender_column[m] + row[m] + n]
             shortest = _locate(data, marks, payload[:n], present[:n], senders)
-            _logger_times(data, marks, stamped, knots, times[:n], limits[:n])
-            if clock_kind[m] != CLOCK_NONE:
-                _own_times(
-                    data,
-                    payload[:n],
-                    present[:n],
-                    senders,
-                    autopilot,
-                    clock_kind[m],
-                    clock_offset[m],
-                    limits,
-                    times[:n],
-                )
             t = arena_f64[t_column[m] + row[m] : t_column[m] + row[m] + n]
-            for k in range(n):
-                t[k] = times[k] / 1e6
+            _tell_times(
+                data, marks, payload[:n], present[:n], senders, stamped, knots, autopilot, clock_kind[m],
+                clock_offset[m], t,
+            )  # fmt: skip
             _fields(
                 data, payload[:n], present[:n], shortest, field_offset[fields], field_width[fields], column[fields],
                 row[m], arena8, arena16, arena32, arena64,
             )  # fmt: skip
             row[m] += n
     return read
-
-
-@njit(cache=True, nogil=True)
-def copy_text(data: Array, marks: Array, offset: Int, out: Array) -> None:
-    """Copy a ``char`` array of each frame into the zeroed rows of `out`, shape (n, width), up to its first zero."""
-    width = out.shape[1]
-    for k in range(marks.size):
-        mark = np.uint64(marks[k])
-        start = mark + (_U(6) if data[mark] == _MARK_V1 else _U(10)) + _U(offset)
-        for j in range(min(width, np.int64(data[mark + _U(1)]) - offset)):
-            byte = data[start + _U(j)]
-            if byte == 0:
-                break
-            out[k, j] = byte

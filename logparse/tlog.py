@@ -9,6 +9,7 @@ verified; it is skipped as one where the next frame follows it.
 """
 
 import mmap
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -39,7 +40,7 @@ _WINDOW_MS, _RAW_WINDOW_MS = 1000, 100
 #: Bytes of a mapped file that are kept in memory before they are given back.
 _KEEP = 1 << 24
 #: Bytes by which a stream with time stamps is told from one without.
-_SAMPLE = 1 << 18
+_SAMPLE = 1 << 16
 #: Intact frames that make a file of unknown content telemetry; chance gives less than one in a hundred heads.
 _ENOUGH_FRAMES = 3
 #: MAV_AUTOPILOT_PX4, which sends integer parameters bit by bit in the float field.
@@ -116,6 +117,14 @@ def _columns(name: str) -> tuple[_Column, ...]:
     return tuple(columns)
 
 
+@cache
+def _units(name: str) -> Mapping[str, str]:
+    """Give the unit of each column that has one."""
+    declared = definitions()[name].units
+    units = {column.name: declared.get(column.name.partition("[")[0]) for column in _columns(name)}
+    return {column: unit for column, unit in units.items() if unit is not None}
+
+
 @dataclass(frozen=True, slots=True)
 class _Chunk:
     """Some thousand successive frames, sorted by message (see `_mavlink.sort_by_slot`)."""
@@ -165,6 +174,11 @@ class _Scan:
             if release is not None:
                 release.up_to(int(self.state[_mavlink.POSITION]))
 
+    @cached_property
+    def chunk_begins(self) -> list[int]:
+        """Where the first frame of each chunk begins."""
+        return [chunk.first_mark for chunk in self.chunks]
+
     @property
     def frames(self) -> int:
         """Intact frames."""
@@ -197,13 +211,21 @@ class _Release:
         self._able = isinstance(buffer, mmap.mmap) and len(buffer) > _KEEP and hasattr(mmap, "MADV_DONTNEED")
         self._start = 0
 
-    def up_to(self, position: int, everything: bool = False) -> None:
+    def up_to(self, position: int) -> None:
         """Release what lies before `position`, in large pieces."""
         stop = position - position % mmap.ALLOCATIONGRANULARITY
-        if self._able and stop - self._start >= (1 if everything else _KEEP):
-            assert isinstance(self._buffer, mmap.mmap)
-            self._buffer.madvise(mmap.MADV_DONTNEED, self._start, stop - self._start)
+        if stop - self._start >= _KEEP:
+            self._drop(self._start, stop - self._start)
             self._start = stop
+
+    def everything(self) -> None:
+        """Release all pages."""
+        self._drop(0, len(self._buffer))
+
+    def _drop(self, start: int, size: int) -> None:
+        if self._able:
+            assert isinstance(self._buffer, mmap.mmap)
+            self._buffer.madvise(mmap.MADV_DONTNEED, start, size)
 
 
 def looks_like(head: bytes) -> bool:
@@ -246,14 +268,14 @@ class TlogSource:
         self._buffer = buffer
         self._data = np.frombuffer(buffer, np.uint8)
         self._scan = _Scan(self._data, _stamp_bytes(self._data))
-        release = _Release(buffer)
-        self._scan.run(release)
-        release.up_to(len(self._data), everything=True)
+        self._release = _Release(buffer)
+        self._scan.run(self._release)
         if not self._scan.frames:
             raise LogError("no intact MAVLink frame in the file: it is damaged or not a telemetry log")
         self._stamped = self._scan.stamp_bytes > 0
         self._autopilot = self._scan.autopilot()
         self._clock = self._find_boots()
+        self._release.everything()
         self._counts: dict[Boot, dict[str, int]] = {}
 
     @property
@@ -289,13 +311,15 @@ class TlogSource:
         """Where between two frames of the autopilot a new boot begins: behind its longest silence."""
         if not self._stamped:
             return first
-        chunks = [c.ordered for c in self._scan.chunks if c.last_mark >= last and c.first_mark <= first]
-        pieces = [ordered[(ordered >= last) & (ordered <= first)] for ordered in chunks]
+        begins = self._scan.chunk_begins
+        chunks = self._scan.chunks[max(bisect_right(begins, last) - 1, 0) : bisect_right(begins, first)]
+        pieces = [c.ordered[(c.ordered >= last) & (c.ordered <= first)] for c in chunks]
         marks = np.sort(np.concatenate(pieces)).astype(np.int64)
         who = marks + np.where(self._data[marks] == 0xFE, 3, 5)
         sender = self._data[who].astype(np.int64) << 8 | self._data[who + 1]
         marks = marks[sender == self._autopilot]
         silence = np.abs(np.diff(self._stamps(marks)))
+        self._release.everything()
         return int(marks[int(silence.argmax()) + 1]) - _STAMP_BYTES
 
     def _stamps(self, marks: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
@@ -329,9 +353,7 @@ class TlogSource:
 
     def units(self, name: str) -> Mapping[str, str]:
         """Units as the protocol declares them."""
-        declared = definitions()[name].units
-        units = {column.name: declared.get(column.name.partition("[")[0]) for column in _columns(name)}
-        return {column: unit for column, unit in units.items() if unit is not None}
+        return _units(name)
 
     def decode(self, name: str, boot: Boot) -> pd.DataFrame:
         """All fields of one message from all senders.
@@ -361,21 +383,18 @@ class TlogSource:
                 *plan.arenas,
             )  # fmt: skip
             release.up_to(chunk.last_mark)
-        release.up_to(boot.stop, everything=True)
-        return {name: self._frame(plan, k, boot) for k, name in enumerate(names)}
+        release.everything()
+        return {name: self._frame(plan, k) for k, name in enumerate(names)}
 
-    def _frame(self, plan: "_Plan", k: int, boot: Boot) -> pd.DataFrame:
+    def _frame(self, plan: "_Plan", k: int) -> pd.DataFrame:
         name = plan.names[k]
         columns: dict[str, Any] = {}
         for column in _columns(name):
-            if column.dtype.kind == "S":
-                marks = self._marks(int(plan.slots[k]), boot)
-                columns[column.name] = _text(self._data, marks, column)
-            else:
-                columns[column.name] = plan.values(k, column.name)
+            values = plan.values(k, column.name)
+            columns[column.name] = _texts(values) if column.dtype.kind == "S" else values
         columns["system"], columns["component"] = plan.senders(k)
         frame = pd.DataFrame(columns, index=pd.Index(plan.t(k), name="t", copy=False), copy=False)
-        frame.attrs["units"] = dict(self.units(name))
+        frame.attrs["units"] = dict(_units(name))
         return frame
 
     # Parameters
@@ -457,11 +476,10 @@ class _Plan:
             end += -(-2 * n // 8) * 8
             places = {}
             for item in _columns(name):
-                if item.dtype.kind == "S":
-                    continue
+                is_text = item.dtype.kind == "S"
                 offset.append(item.offset)
-                width.append(item.dtype.itemsize)
-                column.append(end // item.dtype.itemsize)
+                width.append(-item.dtype.itemsize if is_text else item.dtype.itemsize)
+                column.append(end if is_text else end // item.dtype.itemsize)
                 places[item.name] = (end, item.dtype)
                 end += -(-n * item.dtype.itemsize // 8) * 8
             self._places.append(places)
@@ -493,13 +511,10 @@ class _Plan:
         return self._memory[start : start + self.rows[k] * dtype.itemsize].view(dtype)
 
 
-def _text(data: npt.NDArray[np.uint8], marks: npt.NDArray[Any], column: _Column) -> Any:
-    """Text column, cut at the first NUL."""
-    width = column.dtype.itemsize
-    cells = np.zeros((len(marks), width), np.uint8)
-    _mavlink.copy_text(data, marks, column.offset, cells)
+def _texts(cells: npt.NDArray[np.bytes_]) -> Any:
+    """Text column of cells that are filled up with zeros."""
     # Most texts recur: decode each once.
-    raw = pa.Array.from_buffers(pa.binary(width), len(marks), [None, pa.py_buffer(cells)])
+    raw = pa.Array.from_buffers(pa.binary(cells.dtype.itemsize), len(cells), [None, pa.py_buffer(cells.view(np.uint8))])
     coded = raw.dictionary_encode()
     texts = pd.array([clean_text(text) for text in coded.dictionary.to_pylist()], dtype="str")
     return texts.take(coded.indices.to_numpy(zero_copy_only=False))
