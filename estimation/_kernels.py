@@ -16,14 +16,14 @@ from numba import njit
 
 Array = np.ndarray
 
-N = 25  # states.SIZE; a literal so that loops have constant bounds
+N = 26  # states.SIZE; a literal so that loops have constant bounds
 SLOW = 9  # states from here on are sensor errors, which change slowly
 SLOW_EVERY = 8  # their smoothed values are worked out for every eighth output row
 ENTRIES = 7  # most entries that a row of H has
 
 # Kinds of measurement groups.
-GPS_POSITION, GPS_VELOCITY, BARO, MAG = 0, 1, 2, 3
-KINDS = 4
+GPS_POSITION, GPS_VELOCITY, BARO, MAG, GPS2_POSITION, GPS2_VELOCITY, RANGE = range(7)
+KINDS = 7
 
 _FLAGS = {"reassoc", "contract", "nsz"}
 
@@ -189,13 +189,25 @@ def _observe(
         b_j = R[0, j] * m0 + R[1, j] * m1 + R[2, j] * m2
         b_k = R[0, k] * m0 + R[1, k] * m1 + R[2, k] * m2
         return r0 * m0 + r1 * m1 + r2 * m2 + x[17 + axis], 7, rate[k] * b_j - rate[j] * b_k
+    if kind == GPS2_POSITION:
+        index[0], value[0] = axis, 1.0
+        return x[axis], 1, x[3 + axis]
+    if kind == RANGE:
+        # Distance along the body's down axis to level ground at height x[26].
+        cosine = max(R[2, 2], 0.5)
+        distance = (-x[2] - x[26]) / cosine
+        index[0], value[0] = 2, -1.0 / cosine
+        index[1], value[1] = 6, -distance * R[1, 2] / cosine
+        index[2], value[2] = 7, distance * R[0, 2] / cosine
+        index[3], value[3] = 25, -1.0 / cosine
+        return distance, 4, -x[5] / cosine
     index[0], value[0] = 3 + axis, 1.0
     return x[3 + axis], 1, acceleration[axis]
 
 
 @njit(cache=True, nogil=True)
 def _inject(x: Array, dx: Array) -> None:
-    """Add an error state to the nominal state (p v q b_g b_a b_baro b_m e m, 26 numbers)."""
+    """Add an error state to the nominal state (p v q b_g b_a b_baro b_m e m h, 27 numbers)."""
     for i in range(6):
         x[i] += dx[i]
     _turn(x, dx[6], dx[7], dx[8], False)
@@ -319,7 +331,7 @@ def forward(
     out_P: Array,
     slow_P: Array,
 ) -> float:
-    """Run the filter over all nodes; x (26,) and P (25, 25) are the start and are left at the end.
+    """Run the filter over all nodes; x (27,) and P (26, 26) are the start and are left at the end.
 
     Parameters are the arrays that `filter.Problem` documents. ``sub_noise[k]`` holds the variance that the attitude and
     velocity errors gain in sub-step k. ``keep`` tells whether the history for the smoother is written.
@@ -361,8 +373,10 @@ def forward(
                 P[6 + i, 6 + i] += phi_var
                 x[20 + i] *= a
                 P[19 + i, 19 + i] += (1.0 - a * a) * gps_error[1 + i]
-            for i in range(9, N):
+            for i in range(9, N - 1):
                 P[i, i] += T * walk[i]
+            # The ground changes as the craft moves over it.
+            P[25, 25] += T * walk[25] * np.sqrt(x[3] * x[3] + x[4] * x[4])
             for kind in range(KINDS):
                 refused[kind] += T
         if keep:
@@ -402,8 +416,10 @@ def forward(
                             P[i, i] += 0.1
                     elif kind == BARO:
                         P[15, 15] += scalar_nu[m] ** 2
+                    elif kind == RANGE:
+                        P[25, 25] += scalar_nu[m] ** 2
                     else:
-                        row = scalar_axis[m] + (0 if kind == GPS_POSITION else 3)
+                        row = scalar_axis[m] + (0 if kind in (GPS_POSITION, GPS2_POSITION) else 3)
                         P[row, row] += scalar_nu[m] ** 2
             refused[kind] = 0.0
             for m in range(first, last):
@@ -455,7 +471,7 @@ def backward(
     out_covariance: Array,
     slow_variance: Array,
 ) -> None:
-    """Smooth what `forward` kept: ``out_x`` in place, covariance of p, v, phi (n, 9, 9), slow variances (m, 16).
+    """Smooth what `forward` kept: ``out_x`` in place, covariance of p, v, phi (n, 9, 9), slow variances (m, 17).
 
     Sensor errors in ``out_x`` are smoothed only in the rows that are multiples of `SLOW_EVERY`.
     """

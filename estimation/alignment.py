@@ -1,13 +1,14 @@
 """Where the filter starts: position, velocity and attitude at the first IMU sample, and how wrong they may be."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from estimation.attitude import euler_from_quat, matrix_from_quat, quat_from_euler
+from estimation.filter import ForwardPass
 from estimation.local_frame import LocalFrame
-from estimation.observations import usable_field, usable_fixes
+from estimation.observations import usable_field, usable_fixes, usable_ranges
 from estimation.states import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -18,6 +19,7 @@ from estimation.states import (
     HARD_IRON,
     POSITION,
     SIZE,
+    TERRAIN,
     VELOCITY,
     SensorNoise,
 )
@@ -31,6 +33,8 @@ STILL_LONGEST, STILL_SHORTEST = 5.0, 1.0
 #: Motors above this carry the craft (spin-up ends near 1150 us, hover is above 1300 us); GPS noise on the ground is
 #: below this speed, m/s.
 RUNNING_PWM, GROUND_SPEED = 1250.0, 1.0
+#: Share of a sensor error's first uncertainty that a hole in the log brings back: what happened in it is not known.
+UNSEEN_SHARE = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +43,9 @@ class Alignment:
 
     Attributes
     ----------
-    x : ndarray, shape (26,)
+    x : ndarray, shape (27,)
         Nominal state: position, velocity, quaternion, sensor errors in the order of `states`.
-    P : ndarray, shape (25, 25)
+    P : ndarray, shape (26, 26)
         Covariance of its error.
     still : bool
         Found standing still before flight.
@@ -92,7 +96,7 @@ def align(
     head = imu[imu.index <= imu.index[0] + (span if still else 1.0)]
     force = head[ACCEL].to_numpy(float).mean(axis=0)
     sigma = np.zeros(SIZE)
-    x = np.zeros(26)
+    x = np.zeros(SIZE + 1)
 
     logged = _logged_attitude(tables, start)
     roll = np.arctan2(-force[1], -force[2])
@@ -143,12 +147,38 @@ def turned(aligned: Alignment, yaw: float, yaw_sigma: float) -> Alignment:
 
 
 def with_priors(P: np.ndarray, noise: SensorNoise) -> np.ndarray:
-    """Give the start's covariance with the sensor errors' priors of other noise settings; P of shape (25, 25)."""
+    """Give the start's covariance with the sensor errors' priors of other noise settings; P of shape (26, 26)."""
     P = P.copy()
     for block, sigma in ((ACCEL_BIAS, noise.accel_bias), (HARD_IRON, noise.hard_iron)):
         for i in range(block, block + 3):
             P[i, i] = sigma**2 if P[i, i] > 0.0 else 0.0
     return P
+
+
+def carried_over(aligned: Alignment, last: ForwardPass, gap: float, noise: SensorNoise, *, same_imu: bool) -> Alignment:
+    """Start a segment with what the one before learned of the sensors' errors, made less sure by the hole between.
+
+    Parameters
+    ----------
+    last : ForwardPass
+        Of the segment before.
+    gap : float
+        From its end to this one's start, s.
+    same_imu : bool
+        Whether the biases of gyro and accelerometer are those of the same IMU.
+    """
+    first = GYRO_BIAS if same_imu else BARO_BIAS
+    kept = np.arange(first, TERRAIN)
+    block = np.ix_(kept, kept)
+    stay = np.ones(SIZE)
+    stay[GPS_ERROR : GPS_ERROR + 3] = np.exp(-gap / noise.gps_error_time)
+    prior = np.diag(aligned.P)
+    grown = gap * noise.random_walks() + UNSEEN_SHARE**2 * prior
+    grown[GPS_ERROR : GPS_ERROR + 3] += (1.0 - stay[GPS_ERROR] ** 2) * prior[GPS_ERROR : GPS_ERROR + 3]
+    x, P = aligned.x.copy(), aligned.P.copy()
+    x[kept + 1] = stay[kept] * last.last_state[kept + 1]
+    P[block] = np.outer(stay, stay)[block] * last.last_covariance[block] + np.diag(grown[kept] * (prior[kept] > 0.0))
+    return replace(aligned, x=x, P=P)
 
 
 def _logged_attitude(tables: Tables, start: float) -> np.ndarray | None:
@@ -221,3 +251,7 @@ def _place(
         near = int(np.argmin(np.abs(baro.index.to_numpy(float) - start)))
         x[16] = float(baro["alt"].iloc[near]) + x[2]
         sigma[BARO_BIAS] = noise.baro_bias
+    ranges = usable_ranges(tables.rangefinder)
+    if ranges is not None:
+        x[26] = -x[2] - float(ranges["distance"].iloc[0])
+        sigma[TERRAIN] = noise.terrain

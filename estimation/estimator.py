@@ -3,8 +3,9 @@
 from datetime import datetime
 
 from estimation.lowrate import estimate_low_rate, is_low_rate
+from estimation.segmentation import FEWEST_SAMPLES, SLOWEST_IMU
 from estimation.states import SensorNoise
-from estimation.strapdown import FEWEST_SAMPLES, SLOWEST_IMU, estimate_strapdown
+from estimation.strapdown import estimate_strapdown
 from estimation.timing import ACCEL, GYRO, sample_rate, usable
 from estimation.trajectory import Trajectory
 from logparse import MissingDataError, Tables
@@ -18,6 +19,7 @@ def estimate(
     stop: float | None = None,
     date: datetime | None = None,
     noise: SensorNoise | None = None,
+    smooth: bool = True,
 ) -> Trajectory:
     """Estimate the trajectory of a log.
 
@@ -32,11 +34,14 @@ def estimate(
         When the log was flown, for the magnetic declination; without it the autopilot's declination is taken.
     noise : SensorNoise, optional
         What to believe of the sensors.
+    smooth : bool
+        False gives the plain forward filter, to compare with filters that run in flight: each row knows only the
+        measurements before it (noise settings and lags are still those of the whole log).
 
     Returns
     -------
     Trajectory
-        Smoothed: each row uses the log's past and future. Where the IMU has a hole, there are no rows.
+        By default each row uses the log's past and future. Where the IMU has a hole, there are no rows.
 
     Raises
     ------
@@ -46,9 +51,9 @@ def estimate(
     noise = noise or SensorNoise()
     imu = usable(tables.imu, GYRO + ACCEL)
     if imu is not None and len(imu) >= FEWEST_SAMPLES and sample_rate(imu) >= SLOWEST_IMU:
-        return estimate_strapdown(tables, rate=rate, start=start, stop=stop, date=date, noise=noise)
+        return estimate_strapdown(tables, rate=rate, start=start, stop=stop, date=date, noise=noise, smoothed=smooth)
     if is_low_rate(tables):
-        return estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise)
+        return estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise, smoothed=smooth)
     raise MissingDataError(
         "the log has neither IMU samples at 15 Hz or more nor GPS positions with attitude, so there is nothing to make "
         "a trajectory from: set LOG_BITMASK to include IMU and GPS (telemetry: SR0_POSITION, SR0_EXTRA1 >= 4)"

@@ -41,9 +41,9 @@ class Problem:
     observations : Observations
     world : World
     noise : SensorNoise
-    x, P : ndarray, shapes (26,), (25, 25)
+    x, P : ndarray, shapes (27,), (26, 26)
         The start.
-    white_scale : ndarray, shape (4,)
+    white_scale : ndarray, shape (7,)
         Factor on the white variance of each kind of measurement.
     """
 
@@ -74,19 +74,21 @@ class ForwardPass:
 
     Attributes
     ----------
-    x : ndarray, shape (m, 26)
+    x : ndarray, shape (m, 27)
         Filtered nominal states at the outputs.
-    rows : ndarray, shape (m, 9, 25)
+    rows : ndarray, shape (m, 9, 26)
         Rows of their covariances that belong to position, velocity and attitude.
-    sensor_rows : ndarray, shape (ceil(m / 8), 16, 25)
+    sensor_rows : ndarray, shape (ceil(m / 8), 17, 26)
         The other rows, of every eighth output.
     innovation, inverse_variance : ndarray, shape (s,)
         Of each scalar measurement; inverse variance 0 where it was refused.
     log_likelihood : float
     transition_time, transition_velocity, transition_rotation : ndarray, shapes (n,), (n, 3), (n, 3, 3)
         T, S and C of the transition to each node (see `_kernels`).
-    gain, index, value : ndarray, shapes (s, 25), (s, 7), (s, 7)
+    gain, index, value : ndarray, shapes (s, 26), (s, 7), (s, 7)
         Kalman gain of each scalar measurement and its row of H.
+    last_state, last_covariance : ndarray, shapes (27,), (26, 26)
+        State and covariance after the last measurement.
     """
 
     x: np.ndarray
@@ -101,6 +103,8 @@ class ForwardPass:
     gain: np.ndarray
     index: np.ndarray
     value: np.ndarray
+    last_state: np.ndarray
+    last_covariance: np.ndarray
 
 
 def assemble(
@@ -172,6 +176,8 @@ def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
         gain=np.empty((kept_scalars, SIZE)),
         index=np.zeros((kept_scalars, _kernels.ENTRIES), np.int64),
         value=np.zeros((kept_scalars, _kernels.ENTRIES)),
+        last_state=x,
+        last_covariance=P,
     )
     gps_error = np.concatenate([[problem.noise.gps_error_time], np.diag(problem.P)[GPS_ERROR : GPS_ERROR + 3]])
     likelihood = _kernels.forward(
@@ -222,13 +228,16 @@ def matched_scale(problem: Problem, result: ForwardPass) -> np.ndarray:
 
     Returns
     -------
-    ndarray, shape (4,)
+    ndarray, shape (7,)
         For `Problem.white_scale`.
     """
     o = problem.observations
     scale = np.ones(_kernels.KINDS)
     kinds = o.scalar_kind
     for kind in range(_kernels.KINDS):
+        if kind == _kernels.GPS2_POSITION:
+            # Its variance stands for a wander over minutes, which innovations do not show.
+            continue
         mine = (kinds == kind) & (result.inverse_variance > 0.0)
         if np.count_nonzero(mine) < 30:
             continue

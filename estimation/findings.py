@@ -7,6 +7,7 @@ import pandas as pd
 
 from estimation import _kernels
 from estimation.filter import ForwardPass, Problem
+from estimation.timing import LONGEST_HOLE
 from logparse import Finding, Severity
 
 #: A receiver silent for longer than this is out, s.
@@ -49,7 +50,7 @@ def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
 
 
 def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
-    """Say where the IMU has holes: between successive segments of its table."""
+    """Say where no IMU was logged: between the samples of successive segments."""
     return [
         Finding(
             "imu-hole",
@@ -60,20 +61,25 @@ def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
             {"start": float(before.index[-1]), "stop": float(after.index[0])},
         )
         for before, after in pairwise(pieces)
+        if after.index[0] - before.index[-1] > LONGEST_HOLE
     ]
 
 
-def other_imu(chosen: int, gain: float) -> list[Finding]:
-    """Say that another IMU than the first was taken, and by how much it is likelier."""
-    if chosen == 0:
+def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
+    """Say that another IMU than the first carries a segment, and by how much it is likelier (inf: the only one)."""
+    if imu == 0:
         return []
+    start, stop = float(piece.index[0]), float(piece.index[-1])
+    reason = (
+        "agrees better with GPS, baro and compass than" if np.isfinite(gain) else "goes on where there is a hole in"
+    )
     return [
         Finding(
             "other-imu",
             Severity.WARNING,
-            f"IMU {chosen + 1} agrees better with GPS, baro and compass than IMU 1, and is used instead.",
+            f"From t = {start:.1f} to {stop:.1f} s IMU {imu + 1} {reason} IMU 1, and is used instead.",
             "Look at the mounting, calibration and temperature of the first IMU.",
-            {"imu": chosen, "log_likelihood_gain": gain},
+            {"imu": imu, "log_likelihood_gain": gain, "start": start, "stop": stop},
         )
     ]
 

@@ -60,7 +60,7 @@ def is_low_rate(tables: Tables) -> bool:
 
 
 def estimate_low_rate(
-    tables: Tables, *, rate: float, start: float | None, stop: float | None, noise: SensorNoise
+    tables: Tables, *, rate: float, start: float | None, stop: float | None, noise: SensorNoise, smoothed: bool
 ) -> Trajectory:
     """Filter and smooth telemetry; parameters as in `estimation.estimate`."""
     attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
@@ -74,7 +74,7 @@ def estimate_low_rate(
         within = [m for m in measured if piece.index[0] <= m.t <= piece.index[-1]]
         if len(piece) < 4 or len(within) < 2 or t.size == 0:
             continue
-        parts.append(_smooth_segment(piece, within, t, gps_sigma, noise))
+        parts.append(_estimate_segment(piece, within, t, gps_sigma, noise, smoothed))
     if not parts:
         raise MissingDataError(
             "attitude and positions are logged, but at no time both for long enough to make a trajectory: raise the "
@@ -156,8 +156,13 @@ def _distance(t: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.asarray(np.minimum(np.abs(others[after] - t), np.abs(others[before] - t)))
 
 
-def _smooth_segment(
-    attitude: pd.DataFrame, measured: list[_Measured], t: np.ndarray, gps_sigma: np.ndarray, noise: SensorNoise
+def _estimate_segment(
+    attitude: pd.DataFrame,
+    measured: list[_Measured],
+    t: np.ndarray,
+    gps_sigma: np.ndarray,
+    noise: SensorNoise,
+    smoothed: bool,
 ) -> tuple[pd.DataFrame, pd.DataFrame, np.ndarray]:
     """Filter, smooth and lay out one stretch of telemetry; gives states, sigma and covariance (n, 9, 9)."""
     when = attitude.index.to_numpy(float)
@@ -176,7 +181,7 @@ def _smooth_segment(
             ]
         )
     )
-    x, P = _filter_and_smooth(nodes * TICK, thrust, measured, gps_sigma, noise)
+    x, P = _filter(nodes * TICK, thrust, measured, gps_sigma, noise, smoothed=smoothed)
     node_t = nodes * TICK
     t_in = np.clip(t, node_t[0], node_t[-1])
     position = CubicHermiteSpline(node_t, x[:, :3], x[:, 3:6])(t_in)
@@ -204,10 +209,16 @@ def _smooth_segment(
     return states, sigma, covariance
 
 
-def _filter_and_smooth(
-    t: np.ndarray, thrust: Akima1DInterpolator, measured: list[_Measured], gps_sigma: np.ndarray, noise: SensorNoise
+def _filter(
+    t: np.ndarray,
+    thrust: Akima1DInterpolator,
+    measured: list[_Measured],
+    gps_sigma: np.ndarray,
+    noise: SensorNoise,
+    *,
+    smoothed: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Run filterpy's filter over the nodes and Rauch-Tung-Striebel back; gives x (n, 13) and P (n, 13, 13)."""
+    """Run filterpy's filter over the nodes, to smooth Rauch-Tung-Striebel back; give x (n, 13) and P (n, 13, 13)."""
     kf = KalmanFilter(dim_x=SIZE, dim_z=1, dim_u=3)
     kf.x = np.zeros((SIZE, 1))
     first = next((m for m in measured if len(m.z) >= 5), measured[0])
@@ -236,7 +247,7 @@ def _filter_and_smooth(
             kf.update(m.z[:, None], R=np.diag(m.variance), H=m.H)
             done += 1
         x[k], P[k] = kf.x[:, 0], kf.P
-    for k in range(len(t) - 2, -1, -1):
+    for k in range(len(t) - 2, -1, -1) if smoothed else ():
         gain = np.linalg.solve(prior_P[k + 1], F[k + 1] @ P[k]).T
         x[k] += gain @ (x[k + 1] - prior_x[k + 1])
         P[k] += gain @ (P[k + 1] - prior_P[k + 1]) @ gain.T

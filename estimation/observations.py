@@ -16,7 +16,13 @@ from logparse import Geodetic, Tables
 Block = tuple[int, np.ndarray, np.ndarray, np.ndarray]
 
 #: Sensor names of the kernel's kinds, in their order.
-KIND_NAMES = ("gps_position", "gps_velocity", "baro", "mag")
+KIND_NAMES = ("gps_position", "gps_velocity", "baro", "mag", "gps2_position", "gps2_velocity", "range_finder")
+#: How often the variance of a wander known to both receivers must be counted, so that two agree no better than half of
+#: it allows: with half of each variance common to both, the mean of two has 3/4 of the variance of one.
+COMMON_WANDER = 3.0
+#: Ranges that are used, m: nearer than the first is the blind zone of many sensors (and the craft's own legs), farther
+#: than the second the ground is no longer that of the place.
+SHORTEST_RANGE, LONGEST_RANGE = 0.3, 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,12 +141,31 @@ def observe_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> l
     ]
 
 
+def observe_second_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> list[Block]:
+    """Turn a second receiver's fixes into measurements.
+
+    Its position wanders too, but has no state of its own: the wander is taken for white noise that is as strong at low
+    frequencies, ``2 tau / dt`` times its variance. So it bounds drift over minutes while its velocities do the work.
+    """
+    (_, t, position, white), (_, _, velocity, speed) = observe_gps(fixes, frame, noise)
+    step = float(np.median(np.diff(t))) if len(t) > 1 else noise.gps_error_time
+    share = noise.gps_error_share / noise.gps_white_share
+    wander = COMMON_WANDER * white * share**2 * max(2.0 * noise.gps_error_time / step, 1.0)
+    return [
+        (_kernels.GPS2_POSITION, t, position, white + wander),
+        (_kernels.GPS2_VELOCITY, t, velocity, speed),
+    ]
+
+
 def observe(tables: Tables, frame: LocalFrame | None, noise: SensorNoise) -> Observations:
-    """Collect everything that GPS, baro and magnetometer measured."""
+    """Collect everything that GPS receivers, baro, magnetometer and range finder measured."""
     blocks: list[Block] = []
     fixes = usable_fixes(tables.gps)
     if fixes is not None and frame is not None:
         blocks += observe_gps(fixes, frame, noise)
+        second = next((usable_fixes(gps) for gps in tables.further.get("gps", ())), None)
+        if second is not None:
+            blocks += observe_second_gps(second, frame, noise)
     baro = usable(tables.baro, ["alt"])
     if baro is not None:
         alt = baro[["alt"]].to_numpy(float)
@@ -149,7 +174,21 @@ def observe(tables: Tables, frame: LocalFrame | None, noise: SensorNoise) -> Obs
     if mag is not None:
         field = mag[["mag_x", "mag_y", "mag_z"]].to_numpy(float)
         blocks.append((_kernels.MAG, mag.index.to_numpy(float), field, np.full_like(field, noise.mag**2)))
+    ranges = usable_ranges(tables.rangefinder)
+    if ranges is not None:
+        distance = ranges[["distance"]].to_numpy(float)
+        variance = np.full_like(distance, noise.range_finder**2)
+        blocks.append((_kernels.RANGE, ranges.index.to_numpy(float), distance, variance))
     return Observations.merge(blocks)
+
+
+def usable_ranges(rangefinder: pd.DataFrame | None) -> pd.DataFrame | None:
+    """Keep distances to the ground close by."""
+    rows = usable(rangefinder, ["distance"])
+    if rows is None:
+        return None
+    rows = rows[rows["distance"].between(SHORTEST_RANGE, LONGEST_RANGE)]
+    return None if rows.empty else rows
 
 
 def usable_field(mag: pd.DataFrame | None) -> pd.DataFrame | None:

@@ -9,16 +9,16 @@ from estimation.filter import ForwardPass, Problem
 
 
 @dataclass(frozen=True, slots=True)
-class Smoothed:
-    """Estimates that use the whole segment.
+class Estimates:
+    """What a segment gives at its outputs.
 
     Attributes
     ----------
-    x : ndarray, shape (m, 26)
+    x : ndarray, shape (m, 27)
         Nominal states at the outputs.
     covariance : ndarray, shape (m, 9, 9)
         Covariance of position, velocity and attitude errors.
-    slow_variance : ndarray, shape (m, 16)
+    slow_variance : ndarray, shape (m, 17)
         Variance of each sensor error.
     """
 
@@ -27,7 +27,7 @@ class Smoothed:
     slow_variance: np.ndarray
 
 
-def smooth(problem: Problem, result: ForwardPass) -> Smoothed:
+def smooth(problem: Problem, result: ForwardPass) -> Estimates:
     """Walk back over a kept forward pass (modified Bryson-Frazier, Bierman 1973); no matrix is inverted.
 
     Sensor errors hardly change from row to row: they are smoothed in every eighth row and interpolated between.
@@ -55,9 +55,20 @@ def smooth(problem: Problem, result: ForwardPass) -> Smoothed:
         covariance,
         variance,
     )
+    x[:, 10:] = _between_rows(x[:: _kernels.SLOW_EVERY, 10:], rows)
+    return Estimates(x, covariance, _between_rows(variance, rows))
+
+
+def filtered(result: ForwardPass) -> Estimates:
+    """Give the forward pass's own estimates, which know nothing of what comes after."""
+    slow = np.diagonal(result.sensor_rows[:, :, _kernels.SLOW :], axis1=1, axis2=2)
+    covariance = result.rows[:, :, : _kernels.SLOW].copy()
+    return Estimates(result.x, covariance, _between_rows(slow, len(result.x)))
+
+
+def _between_rows(known: np.ndarray, rows: int) -> np.ndarray:
+    """Interpolate what is known in every eighth row."""
+    if rows == 0:
+        return known
     row = np.arange(rows)
-    known = row[:: _kernels.SLOW_EVERY]
-    errors = x[:, 10:]
-    between = np.column_stack([np.interp(row, known, column) for column in np.hstack([errors[known], variance]).T])
-    x[:, 10:] = between[:, : errors.shape[1]]
-    return Smoothed(x, covariance, between[:, errors.shape[1] :])
+    return np.column_stack([np.interp(row, row[:: _kernels.SLOW_EVERY], column) for column in known.T])

@@ -28,6 +28,7 @@ GPS_LAGS = (-0.12, -0.08, -0.04, 0.0, 0.04, 0.08, 0.12)
 LAGGING: Mapping[str, tuple[int, ...]] = {
     "mag": (_kernels.MAG,),
     "gps": (_kernels.GPS_POSITION, _kernels.GPS_VELOCITY),
+    "gps2": (_kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY),
 }
 #: Ladders of the noise settings, with the names that they have in `SensorNoise`. A prior may only widen: that the three
 #: numbers which it is about came out small proves nothing.
@@ -52,7 +53,7 @@ class Tuned:
     Attributes
     ----------
     noise : SensorNoise
-    white_scale : ndarray, shape (4,)
+    white_scale : ndarray, shape (7,)
         Factor on the white variance of each kind of measurement.
     imu_scale : ndarray, shape (2,)
         Factor on the variance that gyro and accelerometer noise add.
@@ -110,7 +111,7 @@ def tune(
 
 
 def relinearised(problem: Problem, result: ForwardPass) -> np.ndarray:
-    """Give the start with its smoothed attitude to linearise about; all else stays as the prior has it, shape (26,)."""
+    """Give the start with its smoothed attitude to linearise about; all else stays as the prior has it, shape (27,)."""
     x = problem.x.copy()
     x[6:10] = smooth(problem, result).x[0, 6:10]
     return x

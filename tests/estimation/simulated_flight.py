@@ -42,6 +42,8 @@ class Sensors:
     mag_rate: float = 10.0
     mag_white: float = 3.0e-7
     hard_iron: float = 2.0e-6
+    second_gps: bool = False
+    range_finder: float = 0.0  # its white noise, m; 0 for none
 
 
 @dataclass(frozen=True)
@@ -140,11 +142,20 @@ def fly(
         index=index,
         columns=["b_gx", "b_gy", "b_gz", "b_ax", "b_ay", "b_az"],
     )
+    gps, baro, mag = (
+        _gps(rng, sensors, frame, t, position, velocity),
+        _baro(rng, sensors, t, position),
+        _mag(rng, sensors, t, C),
+    )
+    # Drawn last, so that the other sensors of a seed are the same with and without.
+    second = (_gps(rng, sensors, frame, t, position, velocity),) if sensors.second_gps else ()
     tables = Tables(
         imu=imu,
-        gps=_gps(rng, sensors, frame, t, position, velocity),
-        baro=_baro(rng, sensors, t, position),
-        mag=_mag(rng, sensors, t, C),
+        gps=gps,
+        baro=baro,
+        mag=mag,
+        rangefinder=_ranges(rng, sensors, t, position, C) if sensors.range_finder else None,
+        further={"gps": second} if second else {},
         attitude=pd.DataFrame(
             {"roll": roll, "pitch": pitch, "yaw": np.arctan2(np.sin(yaw), np.cos(yaw))}, index=pd.Index(t, name="t")
         ).iloc[:: round(0.1 / STEP)],
@@ -194,6 +205,15 @@ def _baro(rng: np.random.Generator, sensors: Sensors, t: np.ndarray, position: n
     drift = _walk(rng, 1.0, sensors.baro_walk, len(rows), 1.0 / sensors.baro_rate)[:, 0]
     alt = -position[rows, 2] + drift + rng.normal(0.0, sensors.baro_white, len(rows))
     return pd.DataFrame({"alt": alt, "pressure": np.nan, "temperature": np.nan}, index=pd.Index(t[rows], name="t"))
+
+
+def _ranges(
+    rng: np.random.Generator, sensors: Sensors, t: np.ndarray, position: np.ndarray, C: np.ndarray
+) -> pd.DataFrame:
+    """Give what a sensor 0.1 m above level ground at the origin's height sees along the body's down axis."""
+    rows = np.arange(0, len(t), round(0.1 / STEP))
+    distance = (0.1 - position[rows, 2]) / C[rows, 2, 2] + rng.normal(0.0, sensors.range_finder, len(rows))
+    return pd.DataFrame({"distance": distance}, index=pd.Index(t[rows], name="t"))
 
 
 def _mag(rng: np.random.Generator, sensors: Sensors, t: np.ndarray, C: np.ndarray) -> pd.DataFrame:

@@ -35,7 +35,8 @@ def later(tables: Tables, start: float) -> Tables:
 
 
 def test_trajectory_has_the_promised_columns(trajectory, flight):
-    names = [*SENSOR_ERROR_COLUMNS]
+    # The craft of this flight has no range finder, so nothing is said of the ground.
+    names = [name for name in SENSOR_ERROR_COLUMNS if name != "h_terrain"]
     assert list(trajectory.states.columns) == [*STATE_COLUMNS, *names]
     assert list(trajectory.sigma.columns) == [*SIGMA_COLUMNS, *names]
     assert trajectory.method == "strapdown"
@@ -220,7 +221,7 @@ def test_the_better_imu_is_chosen(flight):
     loose = flight.tables.imu + rng.normal(0.0, [0.2] * 3 + [3.0] * 3, flight.tables.imu.shape)
     tables = replace(flight.tables, imu=loose, further={"imu": (flight.tables.imu,)})
     result = estimate(tables)
-    assert result.diagnostics["imu"] == 1
+    assert result.diagnostics["imu"] == [1]
     assert compare(result, settled(flight)).horizontal_velocity < 0.06
     assert [f.id for f in result.findings] == ["other-imu"]
 

@@ -15,15 +15,16 @@ from estimation.observations import observe
 from estimation.smoother import smooth
 from estimation.states import SIZE, SensorNoise
 from estimation.timing import InertialSignal
-from tests.estimation.simulated_flight import PLACE, fly
+from tests.estimation.simulated_flight import PLACE, Sensors, fly
 
-#: Times of samples are taken as exact here: filterpy does not know of noise that grows with speed.
-NOISE = SensorNoise(gps_jitter=0.0, baro_jitter=0.0, mag_jitter=0.0)
+#: Times of samples are taken as exact here: filterpy does not know of noise that grows with speed,
+#: nor of ground that changes with it.
+NOISE = SensorNoise(gps_jitter=0.0, baro_jitter=0.0, mag_jitter=0.0, range_jitter=0.0, terrain_walk=0.0)
 
 
 @pytest.fixture(scope="module")
 def problem():
-    flight = fly(3, duration=24.0)
+    flight = fly(3, duration=24.0, sensors=Sensors(second_gps=True, range_finder=0.05))
     frame = LocalFrame.at(PLACE)
     field = world_field(PLACE, {}, None).ned
     imu = flight.tables.imu
@@ -48,7 +49,7 @@ def transition(result, node):
 
 def process_noise(problem, T, node):
     subs = slice(problem.node_sub[node], problem.node_sub[node + 1])
-    q = T * NOISE.random_walks()
+    q = T * NOISE.random_walks() * (np.diag(problem.P) > 0.0)
     q[6:9] += problem.sub_noise[subs, 0].sum()
     q[3:6] += problem.sub_noise[subs, 1].sum()
     gone = 1.0 - np.exp(-2.0 * T / NOISE.gps_error_time)

@@ -8,7 +8,7 @@ from filterpy.kalman import KalmanFilter
 from scipy.interpolate import Akima1DInterpolator
 
 from estimation import Trajectory, compare, errors, estimate
-from estimation.lowrate import SIZE, _filter_and_smooth, _Measured, _transition
+from estimation.lowrate import SIZE, _filter, _Measured, _transition
 from estimation.states import SensorNoise
 from tests.estimation.simulated_flight import Sensors, fly
 
@@ -77,7 +77,7 @@ def test_smoother_agrees_with_filterpy_where_there_is_no_input():
     nodes = np.array([m.t for m in measured[:-1]])
     idle = Akima1DInterpolator(nodes, np.zeros((len(nodes), 3)))
     gps_sigma = np.array([1.0, 1.0, 1.5])
-    x, P = _filter_and_smooth(nodes, idle, measured, gps_sigma, SensorNoise())
+    x, P = _filter(nodes, idle, measured, gps_sigma, SensorNoise())
 
     from estimation import lowrate
 

@@ -1,0 +1,35 @@
+"""Where a log was flown and what the world is like there."""
+
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from estimation.filter import World
+from estimation.local_frame import LocalFrame, is_simulated
+from estimation.magnetic_field import MagneticField, world_field
+from estimation.observations import find_origin
+from logparse import Geodetic, Tables
+
+#: Gravity where the place is not known: the mean of the globe, m/s^2.
+STANDARD_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Where the log was flown, as far as it is known."""
+
+    origin: Geodetic | None
+    frame: LocalFrame | None
+    field: MagneticField | None
+    world: World
+
+    @classmethod
+    def of(cls, tables: Tables, date: datetime | None) -> "Surroundings":
+        """Find the origin and what gravity, Earth's rotation and magnetic field are there."""
+        origin = find_origin(tables)
+        if origin is None:
+            return cls(None, None, None, World(STANDARD_GRAVITY, np.zeros(3)))
+        frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))
+        field = world_field(origin, tables.parameters, date)
+        return cls(origin, frame, field, World(frame.gravity, frame.earth_rate))
