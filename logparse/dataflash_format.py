@@ -247,6 +247,9 @@ def boot_clock(name: str, fields: Sequence[Field]) -> tuple[Field | None, int]:
     if "Week" in by_name and "T" in by_name and by_name["T"].char in "Ii":
         # GPS rows of 3.1/3.2: TimeMS is the receiver's ms of week, T is the boot clock.
         return by_name["T"], 1000
+    if name == "GPS" and "Time" in by_name and by_name["Time"].char in "Ii":
+        # Logs of 3.0 have no boot clock: the receiver's ms of week is the only one.
+        return by_name["Time"], 1000
     if not fields:
         return None, 0
     first = fields[0]

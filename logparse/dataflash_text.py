@@ -27,6 +27,9 @@ _FMT_LINE = re.compile(rb"^\s*FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILI
 _SEPARATOR = re.compile(r"[,\s]\s*")
 _MOST_BOOTS = 64
 
+#: Lines before the first message that are kept, and characters of each.
+_MOST_PRELUDE, _LONGEST_PRELUDE = 64, 200
+
 
 def looks_like(head: bytes) -> bool:
     """Whether a file that begins so is a DataFlash text log."""
@@ -83,12 +86,19 @@ class _Group:
         """Cells by column."""
         return list(zip(*self._split[1], strict=True)) if self.rows else [() for _ in self.fields]
 
+    @property
+    def is_gps_clock(self) -> bool:
+        """Whether the clock of this message is that of the GPS receiver, in firmware that logs no other."""
+        return self.time is not None and self.time.name == "Time"
+
     def times(self) -> npt.NDArray[np.int64]:
         """Boot clock of each row, us; -1 where there is none."""
         if self.time is None:
             return np.full(self.rows, -1, np.int64)
         values = _numbers(self.cells[self.fields.index(self.time)], self.time)
         seconds = np.asarray(values, np.float64) / self.time_scale
+        if self.is_gps_clock:
+            seconds[seconds == 0.0] = -1.0  # no fix yet
         return np.rint(np.where((seconds >= 0) & (seconds < 1e11), seconds * 1e6, -1.0)).astype(np.int64)
 
 
@@ -119,11 +129,12 @@ class DataflashTextSource:
         in_force: dict[str, _Group] = {}
         unknown = self._unknown
         start = _FMT_LINE.search(raw)
-        prelude = raw[: start.start()].count(b"\n") if start else 0
-        number = -1
-        for number, line in enumerate(raw.decode("utf-8", "replace").split("\n")):
-            if number < prelude:
-                continue
+        lines = raw.decode("utf-8", "replace").split("\n")
+        before = raw[: start.start()].count(b"\n") if start else 0
+        #: What the autopilot printed before its first message: firmware, board.
+        self.prelude = tuple(line.strip()[:_LONGEST_PRELUDE] for line in lines[: min(before, _MOST_PRELUDE)])
+        number = before - 1
+        for number, line in enumerate(lines[before:], start=before):
             name, comma, text = line.partition(",")
             name = name.strip()
             if not comma:
@@ -285,6 +296,14 @@ class DataflashTextSource:
                     Severity.WARNING,
                     f"{total} lines begin with a name that no FMT line explains ({names}); they were skipped.",
                     evidence={"messages": total},
+                )
+            )
+        if any(group.is_gps_clock for group in self._groups):
+            findings.append(
+                Finding(
+                    "no-boot-clock",
+                    Severity.INFO,
+                    "The firmware of this log wrote no boot clock; times are the GPS receiver's, seconds of the week.",
                 )
             )
         if len(self._spans) > 1:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from functools import cached_property
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -48,6 +49,14 @@ class _ParameterSource(Protocol):
     """A source whose format keeps parameters outside its messages."""
 
     def parameters(self, boot: Boot) -> Mapping[str, float]: ...
+
+
+@runtime_checkable
+class _PreludeSource(Protocol):
+    """A source whose format may begin with lines that are no messages."""
+
+    @property
+    def prelude(self) -> tuple[str, ...]: ...
 
 
 class Messages(Mapping[str, pd.DataFrame]):
@@ -163,9 +172,12 @@ class FlightLog:
     @cached_property
     def vehicle(self) -> "Vehicle":
         """The craft as the log describes it."""
-        from logparse.vehicle import describe
+        from logparse.vehicle import describe, printed
 
-        return describe(self.messages, format=self.format, parameters=self.parameters)
+        prelude = self._source.prelude if isinstance(self._source, _PreludeSource) else ()
+        others = (Messages(self._source, boot) for boot in self.boots[:_MOST_BOOTS] if boot != self.boot)
+        elsewhere = chain(prelude, *map(printed, others))
+        return describe(self.messages, format=self.format, parameters=self.parameters, elsewhere=elsewhere)
 
     @cached_property
     def _built(self) -> tuple["Tables", tuple[Finding, ...]]:

@@ -147,6 +147,7 @@ def describe(
     *,
     format: str,  # noqa: A002 -- the word of the door
     parameters: Mapping[str, float],
+    elsewhere: Iterable[str] = (),
 ) -> Vehicle:
     """Say what a log knows about its craft.
 
@@ -158,6 +159,8 @@ def describe(
         ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
     parameters : mapping of str to float
         The autopilot's parameters.
+    elsewhere : iterable of str
+        What the autopilot printed outside these messages: before the first line, in other boots of the file.
 
     Returns
     -------
@@ -165,7 +168,7 @@ def describe(
     """
     if format == "ulog":
         return _describe_px4(messages, parameters)
-    texts = list(_texts(messages))
+    texts = [*printed(messages), *elsewhere]
     firmware, version, git_hash = _firmware(messages, texts)
     frame_class, frame_type, source = _frame(messages, texts, parameters)
     motors: tuple[Motor, ...] = ()
@@ -207,8 +210,8 @@ def _first(parameters: Mapping[str, float], *names: str) -> float:
     return 0.0
 
 
-def _texts(messages: Mapping[str, pd.DataFrame]) -> Iterable[str]:
-    """Text messages of the autopilot in the order logged, without repetition."""
+def printed(messages: Mapping[str, pd.DataFrame]) -> Iterable[str]:
+    """Give the text messages of the autopilot in the order logged, without repetition."""
     seen: dict[str, None] = {}
     for name, column in (("MSG", "Message"), ("STATUSTEXT", "text")):
         if name in messages and column in messages[name]:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink import DFReader
 
-from logparse import LogError, RotoridError
+from logparse import LogError, RotoridError, read_log
 from logparse.dataflash_text import looks_like, open_dataflash_text
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs" / "real"
@@ -180,3 +180,19 @@ def test_looks_like_by_content() -> None:
     assert looks_like(("some prelude\r\n" + HEAD.replace("\n", "\r\n")).encode())
     assert not looks_like(b'{"FMT": 1}\n')
     assert not looks_like(b"t,roll,pitch\n0,1,2\n")
+
+
+def test_firmware_of_2013_has_only_the_receivers_clock(tmp_path):
+    """3.0 logs GPS ms of week as its one clock, zero before the fix, and names the firmware before the first line."""
+    head = HEAD.replace("Status,TimeMS,Week,T", "Status,Time,NSats,HDop").replace("GPS, BIHI", "GPS, BIBc")
+    rows = [
+        f"GPS, {0 if k < 3 else 3}, {0 if k < 3 else 500000000 + 200 * k}, 9, 1.1\nATT, 0.0, {k}.0, 0.0, 90\n"
+        for k in range(20)
+    ]
+    path = tmp_path / "old.log"
+    path.write_text("ArduCopter V3.0.1 (5c6503e2)\nFree RAM: 1331\n" + head + "".join(rows), encoding="utf-8")
+    log = read_log(path)
+    assert (log.vehicle.firmware, log.vehicle.version, log.vehicle.git_hash) == ("ArduCopter", "3.0.1", "5c6503e2")
+    assert log.duration == pytest.approx(0.2 * 16)
+    assert np.diff(log.messages["ATT"].index[4:-1]) == pytest.approx(0.2)
+    assert "no-boot-clock" in {finding.id for finding in log.findings}
