@@ -551,11 +551,11 @@ def _fields(
 
 
 @njit(cache=True, nogil=True)
-def _fetch(data: Array, ordered: Array) -> Int:
+def _fetch(data: Array, start: Int, stop: Int) -> Int:
     """Read a chunk of the stream in one go: frames of one message after the other are too far apart to be foreseen."""
-    p, last = np.uint64(ordered.min()), np.uint64(ordered.max())
+    p = np.uint64(start)
     read = np.uint8(0)
-    while p < last:
+    while p < np.uint64(stop):
         read ^= data[p]
         p += _U(64)
     return read
@@ -563,16 +563,18 @@ def _fetch(data: Array, ordered: Array) -> Int:
 
 @njit(cache=True, nogil=True)
 def decode(
-    data: Array, ordered: Array, starts: Array, first_mark: Int, last_mark: Int, stamped: Int, autopilot: Int,
-    knots: Array, slots: Array, clock_kind: Array, clock_offset: Array, first_field: Array, field_offset: Array,
-    field_width: Array, column: Array, t_column: Array, sender_column: Array, row: Array,
-    arena8: Array, arena16: Array, arena32: Array, arena64: Array, arena_f64: Array,
+    data: Array, chunk_start: Int, chunk_stop: Int, ordered: Array, starts: Array, first_mark: Int, last_mark: Int,
+    stamped: Int, autopilot: Int, knots: Array, slots: Array, clock_kind: Array, clock_offset: Array,
+    first_field: Array, field_offset: Array, field_width: Array, column: Array, t_column: Array, sender_column: Array,
+    row: Array, arena8: Array, arena16: Array, arena32: Array, arena64: Array, arena_f64: Array,
 ) -> Int:  # fmt: skip
     """Decode the frames of some messages in one chunk of the stream into columns; returns nothing of use.
 
     Parameters
     ----------
     data : uint8 array
+    chunk_start, chunk_stop : int
+        Between which positions the chunk's frames begin.
     ordered, starts
         The chunk's frames (see `sort_by_slot`).
     first_mark, last_mark : int
@@ -607,7 +609,7 @@ def decode(
     for slot in slots:
         wanted += starts[slot + 1] - starts[slot]
     # The result goes out, else the reading would be left out.
-    read = _fetch(data, ordered) if wanted * 4 > ordered.size else np.uint8(0)
+    read = _fetch(data, chunk_start, chunk_stop) if wanted * 4 > ordered.size else np.uint8(0)
     for m in range(slots.size):
         begin, stop = np.int64(starts[slots[m]]), np.int64(starts[slots[m] + 1])
         while begin < stop and np.int64(ordered[begin]) < first_mark:

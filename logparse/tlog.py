@@ -377,8 +377,8 @@ class TlogSource:
             if chunk.last_mark < boot.start or chunk.first_mark >= boot.stop:
                 continue
             _mavlink.decode(
-                self._data, chunk.ordered, chunk.starts, boot.start, boot.stop, self._stamped, autopilot,
-                self._clock.knots, plan.slots, clock_kind, clock_offset, plan.first_field,
+                self._data, chunk.first_mark, chunk.last_mark, chunk.ordered, chunk.starts, boot.start, boot.stop,
+                self._stamped, autopilot, self._clock.knots, plan.slots, clock_kind, clock_offset, plan.first_field,
                 plan.field_offset, plan.field_width, plan.column, plan.t_column, plan.sender_column, plan.row,
                 *plan.arenas,
             )  # fmt: skip
