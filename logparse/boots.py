@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from logparse import _decode
+from logparse.dataflash import _decode
 from logparse.source import Boot
 
 #: A last row on its own is of this boot when it is at most so much later than the one before, us.

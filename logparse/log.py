@@ -28,8 +28,8 @@ _HEAD = 1 << 16
 #: Reader modules in the order of asking; the surest signs first.
 _READERS = (
     ("logparse.ulog", "open_ulog"),
-    ("logparse.dataflash", "open_dataflash"),
-    ("logparse.dataflash_text", "open_dataflash_text"),
+    ("logparse.dataflash.binary", "open_dataflash"),
+    ("logparse.dataflash.text", "open_dataflash_text"),
     ("logparse.tlog", "open_tlog"),
 )
 

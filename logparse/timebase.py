@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import numpy.typing as npt
 
-from logparse import _decode
+from logparse.dataflash import _decode
 
 _GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
 

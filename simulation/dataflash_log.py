@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from logparse.dataflash_writer import MessageTable, write_dataflash
+from logparse.dataflash.writer import MessageTable, write_dataflash
 from simulation._kernels import FLYING, LANDING
 from simulation.instruments import Column, InstrumentedFlight
 

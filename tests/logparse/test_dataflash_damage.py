@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from logparse import RotoridError
-from logparse.dataflash import DataflashSource, open_dataflash
-from logparse.dataflash_writer import DataflashWriter
+from logparse.dataflash.binary import DataflashSource, open_dataflash
+from logparse.dataflash.writer import DataflashWriter
 
 TYPES = (("AA", "QIh", 17), ("BB", "QINd", 39), ("CC", "QIffffffff", 47), ("DD", "QIZN", 95))
 

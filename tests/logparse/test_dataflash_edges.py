@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from logparse import LogError
-from logparse.dataflash import looks_like, open_dataflash
-from logparse.dataflash_format import FIELD_TYPES, FMT, HEADER, Definition
-from logparse.dataflash_writer import DataflashWriter
+from logparse.dataflash.binary import looks_like, open_dataflash
+from logparse.dataflash.format import FIELD_TYPES, FMT, HEADER, Definition
+from logparse.dataflash.writer import DataflashWriter
 
 BOUNDS = {char: np.iinfo(kind.dtype) for char, kind in FIELD_TYPES.items() if kind.dtype.kind in "iu"}
 

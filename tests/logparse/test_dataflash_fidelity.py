@@ -13,8 +13,8 @@ import pandas as pd
 import pytest
 from pymavlink import DFReader
 
-from logparse.dataflash import DataflashSource, open_dataflash
-from logparse.dataflash_format import FIELD_TYPES
+from logparse.dataflash.binary import DataflashSource, open_dataflash
+from logparse.dataflash.format import FIELD_TYPES
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs"
 BINARY = sorted(path for path in LOGS.glob("*/*") if path.suffix.lower() == ".bin")

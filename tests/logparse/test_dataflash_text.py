@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pymavlink import DFReader
 
 from logparse import LogError, RotoridError, read_log
-from logparse.dataflash_text import looks_like, open_dataflash_text
+from logparse.dataflash.text import looks_like, open_dataflash_text
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs" / "real"
 TEXT = ["DigitalSarcasm-Quadcopter__nan.log", "Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log"]

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from pymavlink import DFReader
 
-from logparse.dataflash_format import MULTIPLIERS, UNITS
-from logparse.dataflash_writer import DataflashWriter, write_dataflash
+from logparse.dataflash.format import MULTIPLIERS, UNITS
+from logparse.dataflash.writer import DataflashWriter, write_dataflash
 
 
 def rows_by_pymavlink(path: Path) -> dict[str, list[DFReader.DFMessage]]:

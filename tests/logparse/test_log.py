@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from logparse import LogError, containers, read_log
-from logparse.dataflash_writer import DataflashWriter, write_dataflash
+from logparse.dataflash.writer import DataflashWriter, write_dataflash
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs"
 

@@ -398,6 +398,8 @@ def test_raw_streams_restart_too_and_may_have_no_clock_at_all():
     for boot in source.boots:
         frame = source.decode("VFR_HUD", boot)
         assert np.abs(frame.index - frame["alt"]).max() < 0.3
+    assert open_tlog(bytes(200_000) + raw(flight.data)).format == "mavlink-raw", "though it begins with a hole"
+    assert open_tlog(bytes(200_000) + flight.data).format == "tlog"
     silent = Flight()
     for k in range(10):
         silent.send(k, "HEARTBEAT", **AUTOPILOT)

@@ -183,7 +183,7 @@ def test_signed_frame_is_kept():
 )
 def test_telemetry_agrees_with_the_card(name):
     """The same flight on the autopilot's card: attitude at the same boot times is the same."""
-    dataflash = pytest.importorskip("logparse.dataflash")
+    dataflash = pytest.importorskip("logparse.dataflash.binary")
     path = LOGS / "sitl" / f"{name}.BIN"
     card = dataflash.open_dataflash(path.read_bytes())
     logged = card.decode("ATT", card.boots[0])

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from logparse import _decode
 from logparse.boots import Span, boot_spans
 from logparse.containers import Buffer, MappedPages
-from logparse.dataflash_format import FMT, FMT_ID, FMT_LENGTH, Definition, Field, UnitTable, boot_clock
+from logparse.dataflash import _decode
+from logparse.dataflash.format import FMT, FMT_ID, FMT_LENGTH, Definition, Field, UnitTable, boot_clock
 
 _CHUNK = 1 << 22
 #: Definitions that are told apart; ArduPilot has some 250, and only a made-up file has more than a few times that.

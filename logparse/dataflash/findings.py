@@ -8,7 +8,7 @@ import numpy as np
 from logparse.findings import Finding, Severity
 
 if TYPE_CHECKING:
-    from logparse.dataflash_chain import Chain
+    from logparse.dataflash.chain import Chain
 
 _NAMED = 8
 

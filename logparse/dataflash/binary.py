@@ -1,6 +1,6 @@
 """Read DataFlash binary logs (.bin): every message, every field, whatever happened to the file.
 
-`open_dataflash` follows the chain of message headers once (`dataflash_chain`). Columns are gathered when they are asked
+`open_dataflash` follows the chain of message headers once (`chain`). Columns are gathered when they are asked
 for, with the units and multipliers that the FMTU rows name.
 """
 
@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from logparse import _decode
 from logparse.boots import Span
 from logparse.containers import Buffer
-from logparse.dataflash_chain import Chain, Slot
-from logparse.dataflash_columns import Layout
-from logparse.dataflash_findings import decoding_findings, scan_findings
-from logparse.dataflash_format import FMT_ID, HEADER, UnitTable, clean_text
+from logparse.dataflash import _decode
+from logparse.dataflash.chain import Chain, Slot
+from logparse.dataflash.columns import Layout
+from logparse.dataflash.findings import decoding_findings, scan_findings
+from logparse.dataflash.format import FMT_ID, HEADER, UnitTable, clean_text
 from logparse.errors import LogError
 from logparse.findings import Finding
 from logparse.source import Boot

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from logparse.dataflash_format import (
+from logparse.dataflash.format import (
     FIELD_TYPES,
     FMT,
     FMT_ID,

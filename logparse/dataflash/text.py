@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from logparse import _decode
 from logparse.boots import Span, boot_spans
 from logparse.containers import Buffer
-from logparse.dataflash_format import FMT, Definition, Field, UnitTable, boot_clock
+from logparse.dataflash import _decode
+from logparse.dataflash.format import FMT, Definition, Field, UnitTable, boot_clock
 from logparse.errors import LogError
 from logparse.findings import Finding, Severity
 from logparse.source import Boot

@@ -7,9 +7,9 @@ import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 
-from logparse import _decode
-from logparse.dataflash_chain import Slot
-from logparse.dataflash_format import UnitTable, clean_text
+from logparse.dataflash import _decode
+from logparse.dataflash.chain import Slot
+from logparse.dataflash.format import UnitTable, clean_text
 
 _COPY = {1: _decode.COPY_1, 2: _decode.COPY_2, 4: _decode.COPY_4, 8: _decode.COPY_8}
 _SCALE = {
