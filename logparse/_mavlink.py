@@ -24,9 +24,10 @@ POSITION = 0  #: where the next record begins
 TAIL = 1  #: where the unreadable end of the stream begins; the stream's length when there is none
 BAD_CHECKSUMS = 2
 STRAY_BYTES = 3
-BREAKS = 4
-VERIFIED = 5  #: behind the checksum of the last frame: a signature, which it does not cover, may be damaged
-STATE_SIZE = 6
+BREAKS = 4  #: spans without an intact frame, the tail not counted
+FIRST_BREAK = 5  #: where the first of them begins
+VERIFIED = 6  #: behind the checksum of the last frame: a signature, which it does not cover, may be damaged
+STATE_SIZE = 7
 
 # Columns of an open clock window (one row per link) and of a closed one (preceded by the link).
 FIRST_OFFSET = 0
@@ -273,7 +274,7 @@ def _count_unknown(data: Array, mark: Int, unknown: Array) -> None:
 @njit(cache=True, nogil=True)
 def scan(
     data: Array, stamp_bytes: Int, slot_of_id: Array, crc_extra: Array, tables: Array, boot_field: Array,
-    heartbeat: Int, window_ms: Int, state: Array, offsets: Array, slots: Array, breaks: Array, unknown: Array,
+    heartbeat: Int, window_ms: Int, state: Array, offsets: Array, slots: Array, unknown: Array,
     bad_by_slot: Array, next_seq: Array, link_frames: Array, link_lost: Array, link_votes: Array,
     open_windows: Array, windows: Array,
 ) -> tuple[Int, Int]:  # fmt: skip
@@ -301,8 +302,6 @@ def scan(
         Out: position of the start byte of each intact frame.
     slots : uint16 array, like `offsets`
         Out: its message.
-    breaks : int64 array, shape (n, 2)
-        Out: the first n spans without an intact frame.
     unknown : int64 array, shape (n, 2)
         Out: ids without a definition, and how many of each; the last row collects all further ids.
     bad_by_slot, next_seq, link_frames, link_lost, link_votes, open_windows
@@ -339,9 +338,8 @@ def scan(
             state[BAD_CHECKSUMS] += _count_damaged(data, position, prefix, mark, slot_of_id, bad_by_slot)
             has_stamp &= mark >= position + prefix
             begin = mark - prefix if mark >= position + prefix else position
-            if state[BREAKS] < breaks.shape[0]:
-                breaks[state[BREAKS], 0] = np.int64(position)
-                breaks[state[BREAKS], 1] = np.int64(begin)
+            if state[BREAKS] == 0:
+                state[FIRST_BREAK] = np.int64(position)
             state[BREAKS] += 1
             state[STRAY_BYTES] += np.int64(begin - position)
             slot, body, end = _frame(data, mark, size, slot_of_id)

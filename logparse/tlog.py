@@ -22,7 +22,7 @@ import pyarrow as pa
 
 from logparse import _mavlink
 from logparse.containers import Buffer
-from logparse.dataflash_format import clean_text
+from logparse.dataflash.format import clean_text
 from logparse.errors import LogError
 from logparse.findings import Finding
 from logparse.mavlink_dialect import MessageDefinition, definitions
@@ -33,7 +33,6 @@ from logparse.tlog_findings import scan_findings
 _STAMP_BYTES = 8
 #: Frames per chunk: few enough that a chunk of the file and its columns stay in the processor's cache.
 _CHUNK_FRAMES = 1 << 14
-_MOST_BREAKS = 1 << 10
 _MOST_UNKNOWN = 64
 #: Clock windows, ms of boot time: shorter where there is no logger time to tell the time between.
 _WINDOW_MS, _RAW_WINDOW_MS = 1000, 100
@@ -141,7 +140,6 @@ class _Scan:
     def __init__(self, data: npt.NDArray[np.uint8], stamp_bytes: int):
         self.data, self.stamp_bytes = data, stamp_bytes
         self.chunks: list[_Chunk] = []
-        self.breaks = np.zeros((_MOST_BREAKS, 2), np.int64)
         self.unknown = np.zeros((_MOST_UNKNOWN, 2), np.int64)
         self.bad_by_slot = np.zeros(len(_dialect().messages), np.int64)
         self.link_frames, self.link_lost, self.link_votes = (np.zeros(_mavlink.LINKS, np.int64) for _ in range(3))
@@ -162,8 +160,8 @@ class _Scan:
             n, n_windows = _mavlink.scan(
                 self.data, self.stamp_bytes, dialect.slot_of_id, dialect.crc_extra, dialect.checksum_tables,
                 dialect.boot_field, dialect.slot_of_name["HEARTBEAT"],
-                _WINDOW_MS if self.stamp_bytes else _RAW_WINDOW_MS, self.state, offsets, slots, self.breaks,
-                self.unknown, self.bad_by_slot, self._next_seq, self.link_frames, self.link_lost, self.link_votes,
+                _WINDOW_MS if self.stamp_bytes else _RAW_WINDOW_MS, self.state, offsets, slots, self.unknown,
+                self.bad_by_slot, self._next_seq, self.link_frames, self.link_lost, self.link_votes,
                 self._open_windows, windows,
             )  # fmt: skip
             if n:
@@ -239,7 +237,14 @@ def looks_like(head: bytes) -> bool:
 
 def _stamp_bytes(data: npt.NDArray[np.uint8]) -> int:
     """Bytes of logger time before each frame: with the right number there are fewer bytes between the frames."""
-    sample = data[:_SAMPLE]
+    dialect = _dialect()
+    first = int(
+        _mavlink.find_frame(
+            data, np.uint64(0), np.uint64(len(data)), dialect.slot_of_id, dialect.crc_extra, dialect.checksum_tables
+        )
+    )
+    start = max(first - _STAMP_BYTES, 0)
+    sample = data[start : start + _SAMPLE]
     breaks = {}
     for count in (_STAMP_BYTES, 0):
         scan = _Scan(sample, count)

@@ -15,6 +15,8 @@ _NAMED = 8
 _FOREIGN = 10
 #: A link that loses more than this part of its frames leaves holes that matter.
 _LOSSY = 0.1
+#: More than this part of a file that is not intact frames is more than a radio's noise.
+_DAMAGED = 0.01
 #: Mean step between sequence numbers, on a scale to 256, of a sender that does not count.
 _UNCOUNTED = 50
 
@@ -40,14 +42,17 @@ def _damage(source: "TlogSource") -> list[Finding]:
     stray = int(state[_mavlink.STRAY_BYTES])
     places = int(state[_mavlink.BREAKS])
     if stray:
-        first = int(source.scan.breaks[0, 0])
+        first = int(state[_mavlink.FIRST_BREAK])
+        wrong = f"; {bad} frames have a wrong checksum" if bad else ""
+        many = stray > _DAMAGED * len(source.data)
         findings.append(
             Finding(
                 "bytes-skipped",
-                Severity.WARNING,
-                f"{stray} bytes in {places} places, the first at byte {first}, are not intact frames; {bad} frames "
-                "have a wrong checksum.",
-                "A few come with any radio link. Many: copy the log again, and look at the ground station's disk.",
+                Severity.WARNING if many else Severity.INFO,
+                f"{stray} bytes in {places} places, the first at byte {first}, are not intact frames{wrong}.",
+                "Copy the log again; when it comes out the same, the link or the ground station's disk failed."
+                if many
+                else "",
                 {"bytes": stray, "places": places, "first_byte": first, "bad_checksums": bad},
             )
         )
