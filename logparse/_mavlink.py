@@ -58,8 +58,6 @@ _OWN_TIME_TOLERANCE_US = 10_000_000
 
 #: So many frames of unknown messages in a row are believed.
 _MOST_UNKNOWN_RUN = 8
-#: Time stamp, header, payload, checksum and signature.
-_LONGEST_RECORD = 8 + 10 + 255 + 2 + 13
 _BLOCK_ROWS = 1024
 _MARK_V1 = np.uint8(0xFE)
 _MARK_V2 = np.uint8(0xFD)
@@ -230,17 +228,15 @@ def _is_unknown_frame(
     It hides no intact frame, and behind it, perhaps behind others of its kind, comes an intact frame or the end.
     """
     size = np.uint64(data.size)
-    stop = min(size, mark + _U(_MOST_UNKNOWN_RUN * _LONGEST_RECORD))
-    intact = find_frame(data, mark + _U(1), stop, slot_of_id, crc_extra, tables)
     for _ in range(_MOST_UNKNOWN_RUN):
-        if intact < end:
+        if find_frame(data, mark + _U(1), end, slot_of_id, crc_extra, tables) < size:
             return False
         mark = end + prefix
-        if intact == mark:
-            return True
-        slot, _, end = _frame(data, mark, size, slot_of_id)
-        if slot != UNKNOWN:
-            return slot == NO_FRAME and mark + _U(8) > size
+        slot, body, end = _frame(data, mark, size, slot_of_id)
+        if slot >= 0:
+            return _intact(data, mark, slot, body, crc_extra, tables)
+        if slot == NO_FRAME:
+            return mark + _U(8) > size
     return True
 
 

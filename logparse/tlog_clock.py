@@ -162,7 +162,7 @@ def logger_clock(stamps: Int64s, size: int) -> BootClock:
     """
     if not len(stamps):
         return BootClock((Boot(0, size, 0.0, 0.0),), np.zeros((1, 4), np.int64), ())
-    good = stamps[np.abs(stamps - np.median(stamps)) < 30 * _FAR_US]
+    good = stamps[np.abs(stamps.astype(np.float64) - np.median(stamps)) < 30 * _FAR_US]
     first, last = int(good.min()), int(good.max())
     knots = np.array([[0, first, 0, last - first + _FAR_US]], np.int64)
     return BootClock((Boot(0, size, 0.0, (last - first) / 1e6),), knots, ())
