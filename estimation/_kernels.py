@@ -20,6 +20,7 @@ N = 26  # states.SIZE; a literal so that loops have constant bounds
 SLOW = 9  # states from here on are sensor errors, which change slowly
 SLOW_EVERY = 8  # their smoothed values are worked out for every eighth output row
 ENTRIES = 7  # most entries that a row of H has
+FARTHEST = 0.3  # rad; headings further than this from the first one are a new first one
 
 # Kinds of measurement groups.
 GPS_POSITION, GPS_VELOCITY, BARO, MAG, GPS2_POSITION, GPS2_VELOCITY, RANGE = range(7)
@@ -160,10 +161,21 @@ def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: 
 
 @njit(cache=True, nogil=True)
 def _observe(
-    kind: int, axis: int, x: Array, R: Array, rate: Array, acceleration: Array, index: Array, value: Array
+    kind: int,
+    axis: int,
+    x: Array,
+    R: Array,
+    rate: Array,
+    acceleration: Array,
+    heading: float,
+    field: Array,
+    index: Array,
+    value: Array,
 ) -> tuple[float, int, float]:
     """Predict one scalar measurement and fill its row of H (index, value).
 
+    `heading` is by how much measurements have turned the craft about down since it had the heading, and `field` the
+    magnetic field, at which the rows of the magnetometer are taken.
     Gives the prediction, the number of entries and how fast the prediction changes with time.
     """
     if kind == GPS_POSITION:
@@ -175,9 +187,14 @@ def _observe(
         index[1], value[1] = 15, 1.0
         return x[16] - x[2], 2, x[5]
     if kind == MAG:
-        # R' exp(-[phi]x) m = R' m + R' [m]x phi
-        r0, r1, r2 = R[0, axis], R[1, axis], R[2, axis]
-        m0, m1, m2 = x[23], x[24], x[25]
+        # R' exp(-[phi]x) m = R' m + R' [m]x phi. Heading and hard iron of a craft that does not turn cannot be told
+        # apart; rows of H taken at ever new headings would pretend that they can (Huang, Mourikis & Roumeliotis 2010).
+        # So the row belongs to the first heading and field, not to the latest ones.
+        c, s = np.cos(heading), np.sin(heading)
+        r0 = c * R[0, axis] + s * R[1, axis]
+        r1 = c * R[1, axis] - s * R[0, axis]
+        r2 = R[2, axis]
+        m0, m1, m2 = field[0], field[1], field[2]
         index[0], value[0] = 6, r1 * m2 - r2 * m1
         index[1], value[1] = 7, r2 * m0 - r0 * m2
         index[2], value[2] = 8, r0 * m1 - r1 * m0
@@ -185,10 +202,12 @@ def _observe(
         index[4], value[4] = 22, r0
         index[5], value[5] = 23, r1
         index[6], value[6] = 24, r2
+        m0, m1, m2 = x[23], x[24], x[25]
         j, k = (axis + 1) % 3, (axis + 2) % 3
         b_j = R[0, j] * m0 + R[1, j] * m1 + R[2, j] * m2
         b_k = R[0, k] * m0 + R[1, k] * m1 + R[2, k] * m2
-        return r0 * m0 + r1 * m1 + r2 * m2 + x[17 + axis], 7, rate[k] * b_j - rate[j] * b_k
+        b = R[0, axis] * m0 + R[1, axis] * m1 + R[2, axis] * m2
+        return b + x[17 + axis], 7, rate[k] * b_j - rate[j] * b_k
     if kind == GPS2_POSITION:
         index[0], value[0] = axis, 1.0
         return x[axis], 1, x[3 + axis]
@@ -350,6 +369,8 @@ def forward(
     rate = np.zeros(3)
     acceleration = np.zeros(3)
     refused = np.zeros(KINDS)
+    field = x[23:26].copy()
+    heading = 0.0
     likelihood = 0.0
     _rotation(x, R)
     for node in range(node_out.shape[0]):
@@ -391,7 +412,7 @@ def forward(
             worst = 0.0
             spread = 0.0
             for m in range(first, last):
-                z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, index, value)
+                z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, heading, field, index, value)
                 nu = scalar_z[m] - z
                 s = scale[kind] * scalar_var[m] + (jitter[kind] * speed) ** 2
                 for i in range(count):
@@ -423,10 +444,13 @@ def forward(
                         P[row, row] += scalar_nu[m] ** 2
             refused[kind] = 0.0
             for m in range(first, last):
-                z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, index, value)
+                z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, heading, field, index, value)
                 nu = scalar_z[m] - z
                 s = scale[kind] * scalar_var[m] + (jitter[kind] * speed) ** 2
                 inv = _fuse(x, P, nu, s, index, value, count, gain)
+                heading += gain[8] * nu
+                if abs(heading) > FARTHEST:
+                    heading = 0.0
                 _rotation(x, R)
                 likelihood -= 0.5 * (np.log(1.0 / inv) + nu * nu * inv)
                 scalar_nu[m] = nu

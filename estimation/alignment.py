@@ -34,7 +34,7 @@ STILL_LONGEST, STILL_SHORTEST = 5.0, 1.0
 #: below this speed, m/s.
 RUNNING_PWM, GROUND_SPEED = 1250.0, 1.0
 #: Share of a sensor error's first uncertainty that a hole in the log brings back: what happened in it is not known.
-UNSEEN_SHARE = 0.2
+UNSEEN_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,16 +72,16 @@ class SensorNoise:
         1-sigma hard iron left by the calibration, T.
     hard_iron_walk : float
         T/sqrt(s).
-    field : float
-        1-sigma of the world magnetic field's model, T. The World Magnetic Model's own error is 0.09-0.17 uT per
-        component (NOAA, WMM2020 report); roofs and cars nearby add to it.
+    field : (float, float, float)
+        1-sigma of the world magnetic field's model north, east and down, T: the World Magnetic Model's own error at
+        the ground, crust included (Chulliat et al. 2020, WMM2020 report, section 3).
     gps_error_time : float
         Correlation time of the Gauss-Markov position error of the GPS, s: the carrier-smoothed single-frequency
         receivers of this class wander over one to a few minutes.
     gps_error_share : float
         Share of the reported accuracy that is the slowly varying error.
     gps_white_share : float
-        Share of the reported accuracy that is white from sample to sample.
+        Share of the reported accuracy that is white from sample to sample; squares of both shares add up to one.
     range_finder : float
         White noise of the range finder, m: the lidars of this class read to 0.02-0.1 m over grass and concrete.
     terrain : float
@@ -108,9 +108,9 @@ class SensorNoise:
     mag: float = 5.0e-7
     hard_iron: float = 3.0e-6
     hard_iron_walk: float = 2.0e-8
-    field: float = 1.5e-7
+    field: tuple[float, float, float] = (1.31e-7, 0.94e-7, 1.57e-7)
     gps_error_time: float = 100.0
-    gps_error_share: float = 0.9
+    gps_error_share: float = 0.98
     gps_white_share: float = 0.2
     range_finder: float = 0.06
     terrain: float = 30.0

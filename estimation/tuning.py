@@ -132,13 +132,19 @@ def _find_lag(
 
 
 def _set_noise(problem: Problem, setting: str, ladder: Sequence[float]) -> Problem:
-    """Put one noise setting on its likeliest rung."""
+    """Put one noise setting on its likeliest rung; to be quieter than its class it must be decisively likelier.
+
+    A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little.
+    """
 
     def at(value: float) -> Problem:
         noise = replace(problem.noise, **{setting: value})
         return replace(problem, noise=noise, P=with_priors(problem.P, noise))
 
-    return _climb(at, ladder, _nearest(ladder, getattr(problem.noise, setting)))[1]
+    documented = _nearest(ladder, getattr(problem.noise, setting))
+    likelihoods, likeliest = _climb(at, ladder, documented)
+    quieter = getattr(likeliest.noise, setting) < documented
+    return at(documented) if quieter and max(likelihoods.values()) - likelihoods[documented] < DECISIVE else likeliest
 
 
 def _split_gps_error(problem: Problem) -> Problem:

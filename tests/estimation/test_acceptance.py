@@ -1,0 +1,68 @@
+"""Acceptance: accuracy and honesty on simulated flights of ten minutes, pooled over seeds that nothing was tuned on."""
+
+from dataclasses import astuple, replace
+
+import numpy as np
+import pytest
+
+from estimation import compare, errors, estimate, nees
+from tests.estimation.simulated_flight import fly
+
+#: The errors of GPS position and of heading are a few throws of the dice per flight, so it takes many flights.
+SEEDS = range(300, 320)
+SETTLED = 15.0
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def judged():
+    """RMS errors in the order of `Comparison`, and mean NEES per degree of freedom by group."""
+    squares, honesty = [], []
+    for seed in SEEDS:
+        flight = fly(seed, duration=600.0)
+        truth = flight.truth[flight.truth.index > SETTLED].iloc[::5]
+        trajectory = estimate(flight.tables, rate=10.0)
+        squares.append(np.square(astuple(compare(trajectory, truth))))
+        honesty.append(nees(trajectory, truth))
+    rms = np.sqrt(np.mean(squares, axis=0))
+    return rms, {name: float(np.mean([n[name] for n in honesty])) for name in honesty[0]}
+
+
+def test_velocity_and_attitude(judged):
+    _, _, horizontal_velocity, vertical_velocity, tilt, yaw = judged[0]
+    assert horizontal_velocity < 0.065
+    assert vertical_velocity < 0.03
+    assert np.degrees(tilt) < 0.085
+    assert np.degrees(yaw) < 0.105
+
+
+@pytest.mark.parametrize("group", ["position", "velocity", "attitude"])
+def test_errors_are_as_large_as_the_covariance_says(judged, group):
+    assert 0.8 < judged[1][group] < 1.2
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly(210, duration=300.0)
+
+
+@pytest.mark.parametrize("start", [60.0, 150.0, 240.0])
+def test_an_outage_of_twenty_seconds(flight, start):
+    gps = flight.tables.gps
+    cut = estimate(replace(flight.tables, gps=gps[(gps.index < start) | (gps.index > start + 20.0)]))
+    whole = errors(estimate(flight.tables), flight.truth).loc[start : start + 20.0]
+    inside = errors(cut, flight.truth).loc[start : start + 20.0]
+    assert np.hypot(inside["p_n"], inside["p_e"]).max() < max(3.0, 1.1 * np.hypot(whole["p_n"], whole["p_e"]).max())
+    assert [f.id for f in cut.findings] == ["gps-outage"]
+
+
+@pytest.mark.parametrize("axis", ["lat", "lon", "alt"])
+def test_a_glitch_of_three_seconds(flight, axis):
+    gps = flight.tables.gps.copy()
+    gps.loc[100.0:103.0, axis] += 15.0 if axis == "alt" else 15.0 / 6.37e6
+    truth = flight.truth[flight.truth.index > SETTLED]
+    glitched = compare(estimate(replace(flight.tables, gps=gps)), truth)
+    clean = compare(estimate(flight.tables), truth)
+    assert glitched.horizontal_position == pytest.approx(clean.horizontal_position, rel=0.01)
+    assert glitched.vertical_position == pytest.approx(clean.vertical_position, rel=0.01)
