@@ -83,6 +83,8 @@ def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tu
     try:
         if path.is_dir():
             raise LogError(f"{path} is a folder, not a log")
+        if path.exists() and not path.is_file():
+            raise LogError(f"{path} is a pipe or a device, not a file; save the log to a file first")
         with path.open("rb") as file:
             magic = file.read(4)
             if not magic:

@@ -276,6 +276,8 @@ def truth(messages: Messages) -> pd.DataFrame | None:
     else:
         q = quaternions(*(quantity(simulated, name, "deg") for name in ("Roll", "Pitch", "Yaw")))
     turned = pd.DataFrame(series(simulated.index, dict(zip(names, q.T, strict=True)))).dropna()
+    if len(turned) < 2:
+        return result
     values = turned.to_numpy(copy=True)
     # Neighbouring quaternions on the same side of the sphere, so that interpolation takes the short way.
     flips = np.cumsum(np.append(False, np.sum(values[1:] * values[:-1], axis=1) < 0.0)) % 2

@@ -93,8 +93,8 @@ def _tail(chain: "Chain", start: int, size: int) -> Finding:
     if chain.truncated_at >= start:
         return Finding(
             "truncated-tail",
-            Severity.WARNING,
-            f"The log ends inside a message at byte {start}: power was lost or the file is cut short.",
+            Severity.INFO,
+            f"The log ends inside a message at byte {start}, which is lost: power was cut or the file is cut short.",
             evidence=evidence,
         )
     return Finding(

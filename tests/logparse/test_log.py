@@ -3,6 +3,7 @@
 import gzip
 import io
 import json
+import os
 import shutil
 import zipfile
 from datetime import UTC, datetime, timedelta
@@ -188,3 +189,9 @@ def test_every_shared_log_is_recognised(tmp_path: Path) -> None:
     inventory = pd.read_csv(LOGS / "real" / "INVENTORY.tsv", sep="\t").set_index("file")["format"]
     expected = {"dataflash-bin": "dataflash", "dataflash-text": "dataflash-text", "ulog": "ulog", "tlog": "tlog"}
     assert formats == {name: expected[kind.split(" ")[0]] for name, kind in inventory.items()}, json.dumps(formats)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "flight.bin")
+    with pytest.raises(LogError, match="not a file"):
+        read_log(tmp_path / "flight.bin")

@@ -429,6 +429,9 @@ def test_truth_of_the_simulator():
     tables, _ = build({"SIM2": place, "SIM": turned})
     assert list(tables.truth) == list(COLUMNS["truth"])
     assert tables.truth["q_w"].abs().tolist() == pytest.approx([1.0] * 11)
+    # Damaged attitudes leave the position.
+    broken = turned.assign(Q1=math.nan)
+    assert build({"SIM2": place, "SIM": broken})[0].truth["p_d"].tolist() == [3.0] * 11
 
 
 def test_origin_is_logged_or_found_from_fixes():
