@@ -18,7 +18,7 @@ $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("rotorid needs Python >= 3.11; set PYTHON=python3.11 or newer" if sys.version_info < (3, 11) else 0)'
 	@echo "Setting up $(VENV) (first time: a minute or two) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
 analyze: setup  ## analyse sample_logs/, print a summary, write out/report.html and friends
@@ -35,7 +35,7 @@ lint: setup  ## ruff, mypy --strict and the import direction
 	@$(BIN)/lint-imports
 
 bench: setup  ## compare speed and accuracy with the peers, print one table
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,peers]"
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e ".[dev,peers]"
 	@$(BIN)/python -m benchmarks
 
 serve: setup  ## start the web service on http://127.0.0.1:8000
