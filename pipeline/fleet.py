@@ -13,6 +13,7 @@ from pipeline.config import AnalysisConfig
 from pipeline.craft import by_craft, craft_name
 from pipeline.errors import ConfigError
 from pipeline.flight import analyze
+from pipeline.names import printable
 from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, Prediction
 from pipeline.stages import Progress, Stages, overall, silent
 
@@ -57,7 +58,7 @@ def analyze_fleet(
         for number, (file, named) in enumerate(files):
 
             def report(stage: str, fraction: float, number: int = number, file: Path = file) -> None:
-                progress(f"{file.name}: {stage}", share * (number + fraction))
+                progress(f"{printable(file.name)}: {stage}", share * (number + fraction))
 
             outcomes[file] = analyze_one(file, config, names[file], named, overall(report))
     else:
@@ -73,7 +74,7 @@ def analyze_fleet(
                 _LOG.exception("analysing %s failed", file)
                 outcomes[file] = Failure(file, f"the worker process failed: {type(error).__name__}: {error}")
             if outcomes[file] is not None:
-                progress(f"{file.name}: done ({number} of {len(jobs)} files)", share * number)
+                progress(f"{printable(file.name)}: done ({number} of {len(jobs)} files)", share * number)
 
     ordered = [outcomes[file] for file, _ in files]
     flights = tuple(outcome for outcome in ordered if isinstance(outcome, FlightResult))
@@ -118,7 +119,7 @@ def flight_names(files: Sequence[Path]) -> dict[Path, str]:
     taken: set[str] = set()
     stems = [file.stem.casefold() for file in files if file.suffix.lower() in LOG_SUFFIXES]
     for file in files:
-        base = file.stem if stems.count(file.stem.casefold()) <= 1 else file.name
+        base = printable(file.stem if stems.count(file.stem.casefold()) <= 1 else file.name)
         name, number = base, 1
         while name.casefold() in taken:
             number += 1

@@ -10,6 +10,7 @@ import sysid
 from logparse import Finding, FlightLog, MissingDataError, health
 from pipeline.config import AnalysisConfig
 from pipeline.craft import fingerprint
+from pipeline.names import printable
 from pipeline.results import POSITION_KNOWN, FlightResult, LogFacts, Prediction, Span, horizontal_sigma
 from pipeline.stages import Progress, Stages, silent
 
@@ -42,7 +43,7 @@ def analyze(
         The file is not a readable log, or holds neither a flight nor a trajectory.
     """
     path = Path(path)
-    name = name or path.stem
+    name = name or printable(path.stem)
     config = config or AnalysisConfig()
     stages = Stages(progress or silent, config.time_limit)
 

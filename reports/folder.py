@@ -2,12 +2,17 @@
 
 import csv
 import json
+import logging
 import re
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from pipeline.results import FleetResult, FlightResult
 from reports import html
 from reports.numbers import Numbers, fleet_numbers, flight_numbers, models, rmse_rows
+
+_LOG = logging.getLogger("rotorid.reports")
 
 
 def write(result: FlightResult | FleetResult, folder: str | Path) -> Path:
@@ -26,20 +31,28 @@ def write(result: FlightResult | FleetResult, folder: str | Path) -> Path:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    if isinstance(result, FlightResult):
-        numbers = flight_numbers(result)
-        page = html.flight_page(result, numbers)
-    else:
-        numbers = fleet_numbers(result)
-        folders = folder_names([flight.name for flight in result.flights])
-        page = html.fleet_page(result, numbers, folders)
-        _write_flight_pages(result, numbers, folder, folders)
+    numbers = flight_numbers(result) if isinstance(result, FlightResult) else fleet_numbers(result)
     (folder / "report.json").write_text(_json(numbers), encoding="utf-8")
     (folder / "models.json").write_text(_json(models(result)), encoding="utf-8")
     _write_rmse(rmse_rows(numbers), folder / "rmse.csv")
     report = folder / "report.html"
-    report.write_text(page, encoding="utf-8")
+    if isinstance(result, FlightResult):
+        _write_page(report, lambda: html.flight_page(result, numbers))
+    else:
+        folders = folder_names([flight.name for flight in result.flights])
+        _write_page(report, lambda: html.fleet_page(result, numbers, folders))
+        _write_flight_pages(result, numbers, folder, folders)
     return report
+
+
+def _write_page(path: Path, render: Callable[[], str]) -> None:
+    """Write a page; where it cannot be drawn, one that says so: a bug there must not cost numbers and other pages."""
+    try:
+        page = render()
+    except Exception as error:
+        _LOG.exception("drawing %s failed", path)
+        page = html.failed_page(error)
+    path.write_text(page, encoding="utf-8")
 
 
 def folder_names(names: list[str]) -> dict[str, str]:
@@ -59,16 +72,19 @@ def _write_flight_pages(result: FleetResult, numbers: Numbers, folder: Path, fol
     joint = {part.experiment.name: part for group in result.groups for part in group.predictions}
     joint_rows = {row["flight"]: row for group in numbers["groups"] for row in group["rmse"]}
     for flight, flight_numbers_ in zip(result.flights, numbers["flights"], strict=True):
-        page = html.flight_page(
-            flight,
-            flight_numbers_,
-            joint=joint.get(flight.name),
-            joint_row=joint_rows.get(flight.name),
-            back="../../report.html",
-        )
         path = folder / "flights" / folders[flight.name] / "report.html"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(page, encoding="utf-8")
+        _write_page(
+            path,
+            partial(
+                html.flight_page,
+                flight,
+                flight_numbers_,
+                joint=joint.get(flight.name),
+                joint_row=joint_rows.get(flight.name),
+                back="../../report.html",
+            ),
+        )
 
 
 def _json(value: object) -> str:

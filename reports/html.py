@@ -12,7 +12,7 @@ from typing import Any
 from urllib.parse import quote
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from pipeline.results import FleetResult, FlightResult, Prediction
 from reports import summary, views
@@ -85,6 +85,16 @@ def fleet_page(result: FleetResult, numbers: Numbers, folders: dict[str, str]) -
         alone="No craft has two usable flights here, so there is no joint model; every flight stands for itself.",
         failures=[(failure["file"], failure["reason"]) for failure in failures],
         flights=views.flight_rows(flights, links),
+    )
+
+
+def failed_page(error: Exception) -> str:
+    """Stand in for a page that could not be drawn, and say where its numbers are."""
+    return (
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>rotorid</title></head><body>'
+        f"<p>This page could not be drawn ({escape(type(error).__name__)}: {escape(str(error))}). "
+        "This is a bug in rotorid; please report it. All numbers are in report.json, models.json and rmse.csv.</p>"
+        "</body></html>\n"
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pipeline.names import printable
 from pipeline.results import FleetResult, FlightResult, GroupResult, Prediction, Span
 from pipeline.verdict import judge
 
@@ -258,7 +259,7 @@ def _finding(finding: Finding) -> Numbers:
 
 
 def plain(numbers: Numbers) -> Numbers:
-    """Reduce a structure to what JSON can say: no NumPy types, no tuples, and None for NaN and infinities."""
+    """Reduce a structure to what JSON and UTF-8 can say: no NumPy types, no tuples, None for NaN and infinities."""
     return {str(key): _plain(item) for key, item in numbers.items()}
 
 
@@ -277,4 +278,4 @@ def _plain(value: Any) -> Any:
         return float(value) if math.isfinite(value) else None
     if isinstance(value, complex):
         return [_plain(value.real), _plain(value.imag)]
-    return str(value)
+    return printable(str(value))

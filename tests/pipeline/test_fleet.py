@@ -33,6 +33,11 @@ def test_flights_are_named_after_files_uniquely():
     assert [names[file] for file in files] == ["x.BIN", "x.tlog", "x.json", "y.bin", "Y.bin (2)", "z"]
 
 
+def test_names_are_printable_whatever_bytes_they_are_made_of():
+    (name,) = fleet.flight_names([Path("a/bad\udcff\udcfename.bin")]).values()
+    assert name == r"bad\xff\xfename"
+
+
 def some(*names):
     return [SimpleNamespace(name=name) for name in names]
 

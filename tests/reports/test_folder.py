@@ -16,6 +16,8 @@ import pytest
 import reports
 from logparse import Finding, Severity
 from pipeline import FleetResult
+from pipeline.results import Failure
+from reports import html
 from reports.folder import folder_names
 from reports.numbers import fleet_numbers, flight_numbers, plain
 from reports.quantity import column
@@ -217,3 +219,28 @@ def test_a_flight_without_anything_says_why(flight, tmp_path):
 )
 def test_folders_are_safe_and_unique(names, folders):
     assert list(folder_names(names).values()) == folders
+
+
+def test_a_name_that_is_not_utf8_costs_nothing(flight, tmp_path):
+    odd = dataclasses.replace(flight, log=dataclasses.replace(flight.log, path=Path("/logs/bad\udcff\udcfename.bin")))
+    lost = Failure(Path("/logs/lost\udcff.bin"), "lost\udcff.bin is empty")
+    page = reports.write(FleetResult(flights=(odd,), failures=(lost,), groups=(), config=odd.config), tmp_path)
+    numbers = strict((tmp_path / "report.json").read_text("utf-8"))
+    assert numbers["flights"][0]["log"]["file"] == r"bad\xff\xfename.bin"
+    assert r"lost\xff.bin" in page.read_text("utf-8")
+
+
+def test_a_page_that_cannot_be_drawn_costs_only_itself(fleet, tmp_path, monkeypatch):
+    drawn = html.flight_page
+
+    def failing(result, *arguments, **options):
+        if result.name == "flight01":
+            raise ZeroDivisionError("a <bug>")
+        return drawn(result, *arguments, **options)
+
+    monkeypatch.setattr(html, "flight_page", failing)
+    page = reports.write(fleet, tmp_path).read_text("utf-8")
+    assert "notes.bin" in page
+    assert "a &lt;bug&gt;" in (tmp_path / "flights" / "flight01" / "report.html").read_text("utf-8")
+    assert "RMSE" in (tmp_path / "flights" / "flight02" / "report.html").read_text("utf-8")
+    assert (tmp_path / "report.json").is_file()
