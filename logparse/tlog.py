@@ -182,9 +182,10 @@ class _Scan:
         """Intact frames."""
         return sum(len(chunk.ordered) for chunk in self.chunks)
 
-    def windows(self, link: int) -> npt.NDArray[np.int64]:
-        """Clock windows of one sender in the order of the stream."""
+    def take_windows(self, link: int) -> npt.NDArray[np.int64]:
+        """Clock windows of one sender in the order of the stream; all windows are forgotten."""
         rows = np.concatenate([*self._windows, np.empty((0, 1 + _mavlink.WINDOW_SIZE), np.int64)])
+        self._windows.clear()
         ours = rows[:, 0] == link
         closed = rows[:, 1:] if ours.all() else rows[ours, 1:]
         last = self._open_windows[link : link + 1]
@@ -306,8 +307,9 @@ class TlogSource:
     # Clock
 
     def _find_boots(self) -> BootClock:
-        windows = self._scan.windows(self._autopilot)
-        if len(windows):
+        windows = self._scan.take_windows(self._autopilot)
+        self.has_boot_time = len(windows) > 0
+        if self.has_boot_time:
             return find_boots(windows, len(self._data), self._stamped, self._boundary)
         marks = np.concatenate([chunk.ordered for chunk in self._scan.chunks[:: max(1, len(self._scan.chunks) // 8)]])
         return logger_clock(self._stamps(marks) if self._stamped else np.empty(0, np.int64), len(self._data))

@@ -167,9 +167,8 @@ def _clock(source: "TlogSource") -> list[Finding]:
                 evidence={"boots": n},
             )
         )
-    timed = bool(len(source.scan.windows(source.autopilot[0] << 8 | source.autopilot[1])))
     if source.format == "mavlink-raw":
-        how = "are interpolated between those that tell it" if timed else "are unknown and read as 0"
+        how = "are interpolated between those that tell it" if source.has_boot_time else "are unknown and read as 0"
         findings.append(
             Finding(
                 "no-time-stamps",
@@ -178,7 +177,7 @@ def _clock(source: "TlogSource") -> list[Finding]:
                 "Give the ground station's .tlog instead of its raw log (.rlog, .log.raw).",
             )
         )
-    elif not timed:
+    elif not source.has_boot_time:
         findings.append(
             Finding(
                 "no-boot-clock",
