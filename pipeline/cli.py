@@ -5,6 +5,7 @@ Heavy rooms are imported inside the commands, so that help and usage errors come
 
 import json
 import logging
+import math
 import os
 import sys
 from enum import StrEnum
@@ -17,6 +18,8 @@ from pipeline.config import AnalysisConfig
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from reports.numbers import Numbers
 
 #: All went well; some logs failed; the command was used in a wrong way.
 OK, SOME_FAILED, WRONG_USAGE = 0, 1, 2
@@ -70,6 +73,23 @@ def main() -> NoReturn:
             SOME_FAILED,
         )
     sys.exit(OK)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"rotorid {version('rotorid')}")
+        raise typer.Exit
+
+
+@app.callback()
+def rotorid(
+    _: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """From Pixhawk/ArduPilot flight logs to models of the craft, with a report that says what they are worth."""
 
 
 @app.command()
@@ -131,11 +151,17 @@ def analyze(
     import reports
     from pipeline import workers
     from pipeline.errors import ConfigError
-    from pipeline.fleet import find_logs
+    from pipeline.fleet import check_training, find_logs, flight_names
     from pipeline.progress import shown
     from pipeline.stages import STAGES, overall
+    from reports.numbers import numbers_of
 
     single = len(paths) == 1 and paths[0].is_file() and not config.training
+    logs = [file for file, _ in find_logs(paths)]
+    if not logs:
+        raise ConfigError(f"no files in {', '.join(map(str, paths))}")
+    check_training(flight_names(logs).values(), config)
+    _prepare(out)
     result: pipeline.FlightResult | pipeline.FleetResult
     with shown() as progress:
         if single:
@@ -143,32 +169,52 @@ def analyze(
             result = pipeline.analyze(paths[0], config, advance)
             advance("report", 0.0)
         else:
-            count = len(find_logs(paths))
-            if not count:
-                raise ConfigError(f"no files in {', '.join(map(str, paths))}")
             executor: Executor | None
-            with workers.pool(min(jobs or os.cpu_count() or 1, count)) as executor:
+            with workers.pool(min(jobs or os.cpu_count() or 1, len(logs))) as executor:
                 result = pipeline.analyze_fleet(paths, config, executor, progress)
             progress(STAGES["report"].title, 0.99)
-        report = reports.write(result, out)
-    failed = _print_analysis(report, as_json)
+        report: Path | None
+        try:
+            report = reports.write(result, out)
+        except OSError as error:  # the disk is full, for one: what was found must not go with it
+            report, unwritten = None, error
+    numbers = numbers_of(result)
+    failed = _print_analysis(numbers, report, as_json)
+    if report is None:
+        _fail(f"the report could not be written: {unwritten.filename or out}: {unwritten.strerror}", SOME_FAILED)
     raise typer.Exit(SOME_FAILED if failed else OK)
 
 
-def _print_analysis(report: Path, as_json: bool) -> bool:
+def _prepare(folder: Path) -> None:
+    """Make the folder for the results and try to write there: before the work, not after it."""
+    from tempfile import TemporaryFile
+
+    from pipeline.errors import ConfigError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except FileExistsError as error:
+        raise ConfigError(f"--out {folder} is a file; choose a folder") from error
+    except OSError as error:
+        raise ConfigError(f"--out {folder}: nothing can be written there: {error.strerror or error}") from error
+
+
+def _print_analysis(numbers: "Numbers", report: Path | None, as_json: bool) -> bool:
     """Print what was found; the reasons of failed logs go to stderr. Tell whether any failed."""
     from rich.console import Console
 
+    from pipeline.names import printable
     from reports import terminal
 
-    text = report.with_suffix(".json").read_text(encoding="utf-8")
-    numbers = json.loads(text)
     if as_json:
-        sys.stdout.write(text)
+        sys.stdout.write(json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
     else:
         console = _console()
         console.print(terminal.overview(numbers, console.width))
-        console.print(f"\nReport: {report}", markup=False, soft_wrap=True)
+        if report is not None:
+            console.print(f"\nReport: {printable(str(report))}", markup=False, soft_wrap=True)
     failures = list(terminal.failures(numbers))
     if failures:
         errors = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -221,12 +267,17 @@ def export(
     from logparse.export import export as write_tables
 
     names = [name for part in messages or () for name in part.split(",") if name]
+    for option, value in (("--start", start), ("--end", end)):
+        if value is not None and not math.isfinite(value):
+            raise typer.BadParameter(f"{option} {value:g} is no time")
     if start is not None and end is not None and end < start:
         raise typer.BadParameter(f"--end {end:g} is before --start {start:g}")
     folder = out or Path(f"{log.stem}-tables")
-    files = write_tables(
-        logparse.read_log(log), folder, format=table_format.value, messages=names or None, start=start, stop=end
-    )
+    flight_log = logparse.read_log(log)
+    if (start is not None and start > flight_log.duration) or (end is not None and end < 0.0):
+        raise typer.BadParameter(f"the log covers 0 to {flight_log.duration:.1f} s; --start or --end lies outside it")
+    _prepare(folder)
+    files = write_tables(flight_log, folder, format=table_format.value, messages=names or None, start=start, stop=end)
     for file in files:
         typer.echo(file)
 

@@ -22,6 +22,9 @@ _LOG = logging.getLogger("rotorid.pipeline")
 #: Endings that promise a flight log: a file found in a folder is reported as failed only if it has one of them.
 LOG_SUFFIXES = frozenset({".bin", ".log", ".tlog", ".ulg", ".raw"})
 
+#: Names of logs that one message lists.
+MOST_NAMED = 20
+
 
 def analyze_fleet(
     paths: Iterable[str | Path],
@@ -44,12 +47,13 @@ def analyze_fleet(
     Raises
     ------
     ConfigError
-        `AnalysisConfig.training` names no log.
+        A pattern of `AnalysisConfig.training` fits no log's name.
     """
     config = config or AnalysisConfig()
     progress = progress or silent
     files = find_logs(paths)
     names = flight_names([file for file, _ in files])
+    check_training(names.values(), config)
     # The joint fits come last and take about as long as a few logs.
     share = 1.0 / (len(files) + max(1, len(files) // 4))
 
@@ -79,11 +83,6 @@ def analyze_fleet(
     ordered = [outcomes[file] for file, _ in files]
     flights = tuple(outcome for outcome in ordered if isinstance(outcome, FlightResult))
     failures = tuple(outcome for outcome in ordered if isinstance(outcome, Failure))
-    if config.training and not any(_chosen(flight.name, config.training) for flight in flights):
-        raise ConfigError(
-            f"no flight is named {' or '.join(config.training)}; "
-            f"the flights are {', '.join(flight.name for flight in flights) or 'none'}"
-        )
     groups = []
     crafts = sorted((craft for craft in by_craft(flights) if len(craft) > 1), key=len, reverse=True)
     start, whole = share * len(files), 0.99 - share * len(files)
@@ -215,6 +214,20 @@ def choose_training(
         training = list(flights[::2])
         split = "every second flight in order of name trains, the others judge"
     return training, [flight for flight in flights if flight not in training], split
+
+
+def check_training(names: Iterable[str], config: AnalysisConfig) -> None:
+    """Refuse names of training flights that no log has: before the work, not after it.
+
+    Raises
+    ------
+    ConfigError
+    """
+    names = list(names)
+    for pattern in config.training:
+        if not any(_chosen(name, [pattern]) for name in names):
+            some = ", ".join(names[:MOST_NAMED]) + (", …" if len(names) > MOST_NAMED else "")
+            raise ConfigError(f"no log is called {pattern!r}, as --training has it; the logs are {some or 'none'}")
 
 
 def _chosen(name: str, patterns: Iterable[str]) -> bool:

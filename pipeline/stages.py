@@ -92,9 +92,9 @@ class Stages:
         def report(_: str, fraction: float) -> None:
             self.progress(name, fraction)
             if perf_counter() > deadline:
-                raise OutOfTimeError(
-                    f"given up after {self.time_limit:.0f} s; allow more with --time-limit, or fit fewer poles"
-                )
+                # Two digits of a short limit: "given up after 0 s" would help nobody.
+                limit = f"{self.time_limit:.0f}" if self.time_limit >= 10.0 else f"{self.time_limit:.2g}"
+                raise OutOfTimeError(f"given up after {limit} s; allow more with --time-limit, or fit fewer poles")
 
         try:
             self.progress(name, 0.0)

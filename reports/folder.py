@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pipeline.results import FleetResult, FlightResult
 from reports import html
-from reports.numbers import Numbers, fleet_numbers, flight_numbers, models, rmse_rows
+from reports.numbers import Numbers, models, numbers_of, rmse_rows
 
 _LOG = logging.getLogger("rotorid.reports")
 
@@ -31,7 +31,7 @@ def write(result: FlightResult | FleetResult, folder: str | Path) -> Path:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    numbers = flight_numbers(result) if isinstance(result, FlightResult) else fleet_numbers(result)
+    numbers = numbers_of(result)
     (folder / "report.json").write_text(_json(numbers), encoding="utf-8")
     (folder / "models.json").write_text(_json(models(result)), encoding="utf-8")
     _write_rmse(rmse_rows(numbers), folder / "rmse.csv")

@@ -23,6 +23,11 @@ Numbers = dict[str, Any]
 PAPER_AVERAGE = {"x": 0.3195, "y": 0.2691, "z": 0.2472}
 
 
+def numbers_of(result: FlightResult | FleetResult) -> Numbers:
+    """Gather what is known of one log or several: what report.json holds."""
+    return flight_numbers(result) if isinstance(result, FlightResult) else fleet_numbers(result)
+
+
 def flight_numbers(result: FlightResult) -> Numbers:
     """Gather what is known of one log; whatever is not finite becomes None."""
     verdict = judge(result.validation, "the held-out last part of the flight")

@@ -29,7 +29,10 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def uncertain(value: float | None, sigma: float | None, unit: str = "") -> str:
-    """Write a value with its 1-sigma: ``1.19 ± 0.02 N``; two digits of a sigma that starts with 1, else one."""
+    """Write a value with its 1-sigma: ``1.19 ± 0.02 N``; two digits of a sigma that starts with 1, else one.
+
+    Powers of ten are for values from a million on and below 0.0001; a value of ten needs none, however small its sigma.
+    """
     tail = f" {unit}" if unit else ""
     if value is None or not math.isfinite(value):
         return NOT_DETERMINED
@@ -38,7 +41,7 @@ def uncertain(value: float | None, sigma: float | None, unit: str = "") -> str:
     exponent = math.floor(math.log10(sigma))
     decimals = -exponent + (1 if round(sigma / 10.0**exponent, 1) < 2.0 else 0)
     magnitude = math.floor(math.log10(max(abs(value), sigma)))
-    if exponent >= -3 and magnitude < 6:
+    if -4 <= magnitude < 6:
         places = max(decimals, 0)
         # Adding 0.0 turns a negative zero into zero.
         return f"{round(value, places) + 0.0:.{places}f} ± {sigma:.{places}f}".replace("-", MINUS) + tail

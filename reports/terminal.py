@@ -1,5 +1,6 @@
 """The summary that a person reads in ten seconds at the end of ``rotorid analyze``."""
 
+import math
 import re
 from collections.abc import Iterable
 
@@ -9,7 +10,7 @@ from rich.text import Text
 
 from reports import summary
 from reports.numbers import Numbers
-from reports.quantity import column, uncertain
+from reports.quantity import column, number
 
 _STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
 
@@ -49,10 +50,10 @@ def _flights(flights: list[Numbers], narrow: bool) -> Table:
     table.add_column("verdict")
     held = [next((row for row in flight["rmse"] if row["part"] == "held-out"), None) for flight in flights]
     errors = [column([row["rmse_m"].get(output) if row else None for row in held]) for output in "xyz"]
-    for number, (flight, row) in enumerate(zip(flights, held, strict=True)):
+    for place, (flight, row) in enumerate(zip(flights, held, strict=True)):
         trust = flight["verdict"]["trust"]
         verdict = (
-            Text(_first_clause(summary.first_reason(flight)), style="dim")
+            Text(_first_clause(summary.first_reason(flight), flight["name"]), style="dim")
             if row is None
             else Text(summary.TRUST_WORDS[trust], style=_STYLES[trust])
         )
@@ -62,7 +63,7 @@ def _flights(flights: list[Numbers], narrow: bool) -> Table:
             *([] if narrow else [Text(summary.frame(vehicle) or "–")]),
             f"{flight['flight']['duration_s']:.0f} s" if flight["flight"] else "–",
             _per_mass(flight["thrust"]),
-            *(cells[number] for cells in errors),
+            *(cells[place] for cells in errors),
             verdict,
         )
     return table
@@ -81,8 +82,8 @@ def _joint(group: Numbers) -> RenderableType:
             table.add_column(f"{output} (m)", justify="right", no_wrap=True)
         rows = [*(row["rmse_m"] for row in held), group["rmse_average_m"]]
         columns = [column([row[output] for row in rows]) for output in outputs]
-        for number, name in enumerate([*(row["flight"] for row in held), "average"]):
-            table.add_row(Text(name), *(cells[number] for cells in columns), style="bold" if name == "average" else "")
+        for place, name in enumerate([*(row["flight"] for row in held), "average"]):
+            table.add_row(Text(name), *(cells[place] for cells in columns), style="bold" if name == "average" else "")
         lines.append(table)
     lines.append(Text(verdict["sentence"], style=_STYLES[verdict["trust"]]))
     return Group(*lines)
@@ -91,8 +92,12 @@ def _joint(group: Numbers) -> RenderableType:
 def _per_mass(thrust: Numbers | None) -> str:
     if not thrust or not thrust["common"]["determined"]:
         return "–"
-    value, _, _ = uncertain(thrust["common"]["per_mass"], thrust["common"]["sigma"]).partition(" ±")
-    return value
+    value, sigma = thrust["common"]["per_mass"], thrust["common"]["sigma"]
+    if not value or not sigma or sigma < 0.0:
+        return number(value)
+    # As many digits as sigma leaves, four at most: the report has the rest.
+    known = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 1
+    return number(value, min(max(known, 1), 4))
 
 
 def _shortened(name: str, most: int) -> str:
@@ -100,7 +105,9 @@ def _shortened(name: str, most: int) -> str:
     return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-most // 2 :]}"
 
 
-def _first_clause(reason: str) -> str:
+def _first_clause(reason: str, name: str) -> str:
+    """Give what fits a cell of a reason; the flight's own name, which some begin with, stands in the row already."""
+    reason = reason.removeprefix(f"{name}: ")
     return re.split(r"[:;]", reason, maxsplit=1)[0]
 
 

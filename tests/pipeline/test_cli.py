@@ -6,8 +6,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest import mock
 
 import pytest
+
+import pipeline
+import reports
+from pipeline import cli
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_logs"
@@ -27,6 +32,7 @@ def rotorid(*arguments, cwd=None):
         ["analyze", ".", "--out", "out", "--rate", "ten"],
         ["analyze", ".", "--out", "out", "--zeros", "9"],
         ["analyze", "."],
+        ["analyze", ".", "--out", "out", "--training", "paper01"],
         ["inspect", "nowhere.bin"],
         ["export", ".", "--out", "out"],
         ["simulate", "no-such-case"],
@@ -73,10 +79,42 @@ def test_a_file_that_is_no_log_ends_with_1_and_its_reason(tmp_path):
 
 def test_an_unwritable_folder_ends_with_a_sentence(tmp_path):
     (tmp_path / "taken").write_text("a file, not a folder")
-    run = rotorid("export", SAMPLES / "octa01_zurich_calm.bin", "--out", tmp_path / "taken", "--messages", "RCOU")
-    assert run.returncode == 1
-    assert "taken" in run.stderr
-    assert "Traceback" not in run.stderr
+    log = SAMPLES / "octa01_zurich_calm.bin"
+    for command in (["export", log, "--messages", "RCOU"], ["analyze", log]):
+        for out in (tmp_path / "taken", "/dev/null", tmp_path / "taken" / "below"):
+            run = rotorid(*command, "--out", out)
+            assert run.returncode == 2
+            assert str(out) in run.stderr.replace("\n", "")
+            assert "fitting" not in run.stderr, "before the work, not after it"
+            assert "Traceback" not in run.stderr
+    assert (tmp_path / "taken").read_text() == "a file, not a folder"
+
+
+def test_a_full_disk_costs_only_the_files(tmp_path, capsys, monkeypatch):
+    flight = pipeline.FlightResult
+    monkeypatch.setattr(pipeline, "analyze", lambda *_: flight, raising=False)
+    monkeypatch.setattr(reports, "write", mock.Mock(side_effect=OSError(28, "No space left on device", "report.json")))
+    monkeypatch.setattr("reports.numbers.numbers_of", lambda _: {"kind": "fleet", "flights": [], "failures": []})
+    (tmp_path / "a.bin").write_bytes(b"x")
+    with pytest.raises(SystemExit) as ended:
+        cli.analyze([tmp_path / "a.bin"], tmp_path / "out", as_json=True)
+    shown = capsys.readouterr()
+    assert ended.value.code == 1
+    assert json.loads(shown.out)["kind"] == "fleet"
+    assert "No space left" in shown.err
+
+
+def test_version():
+    run = rotorid("--version")
+    assert run.returncode == 0
+    assert run.stdout.startswith("rotorid 0.")
+
+
+@pytest.mark.parametrize("window", [["--start", "nan"], ["--end", "inf"], ["--start", "1e6"], ["--end", "-5"]])
+def test_export_refuses_a_window_outside_the_log(window, tmp_path):
+    run = rotorid("export", SAMPLES / "octa01_zurich_calm.bin", "--out", tmp_path / "out", *window)
+    assert run.returncode == 2
+    assert not (tmp_path / "out").exists()
 
 
 def test_inspect_json_is_json_and_nothing_else():

@@ -1,5 +1,6 @@
 """The tables on a terminal."""
 
+import pytest
 from rich.console import Console
 
 from reports import inspection, terminal
@@ -27,6 +28,21 @@ def test_narrow_terminals_keep_every_number(fleet):
     assert errors
     assert all(cell in narrow for cell in errors)
     assert max(map(len, narrow.splitlines())) <= 80
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "cell"),
+    [(2.55771, 0.0007, "2.558"), (2.55771, 0.03, "2.56"), (0.5, 2.0, "0.5"), (2.55771, 1e-9, "2.558"), (None, 1, "–")],
+)
+def test_coefficients_in_a_cell_have_no_more_than_four_digits(flight, value, sigma, cell):
+    thrust = {"common": {"determined": value is not None, "per_mass": value, "sigma": sigma}}
+    row = shown(terminal.overview(flight_numbers(flight) | {"thrust": thrust}), 120).splitlines()[2]
+    assert row.split()[5] == cell
+
+
+def test_a_reason_that_begins_with_the_flights_name_is_a_reason(flight):
+    numbers = flight_numbers(flight) | {"rmse": [], "missing": {"experiment": "flight01: no motor outputs; set RCOUT"}}
+    assert shown(terminal.overview(numbers), 120).splitlines()[2].rstrip().endswith("no motor outputs")
 
 
 def test_markup_in_names_is_text(flight):
