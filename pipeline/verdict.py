@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from sysid import Validation
 
 #: A free run follows a flight when its error is below half of the flight's RMS movement: 50 per cent of fit.
@@ -19,6 +21,9 @@ SHORTEST_JUDGE = 10.0
 
 #: Held-out records that it takes to trust a model: on a single one a bad model does well now and then.
 FEWEST_JUDGES = 2
+
+#: An error of more than so many times that of always predicting the mean is called worse: a tie is not.
+WORSE = 1.05
 
 
 class Trust(StrEnum):
@@ -62,8 +67,13 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
         )
     fit = scored.groupby("output", sort=False)["fit_percent"].mean()
     beats = [output for output in outputs if validation.trusted[output]]
-    errors = ", ".join(f"{validation.average[output]:#.3g}".rstrip(".") for output in outputs)
-    measured = f"its free run on {unseen} errs by {errors} m RMS in {_and(outputs)}"
+    errors = ", ".join(_metres(validation.average[output]) for output in outputs)
+    means = scored.groupby("output", sort=False)["rmse_mean"].mean()
+    baseline = ", ".join(_metres(means[output]) for output in outputs)
+    measured = (
+        f"its free run on {unseen} errs by {errors} m RMS in {_and(outputs)}, "
+        f"where always predicting the mean errs by {baseline} m"
+    )
     if not all(np.isfinite(validation.average[output]) for output in outputs):
         return Verdict(Trust.NO, f"Do not trust the model: its free run on {unseen} diverges.")
     follows = [output for output in beats if fit[output] >= CLOSE_PERCENT]
@@ -77,17 +87,30 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     if follows:
         lost = [output for output in outputs if output not in follows]
         return Verdict(
-            Trust.LIMITED,
-            f"Trust the model in {_and(follows)} only: {measured}; in {_and(lost)} that is {_hardly(lost, beats)}.",
+            Trust.LIMITED, f"Trust the model in {_and(follows)} only: {measured}. {_hardly(validation, means, lost)}."
         )
-    return Verdict(Trust.NO, f"Do not trust the model: {measured}, {_hardly(outputs, beats)}.")
+    return Verdict(Trust.NO, f"Do not trust the model: {measured}. {_hardly(validation, means, outputs)}.")
 
 
-def _hardly(outputs: list[str], beats: list[str]) -> str:
-    """Say how little a model achieves on outputs that it does not follow."""
-    if any(output in beats for output in outputs):
-        return "hardly better than a guess without any model"
-    return "no better than a guess without any model"
+def _hardly(validation: Validation, means: pd.Series[float], outputs: list[str]) -> str:
+    """Say how little a model achieves on outputs that it does not follow, output by output where they differ."""
+    words: dict[str, list[str]] = {}
+    for output in outputs:
+        error, mean = validation.average[output], means[output]
+        if error > WORSE * mean:
+            word = "worse than always predicting the mean"
+        elif validation.trusted[output]:
+            word = "hardly better than a guess without any model"
+        else:
+            word = "no better than a guess without any model"
+        words.setdefault(word, []).append(output)
+    if len(words) == 1:
+        return f"In {_and(outputs)} that is {next(iter(words))}"
+    return "That is " + _and([f"{word} in {_and(where)}" for word, where in words.items()])
+
+
+def _metres(value: float) -> str:
+    return f"{value:#.3g}".rstrip(".")
 
 
 def _and(words: list[str]) -> str:

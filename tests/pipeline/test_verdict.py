@@ -8,10 +8,11 @@ from sysid import Validation
 
 
 def validation(
-    fit: dict[str, float], trusted: dict[str, bool], *, duration: float = 40.0, unseen: bool = True, flights="ab"
+    fit: dict[str, float], trusted: dict[str, bool], *, mean=1.0, duration: float = 40.0, unseen=True, flights="ab"
 ):
     rows = [
         {"flight": f, "output": output, "trained": trained, "duration": duration, "rmse": 1.0, "fit_percent": percent}
+        | {"rmse_mean": mean}
         for output, percent in fit.items()
         for trained in ((False, True) if unseen else (True,))
         for f in flights
@@ -67,3 +68,19 @@ def test_a_diverging_model_is_called_that():
     bad = validation({"x": 0.0}, {"x": False})
     bad = Validation(**{name: getattr(bad, name) for name in bad.__slots__} | {"average": {"x": float("inf")}})
     assert "diverges" in judge(bad).sentence
+
+
+def test_what_is_worse_than_the_mean_is_called_that_and_the_mean_is_quoted():
+    worse = judge(validation({"x": -90.0, "z": -80.0}, {"x": False, "z": False}, mean=0.125)).sentence
+    assert "errs by 1.00, 1.00 m RMS in x and z, where always predicting the mean errs by 0.125, 0.125 m" in worse
+    assert "guess" not in worse
+    assert worse.endswith("In x and z that is worse than always predicting the mean.")
+
+
+def test_axes_that_differ_are_told_apart():
+    table = validation({"x": -90.0, "z": 20.0}, {"x": False, "z": True})
+    table.table.loc[table.table["output"] == "x", "rmse_mean"] = 0.5
+    sentence = judge(table).sentence
+    assert sentence.endswith(
+        "That is worse than always predicting the mean in x and hardly better than a guess without any model in z."
+    )
