@@ -173,7 +173,7 @@ def describe(
     frame_class, frame_type, source = _frame(messages, texts, parameters)
     motors: tuple[Motor, ...] = ()
     if frame_class is not None:
-        motors = motor_table(frame_class, frame_type, _channels(parameters, frame_class))
+        motors = motor_table(frame_class, frame_type, _channels(parameters, frame_class, format))
     if frame_class == "y6" and frame_type not in ("y6b", "y6f"):
         frame_type = "y6a"
     levels = pwm_range(parameters)
@@ -337,7 +337,11 @@ def _frame(
     return None, frame_type, None
 
 
-def _channels(parameters: Mapping[str, float], frame_class: str) -> Mapping[int, int] | None:
+def _channels(
+    parameters: Mapping[str, float],
+    frame_class: str,
+    format: str,  # noqa: A002 -- the word of the door
+) -> Mapping[int, int] | None:
     """Servo output of each motor number; None when the log keeps to the convention that motor k is on output k."""
     channels: dict[int, int] = {}
     for name, value in parameters.items():
@@ -348,7 +352,27 @@ def _channels(parameters: Mapping[str, float], frame_class: str) -> Mapping[int,
                 channels.setdefault(motor, int(match[1]))
     needed = MOTOR_COUNTS.get(frame_class, 0)
     # Copter 3.5 assigns its motors without writing the functions, and a damaged log can lack some of them.
-    return channels if len(channels) >= min(needed, 3) > 0 else None
+    if len(channels) < min(needed, 3) or needed == 0:
+        return None
+    if not format.startswith("dataflash") and all(motor == output for motor, output in channels.items()):
+        # Telemetry with an incomplete download of parameters: what is known keeps to the convention, so may the rest.
+        absent = {k: k for k in range(1, needed + 1) if k not in channels and f"SERVO{k}_FUNCTION" not in parameters}
+        channels |= absent
+    return channels
+
+
+def assumed_outputs(motors: Iterable[Motor], parameters: Mapping[str, float]) -> tuple[int, ...]:
+    """Give the motors taken to be on the output of their number although other motors have a SERVOn_FUNCTION."""
+    if not any(
+        re.fullmatch(r"SERVO\d+_FUNCTION", name) and math.isfinite(value) and servo_function_motor(int(value))
+        for name, value in parameters.items()
+    ):
+        return ()
+    return tuple(
+        motor.number
+        for motor in motors
+        if motor.channel == motor.number and f"SERVO{motor.channel}_FUNCTION" not in parameters
+    )
 
 
 def _describe_px4(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str, float]) -> Vehicle:

@@ -226,14 +226,28 @@ def fit_thrust(experiments: Sequence[Experiment], mass: float | None = None) -> 
     regressors = np.vstack([block.thrust for block in blocks])
     scaled = regressors / np.linalg.norm(regressors, axis=0)
     condition = float(np.linalg.cond(scaled)) ** 2
-    common = _coefficient(float(together.values[0]), float(together.sigma[0]), mass, "")
+    flown = len(vehicle.motors)
+    unlogged = f"only {len(motors)} of {flown} motors are logged" if len(motors) < flown else ""
+    common = _coefficient(float(together.values[0]), float(together.sigma[0]), mass, unlogged)
     reason = f"the motors' commands are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
+    reason = unlogged or reason
     per_motor = {
         motor: _coefficient(float(apart.values[k]), float(apart.sigma[k]), mass, reason)
         for k, motor in enumerate(motors)
     }
     undetermined = [motor for motor, value in per_motor.items() if not value.determined]
-    if undetermined:
+    if unlogged:
+        findings.append(
+            Finding(
+                "motors-not-logged",
+                Severity.WARNING,
+                f"{unlogged}; the others carry an unknown part of the weight, so that no thrust coefficient is "
+                "determined",
+                "log the outputs of all motors and all SERVOn_FUNCTION parameters",
+                {"logged": len(motors), "motors": flown},
+            )
+        )
+    elif undetermined:
         findings.append(
             Finding(
                 "thrust-per-motor-undetermined",

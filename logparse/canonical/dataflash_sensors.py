@@ -48,7 +48,7 @@ def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd
     late: dict[str, pd.DataFrame] = {}
     for motor in table:
         if motor.channel is None:
-            remarks.add(_unmapped(motor.number))
+            remarks.add(unmapped(motor.number, "RCOU"))
             continue
         name = f"m{motor.number}"
         for message in ("RCOU", "RCO2", "RCO3"):
@@ -60,7 +60,7 @@ def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd
                     late[name] = series(messages[message].index, {name: pulses})
                 break
         else:
-            remarks.add(_unmapped(motor.number))
+            remarks.add(unmapped(motor.number, "RCOU"))
     if not columns and not late:
         return None
     result = series(frame.index, columns)
@@ -70,12 +70,13 @@ def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd
     return result[[f"m{motor.number}" for motor in table if f"m{motor.number}" in result]]
 
 
-def _unmapped(number: int) -> Finding:
+def unmapped(number: int, message: str) -> Finding:
+    """Say that a motor's output is not in the log."""
     return Finding(
         id="motor-without-output",
         severity=Severity.WARNING,
         reason=f"Motor {number} of the frame has no logged servo output.",
-        advice="Check SERVOn_FUNCTION on the autopilot; RCOU must hold the output that drives this motor.",
+        advice=f"Check SERVOn_FUNCTION on the autopilot; {message} must hold the output that drives this motor.",
         evidence={"motor": number},
     )
 

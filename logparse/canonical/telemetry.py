@@ -12,15 +12,16 @@ import pymap3d
 
 from logparse.canonical.dataflash_control import origin_of_fixes
 from logparse.canonical.dataflash_events import event_table, mode_table
-from logparse.canonical.dataflash_sensors import PULSE_RANGE, clean_fixes, gps_lag
+from logparse.canonical.dataflash_sensors import PULSE_RANGE, clean_fixes, gps_lag, unmapped
 from logparse.canonical.instances import pick
 from logparse.canonical.modes import copter_mode, px4_custom_mode
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, euler_angles, join, sample, series, wrap
 from logparse.canonical.units import numbers, quantity
+from logparse.findings import Finding, Severity
 from logparse.frames import Motor
 from logparse.tables import COLUMNS, Geodetic, Tables
-from logparse.vehicle import Vehicle, vehicle_heartbeats
+from logparse.vehicle import Vehicle, assumed_outputs, vehicle_heartbeats
 
 Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
 
@@ -69,7 +70,7 @@ def build(
     ekf = _ekf(sender, attitude, origin)
     further = {"imu": further_imu, "mag": further_mag, "gps": further_gps, "baro": further_baro}
     return Tables(
-        motors=_motors(sender, vehicle.motors, remarks),
+        motors=_motors(sender, vehicle.motors, parameters, remarks),
         imu=imu,
         gps=gps,
         baro=baro,
@@ -89,7 +90,9 @@ def build(
     )
 
 
-def _motors(sender: Sender, table: tuple[Motor, ...], remarks: Remarks) -> pd.DataFrame | None:
+def _motors(
+    sender: Sender, table: tuple[Motor, ...], parameters: Mapping[str, float], remarks: Remarks
+) -> pd.DataFrame | None:
     """Servo outputs of the motors from SERVO_OUTPUT_RAW (port 0; port 1 holds outputs from 17)."""
     if "SERVO_OUTPUT_RAW" not in sender:
         return None
@@ -100,14 +103,34 @@ def _motors(sender: Sender, table: tuple[Motor, ...], remarks: Remarks) -> pd.Da
     columns = {}
     for motor in table:
         column = f"servo{motor.channel}_raw"
-        if motor.channel is not None and column in frame:
+        if motor.channel is None or column not in frame:
+            remarks.add(unmapped(motor.number, "SERVO_OUTPUT_RAW"))
+        else:
             pulses = numbers(frame, column)
             silent = pulses == 0.0
             pulses = np.where(silent, np.nan, pulses)
             bad = ~silent & ~((pulses >= low) & (pulses <= high))
             why = f"pulse of a motor outside {low:.0f}..{high:.0f} us"
             columns[f"m{motor.number}"] = remarks.remove(pulses, bad, "SERVO_OUTPUT_RAW", why)
+    _remark_assumed(table, parameters, remarks)
     return series(frame.index, columns) if columns else None
+
+
+def _remark_assumed(table: tuple[Motor, ...], parameters: Mapping[str, float], remarks: Remarks) -> None:
+    """Remark which motors are taken to be on the output of their number because their SERVOn_FUNCTION is missing."""
+    numbers_assumed = assumed_outputs(table, parameters)
+    if numbers_assumed:
+        listed = ", ".join(map(str, numbers_assumed))
+        remarks.add(
+            Finding(
+                id="assumed-motor-outputs",
+                severity=Severity.WARNING,
+                reason=f"The log lacks SERVOn_FUNCTION of outputs {listed}; "
+                "the motors of these numbers are taken to be on them.",
+                advice="Let the ground station download all parameters before take-off.",
+                evidence={"motors": listed},
+            )
+        )
 
 
 def _imu(sender: Sender, remarks: Remarks) -> Sensor:

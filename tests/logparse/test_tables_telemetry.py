@@ -204,3 +204,23 @@ def test_a_flight_shows_without_motor_outputs():
     tables, _ = build({"LOCAL_POSITION_NED": local, "HEARTBEAT": beats})
     (flight,) = find_flights(tables)
     assert (flight.start, flight.stop) == pytest.approx((10.0, 45.0), abs=1.0)
+
+
+def test_motors_whose_function_was_not_downloaded_are_on_the_output_of_their_number():
+    """Four of eight functions missing: eight motors, and a warning which are assumed; never half of the thrust."""
+    parameters = {"FRAME_CLASS": 3, "FRAME_TYPE": 0} | {f"SERVO{k}_FUNCTION": 32 + k for k in range(1, 5)}
+    pulses = message([0.0, 1.0], port=[0, 0], **{f"servo{k}_raw": [1500 + k] * 2 for k in range(1, 9)})
+    tables, findings = build({"SERVO_OUTPUT_RAW": pulses}, parameters)
+    assert tables.motors.iloc[0].tolist() == [1501, 1502, 1503, 1504, 1505, 1506, 1507, 1508]
+    finding = next(finding for finding in findings if finding.id == "assumed-motor-outputs")
+    assert finding.evidence["motors"] == "5, 6, 7, 8"
+
+
+def test_motors_are_not_guessed_where_outputs_differ_from_numbers_or_drive_something_else():
+    swapped = {"SERVO1_FUNCTION": 34, "SERVO2_FUNCTION": 33, "SERVO3_FUNCTION": 35}
+    taken = {"SERVO1_FUNCTION": 33, "SERVO2_FUNCTION": 34, "SERVO3_FUNCTION": 35, "SERVO4_FUNCTION": 10}
+    pulses = message([0.0, 1.0], port=[0, 0], **{f"servo{k}_raw": [1500 + k] * 2 for k in range(1, 5)})
+    for functions in (swapped, taken):
+        tables, findings = build({"SERVO_OUTPUT_RAW": pulses}, QUAD | functions)
+        assert list(tables.motors) == ["m1", "m2", "m3"]
+        assert "motor-without-output" in [finding.id for finding in findings]

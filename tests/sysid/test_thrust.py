@@ -1,6 +1,7 @@
 """Thrust per command from accelerometer and PWM: simulated truth, honest silence, and firmware in the loop."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pandas as pd
 import pytest
 
 from logparse import MissingDataError, Vehicle
+from logparse.frames import motor_table
 from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.thrust import motor_commands
 
@@ -132,6 +134,15 @@ def test_hover_command_carries_the_weight():
 def test_json_has_no_false_numbers():
     text = json.dumps(fit_thrust([flight(9)]).to_dict(), allow_nan=False)
     assert json.loads(text)["common"]["newton"] is None
+
+
+def test_with_some_motors_unlogged_no_coefficient_is_told():
+    octa = replace(CRAFT, motors=motor_table("octa", "x"))
+    model = fit_thrust([flight(11, vehicle=octa)])
+    assert not model.common.determined
+    assert model.common.reason == "only 4 of 8 motors are logged"
+    assert not any(value.determined for value in model.per_motor.values())
+    assert "motors-not-logged" in {finding.id for finding in model.findings}
 
 
 @pytest.mark.slow
