@@ -57,7 +57,7 @@ class AnalysisConfig:
         if self.mass is not None and not 0.01 <= self.mass <= 1000.0:
             return f"mass is {self.mass:g} kg; choose the take-off mass in kilograms, 0.01 to 1000"
         if not 0.1 <= self.training_fraction <= 0.95:
-            return f"the training fraction is {self.training_fraction:g}; choose 0.1 to 0.95"
+            return f"training_fraction (--training-fraction) is {self.training_fraction:g}; choose 0.1 to 0.95"
         if not self.time_limit > 0:
-            return f"time_limit is {self.time_limit:g} s; choose more than 0"
+            return f"time_limit (--time-limit) is {self.time_limit:g} s; choose more than 0"
         return ""
