@@ -120,8 +120,8 @@ def copy_speed() -> float:
 
 
 def read_ours(path: str, names: tuple[str, ...] | None = None) -> object:
+    from logparse.mavlink.tlog import open_tlog
     from logparse.source import Boot
-    from logparse.tlog import open_tlog
 
     with Path(path).open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)

@@ -30,7 +30,7 @@ _READERS = (
     ("logparse.ulog", "open_ulog"),
     ("logparse.dataflash.binary", "open_dataflash"),
     ("logparse.dataflash.text", "open_dataflash_text"),
-    ("logparse.tlog", "open_tlog"),
+    ("logparse.mavlink.tlog", "open_tlog"),
 )
 
 #: Boots that are looked into for the longest flight; in a file with more, the longest boots.

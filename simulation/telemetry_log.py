@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from logparse.tlog_writer import write_tlog as write_messages
+from logparse.mavlink.writer import write_tlog as write_messages
 from simulation._kernels import FLYING, LANDING
 from simulation.instruments import InstrumentedFlight
 

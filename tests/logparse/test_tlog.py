@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from logparse import LogError
-from logparse.mavlink_dialect import definitions, pymavlink_dialect
+from logparse.mavlink.dialect import definitions, pymavlink_dialect
+from logparse.mavlink.tlog import looks_like, open_tlog
+from logparse.mavlink.writer import TlogWriter, write_tlog
 from logparse.source import Boot
-from logparse.tlog import looks_like, open_tlog
-from logparse.tlog_writer import TlogWriter, write_tlog
 
 UTC_US = 1_700_000_000_000_000
 AUTOPILOT = {"type": 14, "autopilot": 3, "mavlink_version": 3}

@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from logparse import LogError
-from logparse.mavlink_dialect import definitions, pymavlink_dialect
+from logparse.mavlink.dialect import definitions, pymavlink_dialect
+from logparse.mavlink.tlog import looks_like, open_tlog
+from logparse.mavlink.writer import TlogWriter
 from logparse.source import Boot
-from logparse.tlog import looks_like, open_tlog
-from logparse.tlog_writer import TlogWriter
 
 UTC_US = 1_700_000_000_000_000
 

@@ -12,9 +12,9 @@ import pytest
 from pymavlink import mavutil
 
 from logparse import LogError
-from logparse.mavlink_dialect import definitions, pymavlink_dialect
+from logparse.mavlink.dialect import definitions, pymavlink_dialect
+from logparse.mavlink.tlog import open_tlog
 from logparse.source import Boot
-from logparse.tlog import open_tlog
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs"
 #: Text logs and JSON are also named .log.

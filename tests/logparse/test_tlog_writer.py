@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from pymavlink import mavutil
 
-from logparse.mavlink_dialect import definitions, pymavlink_dialect
-from logparse.tlog_writer import TlogWriter, write_tlog
+from logparse.mavlink.dialect import definitions, pymavlink_dialect
+from logparse.mavlink.writer import TlogWriter, write_tlog
 
 
 def read_back(path):

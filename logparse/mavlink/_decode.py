@@ -43,7 +43,7 @@ UNKNOWN, NO_FRAME = -1, -2
 
 LINKS = 65536  #: a link is ``system << 8 | component``
 
-# Columns of a clock knot (see `tlog_clock`).
+# Columns of a clock knot (see `clock`).
 KNOT_OFFSET, KNOT_DELAY, KNOT_FIRST, KNOT_NEXT = 0, 1, 2, 3
 
 #: How messages tell the time of their sample.
@@ -578,7 +578,7 @@ def decode(
     autopilot : int
         Whose own times are on the boot clock: ``component << 8 | system``.
     knots : int64 array, shape (n_knots, 4)
-        See `tlog_clock`.
+        See `clock`.
     slots : int64 array, shape (n_messages,)
         Messages wanted.
     clock_kind, clock_offset : int64 arrays, shape (n_messages,)

@@ -1,6 +1,6 @@
 """What MAVLink messages look like on the wire, taken from pymavlink's ArduPilot dialect.
 
-The dialect ``ardupilotmega`` contains ``common``; both the reader (`tlog`) and the writer (`tlog_writer`) work from it.
+The dialect ``ardupilotmega`` contains ``common``; both the reader (`tlog`) and the writer (`writer`) work from it.
 """
 
 import importlib

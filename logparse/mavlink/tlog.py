@@ -1,7 +1,7 @@
 """Read MAVLink telemetry logs (.tlog): every message of every sender, whatever happened to the file.
 
 `open_tlog` walks the stream once, verifies every frame's checksum, sorts the frames by message and finds the
-power-ups of the autopilot (`tlog_clock`). Columns are decoded when they are asked for. Values are the protocol's
+power-ups of the autopilot (`clock`). Columns are decoded when they are asked for. Values are the protocol's
 own: see the units of each column.
 
 After damage the reader goes on at the next frame whose checksum is right. A frame of an unknown message cannot be
@@ -20,15 +20,15 @@ import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 
-from logparse import _mavlink
 from logparse.containers import Buffer
 from logparse.dataflash.format import clean_text
 from logparse.errors import LogError
 from logparse.findings import Finding
-from logparse.mavlink_dialect import MessageDefinition, definitions
+from logparse.mavlink import _decode
+from logparse.mavlink.clock import BootClock, find_boots, logger_clock
+from logparse.mavlink.dialect import MessageDefinition, definitions
+from logparse.mavlink.findings import scan_findings
 from logparse.source import Boot
-from logparse.tlog_clock import BootClock, find_boots, logger_clock
-from logparse.tlog_findings import scan_findings
 
 _STAMP_BYTES = 8
 #: Frames per chunk: few enough that a chunk of the file and its columns stay in the processor's cache.
@@ -79,22 +79,22 @@ def _dialect() -> _Dialect:
     for slot, message in enumerate(messages):
         slot_of_id[message.id] = slot
         for name, dtype, kind in (
-            ("time_boot_ms", "<u4", _mavlink.CLOCK_BOOT_MS),
-            ("time_usec", "<u4", _mavlink.CLOCK_US32),
-            ("time_usec", "<u8", _mavlink.CLOCK_US64),
+            ("time_boot_ms", "<u4", _decode.CLOCK_BOOT_MS),
+            ("time_usec", "<u4", _decode.CLOCK_US32),
+            ("time_usec", "<u8", _decode.CLOCK_US64),
         ):
-            if clock[slot, 0] == _mavlink.CLOCK_NONE and name in message.fields:
+            if clock[slot, 0] == _decode.CLOCK_NONE and name in message.fields:
                 field_dtype, offset = message.place(name)
                 if field_dtype == dtype:
                     clock[slot] = kind, offset
-                    if kind == _mavlink.CLOCK_BOOT_MS:
+                    if kind == _decode.CLOCK_BOOT_MS:
                         boot_field[slot] = offset
     return _Dialect(
         messages,
         {message.name: slot for slot, message in enumerate(messages)},
         slot_of_id,
         np.array([message.crc_extra for message in messages], np.uint16),
-        _mavlink.checksum_tables(),
+        _decode.checksum_tables(),
         boot_field,
         clock[:, 0].copy(),
         clock[:, 1].copy(),
@@ -126,7 +126,7 @@ def _units(name: str) -> Mapping[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class _Chunk:
-    """Some thousand successive frames, sorted by message (see `_mavlink.sort_by_slot`)."""
+    """Some thousand successive frames, sorted by message (see `_decode.sort_by_slot`)."""
 
     first_mark: int
     last_mark: int
@@ -142,11 +142,11 @@ class _Scan:
         self.chunks: list[_Chunk] = []
         self.unknown = np.zeros((_MOST_UNKNOWN, 2), np.int64)
         self.bad_by_slot = np.zeros(len(_dialect().messages), np.int64)
-        self.link_frames, self.link_lost, self.link_votes = (np.zeros(_mavlink.LINKS, np.int64) for _ in range(3))
-        self.state = np.zeros(_mavlink.STATE_SIZE, np.int64)
-        self.state[_mavlink.TAIL] = len(data)
-        self._next_seq = np.full(_mavlink.LINKS, -1, np.int16)
-        self._open_windows = np.zeros((_mavlink.LINKS, _mavlink.WINDOW_SIZE), np.int64)
+        self.link_frames, self.link_lost, self.link_votes = (np.zeros(_decode.LINKS, np.int64) for _ in range(3))
+        self.state = np.zeros(_decode.STATE_SIZE, np.int64)
+        self.state[_decode.TAIL] = len(data)
+        self._next_seq = np.full(_decode.LINKS, -1, np.int16)
+        self._open_windows = np.zeros((_decode.LINKS, _decode.WINDOW_SIZE), np.int64)
         self._windows: list[npt.NDArray[np.int64]] = []
 
     def run(self, release: "_Release | None" = None) -> None:
@@ -155,9 +155,9 @@ class _Scan:
         # Four bytes per frame where they do.
         offsets = np.empty(_CHUNK_FRAMES, np.uint32 if len(self.data) < 1 << 32 else np.uint64)
         slots = np.empty(_CHUNK_FRAMES, np.uint16)
-        windows = np.empty((_CHUNK_FRAMES // 4, 1 + _mavlink.WINDOW_SIZE), np.int64)
-        while self.state[_mavlink.POSITION] < len(self.data):
-            n, n_windows = _mavlink.scan(
+        windows = np.empty((_CHUNK_FRAMES // 4, 1 + _decode.WINDOW_SIZE), np.int64)
+        while self.state[_decode.POSITION] < len(self.data):
+            n, n_windows = _decode.scan(
                 self.data, self.stamp_bytes, dialect.slot_of_id, dialect.crc_extra, dialect.checksum_tables,
                 dialect.boot_field, dialect.slot_of_name["HEARTBEAT"],
                 _WINDOW_MS if self.stamp_bytes else _RAW_WINDOW_MS, self.state, offsets, slots, self.unknown,
@@ -165,12 +165,12 @@ class _Scan:
                 self._open_windows, windows,
             )  # fmt: skip
             if n:
-                ordered, starts = _mavlink.sort_by_slot(offsets[:n], slots[:n], len(dialect.messages))
+                ordered, starts = _decode.sort_by_slot(offsets[:n], slots[:n], len(dialect.messages))
                 self.chunks.append(_Chunk(int(offsets[0]), int(offsets[n - 1]), ordered, starts))
             if n_windows:
                 self._windows.append(windows[:n_windows].copy())
             if release is not None:
-                release.up_to(int(self.state[_mavlink.POSITION]))
+                release.up_to(int(self.state[_decode.POSITION]))
 
     @cached_property
     def chunk_begins(self) -> list[int]:
@@ -184,21 +184,21 @@ class _Scan:
 
     def take_windows(self, link: int) -> npt.NDArray[np.int64]:
         """Clock windows of one sender in the order of the stream; all windows are forgotten."""
-        rows = np.concatenate([*self._windows, np.empty((0, 1 + _mavlink.WINDOW_SIZE), np.int64)])
+        rows = np.concatenate([*self._windows, np.empty((0, 1 + _decode.WINDOW_SIZE), np.int64)])
         self._windows.clear()
         ours = rows[:, 0] == link
         closed = rows[:, 1:] if ours.all() else rows[ours, 1:]
         last = self._open_windows[link : link + 1]
-        return np.concatenate((closed, last[last[:, _mavlink.SAMPLES] > 0]))
+        return np.concatenate((closed, last[last[:, _decode.SAMPLES] > 0]))
 
     def autopilot(self) -> int:
         """Link of the vehicle's autopilot: most heartbeats, else most messages with boot time, else most frames."""
         if self.link_votes.any():
             return int(self.link_votes.argmax())
-        timed = np.zeros(_mavlink.LINKS, np.int64)
+        timed = np.zeros(_decode.LINKS, np.int64)
         for rows in self._windows:
-            np.add.at(timed, rows[:, 0], rows[:, 1 + _mavlink.SAMPLES])
-        timed += self._open_windows[:, _mavlink.SAMPLES]
+            np.add.at(timed, rows[:, 0], rows[:, 1 + _decode.SAMPLES])
+        timed += self._open_windows[:, _decode.SAMPLES]
         return int((timed if timed.any() else self.link_frames).argmax())
 
 
@@ -233,14 +233,14 @@ def looks_like(head: bytes) -> bool:
         return False
     scan = _Scan(np.frombuffer(head, np.uint8), _STAMP_BYTES)
     scan.run()
-    return scan.frames >= _ENOUGH_FRAMES or (scan.frames > 0 and scan.state[_mavlink.STRAY_BYTES] <= len(head) // 2)
+    return scan.frames >= _ENOUGH_FRAMES or (scan.frames > 0 and scan.state[_decode.STRAY_BYTES] <= len(head) // 2)
 
 
 def _stamp_bytes(data: npt.NDArray[np.uint8]) -> int:
     """Bytes of logger time before each frame: with the right number there are fewer bytes between the frames."""
     dialect = _dialect()
     first = int(
-        _mavlink.find_frame(
+        _decode.find_frame(
             data, np.uint64(0), np.uint64(len(data)), dialect.slot_of_id, dialect.crc_extra, dialect.checksum_tables
         )
     )
@@ -250,7 +250,7 @@ def _stamp_bytes(data: npt.NDArray[np.uint8]) -> int:
     for count in (_STAMP_BYTES, 0):
         scan = _Scan(sample, count)
         scan.run()
-        breaks[count] = int(scan.state[_mavlink.BREAKS])
+        breaks[count] = int(scan.state[_decode.BREAKS])
     return 0 if breaks[0] < breaks[_STAMP_BYTES] else _STAMP_BYTES
 
 
@@ -383,7 +383,7 @@ class TlogSource:
         for chunk in self._scan.chunks:
             if chunk.last_mark < boot.start or chunk.first_mark >= boot.stop:
                 continue
-            _mavlink.decode(
+            _decode.decode(
                 self._data, chunk.first_mark, chunk.last_mark, chunk.ordered, chunk.starts, boot.start, boot.stop,
                 self._stamped, autopilot, self._clock.knots, plan.slots, clock_kind, clock_offset, plan.first_field,
                 plan.field_offset, plan.field_width, plan.column, plan.t_column, plan.sender_column, plan.row,

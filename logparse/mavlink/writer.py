@@ -2,7 +2,7 @@
 
 Each record is the receive time, 8 bytes big-endian, in microseconds since 1970 UTC, followed by one MAVLink 2 frame as
 pymavlink packs it. Values are the protocol's own: ``GPS_RAW_INT.lat`` in 1e-7 degrees, ``SYS_STATUS.voltage_battery``
-in mV (see `mavlink_dialect`). A field left out is zero, which is also how MAVLink 2 reads a field cut off a frame.
+in mV (see `dialect`). A field left out is zero, which is also how MAVLink 2 reads a field cut off a frame.
 """
 
 import re
@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from logparse.mavlink_dialect import MessageDefinition, definitions, pymavlink_dialect
+from logparse.mavlink.dialect import MessageDefinition, definitions, pymavlink_dialect
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ELEMENT = re.compile(r"(?P<field>\w+)\[(?P<index>\d+)\]")

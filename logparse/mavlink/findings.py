@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from logparse import _mavlink
 from logparse.findings import Finding, Severity
+from logparse.mavlink import _decode
 
 if TYPE_CHECKING:
-    from logparse.tlog import TlogSource
+    from logparse.mavlink.tlog import TlogSource
 
 _NAMED = 8
 #: So many frames of a message with a wrong checksum, and hardly one with a right one, come from another definition.
@@ -35,14 +35,14 @@ def scan_findings(source: "TlogSource") -> list[Finding]:
 def _damage(source: "TlogSource") -> list[Finding]:
     state = source.scan.state
     findings = []
-    tail = int(state[_mavlink.TAIL])
+    tail = int(state[_decode.TAIL])
     if tail < len(source.data):
         findings.append(_tail(source, tail))
-    bad = int(state[_mavlink.BAD_CHECKSUMS])
-    stray = int(state[_mavlink.STRAY_BYTES])
-    places = int(state[_mavlink.BREAKS])
+    bad = int(state[_decode.BAD_CHECKSUMS])
+    stray = int(state[_decode.STRAY_BYTES])
+    places = int(state[_decode.BREAKS])
     if stray:
-        first = int(state[_mavlink.FIRST_BREAK])
+        first = int(state[_decode.FIRST_BREAK])
         wrong = f"; {bad} frames have a wrong checksum" if bad else ""
         many = stray > _DAMAGED * len(source.data)
         findings.append(

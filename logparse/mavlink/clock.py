@@ -2,7 +2,7 @@
 
 A ground station stamps each frame with its own clock when it arrives. Many messages also tell when the autopilot sent
 them, as milliseconds since it started (``time_boot_ms``). The scan reduces these to *clock windows* of one second of
-boot time each, in the order of the stream (see `_mavlink.scan`). From them follow
+boot time each, in the order of the stream (see `_decode.scan`). From them follow
 
 - the power-ups: the boot clock starts again, or logger time runs ahead of it for good across a gap;
 - the *knots*: from each window's beginning on, boot time is logger time less the smallest difference seen in the window
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from logparse._mavlink import (
+from logparse.mavlink._decode import (
     DELAY,
     FIRST_BOOT,
     FIRST_OFFSET,

@@ -1,0 +1,1 @@
+"""MAVLink telemetry: what a ground station recorded, read and written."""
