@@ -21,6 +21,7 @@ SLOW = 9  # states from here on are sensor errors, which change slowly
 SLOW_EVERY = 8  # their smoothed values are worked out for every eighth output row
 ENTRIES = 7  # most entries that a row of H has
 FARTHEST = 0.3  # rad; headings further than this from the first one are a new first one
+MOVING = 0.2  # rad/s; a craft that turns faster is in use, and can learn its heading
 
 # Kinds of measurement groups.
 GPS_POSITION, GPS_VELOCITY, BARO, MAG, GPS2_POSITION, GPS2_VELOCITY, RANGE = range(7)
@@ -189,7 +190,7 @@ def _observe(
     if kind == MAG:
         # R' exp(-[phi]x) m = R' m + R' [m]x phi. Heading and hard iron of a craft that does not turn cannot be told
         # apart; rows of H taken at ever new headings would pretend that they can (Huang, Mourikis & Roumeliotis 2010).
-        # So the row belongs to the first heading and field, not to the latest ones.
+        # So the row of a craft that never moves belongs to its first heading; the field's is that of the prior.
         c, s = np.cos(heading), np.sin(heading)
         r0 = c * R[0, axis] + s * R[1, axis]
         r1 = c * R[1, axis] - s * R[0, axis]
@@ -371,6 +372,9 @@ def forward(
     refused = np.zeros(KINDS)
     field = x[23:26].copy()
     heading = 0.0
+    moves = False
+    for k in range(sub_dt.shape[0]):
+        moves |= np.abs(sub_angle[k]).max() > MOVING * sub_dt[k]
     likelihood = 0.0
     _rotation(x, R)
     for node in range(node_out.shape[0]):
@@ -449,7 +453,7 @@ def forward(
                 s = scale[kind] * scalar_var[m] + (jitter[kind] * speed) ** 2
                 inv = _fuse(x, P, nu, s, index, value, count, gain)
                 heading += gain[8] * nu
-                if abs(heading) > FARTHEST:
+                if moves or abs(heading) > FARTHEST:
                     heading = 0.0
                 _rotation(x, R)
                 likelihood -= 0.5 * (np.log(1.0 / inv) + nu * nu * inv)
