@@ -51,6 +51,17 @@ def record_flight(
     motors, more = _usable(motors, start, stop)
     u = resample(motors.index.to_numpy(np.float64), motors.to_numpy(np.float64), t)
     context = _context(trajectory, log.tables, t)
+    if not _has_pressure(log.tables) and context["density"].notna().all():
+        more.append(
+            Finding(
+                "density-from-altitude",
+                Severity.INFO,
+                "without a barometer the air's density is that of the standard atmosphere at the craft's altitude "
+                f"({context['density'].mean():.3f} kg/m^3)",
+                "log the barometer (BARO, or SCALED_PRESSURE in telemetry)",
+                {"density": float(context["density"].mean())},
+            )
+        )
     position = _resample_frame(states[["p_n", "p_e", "p_d"]], t)
     y = (position - position[0]) * np.array([1.0, 1.0, -1.0])
     return Experiment.from_arrays(
@@ -80,6 +91,27 @@ def air_density(pressure: Floats) -> Floats:
     """
     temperature = _TEMPERATURE_0 * (pressure / _PRESSURE_0) ** (1.0 / _EXPONENT)
     return np.asarray(pressure / (_GAS * temperature))
+
+
+def standard_density(altitude: Floats) -> Floats:
+    """Density of the standard atmosphere at an altitude, kg/m^3.
+
+    Parameters
+    ----------
+    altitude : ndarray
+        m above mean sea level, in the troposphere.
+    """
+    warmth = 1.0 - _LAPSE * altitude / _TEMPERATURE_0
+    return np.asarray(_PRESSURE_0 * warmth ** (_EXPONENT - 1.0) / (_GAS * _TEMPERATURE_0))
+
+
+def _has_pressure(tables: Tables) -> bool:
+    return tables.baro is not None and bool(tables.baro["pressure"].gt(0.0).sum() > 1)
+
+
+def _has_altitude(tables: Tables) -> bool:
+    """Say whether altitudes count from the sea: the log has an origin or a fix."""
+    return tables.origin is not None or (tables.gps is not None and bool(tables.gps["alt"].notna().any()))
 
 
 def _without_gaps(motors: pd.DataFrame, start: float, stop: float) -> tuple[float, float, list[Finding]]:
@@ -146,9 +178,11 @@ def _context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
     context = pd.DataFrame(_resample_frame(source, t), index=pd.Index(t, name="t"), columns=source.columns)
     context["density"] = np.nan
     context["voltage"] = np.nan
-    if tables.baro is not None and tables.baro["pressure"].gt(0.0).sum() > 1:
+    if tables.baro is not None and _has_pressure(tables):
         pressure = tables.baro["pressure"].where(tables.baro["pressure"] > 0.0).to_frame()
         context["density"] = air_density(_resample_frame(pressure, t)[:, 0])
+    elif _has_altitude(tables):
+        context["density"] = standard_density(trajectory.origin.alt - _resample_frame(states[["p_d"]], t)[:, 0])
     if tables.battery is not None and tables.battery["voltage"].gt(1.0).sum() > 1:
         voltage = tables.battery["voltage"].where(tables.battery["voltage"] > 1.0).to_frame()
         context["voltage"] = _resample_frame(voltage, t)[:, 0]

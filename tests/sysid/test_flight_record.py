@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from estimation import STATE_COLUMNS
-from logparse import MissingDataError, Tables, Vehicle
+from logparse import Geodetic, MissingDataError, Tables, Vehicle
 from sysid import Experiment
-from sysid.flight_record import air_density
+from sysid.flight_record import air_density, standard_density
 from sysid.resampling import resample
 
 
@@ -101,6 +101,24 @@ def test_missing_samples_are_bridged_and_empty_columns_stay_empty():
     result = resample(fine, values, np.arange(0.0, 4.5, 0.1))
     np.testing.assert_allclose(result[:, 0], np.arange(0.0, 4.5, 0.1), atol=1e-9)
     assert np.isnan(result[:, 1]).all()
+
+
+def test_without_a_barometer_the_altitude_tells_the_density():
+    """Origin at 2850 m, climbing at 2 m/s from 23 m at 10 s: 0.92 kg/m^3 and not 1.225."""
+    log, trajectory = made()
+    place = Geodetic(lat=0.0, lon=0.0, alt=2850.0)
+    trajectory.origin = place
+    log.tables = Tables(motors=log.tables.motors, origin=place)
+    record = Experiment.from_flight(log, trajectory)
+    assert record.context["density"].iloc[0] == pytest.approx(0.9215, rel=2e-3)
+    assert "density-from-altitude" in {finding.id for finding in record.findings}
+    np.testing.assert_allclose(standard_density(np.array([0.0, 1000.0, 3000.0])), [1.225, 1.1116, 0.9091], rtol=2e-4)
+
+
+def test_without_barometer_and_altitude_the_density_is_not_told():
+    log, trajectory = made()
+    log.tables = Tables(motors=log.tables.motors)
+    assert Experiment.from_flight(log, trajectory).context["density"].isna().all()
 
 
 def test_air_density_of_the_standard_atmosphere():
