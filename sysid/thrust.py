@@ -33,6 +33,14 @@ BLOCK_SECONDS = 1.0
 #: A coefficient with a larger relative standard error is not determined.
 DETERMINED = 0.15
 
+#: Relative standard uncertainty of the density when pressure or altitude is known: 10 K of 288 K, because nothing tells
+#: the temperature of the air (barometers report that of the board). It is common to flights at one place and season.
+AIR_SIGMA = 10.0 / 288.15
+
+#: The same when sea-level air is assumed for want of any altitude: density lacks 18 % of sea level's at 2000 m, so that
+#: the root mean square error for altitudes equally likely from 0 to 2000 m is 18 % over the root of three.
+UNKNOWN_AIR_SIGMA = 0.11
+
 #: Condition number of the motors' regressors above which differences between motors are not read.
 SEPARABLE = 1e4
 
@@ -52,7 +60,8 @@ class ThrustCoefficient:
     Attributes
     ----------
     per_mass, sigma : float or None
-        k/m and its standard error, m/s^2; None when not determined.
+        k/m and its standard error, m/s^2; None when not determined. The error includes that of the air's density
+        (`ThrustModel.air_sigma`), which flights at the same place and the motors of a flight have in common.
     newton, newton_sigma : float or None
         k in N; None without a mass or when not determined.
     determined : bool
@@ -105,6 +114,8 @@ class ThrustModel:
         Flight time used.
     training : tuple of str
     findings : tuple of Finding
+    air_sigma : float
+        Relative standard uncertainty of the air's density, common to all coefficients, included in each sigma.
     """
 
     name: str
@@ -123,6 +134,7 @@ class ThrustModel:
     seconds: float
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
+    air_sigma: float = AIR_SIGMA
 
     def to_dict(self) -> dict[str, Any]:
         """Give the model as numbers and text for JSON."""
@@ -140,6 +152,7 @@ class ThrustModel:
                 "rmse",
                 "condition",
                 "seconds",
+                "air_sigma",
             ]
         }
         return {
@@ -219,20 +232,22 @@ def fit_thrust(experiments: Sequence[Experiment], mass: float | None = None) -> 
     climbing = float(np.sqrt(np.mean(np.concatenate([block.climb for block in blocks]) ** 2))) > CLIMBING
     nuisance = [block.climb[:, None] if climbing else np.zeros((len(block.force), 0)) for block in blocks]
 
-    together = _regress(
-        [np.hstack([b.thrust.sum(axis=1, keepdims=True), x]) for b, x in zip(blocks, nuisance, strict=True)], blocks
-    )
+    sums = [np.hstack([b.thrust.sum(axis=1, keepdims=True), x]) for b, x in zip(blocks, nuisance, strict=True)]
+    together = _regress(sums, blocks)
+    scatter = _scatter(sums, blocks)
+    known = all(np.isfinite(_column(record, "density")).all() for record in records)
+    air = AIR_SIGMA if known else float(np.hypot(UNKNOWN_AIR_SIGMA, AIR_SIGMA))
     apart = _regress([np.hstack([b.thrust, x]) for b, x in zip(blocks, nuisance, strict=True)], blocks)
     regressors = np.vstack([block.thrust for block in blocks])
     scaled = regressors / np.linalg.norm(regressors, axis=0)
     condition = float(np.linalg.cond(scaled)) ** 2
     flown = len(vehicle.motors)
     unlogged = f"only {len(motors)} of {flown} motors are logged" if len(motors) < flown else ""
-    common = _coefficient(float(together.values[0]), float(together.sigma[0]), mass, unlogged)
+    common = _coefficient(float(together.values[0]), max(float(together.sigma[0]), scatter), air, mass, unlogged)
     reason = f"the motors' commands are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
     reason = unlogged or reason
     per_motor = {
-        motor: _coefficient(float(apart.values[k]), float(apart.sigma[k]), mass, reason)
+        motor: _coefficient(float(apart.values[k]), float(apart.sigma[k]), air, mass, reason)
         for k, motor in enumerate(motors)
     }
     undetermined = [motor for motor, value in per_motor.items() if not value.determined]
@@ -290,6 +305,7 @@ def fit_thrust(experiments: Sequence[Experiment], mass: float | None = None) -> 
         seconds=usable * BLOCK_SECONDS,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
+        air_sigma=air,
     )
 
 
@@ -362,7 +378,18 @@ def _regress(regressors: Sequence[Floats], blocks: Sequence[_Blocks]) -> _Regres
     return _Regression(values, sigma, float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))))
 
 
-def _coefficient(value: float, sigma: float, mass: float | None, reason: str) -> ThrustCoefficient:
+def _scatter(regressors: Sequence[Floats], blocks: Sequence[_Blocks]) -> float:
+    """Give the common coefficient's standard error from its scatter between records; 0 for a single one."""
+    alone = [
+        float(_regress([rows], [block]).values[0])
+        for rows, block in zip(regressors, blocks, strict=True)
+        if len(block.force) >= 2 * rows.shape[1] + 4
+    ]
+    return float(np.std(alone, ddof=1) / np.sqrt(len(alone))) if len(alone) > 1 else 0.0
+
+
+def _coefficient(value: float, sigma: float, air: float, mass: float | None, reason: str) -> ThrustCoefficient:
+    sigma = float(np.hypot(sigma, air * value))
     if not reason and not value > 0.0:
         reason = "the estimate is not positive"
     if not reason and sigma > DETERMINED * value:
@@ -403,8 +430,9 @@ def _unknown_air(records: Sequence[Experiment], reference: float | None) -> list
             Finding(
                 "density-unknown",
                 Severity.WARNING,
-                "without a barometer the density of the air is unknown; sea-level air is assumed",
-                "log BARO",
+                "with neither barometer nor altitude the density of the air is unknown; sea-level air is assumed, and "
+                f"{100.0 * UNKNOWN_AIR_SIGMA:.0f} % are added to the uncertainty of thrust (at 2000 m it is 18 % off)",
+                "log the barometer or GPS",
             )
         )
     if reference is None:

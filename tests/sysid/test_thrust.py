@@ -11,13 +11,15 @@ import pytest
 from logparse import MissingDataError, Vehicle
 from logparse.frames import motor_table
 from sysid import Experiment, ExperimentError, fit_thrust
-from sysid.thrust import motor_commands
+from sysid.thrust import AIR_SIGMA, motor_commands
 
 CRAFT = Vehicle(pwm_min=1000.0, pwm_max=2000.0, spin_min=0.15, spin_max=0.95, thrust_expo=0.6)
 LOGS = Path("../shared/logs/sitl")
 
 
-def flight(seed=0, samples=1200, per_mass=(3.2, 3.2, 3.2, 3.2), density=1.1, spread=0.05, vehicle=CRAFT, **context):
+def flight(
+    seed=0, samples=1200, per_mass=(3.2, 3.2, 3.2, 3.2), density=1.1, spread=0.05, vehicle=CRAFT, told=None, **context
+):
     """Make a level flight whose motors follow four independent slow signals, thrust by the autopilot's curve."""
     rng = np.random.default_rng(seed)
     t = np.arange(samples) * 0.1
@@ -34,7 +36,7 @@ def flight(seed=0, samples=1200, per_mass=(3.2, 3.2, 3.2, 3.2), density=1.1, spr
         "v_n": 0.0,
         "v_e": 0.0,
         "v_d": 0.0,
-        "density": density,
+        "density": density if told is None else told,
         "voltage": 16.0,
     } | context
     return Experiment.from_arrays(
@@ -51,15 +53,15 @@ def flight(seed=0, samples=1200, per_mass=(3.2, 3.2, 3.2, 3.2), density=1.1, spr
 def test_common_coefficient_within_its_standard_error():
     model = fit_thrust([flight(1), flight(2)], mass=2.0)
     assert abs(model.common.per_mass - 3.2) < 4.0 * model.common.sigma
-    assert model.common.sigma < 0.01 * 3.2
+    assert model.common.sigma == pytest.approx(AIR_SIGMA * 3.2, rel=0.1)
     assert model.common.newton == pytest.approx(2.0 * model.common.per_mass)
 
 
 def test_standard_errors_are_those_of_repetition():
-    """Forty flights: the spread of the estimates is what each claims, to a factor of 1.6 (chi-square, 39 dof)."""
+    """Forty flights in one air: their spread is what each claims beside it, to a factor of 1.6 (chi-square, 39 dof)."""
     models = [fit_thrust([flight(seed)]) for seed in range(40)]
     spread = np.std([model.common.per_mass for model in models])
-    claimed = np.sqrt(np.mean([model.common.sigma**2 for model in models]))
+    claimed = np.sqrt(np.mean([m.common.sigma**2 - (m.air_sigma * m.common.per_mass) ** 2 for m in models]))
     assert claimed / 1.6 < spread < claimed * 1.6
 
 
@@ -134,6 +136,19 @@ def test_hover_command_carries_the_weight():
 def test_json_has_no_false_numbers():
     text = json.dumps(fit_thrust([flight(9)]).to_dict(), allow_nan=False)
     assert json.loads(text)["common"]["newton"] is None
+
+
+def test_flights_that_disagree_widen_the_standard_error():
+    """k/m of three flights scatters by 10 %: the standard error of the mean is a tenth over the root of three."""
+    model = fit_thrust([flight(k, per_mass=(3.2 * f,) * 4) for k, f in ((1, 0.9), (2, 1.0), (3, 1.1))])
+    assert model.common.sigma == pytest.approx(3.2 * np.hypot(0.1 / np.sqrt(3.0), AIR_SIGMA), rel=0.05)
+
+
+def test_unknown_air_widens_the_standard_error():
+    """Flown at 1000 m (1.112 kg/m^3) without barometer and altitude: the truth is within two standard errors."""
+    model = fit_thrust([flight(12, density=1.112, told=np.nan)])
+    assert model.common.sigma > 0.1 * model.common.per_mass
+    assert abs(model.common.per_mass - 3.2) < 2.0 * model.common.sigma
 
 
 def test_with_some_motors_unlogged_no_coefficient_is_told():
