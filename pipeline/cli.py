@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from reports.numbers import Numbers
 
-#: All went well; some logs failed; the command was used in a wrong way.
+#: All went well; some logs failed or none gave a model; the command was used in a wrong way.
 OK, SOME_FAILED, WRONG_USAGE = 0, 1, 2
 
 app = typer.Typer(
@@ -134,7 +134,7 @@ def analyze(
     One log is fitted on the first part of its flight and judged on the rest. Of several logs each is analysed for
     itself; flights of the same craft are then fitted jointly and judged on the other flights.
 
-    Exit status: 0 all fine, 1 some logs failed (each is named with its reason), 2 wrong usage.
+    Exit status: 0 all fine, 1 some logs failed (each is named with its reason) or no log gave a model, 2 wrong usage.
     """
     config = AnalysisConfig(
         rate=rate,
@@ -154,6 +154,7 @@ def analyze(
     from pipeline.fleet import check_training, find_logs, flight_names
     from pipeline.progress import shown
     from pipeline.stages import STAGES, overall
+    from reports import terminal
     from reports.numbers import numbers_of
 
     single = len(paths) == 1 and paths[0].is_file() and not config.training
@@ -182,6 +183,9 @@ def analyze(
     failed = _print_analysis(numbers, report, as_json)
     if report is None:
         _fail(f"the report could not be written: {unwritten.filename or out}: {unwritten.strerror}", SOME_FAILED)
+    modelless = terminal.no_model(numbers)
+    if modelless:
+        _fail(modelless, SOME_FAILED)
     raise typer.Exit(SOME_FAILED if failed else OK)
 
 

@@ -99,8 +99,17 @@ def thrust_coefficient(thrust: Numbers | None) -> str:
         return ""
     common = thrust["common"]
     if common["newton"] is not None:
-        return f"k = {uncertain(common['newton'], common['newton_sigma'], 'N')} per motor at full command"
-    return f"k/m = {uncertain(common['per_mass'], common['sigma'], 'm/s²')} per motor at full command"
+        text = f"k = {uncertain(common['newton'], common['newton_sigma'], 'N')}"
+    else:
+        text = f"k/m = {uncertain(common['per_mass'], common['sigma'], 'm/s²')}"
+    return f"{text} per motor at full command {thrust_conditions(thrust)}"
+
+
+def thrust_conditions(thrust: Numbers) -> str:
+    """Say at which voltage and in which air thrust coefficients hold."""
+    voltage = thrust["reference_voltage"]
+    at = "at the unknown voltage of the flight" if voltage is None else f"at {voltage:.1f} V"
+    return f"{at}, in standard sea-level air"
 
 
 def first_reason(numbers: Numbers) -> str:

@@ -116,3 +116,12 @@ def failures(numbers: Numbers) -> Iterable[str]:
     for failure in numbers.get("failures", []):
         file, reason = failure["file"], failure["reason"]
         yield reason if reason.startswith(file) else f"{file}: {reason}"
+
+
+def no_model(numbers: Numbers) -> str:
+    """Say that logs were analysed but none gave a model, and why; empty where one did or all failed anyway."""
+    flights = [numbers] if numbers["kind"] == "flight" else numbers["flights"]
+    every = [*flights, *numbers.get("groups", [])]
+    if not flights or any(each[kind] is not None for each in every for kind in ("model", "thrust")):
+        return ""
+    return f"no model could be identified: {summary.first_reason(flights[0])}"

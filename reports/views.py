@@ -211,7 +211,9 @@ def thrust_coefficients(thrust: Numbers | None, missing: Numbers) -> View:
     return {
         "rows": rows,
         "head": heads,
-        "caption": f"Thrust of one motor at full command in sea-level air, from the accelerometer. {mass}",
+        "caption": f"Thrust of one motor at full command {summary.thrust_conditions(thrust)}, from the accelerometer. "
+        f"The uncertainty includes {number(100 * thrust['air_sigma'], 2)} % for the density of the air, "
+        f"which all motors, and flights at one place, have in common. {mass}",
         "reasons": reasons,
         "facts": f"The craft hovers at {number(thrust['hover_pwm'], 4)} µs, "
         f"{number(100 * thrust['hover_command'], 2)} % of full command; "

@@ -81,3 +81,13 @@ def test_inspection_puts_what_is_wrong_before_what_is_there():
     text = shown(inspection.overview(log), 100)
     assert text.index("No motor outputs.") < text.index("gyro_x")
     assert "power-up 2 of 2" in text
+
+
+def test_no_model_from_any_log_is_said_with_the_reason(flight):
+    numbers = flight_numbers(flight)
+    bare = numbers | {"model": None, "thrust": None, "missing": {"experiment": "no motor outputs"}}
+    assert terminal.no_model(numbers) == ""
+    assert terminal.no_model(bare) == "no model could be identified: no motor outputs"
+    assert terminal.no_model({"kind": "fleet", "flights": [bare, numbers], "groups": []}) == ""
+    assert terminal.no_model({"kind": "fleet", "flights": [bare, bare], "groups": []}).endswith("no motor outputs")
+    assert terminal.no_model({"kind": "fleet", "flights": [], "groups": []}) == ""
