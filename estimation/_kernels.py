@@ -21,7 +21,7 @@ SLOW = 9  # states from here on are sensor errors, which change slowly
 SLOW_EVERY = 8  # their smoothed values are worked out for every eighth output row
 ENTRIES = 7  # most entries that a row of H has
 FARTHEST = 0.3  # rad; headings further than this from the first one are a new first one
-MOVING = 0.2  # rad/s; a craft that turns faster is in use, and can learn its heading
+MOVING = 0.06  # rad/s; a craft that turns faster is in use, and can learn its heading
 
 # Kinds of measurement groups.
 GPS_POSITION, GPS_VELOCITY, BARO, MAG, GPS2_POSITION, GPS2_VELOCITY, RANGE = range(7)

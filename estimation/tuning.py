@@ -7,6 +7,7 @@ it.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -138,7 +139,8 @@ def _set_noise(problem: Problem, setting: str, ladder: Sequence[float]) -> Probl
     """
 
     def at(value: float) -> Problem:
-        noise = replace(problem.noise, **{setting: value})
+        changed: dict[str, Any] = {setting: value}
+        noise = replace(problem.noise, **changed)
         return replace(problem, noise=noise, P=with_priors(problem.P, noise))
 
     documented = _nearest(ladder, getattr(problem.noise, setting))
