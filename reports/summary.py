@@ -10,6 +10,8 @@ FORMATS = {
     "mavlink-raw": "MAVLink stream without time stamps",
     "ulog": "PX4 log",
 }
+#: Files of one reason that are named in a line.
+MOST_NAMED = 5
 TRUST_WORDS = {"yes": "trust", "limited": "with care", "no": "do not trust", "unknown": "not judged"}
 
 
@@ -115,6 +117,18 @@ def thrust_conditions(thrust: Numbers) -> str:
 def first_reason(numbers: Numbers) -> str:
     """Give the first reason why a flight has no validated model."""
     return next(iter(numbers["missing"].values()), "no model")
+
+
+def passed_over(numbers: Numbers) -> str:
+    """Name in a line what was found but not used, gathered by reason; empty when there is nothing."""
+    by_reason: dict[str, list[str]] = {}
+    for unused in numbers.get("passed_over", []):
+        by_reason.setdefault(unused["reason"], []).append(unused["file"])
+    parts = []
+    for reason, files in by_reason.items():
+        more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
+        parts.append(f"{', '.join(files[:MOST_NAMED])}{more} ({reason})")
+    return f"Passed over: {'; '.join(parts)}." if parts else ""
 
 
 def sentence(text: str) -> str:

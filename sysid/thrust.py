@@ -281,8 +281,8 @@ def fit_thrust(experiments: Sequence[Experiment], mass: float | None = None) -> 
             Finding(
                 "mass-unknown",
                 Severity.INFO,
-                "motion gives thrust per unit of mass only; give the mass to have newtons",
-                "pass the craft's mass",
+                "motion gives thrust per unit of mass only; the take-off mass gives newtons",
+                "give the take-off mass (--mass)",
             )
         )
     expo, density = vehicle.thrust_expo, float(np.mean([block.density for block in blocks]))

@@ -10,6 +10,7 @@ import pytest
 
 from logparse import MissingDataError, Vehicle
 from logparse.frames import motor_table
+from reports import summary, views
 from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.thrust import AIR_SIGMA, motor_commands
 
@@ -149,6 +150,17 @@ def test_unknown_air_widens_the_standard_error():
     model = fit_thrust([flight(12, density=1.112, told=np.nan)])
     assert model.common.sigma > 0.1 * model.common.per_mass
     assert abs(model.common.per_mass - 3.2) < 2.0 * model.common.sigma
+
+
+@pytest.mark.parametrize(
+    ("voltage", "words"), [(48.12, "at 48.1 V, "), (np.nan, "at the unknown voltage of the flight, ")]
+)
+def test_reports_say_at_which_voltage_and_in_which_air(voltage, words):
+    thrust = fit_thrust([flight(13, voltage=voltage)]).to_dict()
+    assert words + "in standard sea-level air" in summary.thrust_coefficient(thrust)
+    caption = views.thrust_coefficients(thrust, {})["caption"]
+    assert words + "in standard sea-level air" in caption
+    assert "3.5 % for the density of the air" in caption
 
 
 def test_with_some_motors_unlogged_no_coefficient_is_told():
