@@ -62,7 +62,7 @@ def examine(experiments: Sequence[Experiment]) -> Excitation:
             "was the craft flying, and were motor outputs logged?"
         )
     findings = [*_constant(names, raw, varying), *_saturated(experiments)]
-    condition, more = _collinear([names[j] for j in active], u[:, active])
+    condition, more = _collinear([names[j] for j in active], u[:, active], len(experiments))
     return Excitation(active, scale, condition, (*findings, *more))
 
 
@@ -103,7 +103,7 @@ def _saturated(experiments: Sequence[Experiment]) -> list[Finding]:
     return findings
 
 
-def _collinear(names: Sequence[str], u: Floats) -> tuple[float, list[Finding]]:
+def _collinear(names: Sequence[str], u: Floats, records: int) -> tuple[float, list[Finding]]:
     if len(names) < 2:
         return 1.0, []
     correlation = np.atleast_2d(np.corrcoef(u.T))
@@ -134,7 +134,8 @@ def _collinear(names: Sequence[str], u: Floats) -> tuple[float, list[Finding]]:
                 f"the {len(names)} inputs move together (condition number of their correlations {condition:.2g}): "
                 "the controller gives the motors fewer independent signals than there are motors, "
                 "so effects of single motors are poorly determined",
-                "fly with stick or SYSTEMID excitation on all axes, or fit on several flights together",
+                "fly with stick or SYSTEMID excitation on all axes"
+                + ("" if records > 1 else ", or analyse several flights of the craft in one folder"),
                 {"condition": condition},
             )
         )

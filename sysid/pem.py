@@ -401,11 +401,18 @@ def _enough(
                 Severity.WARNING,
                 f"{samples} samples must determine {parameters} coefficients per output; "
                 "expect the fit to describe these records and no others",
-                "fit several flights together, or use fewer poles and zeros, or structure='common'",
+                f"{_more_data(records)}, or use fewer poles and zeros (--poles, --zeros)",
                 {"samples": samples, "parameters": parameters},
             )
         ]
     return []
+
+
+def _more_data(records: Sequence[Experiment]) -> str:
+    """Advise how to have more data: one flight can be joined by others, several can only be longer or livelier."""
+    return (
+        "fly longer, with more excitation" if len(records) > 1 else "analyse several flights of the craft in one folder"
+    )
 
 
 def _judge(
@@ -421,7 +428,7 @@ def _judge(
                     Severity.WARNING,
                     f"the fit of {output} stopped after {report.iterations} steps and {report.seconds:.1f} s "
                     "before it settled; the model is the best found",
-                    "allow more time",
+                    "use fewer poles and zeros (--poles, --zeros), or a shorter flight",
                     {"output": output, "seconds": report.seconds},
                 )
             )
@@ -432,7 +439,8 @@ def _judge(
                     Severity.WARNING,
                     f"{report.undetermined} of the {report.parameters} coefficients of {output} are not determined by "
                     f"the data (standard deviation above half the value; condition number {report.condition:.1e})",
-                    "do not read physics into them; fit more flights together or use a simpler structure",
+                    f"do not read physics into them; {_more_data(records)}, or use fewer poles and zeros "
+                    "(--poles, --zeros)",
                     {"output": output, "undetermined": report.undetermined, "parameters": report.parameters},
                 )
             )

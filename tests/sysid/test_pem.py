@@ -177,3 +177,14 @@ def test_progress_and_json():
     read = json.loads(text)
     assert read["transfer_functions"]["y1"]["u2"]["den"][0] == 1.0
     assert len(read["transfer_functions"]["y1"]["u2"]["poles"]) == 2
+
+
+def test_advice_is_for_the_command_line_and_knows_how_many_flights_were_fitted():
+    """No argument of Python; several flights are not advised to whom has given several."""
+    records = [simulated_record(seed, samples=60) for seed in (1, 2)]
+    for given, several in ((records[:1], True), (records, False)):
+        findings = fit_transfer_functions(given, POLES, ZEROS).findings
+        advice = {finding.id: finding.advice for finding in findings}
+        assert "--poles" in advice["few-samples"]
+        assert "structure=" not in " ".join(advice.values())
+        assert ("several flights" in " ".join(advice.values())) is several
