@@ -22,6 +22,9 @@ _LOG = logging.getLogger("rotorid.pipeline")
 #: Endings that promise a flight log: a file found in a folder is reported as failed only if it has one of them.
 LOG_SUFFIXES = frozenset({".bin", ".log", ".tlog", ".ulg", ".raw"})
 
+#: Endings of packed files, which may stand behind those.
+PACKED_SUFFIXES = frozenset({".gz", ".zip"})
+
 #: Names of logs that one message lists.
 MOST_NAMED = 20
 
@@ -51,7 +54,8 @@ def analyze_fleet(
     """
     config = config or AnalysisConfig()
     progress = progress or silent
-    files = find_logs(paths)
+    passed_over: list[Failure] = []
+    files = find_logs(paths, passed_over)
     names = flight_names([file for file, _ in files])
     check_training(names.values(), config)
     # The joint fits come last and take about as long as a few logs.
@@ -84,7 +88,14 @@ def analyze_fleet(
     flights = tuple(outcome for outcome in ordered if isinstance(outcome, FlightResult))
     failures = tuple(outcome for outcome in ordered if isinstance(outcome, Failure))
     groups = []
-    crafts = sorted((craft for craft in by_craft(flights) if len(craft) > 1), key=len, reverse=True)
+    passed_over += [Failure(file, "no flight log") for file, _ in files if outcomes[file] is None]
+    kept = by_craft(flights)
+    passed_over += [
+        Failure(flight.log.path, "another recording of a flight that is here too, left out of the joint fit")
+        for flight in flights
+        if flight.experiment is not None and flight.position_known and not any(flight in craft for craft in kept)
+    ]
+    crafts = sorted((craft for craft in kept if len(craft) > 1), key=len, reverse=True)
     start, whole = share * len(files), 0.99 - share * len(files)
     for number, craft in enumerate(crafts):
         name = craft_name(craft)
@@ -93,22 +104,41 @@ def analyze_fleet(
             progress(f"{name}, jointly: {stage}", start + whole * (number + fraction) / len(crafts))
 
         groups.append(analyze_group(craft, config, overall(report_group)))
-    return FleetResult(flights=flights, failures=failures, groups=tuple(groups), config=config)
+    return FleetResult(
+        flights=flights,
+        failures=failures,
+        groups=tuple(groups),
+        config=config,
+        passed_over=tuple(passed_over),
+    )
 
 
-def find_logs(paths: Iterable[str | Path]) -> list[tuple[Path, bool]]:
-    """List the files to analyse: (file, named by the user), each file once, folders searched in order of name."""
+def find_logs(paths: Iterable[str | Path], passed_over: list[Failure] | None = None) -> list[tuple[Path, bool]]:
+    """List the files to analyse: (file, named by the user), each file once, folders searched in order of name.
+
+    Folders that cannot be opened, and given ones that hold no file, are added to `passed_over`.
+    """
     found: dict[Path, bool] = {}
+    unused: list[Failure] = []
+
+    def closed(error: OSError) -> None:
+        unused.append(Failure(Path(error.filename), f"cannot be opened: {error.strerror}"))
+
     for path in map(Path, paths):
         if path.is_dir():
-            for folder, folders, files in os.walk(path):
+            before = len(found), len(unused)
+            for folder, folders, files in os.walk(path, onerror=closed):
                 folders[:] = sorted(name for name in folders if not name.startswith("."))
                 for name in sorted(files):
                     file = Path(folder) / name
                     if not name.startswith(".") and file.is_file() and file not in found:
                         found[file] = False
+            if before == (len(found), len(unused)):
+                unused.append(Failure(path, "holds no further files"))
         else:
             found[path] = True
+    if passed_over is not None:
+        passed_over += unused
     return list(found.items())
 
 
@@ -141,7 +171,7 @@ def analyze_one(
     try:
         return analyze(file, config, progress, name=name)
     except LogError as error:
-        return Failure(file, str(error)) if named or file.suffix.lower() in LOG_SUFFIXES else None
+        return Failure(file, str(error)) if named or _called_a_log(file) else None
     except RotoridError as error:
         return Failure(file, str(error))
     except OSError as error:
@@ -149,6 +179,12 @@ def analyze_one(
     except Exception as error:
         _LOG.exception("unexpected error analysing %s", file)
         return Failure(file, f"unexpected {type(error).__name__}: {error} (a bug in rotorid; please report it)")
+
+
+def _called_a_log(file: Path) -> bool:
+    """Tell whether the ending promises a log, packed (``flight.bin.gz``) or not."""
+    name = Path(file.stem) if file.suffix.lower() in PACKED_SUFFIXES else file
+    return name.suffix.lower() in LOG_SUFFIXES
 
 
 def analyze_group(

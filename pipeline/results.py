@@ -213,10 +213,14 @@ class GroupResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FleetResult:
-    """Several logs: every flight for itself, every craft jointly, and the files that gave nothing."""
+    """Several logs: every flight for itself, every craft jointly, and the files that gave nothing.
+
+    What was found but not used, such as files that are no logs and second recordings of a flight, is in `passed_over`.
+    """
 
     flights: tuple[FlightResult, ...]
     failures: tuple[Failure, ...]
     groups: tuple[GroupResult, ...]
     config: AnalysisConfig
+    passed_over: tuple[Failure, ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict)

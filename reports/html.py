@@ -85,6 +85,7 @@ def fleet_page(result: FleetResult, numbers: Numbers, folders: dict[str, str]) -
         alone="No craft has two usable flights here, so there is no joint model; every flight stands for itself.",
         failures=[(failure["file"], failure["reason"]) for failure in failures],
         flights=views.flight_rows(flights, links),
+        passed_over=summary.passed_over(numbers),
     )
 
 

@@ -62,6 +62,7 @@ def fleet_numbers(result: FleetResult) -> Numbers:
             "groups": [_group(group) for group in result.groups],
             "flights": [flight_numbers(flight) for flight in result.flights],
             "failures": [{"file": failure.path.name, "reason": failure.reason} for failure in result.failures],
+            "passed_over": [{"file": unused.path.name, "reason": unused.reason} for unused in result.passed_over],
             "timings_s": dict(result.timings),
         }
     )

@@ -32,6 +32,9 @@ def overview(numbers: Numbers, width: int = 120) -> RenderableType:
         parts += [Text(what, style="dim"), _flights(flights, narrow=width < 100)]
     for group in numbers.get("groups", []):
         parts += [Text(), _joint(group)]
+    unused = summary.passed_over(numbers)
+    if unused:
+        parts.append(Text(f"\n{unused}", style="dim"))
     if numbers["kind"] == "flight":
         verdict = numbers["verdict"]
         parts.append(Text(verdict["sentence"], style=_STYLES[verdict["trust"]]))

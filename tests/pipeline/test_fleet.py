@@ -1,5 +1,6 @@
 """Folders of logs: what is found, what it is called, what trains and what judges."""
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
@@ -60,6 +61,29 @@ def test_junk_in_a_folder_is_passed_over_but_broken_logs_are_named(tmp_path):
     assert [failure.path.name for failure in result.failures] == ["empty.bin", "prose.log"]
     assert "empty" in result.failures[0].reason
     assert not result.flights
+    assert [unused.path.name for unused in result.passed_over] == ["notes.txt"]
+
+
+def test_nothing_in_a_folder_is_passed_over_without_a_word(tmp_path):
+    (tmp_path / "closed").mkdir()
+    (tmp_path / "void").mkdir()
+    (tmp_path / "a.bin.gz").write_bytes(b"\x1f\x8b damaged")
+    (tmp_path / "b.gz").write_bytes(b"\x1f\x8b damaged")
+    scandir = os.scandir
+
+    def guarded(path):
+        if Path(path).name == "closed":
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    with mock.patch.object(os, "scandir", guarded):
+        result = analyze_fleet([tmp_path, tmp_path / "void"])
+    assert [failure.path.name for failure in result.failures] == ["a.bin.gz"]
+    assert {unused.path.name: unused.reason for unused in result.passed_over} == {
+        "closed": "cannot be opened: Permission denied",
+        "void": "holds no further files",
+        "b.gz": "no flight log",
+    }
 
 
 def test_a_named_file_that_is_no_log_is_a_failure_whatever_it_is_called(tmp_path):

@@ -17,7 +17,7 @@ import reports
 from logparse import Finding, Severity
 from pipeline import FleetResult
 from pipeline.results import Failure
-from reports import html
+from reports import html, summary
 from reports.folder import folder_names
 from reports.numbers import fleet_numbers, flight_numbers, plain
 from reports.quantity import column
@@ -244,3 +244,13 @@ def test_a_page_that_cannot_be_drawn_costs_only_itself(fleet, tmp_path, monkeypa
     assert "a &lt;bug&gt;" in (tmp_path / "flights" / "flight01" / "report.html").read_text("utf-8")
     assert "RMSE" in (tmp_path / "flights" / "flight02" / "report.html").read_text("utf-8")
     assert (tmp_path / "report.json").is_file()
+
+
+def test_what_was_passed_over_is_named_everywhere(fleet, tmp_path):
+    unused = [Failure(Path(f"/logs/{k}.txt"), "no flight log") for k in range(7)]
+    page = reports.write(dataclasses.replace(fleet, passed_over=tuple(unused)), tmp_path).read_text("utf-8")
+    line = "Passed over: 0.txt, 1.txt, 2.txt, 3.txt, 4.txt and 2 more (no flight log)."
+    assert line in page
+    numbers = strict((tmp_path / "report.json").read_text("utf-8"))
+    assert numbers["passed_over"][6] == {"file": "6.txt", "reason": "no flight log"}
+    assert summary.passed_over(numbers) == line
