@@ -278,8 +278,11 @@ def export(
         raise typer.BadParameter(f"--end {end:g} is before --start {start:g}")
     folder = out or Path(f"{log.stem}-tables")
     flight_log = logparse.read_log(log)
-    if (start is not None and start > flight_log.duration) or (end is not None and end < 0.0):
-        raise typer.BadParameter(f"the log covers 0 to {flight_log.duration:.1f} s; --start or --end lies outside it")
+    boot = flight_log.boot
+    if (start is not None and start > boot.t_end) or (end is not None and end < boot.t_start):
+        raise typer.BadParameter(
+            f"the log covers {boot.t_start:.1f} to {boot.t_end:.1f} s; --start or --end lies outside it"
+        )
     _prepare(folder)
     files = write_tables(flight_log, folder, format=table_format.value, messages=names or None, start=start, stop=end)
     for file in files:
