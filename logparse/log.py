@@ -250,7 +250,7 @@ def read_log(path: str | Path, boot: int | None = None) -> FlightLog:
     boots = source.boots
     if boot is not None:
         if not -len(boots) <= boot < len(boots):
-            raise LogError(f"{path.name} holds {len(boots)} boots; there is no boot {boot}")
+            raise LogError(f"{path.name} holds {len(boots)} power-up{'s' if len(boots) > 1 else ''}, not {boot + 1}")
         return FlightLog(path, source, boots[boot], findings)
     if len(boots) == 1:
         return FlightLog(path, source, boots[0], findings)

@@ -228,16 +228,31 @@ def _print_analysis(numbers: "Numbers", report: Path | None, as_json: bool) -> b
     return bool(failures)
 
 
+#: Which power-up of a log with several; shared by the commands that look into one log.
+_Boot = Annotated[
+    int | None,
+    typer.Option(
+        min=1, help="Which power-up of a file with several, from 1. Default: the one with the longest flight."
+    ),
+]
+
+
+def _power_up(boot: int | None) -> int | None:
+    """Index of a power-up that the user counts from 1."""
+    return None if boot is None else boot - 1
+
+
 @app.command()
 def inspect(
     log: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A log of any format.")],
+    boot: _Boot = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write everything as JSON to stdout.")] = False,
 ) -> None:
     """Show what is in a log: craft, flights, tables with their rates and gaps, and what to log better next time."""
     import logparse
     from logparse.inspection import inspect as look_into
 
-    numbers = look_into(logparse.read_log(log)).to_dict()
+    numbers = look_into(logparse.read_log(log, _power_up(boot))).to_dict()
     if as_json:
         typer.echo(json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False))
         return
@@ -263,6 +278,7 @@ def export(
             "given again. Default: everything."
         ),
     ] = None,
+    boot: _Boot = None,
     start: Annotated[float | None, typer.Option(help="Leave out what was before, s on the log's clock.")] = None,
     end: Annotated[float | None, typer.Option(help="Leave out what was after, s on the log's clock.")] = None,
 ) -> None:
@@ -277,12 +293,10 @@ def export(
     if start is not None and end is not None and end < start:
         raise typer.BadParameter(f"--end {end:g} is before --start {start:g}")
     folder = out or Path(f"{log.stem}-tables")
-    flight_log = logparse.read_log(log)
-    boot = flight_log.boot
-    if (start is not None and start > boot.t_end) or (end is not None and end < boot.t_start):
-        raise typer.BadParameter(
-            f"the log covers {boot.t_start:.1f} to {boot.t_end:.1f} s; --start or --end lies outside it"
-        )
+    flight_log = logparse.read_log(log, _power_up(boot))
+    first, last = flight_log.boot.t_start, flight_log.boot.t_end
+    if (start is not None and start > last) or (end is not None and end < first):
+        raise typer.BadParameter(f"the log covers {first:.1f} to {last:.1f} s; --start or --end lies outside it")
     _prepare(folder)
     files = write_tables(flight_log, folder, format=table_format.value, messages=names or None, start=start, stop=end)
     for file in files:

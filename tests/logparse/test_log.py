@@ -164,7 +164,7 @@ def test_boot_is_chosen_by_the_user_or_by_length(tmp_path: Path) -> None:
     assert log.messages["ATT"].index[0] == pytest.approx(10.0)
     first = read_log(tmp_path / "both.bin", boot=0)
     assert first.messages["ATT"].index[0] == pytest.approx(90.0)
-    with pytest.raises(LogError, match="there is no boot 2"):
+    with pytest.raises(LogError, match="holds 2 power-ups, not 3"):
         read_log(tmp_path / "both.bin", boot=2)
 
 

@@ -194,3 +194,12 @@ def test_a_folder_with_good_and_bad_logs(tmp_path):
     assert group["rmse"][0]["part"] == "held-out"
     assert "held-out flight" in run.stdout
     assert all((tmp_path / "out" / "flights" / name / "report.html").is_file() for name in flights)
+
+
+def test_a_power_up_that_the_log_does_not_have():
+    """The sample holds one power-up, which `--boot 1` shows; there is no second."""
+    sample = SAMPLES / "octa01_zurich_calm.bin"
+    assert rotorid("inspect", sample, "--boot", "1").returncode == 0
+    run = rotorid("inspect", sample, "--boot", "2")
+    assert run.returncode == 1
+    assert "holds 1 power-up" in run.stderr
