@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from logparse.findings import Finding, Severity
+from logparse.tail import erased_tail
 
 if TYPE_CHECKING:
     from logparse.dataflash.chain import Chain
@@ -81,15 +82,9 @@ def _damage(chain: "Chain") -> list[Finding]:
 
 def _tail(chain: "Chain", start: int, size: int) -> Finding:
     evidence = {"first_byte": start, "bytes": size - start}
-    # A look at both ends tells erased flash from messages without reading a tail of any length.
-    ends = np.concatenate((chain.data[start : start + 4096], chain.data[max(start, size - 4096) :]))
-    if size - start >= 16 and (np.all(ends == 0xFF) or np.all(ends == 0)):
-        return Finding(
-            "erased-tail",
-            Severity.INFO,
-            f"The last {size - start} bytes were never written (all {int(ends[0]):#04x}).",
-            evidence=evidence,
-        )
+    erased = erased_tail(chain.data, start)
+    if erased is not None:
+        return erased
     if chain.truncated_at >= start:
         return Finding(
             "truncated-tail",

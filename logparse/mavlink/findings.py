@@ -6,6 +6,7 @@ import numpy as np
 
 from logparse.findings import Finding, Severity
 from logparse.mavlink import _decode
+from logparse.tail import erased_tail
 
 if TYPE_CHECKING:
     from logparse.mavlink.tlog import TlogSource
@@ -74,15 +75,9 @@ def _damage(source: "TlogSource") -> list[Finding]:
 def _tail(source: "TlogSource", start: int) -> Finding:
     size = len(source.data)
     evidence = {"first_byte": start, "bytes": size - start}
-    # A look at both ends tells unused storage from a tail of any length.
-    ends = np.concatenate((source.data[start : start + 4096], source.data[max(start, size - 4096) :]))
-    if size - start >= 16 and (np.all(ends == 0xFF) or np.all(ends == 0)):
-        return Finding(
-            "erased-tail",
-            Severity.INFO,
-            f"The last {size - start} bytes were never written (all {int(ends[0]):#04x}).",
-            evidence=evidence,
-        )
+    erased = erased_tail(source.data, start)
+    if erased is not None:
+        return erased
     # The longest signed frame of MAVLink 2 with its time stamp.
     if size - start < 8 + 10 + 255 + 2 + 13:
         return Finding(
