@@ -1,0 +1,1 @@
+"""The commands of ``rotorid``, a file each; `pipeline.cli` puts them together."""

@@ -1,0 +1,13 @@
+"""How a command ends: its exit status, and the sentence that the user reads when it fails."""
+
+import sys
+from typing import NoReturn
+
+#: All went well; some logs failed or none gave a model; the command was used in a wrong way.
+OK, SOME_FAILED, WRONG_USAGE = 0, 1, 2
+
+
+def fail(message: str, status: int) -> NoReturn:
+    """Say on stderr what is wrong, and end."""
+    sys.stderr.write(f"rotorid: {message}\n")
+    sys.exit(status)

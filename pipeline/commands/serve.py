@@ -1,0 +1,17 @@
+"""``rotorid serve``: the web service."""
+
+from typing import Annotated
+
+import typer
+
+
+def serve(
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; 0.0.0.0 lets others on the network in.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = 8000,
+) -> None:
+    """Start the web service: a page to drop logs on, and the HTTP interface behind it."""
+    import api
+
+    api.serve(host, port)
