@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from logparse import Finding, MissingDataError, Severity, Tables
-from sysid.experiment import MIN_SAMPLES, Experiment, Floats
+from logparse import Finding, MissingDataError, Severity
+from sysid.context import flight_context, has_pressure, resample_frame
+from sysid.experiment import MIN_SAMPLES, Experiment
 from sysid.resampling import resample
 
 if TYPE_CHECKING:
@@ -17,9 +18,6 @@ if TYPE_CHECKING:
 
 #: A gap in the motor outputs longer than this ends the usable segment, s.
 LONGEST_GAP = 1.0
-
-#: International standard atmosphere, sea level.
-_PRESSURE_0, _TEMPERATURE_0, _LAPSE, _GAS, _EXPONENT = 101325.0, 288.15, 0.0065, 287.053, 5.25588
 
 
 def record_flight(
@@ -50,8 +48,8 @@ def record_flight(
     t = start + np.arange(int((stop - start) * rate + 1e-9) + 1) / rate
     motors, more = _usable(motors, start, stop)
     u = resample(motors.index.to_numpy(np.float64), motors.to_numpy(np.float64), t)
-    context = _context(trajectory, log.tables, t)
-    if not _has_pressure(log.tables) and context["density"].notna().all():
+    context = flight_context(trajectory, log.tables, t)
+    if not has_pressure(log.tables) and context["density"].notna().all():
         more.append(
             Finding(
                 "density-from-altitude",
@@ -62,7 +60,7 @@ def record_flight(
                 {"density": float(context["density"].mean())},
             )
         )
-    position = _resample_frame(states[["p_n", "p_e", "p_d"]], t)
+    position = resample_frame(states[["p_n", "p_e", "p_d"]], t)
     y = (position - position[0]) * np.array([1.0, 1.0, -1.0])
     return Experiment.from_arrays(
         t,
@@ -76,42 +74,6 @@ def record_flight(
         vehicle=log.vehicle,
         findings=(*findings, *more),
     )
-
-
-def air_density(pressure: Floats) -> Floats:
-    """Density of the standard atmosphere at a static pressure, kg/m^3.
-
-    The temperature is that of the standard atmosphere at the pressure altitude: barometers report the temperature of
-    the board, which is often 20 K above that of the air.
-
-    Parameters
-    ----------
-    pressure : ndarray
-        Pa.
-    """
-    temperature = _TEMPERATURE_0 * (pressure / _PRESSURE_0) ** (1.0 / _EXPONENT)
-    return np.asarray(pressure / (_GAS * temperature))
-
-
-def standard_density(altitude: Floats) -> Floats:
-    """Density of the standard atmosphere at an altitude, kg/m^3.
-
-    Parameters
-    ----------
-    altitude : ndarray
-        m above mean sea level, in the troposphere.
-    """
-    warmth = 1.0 - _LAPSE * altitude / _TEMPERATURE_0
-    return np.asarray(_PRESSURE_0 * warmth ** (_EXPONENT - 1.0) / (_GAS * _TEMPERATURE_0))
-
-
-def _has_pressure(tables: Tables) -> bool:
-    return tables.baro is not None and bool(tables.baro["pressure"].gt(0.0).sum() > 1)
-
-
-def _has_altitude(tables: Tables) -> bool:
-    """Say whether altitudes count from the sea: the log has an origin or a fix."""
-    return tables.origin is not None or (tables.gps is not None and bool(tables.gps["alt"].notna().any()))
 
 
 def _without_gaps(motors: pd.DataFrame, start: float, stop: float) -> tuple[float, float, list[Finding]]:
@@ -156,34 +118,3 @@ def _usable(motors: pd.DataFrame, start: float, stop: float) -> tuple[pd.DataFra
             {"motors": names},
         )
     ]
-
-
-def _resample_frame(frame: pd.DataFrame, t: Floats) -> Floats:
-    return resample(frame.index.to_numpy(np.float64), frame.to_numpy(np.float64), t)
-
-
-def _context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
-    states = trajectory.states
-    w, x, y, z = (states[f"q_{axis}"].to_numpy(np.float64) for axis in "wxyz")
-    angles = pd.DataFrame(
-        {
-            "roll": np.unwrap(np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))),
-            "pitch": np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)),
-            "yaw": np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))),
-        },
-        index=states.index,
-    )
-    rest = ["w_x", "w_y", "w_z", "f_x", "f_y", "f_z", "v_n", "v_e", "v_d"]
-    source = pd.concat([angles, states[rest]], axis=1)
-    context = pd.DataFrame(_resample_frame(source, t), index=pd.Index(t, name="t"), columns=source.columns)
-    context["density"] = np.nan
-    context["voltage"] = np.nan
-    if tables.baro is not None and _has_pressure(tables):
-        pressure = tables.baro["pressure"].where(tables.baro["pressure"] > 0.0).to_frame()
-        context["density"] = air_density(_resample_frame(pressure, t)[:, 0])
-    elif _has_altitude(tables):
-        context["density"] = standard_density(trajectory.origin.alt - _resample_frame(states[["p_d"]], t)[:, 0])
-    if tables.battery is not None and tables.battery["voltage"].gt(1.0).sum() > 1:
-        voltage = tables.battery["voltage"].where(tables.battery["voltage"] > 1.0).to_frame()
-        context["voltage"] = _resample_frame(voltage, t)[:, 0]
-    return context

@@ -11,7 +11,7 @@ import pytest
 from estimation import STATE_COLUMNS
 from logparse import Geodetic, MissingDataError, Tables, Vehicle
 from sysid import Experiment
-from sysid.flight_record import air_density, standard_density
+from sysid.context import air_density, standard_density
 from sysid.resampling import resample
 
 
