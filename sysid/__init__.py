@@ -7,7 +7,8 @@ state), ``predict(experiment, horizon)`` (restarted at every sample), ``to_dict(
 
 from sysid.experiment import Experiment, ExperimentError
 from sysid.pem import fit_transfer_functions
-from sysid.thrust import ThrustCoefficient, ThrustModel, fit_thrust
+from sysid.thrust import ThrustModel, fit_thrust
+from sysid.thrust_regression import ThrustCoefficient
 from sysid.transfer_function import FitReport, TransferFunction, TransferFunctionModel
 from sysid.validation import Model, Validation, validate
 

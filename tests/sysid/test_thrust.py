@@ -12,7 +12,8 @@ from logparse import MissingDataError, Vehicle
 from logparse.frames import motor_table
 from reports import summary, views
 from sysid import Experiment, ExperimentError, fit_thrust
-from sysid.thrust import AIR_SIGMA, motor_commands
+from sysid.thrust_curve import motor_commands
+from sysid.thrust_regression import AIR_SIGMA
 
 CRAFT = Vehicle(pwm_min=1000.0, pwm_max=2000.0, spin_min=0.15, spin_max=0.95, thrust_expo=0.6)
 LOGS = Path("../shared/logs/sitl")
