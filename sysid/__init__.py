@@ -6,6 +6,7 @@ state), ``predict(experiment, horizon)`` (restarted at every sample), ``to_dict(
 """
 
 from sysid.experiment import Experiment, ExperimentError
+from sysid.order import OrderScan, scan_orders
 from sysid.pem import fit_transfer_functions
 from sysid.thrust import ThrustModel, fit_thrust
 from sysid.thrust_regression import ThrustCoefficient
@@ -17,6 +18,7 @@ __all__ = [
     "ExperimentError",
     "FitReport",
     "Model",
+    "OrderScan",
     "ThrustCoefficient",
     "ThrustModel",
     "TransferFunction",
@@ -24,5 +26,6 @@ __all__ = [
     "Validation",
     "fit_thrust",
     "fit_transfer_functions",
+    "scan_orders",
     "validate",
 ]

@@ -58,12 +58,20 @@ class TransferFunction:
         return None if self.covariance is None else np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @cached_property
-    def determined(self) -> NDArray[np.bool_] | None:
-        """Which of ``(num, den without its leading 1)`` the data determine: standard deviation below half the value."""
+    def relative_deviation(self) -> Floats | None:
+        """Standard deviation over value of ``(num, den without its leading 1)``: the relative Cramer-Rao deviation.
+
+        It is Cramer-Rao's for white Gaussian residuals; for coloured ones the deviation is the wider, valid one.
+        """
         if self.standard_deviation is None:
             return None
         value = np.abs(np.concatenate([self.num, self.den[1:]]))
-        return np.asarray(self.standard_deviation < DETERMINED * value)
+        return np.asarray(self.standard_deviation / np.maximum(value, 1e-300))
+
+    @cached_property
+    def determined(self) -> NDArray[np.bool_] | None:
+        """Which of ``(num, den without its leading 1)`` the data determine: standard deviation below half the value."""
+        return None if self.relative_deviation is None else np.asarray(self.relative_deviation < DETERMINED)
 
     def response(self, omega: Floats) -> NDArray[np.complex128]:
         """Evaluate G(j omega) at angular frequencies in rad/s."""
@@ -83,7 +91,18 @@ class TransferFunction:
             "poles": [[float(p.real), float(p.imag)] for p in self.poles],
             "zeros": [[float(z.real), float(z.imag)] for z in self.zeros],
             "gain": self.gain,
+            "covariance": None if self.covariance is None else [_finite(row) for row in self.covariance],
         }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> TransferFunction:
+        """Read what `to_dict` gave."""
+        covariance = values.get("covariance")
+        return cls(
+            num=np.asarray(values["num"], dtype=np.float64),
+            den=np.asarray(values["den"], dtype=np.float64),
+            covariance=None if covariance is None else np.asarray(covariance, dtype=np.float64),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -244,6 +263,7 @@ class TransferFunctionModel:
                 for output, row in self.transfer_functions.items()
             },
             "disturbance": {output: value.to_dict() for output, value in self.disturbance.items()},
+            "initial_energy": dict(self.initial_energy),
             "fits": {output: report.to_dict() for output, report in self.reports.items()},
             "findings": [
                 {
@@ -256,6 +276,32 @@ class TransferFunctionModel:
                 for finding in self.findings
             ],
         }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> TransferFunctionModel:
+        """Read what `to_dict` gave, all but the initial states of the training records and the findings."""
+        return cls(
+            name=values["name"],
+            transfer_functions={
+                output: {name: TransferFunction.from_dict(function) for name, function in row.items()}
+                for output, row in values["transfer_functions"].items()
+            },
+            input_names=tuple(values["inputs"]),
+            output_names=tuple(values["outputs"]),
+            units=dict(values["units"]),
+            structure=values["structure"],
+            poles=values["poles"],
+            zeros=values["zeros"],
+            hold=values["hold"],
+            rate=values["rate_hz"],
+            disturbance={
+                output: Disturbance(value["alpha"], value["beta"]) for output, value in values["disturbance"].items()
+            },
+            initial_energy=dict(values["initial_energy"]),
+            initial_states={},
+            reports={output: FitReport(**report) for output, report in values["fits"].items()},
+            training=tuple(values["training"]),
+        )
 
     def _require(self, experiment: Experiment) -> None:
         if experiment.input_names != self.input_names or experiment.output_names != self.output_names:

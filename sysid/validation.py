@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from sysid.experiment import Experiment, Floats, require_alike
+from sysid.residuals import ResidualTest, examine_residuals
 from sysid.response import INITIAL_SECONDS
 
 #: How far ahead predictions are compared with the baselines, s.
@@ -57,6 +58,9 @@ class Validation:
     horizons : DataFrame
         One row per flight, output and horizon [s]: ``flight output trained horizon rmse rmse_constant_position
         rmse_constant_velocity``.
+    residuals : mapping
+        Per output the tests of the errors one sample ahead, over the records that the model has not seen; over all
+        where it has seen all. Absent where there is too little to test.
     average : mapping
         Per output the mean of ``rmse`` over the flights that the model has not seen; over all where it has seen all.
     verdicts : tuple of str
@@ -72,6 +76,7 @@ class Validation:
     model: str
     table: pd.DataFrame
     horizons: pd.DataFrame
+    residuals: Mapping[str, ResidualTest]
     average: Mapping[str, float]
     verdicts: tuple[str, ...]
     trusted: Mapping[str, bool]
@@ -83,8 +88,9 @@ class Validation:
         return {
             "model": self.model,
             "scored_from_seconds": INITIAL_SECONDS,
-            "table": _records(self.table),
-            "horizons": _records(self.horizons),
+            "table": plain_records(self.table),
+            "horizons": plain_records(self.horizons),
+            "residuals": {output: test.to_dict() for output, test in self.residuals.items()},
             "average": dict(self.average),
             "verdicts": list(self.verdicts),
             "trusted": dict(self.trusted),
@@ -107,6 +113,7 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
     rows: list[dict[str, object]] = []
     ahead: list[dict[str, object]] = []
     predictions: dict[str, Floats] = {}
+    errors: dict[str, Floats] = {}
     for record in records:
         simulated = model.simulate(record)
         predictions[record.name] = simulated
@@ -115,9 +122,13 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
         for horizon in horizons:
             steps = max(round(horizon / record.dt), 1)
             if steps * record.dt < 0.5 * record.duration:
-                ahead += _horizon_rows(record, model.predict(record, horizon), steps, trained)
+                predicted = model.predict(record, horizon)
+                ahead += _horizon_rows(record, predicted, steps, trained)
+                if steps == 1:
+                    errors[record.name] = record.y - predicted
     table, curve = pd.DataFrame(rows), pd.DataFrame(ahead, columns=_HORIZON_COLUMNS)
     unseen = bool((~table["trained"]).any())
+    judges = [r for r in records if r.name in errors and not (unseen and r.name in model.training)]
     scored = table[~table["trained"]] if unseen else table
     scored_ahead = curve[~curve["trained"].astype(bool)] if unseen else curve
     average = {str(output): float(group["rmse"].mean()) for output, group in scored.groupby("output", sort=False)}
@@ -136,6 +147,7 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
         model=model.name,
         table=table,
         horizons=curve,
+        residuals=_examine(judges, errors),
         average=average,
         verdicts=tuple(verdicts),
         trusted=trusted,
@@ -153,6 +165,22 @@ _HORIZON_COLUMNS = [
     "rmse_constant_position",
     "rmse_constant_velocity",
 ]
+
+
+def _examine(records: Sequence[Experiment], errors: Mapping[str, Floats]) -> dict[str, ResidualTest]:
+    """Test errors one sample ahead, from the moment at which the initial state is known."""
+    tests = {}
+    first = [round(INITIAL_SECONDS / record.dt) for record in records]
+    for column, output in enumerate(records[0].output_names if records else ()):
+        test = examine_residuals(
+            output,
+            [errors[record.name][start:, column] for record, start in zip(records, first, strict=True)],
+            [record.u[start:] for record, start in zip(records, first, strict=True)],
+            records[0].input_names,
+        )
+        if test is not None:
+            tests[output] = test
+    return tests
 
 
 def _rms(error: Floats) -> float:
@@ -258,7 +286,8 @@ def _longest_run(horizons: Sequence[float], good: Sequence[bool]) -> tuple[float
     return (best[0], best[-1]) if best else None
 
 
-def _records(table: pd.DataFrame) -> list[dict[str, object]]:
+def plain_records(table: pd.DataFrame) -> list[dict[str, object]]:
+    """List the rows of a table for JSON; what is not finite becomes None."""
     return [
         {
             str(key): (None if isinstance(value, float) and not np.isfinite(value) else value)

@@ -1,0 +1,91 @@
+"""Order scans: the order of the truth is found by flight time held back, and nothing is recommended without skill."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sysid import Experiment, ExperimentError, scan_orders
+from sysid.order import recommend
+from tests.sysid.simulated import motion, simulated_record
+
+#: Third order, one zero: simulated by SciPy.
+TRUE = {"x": (([2.0, 1.0], [1.0, 1.6, 4.0, 1.2]),)}
+ORDERS = ((1, 0), (2, 0), (2, 1), (3, 1), (4, 2))
+
+
+@pytest.fixture(scope="module")
+def scan():
+    records = [simulated_record(seed, samples=900, systems=TRUE) for seed in range(40, 43)]
+    heard = []
+    result = scan_orders(records, ORDERS, progress=lambda stage, fraction: heard.append(fraction))
+    assert heard == sorted(heard)
+    assert heard[-1] == 1.0
+    return result
+
+
+def test_the_true_order_is_recommended_with_its_reason(scan):
+    assert scan.recommended == (3, 1)
+    assert scan.reason.startswith("3 poles and 1 zero are recommended: the error on the part held back is 0.")
+    assert "AIC prefers" in scan.reason
+    assert scan.held_out == ("record 42",)
+
+
+def test_the_table_holds_criteria_in_closed_form(scan):
+    assert list(scan.table[["poles", "zeros"]].itertuples(index=False, name=None)) == list(ORDERS)
+    row = scan.table.iloc[3]
+    assert row["parameters"] == 5
+    assert row["aic"] == pytest.approx(1800 * np.log(row["rmse"] ** 2) + 10)
+    assert row["bic"] == pytest.approx(1800 * np.log(row["rmse"] ** 2) + 5 * np.log(1800))
+    # White residuals: here the criteria know the order, too.
+    assert scan.table["bic"].idxmin() == 3
+    assert row["rmse_held_out"] == pytest.approx(0.05, rel=0.15)
+    json.dumps(scan.to_dict(), allow_nan=False)
+
+
+def test_no_order_is_recommended_for_noise():
+    rng = np.random.default_rng(3)
+    t = np.arange(700) * 0.1
+    record = Experiment.from_arrays(t, motion(rng, 700, 1), rng.standard_normal(700), name="noise")
+    scan = scan_orders([record], ((1, 0), (2, 1)))
+    assert scan.recommended is None
+    assert "the order is not what is wrong" in scan.reason
+
+
+def table(rows):
+    return pd.DataFrame(
+        [
+            {"poles": p, "zeros": z, "parameters": k, "aic": 0.0, "bic": 0.0, "rmse_held_out": error, "rmse_mean": 1.0}
+            for p, z, k, error in rows
+        ]
+    )
+
+
+def test_the_simplest_of_equals_is_recommended():
+    order, reason = recommend(table([(1, 0, 2, 0.9), (3, 1, 5, 0.205), (5, 3, 9, 0.2)]))
+    assert order == (3, 1)
+    assert "within 5 % of the least (0.20, 5 poles and 3 zeros, 9 coefficients) with 5 coefficients" in reason
+
+
+def test_the_time_limit_costs_the_largest_orders():
+    records = [simulated_record(50, samples=450, systems=TRUE)]
+    with pytest.raises(ExperimentError, match="no order could be fitted: the time was up"):
+        scan_orders(records, ORDERS, time_limit=0.0)
+
+
+def test_too_little_to_hold_back_is_said():
+    with pytest.raises(ExperimentError, match="three flights or more, or 40 s of one"):
+        scan_orders([simulated_record(51, samples=200, systems=TRUE)], ORDERS)
+
+
+def test_orders_that_the_data_cannot_carry_are_named():
+    """Of 450 samples 315 are fitted; 20 inputs with 8 numerator coefficients each and more are nearly as many."""
+    rng = np.random.default_rng(5)
+    u = motion(rng, 450, 20)
+    record = Experiment.from_arrays(np.arange(450) * 0.1, u, u @ rng.standard_normal(20), name="many inputs")
+    scan = scan_orders([record], ((1, 0), (8, 7)), "common")
+    (finding,) = scan.findings
+    assert finding.id == "orders-not-tried"
+    assert finding.reason.startswith("orders not tried: 8 poles, 7 zeros (315 samples for")
+    assert set(scan.table["poles"]) == {1}
