@@ -80,11 +80,11 @@ def test_too_little_to_hold_back_is_said():
 
 
 def test_orders_that_the_data_cannot_carry_are_named():
-    """Of 450 samples 315 are fitted; 20 inputs with 8 numerator coefficients each and more are nearly as many."""
+    """Of 450 samples 315 are fitted; 20 inputs with 16 coefficients each are more."""
     rng = np.random.default_rng(5)
     u = motion(rng, 450, 20)
     record = Experiment.from_arrays(np.arange(450) * 0.1, u, u @ rng.standard_normal(20), name="many inputs")
-    scan = scan_orders([record], ((1, 0), (8, 7)), "common")
+    scan = scan_orders([record], ((1, 0), (8, 7)))
     (finding,) = scan.findings
     assert finding.id == "orders-not-tried"
     assert finding.reason.startswith("orders not tried: 8 poles, 7 zeros (315 samples for")
