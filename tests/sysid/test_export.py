@@ -4,7 +4,6 @@ import builtins
 import json
 from unittest import mock
 
-import control
 import numpy as np
 import pytest
 from scipy.io import loadmat
