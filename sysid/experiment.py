@@ -155,10 +155,11 @@ class Experiment:
         rate: float = 10.0,
         inputs: str = "motors",
         outputs: str = "position",
+        frame: str = "earth",
         *,
         name: str | None = None,
     ) -> Experiment:
-        """Cut the longest airborne segment of a log and bring it to one clock.
+        """Cut the longest usable piece of a log's longest flight and bring it to one clock.
 
         Parameters
         ----------
@@ -167,21 +168,28 @@ class Experiment:
             Of the same log.
         rate : float
             Samples per second. What was logged faster is low-pass filtered first (zero phase).
-        inputs : {"motors"}
-            PWM in us by motor number, named ``m1 ...``.
-        outputs : {"position"}
-            ``x``, ``y``, ``z``: metres north, east and up of the segment's first sample (axes of Elhesasy 2024).
+        inputs : {"motors", "mixer", "rate_outputs", "reference", "velocity_reference"}
+            See `sysid.inputs`: PWM in us by motor number, ``m1 ...``; the mixer's commands ``thrust roll pitch yaw``
+            that the motors' outputs amount to; ``roll pitch yaw throttle`` of the rate controller; position or velocity
+            asked for by the position controller.
+        outputs : {"position", "velocity"}
+            ``x y z``: metres north, east and up of the piece's first sample (axes of Elhesasy 2024); or
+            ``v_x v_y v_z``, m/s.
+        frame : {"earth", "heading"}
+            With ``"heading"`` a craft that turns keeps one linear model: commands of roll and pitch are turned into the
+            earth frame by the measured yaw; with motors as inputs the motion is turned into the heading instead. See
+            `sysid.inputs`.
         name : str, optional
             Defaults to the file's name.
 
         Raises
         ------
         MissingDataError
-            Without motor outputs, without a flight, or when the trajectory does not cover it.
+            Without these inputs, without a flight, or when the trajectory does not cover it.
         """
         from sysid.flight_record import record_flight
 
-        return record_flight(log, trajectory, rate, inputs, outputs, name)
+        return record_flight(log, trajectory, rate, inputs, outputs, frame, name)
 
     @property
     def dt(self) -> float:
@@ -208,6 +216,38 @@ class Experiment:
             raise ValueError(f"fraction must be between 0 and 1, not {fraction}")
         at = round(fraction * len(self.t))
         return self._cut(slice(0, at)), self._cut(slice(at, len(self.t)))
+
+    def select(self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> Experiment:
+        """Keep some of the inputs and outputs, in the order given; all of them where nothing is given.
+
+        Raises
+        ------
+        ExperimentError
+            When the record has none of that name.
+        """
+        columns_u = self._columns(self.input_names, inputs, "input")
+        columns_y = self._columns(self.output_names, outputs, "output")
+        return replace(
+            self,
+            u=self.u[:, columns_u],
+            y=self.y[:, columns_y],
+            input_names=tuple(self.input_names[k] for k in columns_u),
+            output_names=tuple(self.output_names[k] for k in columns_y),
+            input_trim=self.input_trim[columns_u],
+            output_trim=self.output_trim[columns_y],
+        )
+
+    def _columns(self, names: Sequence[str], wanted: Sequence[str] | None, kind: str) -> list[int]:
+        if wanted is None:
+            return list(range(len(names)))
+        unknown = [name for name in wanted if name not in names]
+        if unknown or not wanted:
+            raise ExperimentError(
+                f"{self.name} has no {kind} {', '.join(unknown)}; its {kind}s are {', '.join(names)}"
+                if unknown
+                else f"{self.name}: no {kind} is selected"
+            )
+        return [list(names).index(name) for name in wanted]
 
     def _cut(self, rows: slice) -> Experiment:
         t = self.t[rows]

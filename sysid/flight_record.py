@@ -9,45 +9,58 @@ import pandas as pd
 
 from logparse import Finding, MissingDataError, Severity
 from sysid.context import flight_context, has_pressure, resample_frame
-from sysid.experiment import MIN_SAMPLES, Experiment
+from sysid.experiment import MIN_SAMPLES, Experiment, Floats
+from sysid.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
 from sysid.resampling import resample
 
 if TYPE_CHECKING:
     from estimation import Trajectory
     from logparse import FlightLog
 
-#: A gap in the motor outputs longer than this ends the usable segment, s.
+#: A gap in the inputs longer than this ends the usable segment, s.
 LONGEST_GAP = 1.0
+
+#: An input known for less than this part of the flight is left out, so that it does not take the others with it.
+KNOWN = 0.5
+
+#: Input sets that are the sums of several signals: one of them missing is all missing.
+_WHOLE = ("mixer", "rate_outputs", "reference", "velocity_reference")
+
+OUTPUTS = ("position", "velocity")
+FRAMES = ("earth", "heading")
 
 
 def record_flight(
-    log: FlightLog, trajectory: Trajectory, rate: float, inputs: str, outputs: str, name: str | None
+    log: FlightLog,
+    trajectory: Trajectory,
+    rate: float,
+    inputs: str,
+    outputs: str,
+    frame: str,
+    name: str | None,
 ) -> Experiment:
     """Do the work of `Experiment.from_flight`."""
-    if inputs != "motors":
-        raise ValueError(f"inputs must be 'motors', not {inputs!r}")
-    if outputs != "position":
-        raise ValueError(f"outputs must be 'position', not {outputs!r}")
+    for kind, value, known in (("inputs", inputs, INPUT_SETS), ("outputs", outputs, OUTPUTS), ("frame", frame, FRAMES)):
+        if value not in known:
+            raise ValueError(f"{kind} must be one of {', '.join(known)}, not {value!r}")
     label = name or log.path.name
-    motors = log.tables.motors
-    if motors is None or motors.empty:
-        raise MissingDataError(
-            f"{label}: no motor outputs (RCOU, or SERVO_OUTPUT_RAW in telemetry); "
-            "set LOG_BITMASK to include motor outputs, or SR0_RC_CHAN for telemetry"
-        )
     if log.flight is None:
         raise MissingDataError(f"{label}: the craft never left the ground, so that there is nothing to identify")
-    states = trajectory.states
-    start = max(log.flight.start, float(motors.index[0]), float(states.index[0]))
-    stop = min(log.flight.stop, float(motors.index[-1]), float(states.index[-1]))
-    start, stop, findings = _without_gaps(motors, start, stop)
+    try:
+        source = read_inputs(log.tables, log.vehicle, trajectory, inputs, frame)
+        states = trajectory.states
+        first = max(log.flight.start, float(states.index[0]))
+        last = min(log.flight.stop, float(states.index[-1]))
+        signals, more = _usable(source, inputs, first, last)
+        piece, start, stop, findings = _longest_piece(source, signals, first, last)
+    except MissingDataError as error:
+        raise MissingDataError(f"{label}: {error}") from None
     if (stop - start) * rate < MIN_SAMPLES:
         raise MissingDataError(
-            f"{label}: motor outputs and trajectory overlap in flight for {max(stop - start, 0.0):.1f} s only"
+            f"{label}: {source.title} and trajectory overlap in flight for {max(stop - start, 0.0):.1f} s only"
         )
     t = start + np.arange(int((stop - start) * rate + 1e-9) + 1) / rate
-    motors, more = _usable(motors, start, stop)
-    u = resample(motors.index.to_numpy(np.float64), motors.to_numpy(np.float64), t)
+    u = resample(piece.index.to_numpy(np.float64), piece.to_numpy(np.float64), t)
     context = flight_context(trajectory, log.tables, t)
     if not has_pressure(log.tables) and context["density"].notna().all():
         more.append(
@@ -60,56 +73,66 @@ def record_flight(
                 {"density": float(context["density"].mean())},
             )
         )
-    position = resample_frame(states[["p_n", "p_e", "p_d"]], t)
-    y = (position - position[0]) * np.array([1.0, 1.0, -1.0])
+    motion, unit = _motion(states, outputs, turned=frame == "heading" and inputs == "motors")
+    y = resample_frame(motion, t)
+    if outputs == "position":
+        if inputs == "reference":
+            # Counted from where the craft was, as positions are, so that their difference is the loop's error.
+            u = u - y[0]
+        y = y - y[0]
     return Experiment.from_arrays(
         t,
         u,
         y,
         name=label,
-        input_names=[str(column) for column in motors.columns],
-        output_names=("x", "y", "z"),
-        units={**{str(column): "us" for column in motors.columns}, "x": "m", "y": "m", "z": "m"},
+        input_names=[str(column) for column in piece.columns],
+        output_names=[str(column) for column in motion.columns],
+        units={**source.units, **dict.fromkeys(map(str, motion.columns), unit)},
         context=context,
         vehicle=log.vehicle,
-        findings=(*findings, *more),
+        findings=(*source.findings, *findings, *more),
     )
 
 
-def _without_gaps(motors: pd.DataFrame, start: float, stop: float) -> tuple[float, float, list[Finding]]:
-    """Keep the longest stretch without a gap in the motor outputs."""
-    times = motors.index.to_numpy(np.float64)
-    times = times[(times >= start) & (times <= stop)]
-    breaks = np.flatnonzero(np.diff(times) > LONGEST_GAP)
-    if len(breaks) == 0:
-        return start, stop, []
-    firsts, lasts = np.concatenate([[0], breaks + 1]), np.concatenate([breaks, [len(times) - 1]])
-    longest = int(np.argmax(times[lasts] - times[firsts]))
-    kept = float(times[firsts[longest]]), float(times[lasts[longest]])
-    return *kept, [
-        Finding(
-            "motor-output-gaps",
-            Severity.WARNING,
-            f"motor outputs are missing {len(breaks)} time(s) in flight, for up to {np.diff(times).max():.1f} s; "
-            f"{kept[1] - kept[0]:.1f} of {stop - start:.1f} s in one piece are used",
-            "",
-            {"gaps": len(breaks), "used_seconds": kept[1] - kept[0]},
-        )
-    ]
+def _motion(states: pd.DataFrame, outputs: str, *, turned: bool) -> tuple[pd.DataFrame, str]:
+    """Give position or velocity, z up, along north and east or, turned, along and across the nose; and its unit."""
+    kind, unit = ("p", "m") if outputs == "position" else ("v", "m/s")
+    values = states[[f"{kind}_n", f"{kind}_e", f"{kind}_d"]].to_numpy(np.float64) * [1.0, 1.0, -1.0]
+    names = ["x", "y", "z"]
+    if turned:
+        names = ["forward", "right", "z"]
+        yaw = yaw_of(states)
+        if outputs == "position":
+            middle, steps = 0.5 * (yaw[1:] + yaw[:-1]), np.diff(values[:, :2], axis=0)
+            values[:, :2] = np.vstack([np.zeros(2), np.cumsum(_to_heading(steps, middle), axis=0)])
+        else:
+            values[:, :2] = _to_heading(values[:, :2], yaw)
+    columns = names if outputs == "position" else [f"v_{name}" for name in names]
+    return pd.DataFrame(values, index=states.index, columns=columns), unit
 
 
-def _usable(motors: pd.DataFrame, start: float, stop: float) -> tuple[pd.DataFrame, list[Finding]]:
-    """Leave out motors without any value in the segment."""
-    inside = motors.loc[start:stop]
-    empty = [column for column in motors.columns if inside[column].notna().sum() < 2]
-    if not empty:
-        return motors, []
+def _to_heading(north_east: Floats, yaw: Floats) -> Floats:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([c * north_east[:, 0] + s * north_east[:, 1], c * north_east[:, 1] - s * north_east[:, 0]])
+
+
+def _usable(source: Inputs, kind: str, start: float, stop: float) -> tuple[pd.DataFrame, list[Finding]]:
+    """Leave out motors without values in the flight; other sets need all of theirs."""
+    signals = source.signals
+    inside = signals.loc[start:stop]
+    known = inside.notna().to_numpy()
+    needed = max(2, KNOWN * int(known.any(axis=1).sum()))
+    empty = [column for k, column in enumerate(signals.columns) if known[:, k].sum() < needed]
     names = ", ".join(str(column) for column in empty)
-    if len(empty) == motors.shape[1]:
-        raise MissingDataError(
-            f"no motor output has a value in flight ({names}); check SERVOn_FUNCTION and LOG_BITMASK"
-        )
-    return motors.drop(columns=empty), [
+    if len(empty) == signals.shape[1] or (empty and kind in _WHOLE and not known.all(axis=1).any()):
+        if kind in ("motors", "mixer"):
+            raise MissingDataError(
+                f"no motor output has a value in flight ({names}); check SERVOn_FUNCTION and LOG_BITMASK"
+            )
+        raise MissingDataError(f"there are no {source.title} in flight: its controller was not active then")
+    if not empty or kind in _WHOLE:
+        return signals, []
+    return signals.drop(columns=empty), [
         Finding(
             "motor-without-output",
             Severity.WARNING,
@@ -118,3 +141,45 @@ def _usable(motors: pd.DataFrame, start: float, stop: float) -> tuple[pd.DataFra
             {"motors": names},
         )
     ]
+
+
+def _longest_piece(
+    source: Inputs, signals: pd.DataFrame, first: float, last: float
+) -> tuple[pd.DataFrame, float, float, list[Finding]]:
+    """Keep the longest stretch in flight without a gap in any input and without a restart of its controller."""
+    signals = signals[signals.notna().all(axis=1)]
+    t = signals.index.to_numpy(np.float64)
+    if len(t) < 2:
+        raise MissingDataError(f"the {source.title} are never known all together")
+    gaps = np.diff(t) > LONGEST_GAP
+    broken = gaps | (np.searchsorted(source.restarts, t[1:]) > np.searchsorted(source.restarts, t[:-1]))
+    at = np.flatnonzero(broken)
+    begins, ends = np.concatenate([[0], at + 1]), np.concatenate([at, [len(t) - 1]])
+    starts, stops = np.maximum(t[begins], first), np.minimum(t[ends], last)
+    k = int(np.argmax(stops - starts))
+    start, stop = float(starts[k]), float(stops[k])
+    piece = signals.iloc[begins[k] : ends[k] + 1]
+    inside = np.flatnonzero(broken & (t[1:] > first) & (t[:-1] < last))
+    whole = min(last, float(t[-1])) - max(first, float(t[0]))
+    if len(inside) == 0 or len(piece) < 2:
+        return piece, start, stop, []
+    restarts = int(np.sum(~gaps[inside]))
+    longest = float(np.diff(t)[inside].max())
+    if restarts == len(inside):
+        what = f"the controller of the {source.title} starts anew {restarts} time(s) in flight"
+    else:
+        what = f"{source.title} are missing {len(inside) - restarts} time(s) in flight, for up to {longest:.1f} s"
+    return (
+        piece,
+        start,
+        stop,
+        [
+            Finding(
+                f"{source.title.removesuffix('s').replace(' ', '-')}-gaps",
+                Severity.WARNING,
+                f"{what}; {stop - start:.1f} of {whole:.1f} s in one piece are used",
+                "",
+                {"gaps": len(inside), "restarts": restarts, "used_seconds": stop - start},
+            )
+        ],
+    )

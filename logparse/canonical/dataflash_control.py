@@ -156,12 +156,10 @@ def _position_targets(messages: Messages) -> list[pd.DataFrame]:
         if name in messages:  # since 4.1
             frame = messages[name]
             low = axis.lower()
-            parts.append(
-                series(
-                    frame.index,
-                    {f"p_{low}": quantity(frame, f"TP{axis}", "m"), f"v_{low}": quantity(frame, f"TV{axis}", "m/s")},
-                )
-            )
+            columns = {f"p_{low}": quantity(frame, f"TP{axis}", "m"), f"v_{low}": quantity(frame, f"TV{axis}", "m/s")}
+            if f"DV{axis}" in frame:
+                columns[f"v_{low}_ref"] = quantity(frame, f"DV{axis}", "m/s")
+            parts.append(series(frame.index, columns))
     if parts:
         return parts
     if "PSC" in messages:  # 4.0

@@ -265,6 +265,10 @@ def _setpoints(messages: Messages) -> pd.DataFrame | None:
         velocity = [_values(frame, f"v{axis}", f"velocity[{k}]") for k, axis in enumerate("xyz")]
         names = ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d")
         parts.append(series(frame.index, dict(zip(names, (*position, *velocity), strict=True))))
+    if "trajectory_setpoint" in messages:
+        asked = messages["trajectory_setpoint"]
+        velocity = [_values(asked, f"v{axis}", f"velocity[{k}]") for k, axis in enumerate("xyz")]
+        parts.append(series(asked.index, dict(zip(("v_n_ref", "v_e_ref", "v_d_ref"), velocity, strict=True))))
     frame = _first(messages, "vehicle_attitude_setpoint")
     if frame is not None:
         columns = _quaternion_angles(frame, "q_d")

@@ -411,6 +411,8 @@ def _targets(frame: pd.DataFrame, position: Mapping[str, Array]) -> pd.DataFrame
     columns = {name: np.where(mask & (1 << k), np.nan, values) for k, (name, values) in enumerate(position.items())}
     for k, (axis, source) in enumerate(zip("ned", "xyz", strict=True), start=3):
         columns[f"v_{axis}"] = np.where(mask & (1 << k), np.nan, quantity(frame, f"v{source}", "m/s"))
+        # The message carries what is asked of the controller, nothing of its correction.
+        columns[f"v_{axis}_ref"] = columns[f"v_{axis}"]
     return series(frame.index, columns)
 
 

@@ -284,6 +284,15 @@ def test_position_targets_of_every_age_in_metres_and_down():
         assert row.tolist() == pytest.approx([1.0, 2.0, -3.0, 0.1, 0.1, 0.1])
 
 
+def test_velocity_asked_for_is_apart_from_the_corrected_target():
+    t = np.arange(3) * 0.1
+    north = message(t, TPN=[1.0] * 3, DVN=[0.5] * 3, TVN=[0.7] * 3)
+    tables, _ = build({"PSCN": north})
+    assert tables.setpoints[["v_n", "v_n_ref"]].iloc[1].tolist() == pytest.approx([0.7, 0.5])
+    tables, _ = build({"PSCN": north.drop(columns="DVN")})
+    assert tables.setpoints["v_n_ref"].isna().all()
+
+
 def test_firmware_of_2013_has_fewer_columns():
     t = np.arange(4) * 0.1
     messages = {

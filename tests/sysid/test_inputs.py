@@ -1,0 +1,205 @@
+"""Input sets and frames: what each holds, where it may be used, and what is said when it is missing."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from logparse import Geodetic, MissingDataError, Tables, Vehicle
+from logparse.tables import COLUMNS
+from sysid import Experiment
+from tests.sysid.flights import frame, made
+
+T = np.arange(0.0, 60.0, 0.1)
+
+
+def rates(t=T, **columns):
+    zero = np.zeros_like(t)
+    return frame(t, **(dict.fromkeys(COLUMNS["rates"], zero) | columns))
+
+
+def setpoints(t=T, **columns):
+    nothing = np.full_like(t, np.nan)
+    return frame(t, **(dict.fromkeys(COLUMNS["setpoints"], nothing) | columns))
+
+
+def path(t):
+    return 20.0 * np.sin(0.2 * t)
+
+
+def level(height):
+    return lambda t: np.full_like(t, height)
+
+
+def hold(t=T, ahead=0.0):
+    return setpoints(t, p_n=path(t) + ahead, p_e=np.zeros_like(t), p_d=np.full_like(t, -10.0))
+
+
+def test_rate_outputs_are_those_of_the_controller():
+    tables = Tables(rates=rates(out_roll=0.01 * T, out_pitch=-0.02 * T, out_yaw=0.03 * T, out_thrust=0.3 + 0.001 * T))
+    record = Experiment.from_flight(*made(tables), inputs="rate_outputs")
+    assert record.input_names == ("roll", "pitch", "yaw", "throttle")
+    np.testing.assert_allclose(record.u[0], [0.1, -0.2, 0.3, 0.31], atol=1e-12)
+    assert record.output_names == ("x", "y", "z")
+
+
+def test_throttle_of_ctun_serves_where_rate_has_none():
+    """PID messages in place of RATE know roll, pitch and yaw only."""
+    tables = Tables(rates=rates(out_thrust=np.full_like(T, np.nan)), setpoints=setpoints(throttle=0.3 + 0.001 * T))
+    record = Experiment.from_flight(*made(tables), inputs="rate_outputs")
+    np.testing.assert_allclose(record.u[:, 3], 0.3 + 0.001 * record.t, atol=1e-12)
+    assert [finding.id for finding in record.findings] == ["throttle-from-ctun"]
+
+
+def test_reference_less_position_is_the_error_of_the_loop():
+    """Both count from the first measured position; z is up."""
+    tables = Tables(setpoints=hold(ahead=0.25))
+    record = Experiment.from_flight(
+        *made(tables, north=path, down=lambda t: np.full_like(t, -10.4)), inputs="reference"
+    )
+    assert record.input_names == ("x", "y", "z")
+    np.testing.assert_allclose(record.u[:, 0] - record.y[:, 0], 0.25, atol=2e-3)
+    np.testing.assert_allclose(record.u[:, 2] - record.y[:, 2], -0.4, atol=1e-9)
+    assert record.units["x"] == "m"
+
+
+def test_reference_of_another_origin_is_moved():
+    """111.3 m per thousandth of a degree of latitude; and an origin that nobody told of is found."""
+    log, trajectory = made(Tables(setpoints=hold(ahead=-111.0)), north=path, down=level(-10.0))
+    record = Experiment.from_flight(log, trajectory, inputs="reference")
+    assert [finding.id for finding in record.findings] == ["reference-origin"]
+    np.testing.assert_allclose(record.u[:, 0], record.y[:, 0], atol=2e-3)
+    trajectory.origin = Geodetic(lat=0.0, lon=0.0, alt=0.0)
+    log.tables = Tables(setpoints=hold(ahead=-111.0), origin=Geodetic(lat=111.0 / 6335439.0, lon=0.0, alt=0.0))
+    record = Experiment.from_flight(log, trajectory, inputs="reference")
+    assert "reference-origin" not in {finding.id for finding in record.findings}
+    np.testing.assert_allclose(record.u[:, 0], record.y[:, 0], atol=2e-3)
+
+
+def test_only_the_time_in_which_a_position_is_held_is_used():
+    """In STABILIZE the controller does not run and logs nothing: two pieces, of which the longer is taken."""
+    manual = (T > 22.0) & (T < 30.0)
+    log, trajectory = made(Tables(setpoints=hold()[~manual]), north=path, down=level(-10.0))
+    record = Experiment.from_flight(log, trajectory, inputs="reference")
+    assert record.t[0] >= 30.0
+    assert record.t[-1] == pytest.approx(50.0, abs=0.1)
+    assert [finding.id for finding in record.findings] == ["position-target-gaps"]
+    assert "20.0 of 40.0 s" in record.findings[0].reason
+
+
+@pytest.mark.parametrize(("mode_at", "pieces"), [(30.0, 2), (40.0, 1)])
+def test_a_target_that_jumps_at_a_change_of_mode_is_a_restart_and_elsewhere_a_step(mode_at, pieces):
+    target = hold()
+    target.loc[30.0:, "p_e"] = 5.0
+    modes = pd.DataFrame({"mode": ["AUTO", "LOITER"]}, index=pd.Index([0.0, mode_at], name="t"))
+    log, trajectory = made(
+        Tables(setpoints=target, modes=modes),
+        north=path,
+        east=lambda t: np.interp(t, [30.5, 33.0], [0.0, 5.0]),
+        down=level(-10.0),
+    )
+    record = Experiment.from_flight(log, trajectory, inputs="reference")
+    assert record.duration == pytest.approx(40.0 if pieces == 1 else 20.0, abs=0.2)
+    assert [finding.id for finding in record.findings] == ["position-target-gaps"] * (pieces - 1)
+
+
+def test_a_target_that_jumps_with_the_autopilots_own_estimate_is_a_reset():
+    target = hold()
+    target.loc[35.0:, "p_e"] = 3.0
+    own = {name: np.zeros_like(T) for name in COLUMNS["ekf"]}
+    own |= {"p_n": path(T), "p_e": np.where(T >= 35.0, 3.0, 0.0)}
+    tables = Tables(setpoints=target, ekf=frame(T, **own))
+    record = Experiment.from_flight(*made(tables, north=path, down=level(-10.0)), inputs="reference")
+    assert record.t[-1] == pytest.approx(35.0, abs=0.2)
+
+
+def test_velocity_reference_is_what_was_asked_for_and_not_what_the_controller_made_of_it():
+    asked = setpoints(v_n_ref=0.1 * T, v_e_ref=0.0 * T, v_d_ref=-0.2 * T, v_n=9.0 + T, v_e=T, v_d=T)
+    record = Experiment.from_flight(*made(Tables(setpoints=asked)), inputs="velocity_reference", outputs="velocity")
+    assert record.input_names == record.output_names == ("v_x", "v_y", "v_z")
+    np.testing.assert_allclose(record.u[0], [1.0, 0.0, 2.0], atol=1e-9)
+    assert not record.findings
+    old = setpoints(v_n=0.1 * T, v_e=0.0 * T, v_d=-0.2 * T)
+    record = Experiment.from_flight(*made(Tables(setpoints=old)), inputs="velocity_reference", outputs="velocity")
+    assert [finding.id for finding in record.findings] == ["reference-with-feedback"]
+
+
+def test_tilt_commands_push_where_the_thrust_tips():
+    """Nose to the east: rolling right pushes south, pitching down pushes east."""
+    tables = Tables(rates=rates(out_roll=np.full_like(T, 0.02), out_pitch=np.full_like(T, -0.05)))
+    record = Experiment.from_flight(*made(tables, yaw=np.pi / 2.0), inputs="rate_outputs", frame="heading")
+    assert record.input_names == ("tilt_x", "tilt_y", "yaw", "throttle")
+    np.testing.assert_allclose(record.u[:, 0], -0.02, atol=1e-9)
+    np.testing.assert_allclose(record.u[:, 1], 0.05, atol=1e-9)
+    assert record.output_names == ("x", "y", "z")
+
+
+def test_the_motion_is_turned_into_the_heading_where_motors_are_the_inputs():
+    """A circle flown nose first is straight ahead: forward is the way flown, right is nothing."""
+    motors = frame(T, m1=1500.0 + T, m2=1400.0 - T)
+    log, trajectory = made(
+        Tables(motors=motors),
+        north=lambda t: 10.0 * np.sin(0.3 * t),
+        east=lambda t: 10.0 * (1.0 - np.cos(0.3 * t)),
+        yaw=lambda t: 0.3 * t,
+    )
+    record = Experiment.from_flight(log, trajectory, frame="heading")
+    assert record.output_names == ("forward", "right", "z")
+    np.testing.assert_allclose(record.y[:, 0], 3.0 * (record.t - record.t[0]), atol=2e-3)
+    np.testing.assert_allclose(record.y[:, 1], 0.0, atol=2e-3)
+    velocity = Experiment.from_flight(log, trajectory, frame="heading", outputs="velocity")
+    assert velocity.output_names == ("v_forward", "v_right", "v_z")
+    np.testing.assert_allclose(velocity.y[:, 0], 3.0, atol=1e-3)
+
+
+def test_a_heading_that_is_held_changes_nothing_but_the_names():
+    tables = Tables(rates=rates(out_roll=0.01 * T, out_pitch=-0.02 * T))
+    turned = Experiment.from_flight(*made(tables), inputs="rate_outputs", frame="heading")
+    kept = Experiment.from_flight(*made(tables), inputs="rate_outputs")
+    np.testing.assert_allclose(turned.u, kept.u[:, [1, 0, 2, 3]] * [-1.0, 1.0, 1.0, 1.0], atol=1e-12)
+    reference = Tables(setpoints=hold())
+    one, other = (
+        Experiment.from_flight(*made(reference, north=path, yaw=1.0), inputs="reference", frame=frame_)
+        for frame_ in ("earth", "heading")
+    )
+    np.testing.assert_array_equal(one.u, other.u)
+    np.testing.assert_array_equal(one.y, other.y)
+
+
+def test_a_motor_lost_for_a_while_ends_the_piece():
+    motors = frame(T, m1=1500.0 + T, m2=1400.0 - T)
+    motors.loc[15.0:20.0, "m2"] = np.nan
+    record = Experiment.from_flight(*made(Tables(motors=motors)))
+    assert record.t[0] > 20.0
+    assert record.input_names == ("m1", "m2")
+
+
+@pytest.mark.parametrize(
+    ("tables", "inputs", "words"),
+    [
+        (Tables(), "motors", "RCOU.*LOG_BITMASK"),
+        (Tables(), "mixer", "RCOU.*LOG_BITMASK"),
+        (Tables(motors=frame(T, m1=T, m2=T)), "mixer", "FRAME_CLASS"),
+        (Tables(), "rate_outputs", "RATE.*ATTITUDE_FAST"),
+        (Tables(rates=rates(out_thrust=T * np.nan)), "rate_outputs", "CTUN"),
+        (Tables(), "reference", "PSCN, PSCE and PSCD.*POSITION_TARGET_LOCAL_NED.*LOG_BITMASK"),
+        (Tables(setpoints=setpoints(p_d=T)), "reference", "no position targets"),
+        (Tables(), "velocity_reference", "no velocity targets"),
+        (Tables(setpoints=hold(T[T > 55.0])), "reference", "no position targets in flight"),
+        (Tables(setpoints=hold(T[T > 49.6])), "reference", "overlap in flight for 0.[34] s only"),
+        (
+            Tables(modes=pd.DataFrame({"mode": ["STABILIZE", "ALT_HOLD"]}, index=[0.0, 5.0])),
+            "reference",
+            "flown in STABILIZE, ALT_HOLD, where no position is held.*LOITER",
+        ),
+    ],
+)
+def test_what_is_missing_is_named_with_the_way_to_log_it(tables, inputs, words):
+    log, trajectory = made(tables, vehicle=Vehicle())
+    with pytest.raises(MissingDataError, match=f"^flight.bin: .*{words}"):
+        Experiment.from_flight(log, trajectory, inputs=inputs)
+
+
+@pytest.mark.parametrize("arguments", [{"inputs": "sticks"}, {"outputs": "attitude"}, {"frame": "body"}])
+def test_unknown_words_are_refused(arguments):
+    with pytest.raises(ValueError, match="must be one of"):
+        Experiment.from_flight(*made(), **arguments)
