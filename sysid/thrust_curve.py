@@ -102,7 +102,7 @@ def rotor_speeds(record: Experiment) -> Floats | None:
     """Give the speeds that the ESCs report for the record's motors, rad/s, (N, motors); None unless all report."""
     if record.context is None:
         return None
-    speeds = [column(record, f"rpm_{name.removeprefix('m')}") for name in record.input_names]
+    speeds = [column(record, f"rotor_speed_{name.removeprefix('m')}") for name in record.input_names]
     result = np.column_stack(speeds)
     return result if np.isfinite(result).all() and (result.max(axis=0) > 0.0).any() else None
 

@@ -1,0 +1,626 @@
+"""Thrust and torque coefficients from flight by output error, after Kim 2017 (AIAA 2017-1560), section III.E.
+
+Altitude, roll rate and pitch rate are propagated from eq. 3, 7 and 8 and matched to the flight::
+
+    d2h/dt2 = -g + cos(phi) cos(theta) sum_i T_i / m
+    dp/dt   = (Iyy - Izz) / Ixx q r - l / Ixx sum_i y_i T_i          (x_i, y_i): motor i in arms ahead, to the right
+    dq/dt   = (Izz - Ixx) / Iyy p r + l / Iyy sum_i x_i T_i          T_i = k_i s_i (`sysid.thrust_curve`)
+
+and the mean torque coefficient comes from least squares on eq. 9, ``dr/dt = (Ixx - Iyy)/Izz p q + b/Izz sum_i c_i s_i``
+(c_i = -1 for a clockwise rotor). With attitude and the rates of the products as measured, the outputs are linear in the
+coefficients and the initial states, so that output error needs no search. Two things differ from the paper: altitude is
+propagated in the earth's frame, which needs no small horizontal speeds; and the states start anew every few seconds
+(multiple shooting), because open-loop rates drift with any offset. Motors whose torque coefficients differ turn the
+craft when they roll, pitch or lift it, which the mean coefficient alone would be bent to explain (the paper found four
+times the bench's torque): total thrust and the roll and pitch moments stand beside it in the regression. Without
+inertia and arm, ``l m / Ixx`` and ``l m / Iyy`` are fitted too, and a free multiple of each product of rates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from logparse import Finding, MissingDataError, Severity
+from sysid.covariance import autocovariance, coloured_information
+from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.motor_geometry import MotorGeometry, motor_geometry
+from sysid.thrust_curve import Law, column, lagged, reference_voltage, rotor_speeds, thrust_signals
+from sysid.thrust_regression import (
+    DETERMINED,
+    ThrustCoefficient,
+    air_sigma_of,
+    coefficient,
+    mass_unknown,
+    unknown_air,
+    vehicle_of,
+)
+
+#: Length of the windows, s: several periods of the attitude loops, short against the drift of open-loop rates.
+WINDOW = 5.0
+
+#: Ratio of extreme singular values of the scaled sensitivities above which motors are not told apart: there errors of a
+#: few parts in ten thousand in model or signals become tens of percent, which no standard error shows. Simulated craft
+#: of four motors have 300 to 1000, of eight motors driven by four commands 4e4 and more.
+SEPARABLE = 3e3
+
+#: Gauss-Newton steps; only the products of thrust and lever are not linear, and outputs are weighted anew each time.
+STEPS = 12
+
+#: How far residuals are taken to be correlated, s.
+CORRELATED = 0.5
+
+_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kim2017Model:
+    """Thrust coefficient of each motor and the mean torque coefficient.
+
+    Attributes
+    ----------
+    name : str
+    law : Law
+        Whether coefficients are per square of rotor speed or at full command.
+    common : ThrustCoefficient
+        The same thrust coefficient for all motors, fitted by itself.
+    per_motor : mapping
+    lever : tuple of 2 float
+        l m / Ixx and l m / Iyy, 1/m: as given, or fitted.
+    lever_sigma : tuple of 2 float
+        0 where given.
+    torque_per_inertia, torque_sigma : float or None
+        b / Izz, mean of the motors, in rad/s^2 at full command or per squared rotor speed; None when not determined.
+    yaw : tuple of float
+        Yaw acceleration for each motor's signal, in the same unit: what the simulation of the yaw rate takes.
+    mass : float or None
+        kg.
+    inertia : tuple of 3 float or None
+        kg m^2, as given.
+    reference_voltage : float or None
+        V.
+    thrust_expo : float
+    time_constant : float
+        Lag taken for the motors, s; the paper takes none.
+    rmse : mapping
+        Of altitude [m] and rates [rad/s] in the windows.
+    bench : mapping
+        Thrust coefficients of a thrust stand to compare with, by motor, and ``"torque"``.
+    geometry : MotorGeometry
+    training : tuple of str
+    findings : tuple of Finding
+    """
+
+    name: str
+    law: Law
+    common: ThrustCoefficient
+    per_motor: Mapping[str, ThrustCoefficient]
+    lever: tuple[float, float]
+    lever_sigma: tuple[float, float]
+    torque_per_inertia: float | None
+    torque_sigma: float | None
+    yaw: tuple[float, ...]
+    mass: float | None
+    inertia: tuple[float, float, float] | None
+    reference_voltage: float | None
+    thrust_expo: float
+    time_constant: float
+    rmse: Mapping[str, float]
+    geometry: MotorGeometry
+    training: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    bench: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def torque(self) -> tuple[float, float] | None:
+        """Mean torque coefficient b and its standard error; None without Izz or when not determined."""
+        if self.inertia is None or self.torque_per_inertia is None or self.torque_sigma is None:
+            return None
+        return self.torque_per_inertia * self.inertia[2], self.torque_sigma * self.inertia[2]
+
+    def thrust_table(self) -> pd.DataFrame:
+        """Give thrust coefficients in the form of Table 6: index ``motor``; stand, flight, standard error, ratio."""
+        rows = {
+            motor: {"test_stand": self.bench.get(motor, np.nan), **_columns(value)}
+            for motor, value in self.per_motor.items()
+        }
+        table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("motor")
+        table["ratio"] = table["flight_test"] / table["test_stand"]
+        return table
+
+    def torque_table(self) -> pd.DataFrame:
+        """Give the mean torque coefficient in the form of Table 7."""
+        value = self.torque
+        row = {
+            "test_stand": self.bench.get("torque", np.nan),
+            "flight_test": value[0] if value else np.nan,
+            "sigma": value[1] if value else np.nan,
+        }
+        table = pd.DataFrame([row], index=pd.Index(["mean of all motors"], name="motor"))
+        table["ratio"] = table["flight_test"] / table["test_stand"]
+        return table
+
+    def simulate(self, experiment: Experiment) -> pd.DataFrame:
+        """Propagate altitude and rates over a whole record from its first sample (the paper's figure 15).
+
+        Returns
+        -------
+        DataFrame
+            Index `t`; ``z`` [m], ``w_x``, ``w_y`` and, with a torque coefficient, ``w_z`` [rad/s].
+        """
+        data = _Data.of(experiment, self.law, self.reference_voltage, self.thrust_expo, self.time_constant)
+        thrust = data.signals * self._specific()
+        z = data.altitude[0] - experiment.context["v_d"].iloc[0] * data.t if experiment.context is not None else data.t
+        z = z - 0.5 * _GRAVITY * data.t**2 + _twice(data.lift * thrust.sum(axis=1, keepdims=True), data.dt)[:, 0]
+        gyro = _gyroscopic(data, self.inertia)
+        result = {
+            "z": z,
+            "w_x": data.rates[0, 0] + gyro[0] - self.lever[0] * _once(thrust @ self.geometry.right, data.dt),
+            "w_y": data.rates[0, 1] + gyro[1] + self.lever[1] * _once(thrust @ self.geometry.forward, data.dt),
+        }
+        if self.torque_per_inertia is not None:
+            result["w_z"] = data.rates[0, 2] + gyro[2] + _once(data.signals @ np.array(self.yaw), data.dt)
+        return pd.DataFrame(result, index=pd.Index(experiment.t, name="t"))
+
+    def verify(self, experiment: Experiment) -> pd.DataFrame:
+        """Compare `simulate` with a part of the flight that was not fitted.
+
+        Returns
+        -------
+        DataFrame
+            Index ``output``; root mean square error, and that of the measured mean to compare it with.
+        """
+        simulated = self.simulate(experiment)
+        data = _Data.of(experiment, self.law, self.reference_voltage, self.thrust_expo, self.time_constant)
+        measured = {"z": data.altitude, **{f"w_{axis}": data.rates[:, k] for k, axis in enumerate("xyz")}}
+        rows = {
+            name: {
+                "rmse": float(np.sqrt(np.mean((simulated[name].to_numpy() - measured[name]) ** 2))),
+                "rmse_of_mean": float(np.std(measured[name])),
+            }
+            for name in simulated.columns
+        }
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("output")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON."""
+        torque = self.torque
+        return {
+            "kind": "kim2017",
+            "name": self.name,
+            "law": str(self.law),
+            "units": {
+                "per_mass": self.law.specific_unit,
+                "newton": self.law.thrust_unit,
+                "torque": self.law.torque_unit,
+                "lever": "1/m (arm times mass over inertia)",
+            },
+            "common": self.common.to_dict(),
+            "per_motor": {name: value.to_dict() for name, value in self.per_motor.items()},
+            "lever": list(self.lever),
+            "lever_sigma": list(self.lever_sigma),
+            "torque_per_inertia": self.torque_per_inertia,
+            "torque_per_inertia_sigma": self.torque_sigma,
+            "torque": None if torque is None else {"value": torque[0], "sigma": torque[1]},
+            "bench": dict(self.bench),
+            "mass": self.mass,
+            "inertia": None if self.inertia is None else list(self.inertia),
+            "reference_voltage": self.reference_voltage,
+            "rmse": dict(self.rmse),
+            "training": list(self.training),
+            "findings": [
+                {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
+            ],
+        }
+
+    def _specific(self) -> Floats:
+        """Give k_i / m for the simulation: each motor's own where determined, the common one elsewhere."""
+        usual = self.common.per_mass
+        values = [value.per_mass if value.per_mass is not None else usual for value in self.per_motor.values()]
+        if any(value is None for value in values):
+            raise ExperimentError("no thrust coefficient is determined, so that nothing can be simulated")
+        return np.array(values, dtype=np.float64)
+
+
+def fit_kim2017(
+    experiments: Sequence[Experiment],
+    mass: float | None = None,
+    *,
+    inertia: tuple[float, float, float] | None = None,
+    arm: float | None = None,
+    bench: Mapping[str, float] | None = None,
+    time_constant: float = 0.0,
+    law: Law | None = None,
+) -> Kim2017Model:
+    """Estimate thrust coefficients by output error and the mean torque coefficient by least squares.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        With outputs that include ``z``, PWM inputs and context.
+    mass : float, optional
+        kg.
+    inertia : tuple of 3 float, optional
+        Ixx, Iyy, Izz, kg m^2, such as of a bifilar pendulum.
+    arm : float, optional
+        Distance of the motors from the centre of gravity, m.
+    bench : mapping, optional
+        Thrust-stand coefficients by motor name and ``"torque"``, in the unit of the law.
+    time_constant : float
+        Lag of the motors, s; 0 as in the paper.
+    law : Law, optional
+        By default rotor speeds where every record has them (`sysid.rotor.fit_rotor` says whether they are any).
+
+    Raises
+    ------
+    MissingDataError
+        Without altitude, angular rates or the frame's geometry.
+    ExperimentError
+        When the records differ in kind or a given number is not positive.
+    """
+    records = require_alike(experiments)
+    for label, value in {"mass": mass, "arm": arm, "inertia": None if inertia is None else min(inertia)}.items():
+        if value is not None and not value > 0.0:
+            raise ExperimentError(f"{label} must be positive, not {value}")
+    vehicle, findings = vehicle_of(records[0])
+    voltage = reference_voltage(records)
+    findings += unknown_air(records, voltage)
+    geometry = motor_geometry(records[0])
+    if law is None:
+        law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND
+    known = (
+        None if mass is None or inertia is None or arm is None else (arm * mass / inertia[0], arm * mass / inertia[1])
+    )
+    data = [_Data.of(record, law, voltage, vehicle.thrust_expo, time_constant) for record in records]
+    windows = [window for each in data for window in _windows(each, geometry, inertia)]
+    motors = records[0].input_names
+    together = _output_error(windows, np.ones((1, len(motors))), known)
+    apart = _output_error(windows, np.eye(len(motors)), known, together)
+    air = air_sigma_of(records)
+    common = coefficient(float(together.coefficients[0]), float(together.sigma[0]), air, mass)
+    reason = (
+        f"the {len(motors)} motors are driven by too few independent signals (singular values differ by "
+        f"{apart.condition:.0e})"
+        if apart.condition > SEPARABLE
+        else ""
+    )
+    per_motor = {
+        motor: coefficient(float(apart.coefficients[k]), float(apart.sigma[k]), air, mass, reason)
+        for k, motor in enumerate(motors)
+    }
+    best = together if reason else apart
+    torque = _torque(windows)
+    findings += _remarks(per_motor, torque, mass, known, bench)
+    return Kim2017Model(
+        name=f"Kim 2017, output error, thrust by {law}",
+        law=law,
+        common=common,
+        per_motor=per_motor,
+        lever=(float(best.lever[0]), float(best.lever[1])),
+        lever_sigma=(float(best.lever_sigma[0]), float(best.lever_sigma[1])),
+        torque_per_inertia=None if torque is None else torque.value,
+        torque_sigma=None if torque is None else float(np.hypot(torque.sigma, air * torque.value)),
+        yaw=() if torque is None else tuple(float(each) for each in torque.patterns @ _patterns(geometry)),
+        mass=mass,
+        inertia=inertia,
+        reference_voltage=voltage,
+        thrust_expo=vehicle.thrust_expo,
+        time_constant=time_constant,
+        rmse={**best.rmse, **({} if torque is None else {"w_z": torque.rmse})},
+        geometry=geometry,
+        training=tuple(record.name for record in records),
+        findings=tuple(findings),
+        bench=dict(bench or {}),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Data:
+    """Signals of a record: `t` from 0 (N,), altitude (N,), rates (N, 3), vertical part of thrust (N, 1), s (N, n)."""
+
+    t: Floats
+    dt: float
+    altitude: Floats
+    rates: Floats
+    lift: Floats
+    signals: Floats
+
+    @classmethod
+    def of(cls, record: Experiment, law: Law, voltage: float | None, expo: float, time_constant: float) -> _Data:
+        if "z" not in record.output_names:
+            raise MissingDataError(f"{record.name}: Kim 2017 matches altitude; make the record with outputs='position'")
+        rates = np.column_stack([column(record, f"w_{axis}") for axis in "xyz"])
+        attitude = np.column_stack([column(record, name) for name in ("roll", "pitch")])
+        if not (np.isfinite(rates).all() and np.isfinite(attitude).all()):
+            raise MissingDataError(f"{record.name}: Kim 2017 matches angular rates, which are not known; log the IMU")
+        vehicle, _ = vehicle_of(record)
+        return cls(
+            t=record.t - record.t[0],
+            dt=record.dt,
+            altitude=record.y[:, record.output_names.index("z")],
+            rates=rates,
+            lift=np.cos(attitude).prod(axis=1, keepdims=True),
+            signals=lagged(thrust_signals(record, law, vehicle, voltage, expo), time_constant, record.dt),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """Outputs and sensitivities of a window, initial states projected out.
+
+    `outputs` are altitude, p, q, r; `gains` (M, n) what each motor's k/m adds to altitude, and to p and q with a lever
+    of 1; `yaw` (M, 4) what unit mean torque, thrust, roll and pitch patterns (`_patterns`) add to r.
+    """
+
+    outputs: tuple[Floats, Floats, Floats, Floats]
+    gains: tuple[Floats, Floats, Floats]
+    yaw: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class _Estimate:
+    coefficients: Floats
+    sigma: Floats
+    lever: Floats
+    lever_sigma: Floats
+    condition: float
+    rmse: dict[str, float]
+
+
+def _once(values: Floats, dt: float) -> Floats:
+    result = np.zeros_like(values)
+    np.cumsum(0.5 * dt * (values[1:] + values[:-1]), axis=0, out=result[1:])
+    return result
+
+
+def _twice(values: Floats, dt: float) -> Floats:
+    """Integrate twice, exactly for values that are linear between samples."""
+    speed = _once(values, dt)
+    steps = speed[:-1] * dt + (2.0 * values[:-1] + values[1:]) * dt**2 / 6.0
+    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps, axis=0)])
+
+
+def _gyroscopic(data: _Data, inertia: tuple[float, float, float] | None) -> tuple[Floats, Floats, Floats]:
+    if inertia is None:
+        zero = np.zeros(len(data.t))
+        return zero, zero, zero
+    p, q, r = data.rates.T
+    x, y, z = inertia
+    return (
+        _once((y - z) / x * q * r, data.dt),
+        _once((z - x) / y * p * r, data.dt),
+        _once((x - y) / z * p * q, data.dt),
+    )
+
+
+def _windows(data: _Data, geometry: MotorGeometry, inertia: tuple[float, float, float] | None) -> list[_Window]:
+    size = min(max(round(WINDOW / data.dt), 8), len(data.t))
+    result = []
+    for first in range(0, len(data.t) - size + 1, size):
+        rows = slice(first, first + size)
+        part = _Data(
+            data.t[rows] - data.t[first],
+            data.dt,
+            data.altitude[rows],
+            data.rates[rows],
+            data.lift[rows],
+            data.signals[rows],
+        )
+        level = np.linalg.qr(np.ones((size, 1)))[0]
+        line = np.linalg.qr(np.column_stack([np.ones(size), part.t]))[0]
+        gyro = _gyroscopic(part, inertia)
+        turning = _once(part.signals, data.dt)
+        spinning = [level] * 3
+        if inertia is None:
+            p, q, r = part.rates.T
+            products = [_once(product, data.dt) for product in (q * r, p * r, p * q)]
+            spinning = [np.linalg.qr(np.column_stack([np.ones(size), product]))[0] for product in products]
+        result.append(
+            _Window(
+                outputs=(
+                    _without(line, part.altitude + 0.5 * _GRAVITY * part.t**2),
+                    _without(spinning[0], part.rates[:, 0] - gyro[0]),
+                    _without(spinning[1], part.rates[:, 1] - gyro[1]),
+                    _without(spinning[2], part.rates[:, 2] - gyro[2]),
+                ),
+                gains=(
+                    _without(line, _twice(part.lift * part.signals, data.dt)),
+                    _without(spinning[0], -geometry.right * turning),
+                    _without(spinning[1], geometry.forward * turning),
+                ),
+                yaw=_without(spinning[2], turning @ _patterns(geometry).T),
+            )
+        )
+    return result
+
+
+def _without(basis: Floats, values: Floats) -> Floats:
+    """Remove what unknown initial states explain."""
+    return np.asarray(values - basis @ (basis.T @ values))
+
+
+def _output_error(
+    windows: Sequence[_Window], share: Floats, known: tuple[float, float] | None, start: _Estimate | None = None
+) -> _Estimate:
+    """Fit thrust coefficients (`share` maps them to motors, (q, n)) and, unless known, both levers."""
+    q = len(share)
+    gains = [np.vstack([w.gains[o] for w in windows]) @ share.T for o in range(3)]
+    outputs = [np.concatenate([w.outputs[o] for w in windows]) for o in range(3)]
+    if start is None:
+        lifted = gains[0] @ np.ones(q)
+        values = np.full(q, float(lifted @ outputs[0] / (lifted @ lifted)))
+    else:
+        values = np.full(q, float(start.coefficients[0]))
+    lever = np.array(known if known is not None else _levers(gains, outputs, values))
+    weights = np.ones(3)
+    for _ in range(STEPS):
+        sensitivity, residual = _sensitivities(gains, outputs, values, lever, known is None)
+        weights = np.array([1.0 / max(float(np.sqrt(np.mean(r**2))), 1e-12) for r in residual])
+        stacked = np.vstack([w * s for w, s in zip(weights, sensitivity, strict=True)])
+        size = np.linalg.norm(stacked, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        aim = np.concatenate([w * r for w, r in zip(weights, residual, strict=True)])
+        step = np.linalg.lstsq(stacked / size, aim, rcond=1e-8)[0] / size
+        values = values + step[:q]
+        if known is None:
+            lever = lever + step[q:]
+    sensitivity, residual = _sensitivities(gains, outputs, values, lever, known is None)
+    covariance, condition = _covariance(sensitivity, residual, weights, [len(w.yaw) for w in windows])
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return _Estimate(
+        values,
+        sigma[:q],
+        lever,
+        sigma[q:] if known is None else np.zeros(2),
+        condition,
+        {name: float(np.sqrt(np.mean(r**2))) for name, r in zip(("z", "w_x", "w_y"), residual, strict=True)},
+    )
+
+
+def _levers(gains: Sequence[Floats], outputs: Sequence[Floats], values: Floats) -> list[float]:
+    """Start levers: least squares of the rates on the moments of the start thrusts."""
+    result = []
+    for o in (1, 2):
+        moment = gains[o] @ values
+        power = float(moment @ moment)
+        result.append(float(moment @ outputs[o]) / power if power > 0.0 else 0.0)
+    return result
+
+
+def _sensitivities(
+    gains: Sequence[Floats], outputs: Sequence[Floats], values: Floats, lever: Floats, free: bool
+) -> tuple[list[Floats], list[Floats]]:
+    scale = (1.0, lever[0], lever[1])
+    rows, residual = [], []
+    for o, (gain, output) in enumerate(zip(gains, outputs, strict=True)):
+        effect = gain @ values
+        columns = [scale[o] * gain]
+        if free:
+            levers = np.zeros((len(output), 2))
+            if o > 0:
+                levers[:, o - 1] = effect
+            columns.append(levers)
+        rows.append(np.hstack(columns))
+        residual.append(output - scale[o] * effect)
+    return rows, residual
+
+
+def _covariance(
+    sensitivity: Sequence[Floats], residual: Sequence[Floats], weights: Floats, lengths: Sequence[int]
+) -> tuple[Floats, float]:
+    """Covariance for residuals that are coloured within windows, and the spread of the scaled singular values."""
+    stacked = np.vstack([w * s for w, s in zip(weights, sensitivity, strict=True)])
+    size = np.linalg.norm(stacked, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    singular = np.linalg.svd(stacked / size, compute_uv=False)
+    condition = float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
+    inverse = np.linalg.pinv((stacked / size).T @ (stacked / size), rcond=1e-14)
+    cuts = np.cumsum(lengths)[:-1]
+    middle = np.zeros_like(inverse)
+    for w, rows, left in zip(weights, sensitivity, residual, strict=True):
+        parts = np.split(left, cuts)
+        lags = max(min(len(parts[0]) // 4, round(len(parts[0]) * CORRELATED / WINDOW)), 1)
+        colour = autocovariance(parts, lags)
+        middle += w**4 * coloured_information(np.split(rows / size, cuts), colour)
+    return np.asarray(inverse @ middle @ inverse / np.outer(size, size)), condition
+
+
+def _patterns(geometry: MotorGeometry) -> Floats:
+    """Give the combinations of motors that yaw may follow: torque by direction of rotation, thrust, roll, pitch; (4, n)."""
+    return np.vstack([-geometry.spin, np.ones(len(geometry.spin)), geometry.right, geometry.forward])
+
+
+@dataclass(frozen=True, slots=True)
+class _Torque:
+    value: float
+    sigma: float
+    patterns: Floats
+    rmse: float
+
+
+def _torque(windows: Sequence[_Window]) -> _Torque | None:
+    """Least squares on eq. 9, integrated once; None when the torque is not determined."""
+    yaw = np.vstack([w.yaw for w in windows])
+    output = np.concatenate([w.outputs[3] for w in windows])
+    size = np.linalg.norm(yaw, axis=0)
+    if not size[0] > 0.0:
+        return None
+    scaled = yaw / np.where(size > 0.0, size, 1.0)
+    values = np.linalg.lstsq(scaled, output, rcond=1e-8)[0]
+    residual = output - scaled @ values
+    covariance, _ = _covariance([scaled], [residual], np.ones(1), [len(w.yaw) for w in windows])
+    value, sigma = float(values[0] / size[0]), float(np.sqrt(max(covariance[0, 0], 0.0)) / size[0])
+    if not value > 0.0 or sigma > DETERMINED * value:
+        return None
+    patterns = values / np.where(size > 0.0, size, 1.0)
+    return _Torque(value, sigma, patterns, float(np.sqrt(np.mean(residual**2))))
+
+
+def _remarks(
+    per_motor: Mapping[str, ThrustCoefficient],
+    torque: _Torque | None,
+    mass: float | None,
+    known: tuple[float, float] | None,
+    bench: Mapping[str, float] | None,
+) -> list[Finding]:
+    findings = []
+    blind = [motor for motor, value in per_motor.items() if not value.determined]
+    if blind:
+        findings.append(
+            Finding(
+                "thrust-per-motor-undetermined",
+                Severity.INFO,
+                f"Kim 2017: thrust of single motors is not determined for {', '.join(blind)}: "
+                f"{per_motor[blind[0]].reason}; the common coefficient stands for them",
+                "fly with roll, pitch and yaw excitation, or measure motors on a bench",
+                {"undetermined": len(blind)},
+            )
+        )
+    if torque is None:
+        findings.append(
+            Finding(
+                "torque-undetermined",
+                Severity.INFO,
+                "Kim 2017: the torque coefficient is not determined: the craft hardly yawed against its motors' torque",
+                "fly yaw steps or a SYSTEMID chirp on yaw",
+            )
+        )
+    if mass is None:
+        findings.append(mass_unknown())
+    if known is None:
+        findings.append(
+            Finding(
+                "inertia-not-given",
+                Severity.INFO,
+                "Kim 2017 takes inertia and arm from the bench; without them arm times mass over inertia is fitted "
+                "too, and torque is known over Izz only",
+                "give mass, inertia (rotorid bifilar) and arm",
+            )
+        )
+    off = [
+        motor
+        for motor, value in per_motor.items()
+        if bench and motor in bench and value.newton is not None and abs(value.newton / bench[motor] - 1.0) > 0.2
+    ]
+    if off:
+        findings.append(
+            Finding(
+                "bench-disagrees",
+                Severity.WARNING,
+                f"thrust in flight differs by more than 20 % from the thrust stand for {', '.join(off)}",
+                "check the voltage and air the stand's coefficients hold for, propellers, and the mass",
+                {"motors": ", ".join(off)},
+            )
+        )
+    return findings
+
+
+def _columns(value: ThrustCoefficient) -> dict[str, float]:
+    return {
+        "flight_test": np.nan if value.newton is None else value.newton,
+        "sigma": np.nan if value.newton_sigma is None else value.newton_sigma,
+    }
