@@ -6,11 +6,12 @@ any Linux machine with an x86-64 processor; elsewhere another mathematical libra
 """
 
 from simulation.cases import CASES, Case, find, write_case, write_sample_logs
-from simulation.errors import DivergenceError, ParameterError
+from simulation.errors import ArrivalError, DivergenceError, ParameterError
 from simulation.fly import Flight, Setup, fly, propagate
 
 __all__ = [
     "CASES",
+    "ArrivalError",
     "Case",
     "DivergenceError",
     "Flight",

@@ -1,17 +1,30 @@
 """Compiled equations of motion, integrator and flight loop; plain arrays and named tuples of numbers.
 
 State vector of a craft with n rotors: position (3, NED, m), velocity (3, NED, m/s), body-to-NED quaternion (4, scalar
-first), angular rate (3, FRD, rad/s), rotor speeds (n, rad/s). No fast-math, no BLAS and no vectorised
-transcendental functions on the way from seed to log: the same seed has to give the same log, to the last bit.
+first), angular rate (3, FRD, rad/s), rotor speeds (n, rad/s), and with drives of third order three states of each drive
+(3 n). No fast-math, no BLAS and no vectorised transcendental functions on the way from seed to log: the same seed has
+to give the same log, to the last bit.
 
 One file on purpose: numba's cache notices a change in a function's own file only, not in the files that it calls.
 """
 
 from math import asin, atan, atan2, cos, exp, isfinite, pi, sin, sqrt, tan
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
+
+from simulation._parameters import (
+    AirframeParameters,
+    AirParameters,
+    AutopilotState,
+    BladeParameters,
+    CascadeParameters,
+    DriveParameters,
+    ResponseParameters,
+    SensorParameters,
+    TankParameters,
+)
 
 POSITION, VELOCITY, ATTITUDE, RATE, ROTORS = 0, 3, 6, 10, 13
 
@@ -26,112 +39,6 @@ DISARMED, IDLE, FLYING, LANDING, LANDED = 0, 1, 2, 3, 4
 #: Numba's stubs do not know the two options.
 _OPTIONS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 inner = njit(cache=True, nogil=True, **_OPTIONS)
-
-
-class AirParameters(NamedTuple):
-    """Air at the height of the origin, and how it changes above it."""
-
-    density: float
-    temperature: float
-    lapse_rate: float
-    exponent: float
-
-
-class BladeParameters(NamedTuple):
-    """A rotor by blade elements and momentum; see `simulation.rotor.BladeElementRotor`."""
-
-    radius: float  # m; 0: the rotors follow the quadratic law instead
-    area: float  # m^2
-    lift: float  # lift slope times blades times chord, m
-    theta0: float  # rad, pitch at the root of the linear twist
-    theta1: float  # rad, change of pitch from root to tip
-    efficiency: float
-
-
-class AirframeParameters(NamedTuple):
-    """A multirotor as the equations of motion read it; see `simulation.vehicle.Multirotor`."""
-
-    mass: float
-    gravity: float
-    inertia: np.ndarray  # (3, 3)
-    inertia_inverse: np.ndarray  # (3, 3)
-    rotor_position: np.ndarray  # (n, 3)
-    rotor_axis: np.ndarray  # (n, 3), direction of thrust
-    rotor_spin: np.ndarray  # (n,), +1 clockwise from above
-    thrust_coefficient: np.ndarray  # (n,)
-    torque_coefficient: np.ndarray  # (n,)
-    reference_density: float
-    blade: BladeParameters
-    time_constant: float
-    drag_linear: np.ndarray  # (3,), N s/m
-    drag_area: np.ndarray  # (3,), m^2
-    feet: np.ndarray  # (m, 3)
-    ground: float  # p_d of the ground, m; +inf where there is none
-    foot_stiffness: float
-    foot_damping: float
-    friction: float
-
-
-class DriveParameters(NamedTuple):
-    """Drives and battery as the flight loop reads them; see `simulation.drive`."""
-
-    speed_max: float
-    expo: float
-    voltage_reference: float
-    pwm_min: float
-    pwm_idle: float
-    pwm_zero: float
-    pwm_full: float
-    efficiency: float
-    voltage_full: float
-    voltage_empty: float
-    capacity: float  # A s
-    resistance: float
-    avionics_power: float
-
-
-class CascadeParameters(NamedTuple):
-    """The PID cascade as the flight loop reads it; see `simulation.controllers.Cascade`."""
-
-    mixer: np.ndarray  # (n, 3): roll, pitch, yaw factors
-    angle_p: np.ndarray  # (3,)
-    rate_pid: np.ndarray  # (3, 3): rows roll, pitch, yaw; columns P, I, D
-    position_p: np.ndarray  # (3,)
-    velocity_pid: np.ndarray  # (3, 3): rows north, east, down
-    hover_thrust: float
-    tilt_limit: float
-    speed_limit: np.ndarray  # (3,): horizontal, up, down
-    filter_frequency: float  # Hz, of gyro and accelerometer
-
-
-class AutopilotState(NamedTuple):
-    """What the autopilot remembers and last decided; all arrays, changed in place."""
-
-    integral_velocity: np.ndarray  # (3,)
-    slope_velocity: np.ndarray  # (3,), filtered derivative of the velocity error
-    last_velocity_error: np.ndarray  # (3,)
-    integral_rate: np.ndarray  # (3,)
-    slope_rate: np.ndarray  # (3,)
-    last_rate_error: np.ndarray  # (3,)
-    velocity_target: np.ndarray  # (3,), NED
-    accel_target: np.ndarray  # (3,), NED
-    angle_target: np.ndarray  # (3,), roll, pitch, yaw
-    angle: np.ndarray  # (3,), as the autopilot believes them
-    rate_target: np.ndarray  # (3,)
-    torque: np.ndarray  # (3,), normalised
-    thrust: np.ndarray  # (4,): throttle before and after the boost for tilt, the boost, the spool-up factor
-
-
-class SensorParameters(NamedTuple):
-    """Inertial sensors as the flight loop reads them; see `simulation.sensors.InertialErrors`."""
-
-    gyro_white: float  # rad/s per sample
-    accel_white: float  # m/s^2 per sample
-    vibration: float  # m/s^2 per sample at the reference speed
-    gyro_vibration: float  # rad/s per sample at the reference speed
-    vibration_speed: float  # rad/s
-    gyro_bias: np.ndarray  # (3,)
-    accel_bias: np.ndarray  # (3,)
 
 
 @inner
@@ -213,47 +120,52 @@ def induced_velocity(
 
 
 @inner
-def derivative(
-    x: np.ndarray,
-    command: np.ndarray,
-    wind: np.ndarray,
-    frame: AirframeParameters,
-    air: AirParameters,
-    dx: np.ndarray,
-    force: np.ndarray,
-) -> None:
-    """Newton-Euler equations of a multirotor on or above flat ground.
+def rotor_response(x: np.ndarray, command: np.ndarray, response: ResponseParameters, n: int, dx: np.ndarray) -> None:
+    """Fill dx with the changes of the n rotor speeds and of the drives' own states.
 
-    Parameters
-    ----------
-    x : ndarray, shape (13 + n,)
-        State.
-    command : ndarray, shape (n,)
-        Rotor speeds towards which the drives lag, rad/s.
-    wind : ndarray, shape (3,)
-        Velocity of the air, NED, m/s.
-    dx : ndarray, shape (13 + n,)
-        Filled with the derivative of x.
-    force : ndarray, shape (4,)
-        Filled with the force on the body without gravity, body axes, N, and the power at the rotors' shafts, W.
+    Third order: z is the response of 1 / (a3 s^3 + a2 s^2 + a1 s + 1) and its two derivatives; the rotor turns with
+    z + T z' as long as speed and acceleration stay within their limits, and afterwards catches up.
     """
-    n = frame.rotor_spin.size
-    C = np.empty((3, 3))
-    rotation_matrix(x[ATTITUDE:RATE], C)
-    wx, wy, wz = x[RATE], x[RATE + 1], x[RATE + 2]
-    density = air_density(-x[2], air)
-    relative = density / frame.reference_density
-
-    # Velocity through the air in body axes.
-    vn, ve, vd = x[VELOCITY] - wind[0], x[VELOCITY + 1] - wind[1], x[VELOCITY + 2] - wind[2]
-    u = C[0, 0] * vn + C[1, 0] * ve + C[2, 0] * vd
-    v = C[0, 1] * vn + C[1, 1] * ve + C[2, 1] * vd
-    s = C[0, 2] * vn + C[1, 2] * ve + C[2, 2] * vd
-
-    # Rotors: thrust along the axis, its moment about the centre of gravity, and the reaction torque, which turns the
-    # body against the rotor.
-    fx, fy, fz, mx, my, mz, power = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if response.coefficients.size == 0:
+        for i in range(n):
+            dx[ROTORS + i] = (command[i] - x[ROTORS + i]) / response.time_constant
+        return
+    T, a1, a2, a3 = response.coefficients
+    limit = response.acceleration_limit
     for i in range(n):
+        j = ROTORS + n + 3 * i
+        z0, z1, z2 = x[j], x[j + 1], x[j + 2]
+        order = min(max(command[i], 0.0), response.speed_limit)
+        dx[j], dx[j + 1], dx[j + 2] = z1, z2, (order - z0 - a1 * z1 - a2 * z2) / a3
+        w = x[ROTORS + i]
+        change = z1 + T * z2 + (z0 + T * z1 - w) / response.time_constant
+        change = min(max(change, -limit), limit)
+        if (w >= response.speed_limit and change > 0.0) or (w <= 0.0 and change < 0.0):
+            change = 0.0
+        dx[ROTORS + i] = change
+
+
+@inner
+def rotor_loads(
+    x: np.ndarray,
+    u: float,
+    v: float,
+    s: float,
+    density: float,
+    frame: AirframeParameters,
+    dx: np.ndarray,
+    load: np.ndarray,
+) -> None:
+    """Add to `load` (7,) force, moment and shaft power of all rotors; body moves with (u, v, s) through the air.
+
+    Thrust acts along the axis; the reaction torque turns the body against the rotor, as does what speeds the rotor up,
+    and the momentum of the rotors makes a gyroscopic moment. `dx` holds the rotors' accelerations already.
+    """
+    relative = density / frame.reference_density
+    wx, wy, wz = x[RATE], x[RATE + 1], x[RATE + 2]
+    fx, fy, fz, mx, my, mz, power = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    hx, hy, hz = 0.0, 0.0, 0.0
+    for i in range(frame.rotor_spin.size):
         w = x[ROTORS + i]
         ax, ay, az = frame.rotor_axis[i, 0], frame.rotor_axis[i, 1], frame.rotor_axis[i, 2]
         px, py, pz = frame.rotor_position[i, 0], frame.rotor_position[i, 1], frame.rotor_position[i, 2]
@@ -267,22 +179,25 @@ def derivative(
             thrust = relative * frame.thrust_coefficient[i] * w * w
             torque = relative * frame.torque_coefficient[i] * w * w
         power += torque * w
-        torque *= frame.rotor_spin[i]
+        momentum = -frame.rotor_spin[i] * frame.rotor_inertia[i] * w
+        hx, hy, hz = hx + momentum * ax, hy + momentum * ay, hz + momentum * az
+        torque = frame.rotor_spin[i] * (torque + frame.rotor_inertia[i] * dx[ROTORS + i])
         fx += thrust * ax
         fy += thrust * ay
         fz += thrust * az
         mx += thrust * (py * az - pz * ay) + torque * ax
         my += thrust * (pz * ax - px * az) + torque * ay
         mz += thrust * (px * ay - py * ax) + torque * az
-        dx[ROTORS + i] = (command[i] - w) / frame.time_constant
+    load[0], load[1], load[2], load[6] = fx, fy, fz, power
+    load[3] = mx - (wy * hz - wz * hy)
+    load[4] = my - (wz * hx - wx * hz)
+    load[5] = mz - (wx * hy - wy * hx)
 
-    # Drag in body axes: linear (rotor and induced drag) and quadratic (airframe), both proportional to density.
-    half = 0.5 * density * sqrt(u * u + v * v + s * s)
-    fx -= (relative * frame.drag_linear[0] + half * frame.drag_area[0]) * u
-    fy -= (relative * frame.drag_linear[1] + half * frame.drag_area[1]) * v
-    fz -= (relative * frame.drag_linear[2] + half * frame.drag_area[2]) * s
 
-    # Feet: spring and damper upwards, Coulomb friction smoothed below 2 cm/s.
+@inner
+def ground_loads(x: np.ndarray, C: np.ndarray, frame: AirframeParameters, load: np.ndarray) -> None:
+    """Add to `load` (7,) what the feet feel: spring and damper upwards, Coulomb friction smoothed below 2 cm/s."""
+    wx, wy, wz = x[RATE], x[RATE + 1], x[RATE + 2]
     for j in range(frame.feet.shape[0]):
         rx, ry, rz = frame.feet[j, 0], frame.feet[j, 1], frame.feet[j, 2]
         depth = x[2] + C[2, 0] * rx + C[2, 1] * ry + C[2, 2] * rz - frame.ground
@@ -297,19 +212,67 @@ def derivative(
             gx = C[0, 0] * gn + C[1, 0] * ge + C[2, 0] * gd
             gy = C[0, 1] * gn + C[1, 1] * ge + C[2, 1] * gd
             gz = C[0, 2] * gn + C[1, 2] * ge + C[2, 2] * gd
-            fx += gx
-            fy += gy
-            fz += gz
-            mx += ry * gz - rz * gy
-            my += rz * gx - rx * gz
-            mz += rx * gy - ry * gx
+            load[0] += gx
+            load[1] += gy
+            load[2] += gz
+            load[3] += ry * gz - rz * gy
+            load[4] += rz * gx - rx * gz
+            load[5] += rx * gy - ry * gx
 
-    force[0], force[1], force[2], force[3] = fx, fy, fz, power
+
+@inner
+def derivative(
+    x: np.ndarray,
+    command: np.ndarray,
+    wind: np.ndarray,
+    frame: AirframeParameters,
+    air: AirParameters,
+    dx: np.ndarray,
+    load: np.ndarray,
+) -> None:
+    """Newton-Euler equations of a multirotor on or above flat ground.
+
+    Parameters
+    ----------
+    x : ndarray, shape (13 + n,) or (13 + 4 n,)
+        State.
+    command : ndarray, shape (n,)
+        Rotor speeds towards which the drives go, rad/s.
+    wind : ndarray, shape (3,)
+        Velocity of the air, NED, m/s.
+    dx : ndarray
+        Filled with the derivative of x.
+    load : ndarray, shape (7,)
+        Filled with force [N] and moment [N m] on the body, body axes, without gravity, and the power at the rotors'
+        shafts [W].
+    """
+    C = np.empty((3, 3))
+    rotation_matrix(x[ATTITUDE:RATE], C)
+    density = air_density(-x[2], air)
+
+    # Velocity through the air in body axes.
+    vn, ve, vd = x[VELOCITY] - wind[0], x[VELOCITY + 1] - wind[1], x[VELOCITY + 2] - wind[2]
+    u = C[0, 0] * vn + C[1, 0] * ve + C[2, 0] * vd
+    v = C[0, 1] * vn + C[1, 1] * ve + C[2, 1] * vd
+    s = C[0, 2] * vn + C[1, 2] * ve + C[2, 2] * vd
+
+    rotor_response(x, command, frame.response, frame.rotor_spin.size, dx)
+    rotor_loads(x, u, v, s, density, frame, dx, load)
+
+    # Drag in body axes: linear (rotor and induced drag) and quadratic (airframe), both proportional to density.
+    relative = density / frame.reference_density
+    half = 0.5 * density * sqrt(u * u + v * v + s * s)
+    load[0] -= (relative * frame.drag_linear[0] + half * frame.drag_area[0]) * u
+    load[1] -= (relative * frame.drag_linear[1] + half * frame.drag_area[1]) * v
+    load[2] -= (relative * frame.drag_linear[2] + half * frame.drag_area[2]) * s
+    ground_loads(x, C, frame, load)
+
     for i in range(3):
         dx[POSITION + i] = x[VELOCITY + i]
-        dx[VELOCITY + i] = (C[i, 0] * fx + C[i, 1] * fy + C[i, 2] * fz) / frame.mass
+        dx[VELOCITY + i] = (C[i, 0] * load[0] + C[i, 1] * load[1] + C[i, 2] * load[2]) / frame.mass[0]
     dx[VELOCITY + 2] += frame.gravity
 
+    wx, wy, wz = x[RATE], x[RATE + 1], x[RATE + 2]
     qw, qx, qy, qz = x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2], x[ATTITUDE + 3]
     dx[ATTITUDE] = 0.5 * (-qx * wx - qy * wy - qz * wz)
     dx[ATTITUDE + 1] = 0.5 * (qw * wx + qy * wz - qz * wy)
@@ -320,13 +283,43 @@ def derivative(
     hx = J[0, 0] * wx + J[0, 1] * wy + J[0, 2] * wz
     hy = J[1, 0] * wx + J[1, 1] * wy + J[1, 2] * wz
     hz = J[2, 0] * wx + J[2, 1] * wy + J[2, 2] * wz
-    mx -= wy * hz - wz * hy
-    my -= wz * hx - wx * hz
-    mz -= wx * hy - wy * hx
+    mx = load[3] - (wy * hz - wz * hy)
+    my = load[4] - (wz * hx - wx * hz)
+    mz = load[5] - (wx * hy - wy * hx)
     for i in range(3):
         dx[RATE + i] = (
             frame.inertia_inverse[i, 0] * mx + frame.inertia_inverse[i, 1] * my + frame.inertia_inverse[i, 2] * mz
         )
+
+
+@inner
+def discharge(t: float, frame: AirframeParameters) -> None:
+    """Set mass and inertia of a craft whose tank empties to those at t [s], linear between the tank's entries.
+
+    What flows out takes no momentum along (Guntur 2019 assumes the same).
+    """
+    tank: TankParameters = frame.tank
+    last = tank.time.size - 1
+    if last < 1:
+        return
+    k = 0
+    while k < last - 1 and tank.time[k + 1] <= t:
+        k += 1
+    share = min(max((t - tank.time[k]) / (tank.time[k + 1] - tank.time[k]), 0.0), 1.0)
+    frame.mass[0] = tank.mass[k] + share * (tank.mass[k + 1] - tank.mass[k])
+    J, K = frame.inertia, frame.inertia_inverse
+    for i in range(3):
+        for j in range(3):
+            J[i, j] = tank.inertia[k, i, j] + share * (tank.inertia[k + 1, i, j] - tank.inertia[k, i, j])
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            c, d = (j + 1) % 3, (j + 2) % 3
+            K[j, i] = J[a, c] * J[b, d] - J[a, d] * J[b, c]
+    determinant = J[0, 0] * K[0, 0] + J[0, 1] * K[1, 0] + J[0, 2] * K[2, 0]
+    for i in range(3):
+        for j in range(3):
+            K[i, j] /= determinant
 
 
 @inner
@@ -341,22 +334,28 @@ def rk4_step(
 ) -> None:
     """Advance x in place by one step of the classical fourth-order Runge-Kutta method.
 
-    `work` (6, 13 + n) is scratch; its first row must already hold the derivative at x.
+    `work` (5, size of x) is scratch; its first row must already hold the derivative at x.
     """
-    force = np.empty(4)
+    load = np.empty(7)
     k1, k2, k3, k4, stage = work[0], work[1], work[2], work[3], work[4]
     n = x.size
     for i in range(n):
         stage[i] = x[i] + 0.5 * dt * k1[i]
-    derivative(stage, command, wind, frame, air, k2, force)
+    derivative(stage, command, wind, frame, air, k2, load)
     for i in range(n):
         stage[i] = x[i] + 0.5 * dt * k2[i]
-    derivative(stage, command, wind, frame, air, k3, force)
+    derivative(stage, command, wind, frame, air, k3, load)
     for i in range(n):
         stage[i] = x[i] + dt * k3[i]
-    derivative(stage, command, wind, frame, air, k4, force)
+    derivative(stage, command, wind, frame, air, k4, load)
     for i in range(n):
         x[i] += dt / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
+    normalise(x)
+
+
+@inner
+def normalise(x: np.ndarray) -> None:
+    """Bring the quaternion of a state back to unit length."""
     norm = sqrt(x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9])
     for i in range(ATTITUDE, RATE):
         x[i] /= norm
@@ -386,24 +385,37 @@ def propagate(
     x: np.ndarray,
     command: np.ndarray,
     wind: np.ndarray,
+    t: float,
     dt: float,
+    every: int,
+    euler: bool,
     frame: AirframeParameters,
     air: AirParameters,
     states: np.ndarray,
 ) -> int:
-    """Integrate with one command (n,) and one wind (3,) held, x in place; each row of `states` is the end of a step.
+    """Integrate from t with one command (n,) and one wind (3,) held, x in place.
 
-    Returns the number of steps done, fewer than rows if the state left every sensible range.
+    Each row of `states` is filled after `every` steps of dt, by Euler's method or the classical Runge-Kutta method.
+    Returns the number of steps done, fewer than asked for if the state left every sensible range.
     """
     work = np.empty((5, x.size))
-    force = np.empty(4)
-    for k in range(states.shape[0]):
-        derivative(x, command, wind, frame, air, work[0], force)
-        rk4_step(x, command, wind, dt, frame, air, work)
+    load = np.empty(7)
+    slope = work[0]
+    steps: int = states.shape[0] * every
+    for k in range(steps):
+        discharge(t + k * dt, frame)
+        derivative(x, command, wind, frame, air, slope, load)
+        if euler:
+            for i in range(x.size):
+                x[i] += dt * slope[i]
+            normalise(x)
+        else:
+            rk4_step(x, command, wind, dt, frame, air, work)
         if not sensible(x):
             return k
-        put(states[k], 0, x)
-    return len(states)
+        if (k + 1) % every == 0:
+            put(states[k // every], 0, x)
+    return steps
 
 
 @njit(cache=True, nogil=True)
@@ -583,32 +595,39 @@ def low_pass(frequency: float, dt: float) -> tuple[float, float, float]:
 @inner
 def sense_motion(
     x: np.ndarray,
+    n: int,
     specific_force: np.ndarray,
     noise: np.ndarray,
+    drift: np.ndarray,
     sensors: SensorParameters,
     coefficients: tuple[float, float, float],
     first: bool,
     delays: np.ndarray,
     measured: np.ndarray,
-) -> None:
-    """Fill `measured` (6,) with gyro and accelerometer behind their low-pass.
+) -> int:
+    """Fill `measured` (6,) with gyro and accelerometer behind their low-pass; return how many axes clipped.
 
-    Broadband vibration grows with the square of the rotor speed. `delays` (2, 6) is the filter's memory, started in
-    the steady state of the first sample.
+    Broadband vibration grows with the square of the rotor speed; `drift` (6,) is what the biases have become on top
+    of their constant parts. `delays` (2, 6) is the filter's memory, started in the steady state of the first sample.
     """
     b0, a1, a2 = coefficients
-    n = x.size - ROTORS
     mean_square = 0.0
     for i in range(n):
         mean_square += x[ROTORS + i] * x[ROTORS + i] / n
     shake = mean_square / (sensors.vibration_speed * sensors.vibration_speed)
+    clipped = 0
     for i in range(6):
         if i < 3:
             white = sensors.gyro_white + sensors.gyro_vibration * shake
-            raw = x[RATE + i] + sensors.gyro_bias[i] + white * noise[i]
+            raw = x[RATE + i] + sensors.gyro_bias[i] + white * noise[i] + drift[i]
+            reach = sensors.gyro_range
         else:
             white = sensors.accel_white + sensors.vibration * shake
-            raw = specific_force[i - 3] + sensors.accel_bias[i - 3] + white * noise[i]
+            raw = specific_force[i - 3] + sensors.accel_bias[i - 3] + white * noise[i] + drift[i]
+            reach = sensors.accel_range
+        if abs(raw) > reach:
+            raw = min(max(raw, -reach), reach)
+            clipped += 1
         if first:
             delays[0, i] = raw / (1.0 + a1 + a2)
             delays[1, i] = delays[0, i]
@@ -616,6 +635,126 @@ def sense_motion(
         measured[i] = b0 * (element + 2.0 * delays[0, i] + delays[1, i])
         delays[1, i] = delays[0, i]
         delays[0, i] = element
+    return clipped
+
+
+@inner
+def attitude_angles(C: np.ndarray, angles: np.ndarray) -> None:
+    """Fill roll, pitch and yaw (3,) of a body-to-NED rotation."""
+    angles[0] = atan2(C[2, 1], C[2, 2])
+    angles[1] = -asin(min(max(C[2, 0], -1.0), 1.0))
+    angles[2] = atan2(C[1, 0], C[0, 0])
+
+
+@inner
+def motor_outputs(
+    state: int,
+    excitation: np.ndarray,
+    drive: DriveParameters,
+    mixer: np.ndarray,
+    autopilot: AutopilotState,
+    pwm: np.ndarray,
+) -> bool:
+    """Fill the PWM (n,) [us] of the motors; return whether the allocation was limited.
+
+    `excitation` (4,) is added at the mixer to the torques about roll, pitch, yaw and to the throttle.
+    """
+    n = pwm.size
+    if state not in (FLYING, LANDING):
+        for i in range(n):
+            pwm[i] = drive.pwm_idle if state == IDLE else drive.pwm_min
+        return False
+    torque = autopilot.torque
+    u = np.zeros(n)
+    limited: bool = mix(
+        autopilot.thrust[1] + excitation[3],
+        torque[0] + excitation[0],
+        torque[1] + excitation[1],
+        torque[2] + excitation[2],
+        mixer,
+        u,
+    )
+    span = drive.pwm_full - drive.pwm_zero
+    for i in range(n):
+        pwm[i] = int(drive.pwm_zero + span * actuator(u[i], drive.expo))
+    return limited
+
+
+@inner
+def draw(shaft_power: float, dt: float, drive: DriveParameters, pack: np.ndarray) -> None:
+    """Advance the battery `pack` (3,): voltage [V] seen through 10 Hz, current [A] and charge drawn [A s].
+
+    Taken is what the rotors take mechanically over the drives' efficiency.
+    """
+    power = drive.avionics_power + shaft_power / drive.efficiency
+    pack[1] = power / max(pack[0], 1.0)
+    pack[2] += pack[1] * dt
+    full = max(1.0 - pack[2] / drive.capacity, 0.0)
+    open_circuit = drive.voltage_empty + (drive.voltage_full - drive.voltage_empty) * full
+    pack[0] += (open_circuit - pack[1] * drive.resistance - pack[0]) * min(dt * 2.0 * pi * 10.0, 1.0)
+
+
+@inner
+def record(
+    row: np.ndarray,
+    t: float,
+    x: np.ndarray,
+    n: int,
+    specific_force: np.ndarray,
+    acceleration: np.ndarray,
+    wind: np.ndarray,
+    measured: np.ndarray,
+    autopilot: AutopilotState,
+    pack: np.ndarray,
+    state: int,
+    clips: int,
+    mass: float,
+    pwm: np.ndarray,
+) -> None:
+    """Fill one row of a flight's records; columns as in `simulation.fly.RECORD_COLUMNS`."""
+    row[0] = t
+    put(row, 1, x[:ROTORS])
+    put(row, 14, specific_force)
+    put(row, 17, acceleration)
+    put(row, 20, wind)
+    put(row, 23, measured)
+    put(row, 29, autopilot.angle_target)
+    put(row, 32, autopilot.angle)
+    put(row, 35, autopilot.rate_target)
+    put(row, 38, autopilot.torque)
+    put(row, 41, autopilot.velocity_target)
+    put(row, 44, autopilot.accel_target)
+    put(row, 47, autopilot.thrust[:3])
+    put(row, 50, pack)
+    row[53], row[54], row[55] = state, clips, mass
+    put(row, 56, x[ROTORS : ROTORS + n])
+    put(row, 56 + n, pwm)
+
+
+@inner
+def touched_down(x: np.ndarray) -> bool:
+    """Tell whether the craft stands nearly still on the ground."""
+    return bool(x[2] > -0.05 and x[3] * x[3] + x[4] * x[4] + x[5] * x[5] < 0.01)
+
+
+@inner
+def at_rest() -> AutopilotState:
+    """Give the autopilot's memory at boot."""
+    return AutopilotState(
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(4),
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -625,7 +764,9 @@ def fly_cascade(
     every: int,
     phase: np.ndarray,
     reference: np.ndarray,
+    excitation: np.ndarray,
     navigation: np.ndarray,
+    drift: np.ndarray,
     winds: np.ndarray,
     noise: np.ndarray,
     frame: AirframeParameters,
@@ -642,7 +783,7 @@ def fly_cascade(
 
     Parameters
     ----------
-    x : ndarray, shape (13 + n,)
+    x : ndarray, shape (13 + n,) or (13 + 4 n,)
         State; advanced in place.
     dt : float
         Step, s.
@@ -652,13 +793,17 @@ def fly_cascade(
         DISARMED, IDLE, FLYING or LANDING at each position-control tick.
     reference : ndarray, shape (M, 10)
         Position, velocity, acceleration (NED) and yaw at each tick.
+    excitation : ndarray, shape (5 M, 4)
+        Added at the mixer to roll, pitch, yaw and throttle at each attitude-control step.
     navigation : ndarray, shape (M, 9)
         Errors of the autopilot's own position, velocity and attitude (roll, pitch, yaw) at each tick.
+    drift : ndarray, shape (M, 6)
+        Drift of the biases of gyro and accelerometer at each tick.
     winds : ndarray, shape (N, 3)
         Velocity of the air at each step.
     noise : ndarray, shape (N, 6)
         Standard normal noise of gyro and accelerometer at each step.
-    records : ndarray, shape (at least N / every + 1, 54 + 2 n)
+    records : ndarray, shape (at least N / every + 1, 56 + 2 n)
         Filled; columns as in `simulation.fly.RECORD_COLUMNS`.
 
     Returns
@@ -672,56 +817,33 @@ def fly_cascade(
     """
     n = frame.rotor_spin.size
     steps = winds.shape[0]
-    work = np.empty((5, x.size))
-    force = np.empty(4)
-    specific_force = np.empty(3)
-    C = np.empty((3, 3))
-    command = np.zeros(n)
-    pwm = np.empty(n)
-    u = np.zeros(n)
+    work, load, C = np.empty((5, x.size)), np.empty(7), np.empty((3, 3))
+    specific_force, angles, rate = np.empty(3), np.empty(3), np.zeros(3)
+    command, pwm = np.zeros(n), np.empty(n)
     coefficients = low_pass(cascade.filter_frequency, dt)
-    delays = np.zeros((2, 6))
-    measured = np.zeros(6)
-    rate = np.zeros(3)
-    autopilot = AutopilotState(
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(4),
-    )
+    delays, measured = np.zeros((2, 6)), np.zeros(6)
+    pack = np.zeros(3)
+    pack[0] = drive.voltage_full
+    autopilot = at_rest()
     limited = False
-    state = DISARMED
-    still = 0
-    charge, voltage = 0.0, drive.voltage_full
-    row = 0
+    state, still, row, clips = DISARMED, 0, 0, 0
     for k in range(steps):
         tick = k // 10
         rotation_matrix(x[ATTITUDE:RATE], C)
         if C[2, 2] < 0.0:
             return row, OVERTURNED, k
-        roll = atan2(C[2, 1], C[2, 2])
-        pitch = -asin(min(max(C[2, 0], -1.0), 1.0))
-        yaw = atan2(C[1, 0], C[0, 0])
+        attitude_angles(C, angles)
 
         if k % 10 == 0:
+            discharge(k * dt, frame)
             if state != LANDED:
                 state = phase[tick]
             # Landed: nearly still for one second while the reference keeps sinking.
             if state == LANDING:
-                speed2 = x[3] * x[3] + x[4] * x[4] + x[5] * x[5]
-                still = still + 1 if x[2] > -0.05 and speed2 < 0.01 else 0
+                still = still + 1 if touched_down(x) else 0
                 if still * (10.0 * dt) > 1.0:
                     state = LANDED
-            believed = yaw + navigation[tick, 8]
+            believed = angles[2] + navigation[tick, 8]
             if state in (FLYING, LANDING):
                 position_control(
                     x,
@@ -738,57 +860,45 @@ def fly_cascade(
             else:
                 stand_by(wrap(believed), autopilot)
 
-        derivative(x, command, winds[k], frame, air, work[0], force)
+        derivative(x, command, winds[k], frame, air, work[0], load)
         for i in range(3):
-            specific_force[i] = force[i] / frame.mass
-        sense_motion(x, specific_force, noise[k], sensors, coefficients, k == 0, delays, measured)
+            specific_force[i] = load[i] / frame.mass[0]
+        clips += sense_motion(
+            x, n, specific_force, noise[k], drift[tick], sensors, coefficients, k == 0, delays, measured
+        )
 
         if k % 2 == 0:
-            autopilot.angle[0] = roll + navigation[tick, 6]
-            autopilot.angle[1] = pitch + navigation[tick, 7]
-            autopilot.angle[2] = wrap(yaw + navigation[tick, 8])
+            autopilot.angle[0] = angles[0] + navigation[tick, 6]
+            autopilot.angle[1] = angles[1] + navigation[tick, 7]
+            autopilot.angle[2] = wrap(angles[2] + navigation[tick, 8])
             if state in (FLYING, LANDING):
                 # The autopilot knows its gyro bias: it flies on the corrected rate.
                 for i in range(3):
-                    rate[i] = measured[i] - sensors.gyro_bias[i]
+                    rate[i] = measured[i] - sensors.gyro_bias[i] - drift[tick, i]
                 attitude_control(rate, limited, 2.0 * dt, cascade, autopilot)
-                torque = autopilot.torque
-                limited = mix(autopilot.thrust[1], torque[0], torque[1], torque[2], cascade.mixer, u)
-                for i in range(n):
-                    span = drive.pwm_full - drive.pwm_zero
-                    pwm[i] = int(drive.pwm_zero + span * actuator(u[i], drive.expo))
-            else:
-                for i in range(n):
-                    pwm[i] = drive.pwm_idle if state == IDLE else drive.pwm_min
+            limited = motor_outputs(state, excitation[k // 2], drive, cascade.mixer, autopilot, pwm)
 
-        # Battery: what the rotors take mechanically over the drives' efficiency; voltage seen through 10 Hz.
-        power = drive.avionics_power + force[3] / drive.efficiency
-        current = power / max(voltage, 1.0)
-        charge += current * dt
-        full = max(1.0 - charge / drive.capacity, 0.0)
-        open_circuit = drive.voltage_empty + (drive.voltage_full - drive.voltage_empty) * full
-        voltage += (open_circuit - current * drive.resistance - voltage) * min(dt * 2.0 * pi * 10.0, 1.0)
+        draw(load[6], dt, drive, pack)
         for i in range(n):
-            command[i] = drive_speed(pwm[i], voltage, drive)
+            command[i] = drive_speed(pwm[i], pack[0], drive)
 
         if k % every == 0:
-            r = records[row]
-            r[0] = k * dt
-            put(r, 1, x[:ROTORS])
-            put(r, 14, specific_force)
-            put(r, 17, work[0, VELOCITY:ATTITUDE])
-            put(r, 20, winds[k])
-            put(r, 23, measured)
-            put(r, 29, autopilot.angle_target)
-            put(r, 32, autopilot.angle)
-            put(r, 35, autopilot.rate_target)
-            put(r, 38, autopilot.torque)
-            put(r, 41, autopilot.velocity_target)
-            put(r, 44, autopilot.accel_target)
-            put(r, 47, autopilot.thrust[:3])
-            r[50], r[51], r[52], r[53] = voltage, current, charge, state
-            put(r, 54, x[ROTORS:])
-            put(r, 54 + n, pwm)
+            record(
+                records[row],
+                k * dt,
+                x,
+                n,
+                specific_force,
+                work[0, VELOCITY:ATTITUDE],
+                winds[k],
+                measured,
+                autopilot,
+                pack,
+                state,
+                clips,
+                frame.mass[0],
+                pwm,
+            )
             row += 1
 
         rk4_step(x, command, winds[k], dt, frame, air, work)

@@ -6,7 +6,7 @@ ISO 2533 (the same numbers as GOST 4401-81 and ICAO Doc 7488 in this range), tro
 from dataclasses import dataclass
 from typing import Self
 
-from simulation._kernels import AirParameters
+from simulation._parameters import AirParameters
 from simulation.errors import ParameterError
 
 GRAVITY = 9.80665  # m/s^2, standard

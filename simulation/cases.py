@@ -12,6 +12,7 @@ from types import MappingProxyType
 from simulation import elhesasy2024
 from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.dataflash_log import write_bin
+from simulation.drive import FirstOrder
 from simulation.errors import ParameterError
 from simulation.fly import Flight, Setup, fly
 from simulation.instruments import InstrumentedFlight
@@ -314,7 +315,7 @@ def describe_truth(case: Case, flight: Flight) -> dict[str, object]:
             ],
             **_rotor_truth(rotor),
             "speed_max_rad_s": drive.speed_max,
-            "time_constant_s": drive.time_constant,
+            "time_constant_s": drive.response.time_constant if isinstance(drive.response, FirstOrder) else None,
             "expo": drive.expo,
             "voltage_reference_v": drive.voltage_reference,
             "pwm_at_zero_thrust_us": drive.pwm_at_zero_thrust,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
-from simulation._kernels import CascadeParameters
+from simulation._parameters import CascadeParameters
 from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.errors import ParameterError
 from simulation.vehicle import Multirotor

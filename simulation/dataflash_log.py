@@ -107,7 +107,7 @@ def _sensors(log: InstrumentedFlight, imu_rate: float) -> list[MessageTable]:
     imu = log.rows(imu_rate)
     gps, baro, mag, battery = log.gps, log.baro, log.mag, log.battery
     sensors = log.flight.setup.sensors
-    filtered = 1.0 / log.flight.step
+    filtered = 1.0 / log.flight.setup.step
     week_second, week = log.gps_time(gps["t_valid"].to_numpy())
     v_n, v_e = _columns(gps, "v_n", "v_e")
     altitude = log.pressure_altitude()

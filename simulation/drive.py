@@ -3,25 +3,106 @@
 import math
 from dataclasses import dataclass
 
-from simulation._kernels import DriveParameters
+import numpy as np
+
+from simulation._parameters import DriveParameters, ResponseParameters
 from simulation.errors import ParameterError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ThirdOrder:
+    """Speed-stabilised drive of Motion 2018, eq. 6: ``Q (T s + 1) / (a3 s^3 + a2 s^2 + a1 s + 1)`` and its limits.
+
+    The paper prints this as the way from the commanded speed to the reaction torque. Speed and acceleration are what
+    it limits, so here the fraction gives the speed; the torque follows from the speed by the rotor's own law, about
+    hover with ``Q = 2 b w``.
+
+    Attributes
+    ----------
+    lead : float
+        T, s.
+    a1, a2, a3 : float
+        s, s^2, s^3.
+    speed_limit : float
+        rad/s.
+    acceleration_limit : float
+        rad/s^2.
+    catch_up : float
+        Time constant with which the speed returns to that of the fraction after a limit, s.
+    """
+
+    lead: float
+    a1: float
+    a2: float
+    a3: float
+    speed_limit: float = 490.0
+    acceleration_limit: float = 500.0
+    catch_up: float = 0.005
+
+    def __post_init__(self) -> None:
+        for name in ("a1", "a2", "a3", "speed_limit", "acceleration_limit", "catch_up"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ParameterError(f"drive: {name} must be positive, not {value:g}")
+        if not (math.isfinite(self.lead) and self.lead >= 0.0):
+            raise ParameterError(f"drive: lead must not be negative, not {self.lead:g} s")
+        if self.a1 * self.a2 <= self.a3:
+            raise ParameterError(
+                f"drive: {self.a3:g} s^3 + {self.a2:g} s^2 + {self.a1:g} s + 1 is unstable "
+                "(Routh: a1 a2 must exceed a3)"
+            )
+
+    @property
+    def order(self) -> int:
+        """Number of states beside the speed."""
+        return 3
+
+    def kernel_parameters(self) -> ResponseParameters:
+        """Give the numbers that the equations of motion read."""
+        coefficients = np.array([self.lead, self.a1, self.a2, self.a3])
+        return ResponseParameters(self.catch_up, coefficients, self.speed_limit, self.acceleration_limit)
+
+
+@dataclass(frozen=True, slots=True)
+class FirstOrder:
+    """First-order lag.
+
+    Attributes
+    ----------
+    time_constant : float
+        s.
+    """
+
+    time_constant: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.time_constant) and self.time_constant > 0.0):
+            raise ParameterError(f"drive: time_constant must be positive, not {self.time_constant:g}")
+
+    @property
+    def order(self) -> int:
+        """Number of states beside the speed."""
+        return 0
+
+    def kernel_parameters(self) -> ResponseParameters:
+        """Give the numbers that the equations of motion read."""
+        return ResponseParameters(self.time_constant, np.empty(0), math.inf, math.inf)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Drive:
-    """ESC, motor and propeller as a static curve followed by a first-order lag.
+    """ESC, motor and propeller as a static curve followed by a lag.
 
     With ``a = (pwm - low) / (high - low)`` clipped to 0..1, where `low` and `high` are the PWM at `spin_min` and
     `spin_max` of the PWM range, the speed settles at
     ``speed_max (V / voltage_reference) sqrt((1 - expo) a + expo a^2)``, so thrust follows the curve that ArduPilot
-    inverts with MOT_THST_EXPO. The speed approaches it with `time_constant`.
+    inverts with MOT_THST_EXPO. The speed approaches it as `response` says.
 
     Attributes
     ----------
     speed_max : float
         Rotor speed at full command and reference voltage, rad/s.
-    time_constant : float
-        Of the first-order lag, s.
+    response : FirstOrder or ThirdOrder
     expo : float
         Curvature of thrust against command, 0 (linear) to 1 (quadratic).
     voltage_reference : float
@@ -35,7 +116,7 @@ class Drive:
     """
 
     speed_max: float
-    time_constant: float
+    response: FirstOrder | ThirdOrder
     expo: float = 0.65
     voltage_reference: float = 16.8
     pwm_min: float = 1000.0
@@ -46,7 +127,7 @@ class Drive:
     efficiency: float = 0.7
 
     def __post_init__(self) -> None:
-        for name in ("speed_max", "time_constant", "voltage_reference", "efficiency"):
+        for name in ("speed_max", "voltage_reference", "efficiency"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ParameterError(f"drive: {name} must be positive, not {value:g}")

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from simulation.drive import Drive
+from simulation.drive import Drive, FirstOrder
 from simulation.rotor import QuadraticRotor
 from simulation.vehicle import Multirotor, RotorMount
 
@@ -46,7 +46,7 @@ def octocopter() -> Multirotor:
         mass=4.3,
         inertia=np.diag((0.06006, 0.06016, 0.105)),
         rotors=mounts,
-        drive=Drive(speed_max=1050.0, time_constant=0.04),
+        drive=Drive(speed_max=1050.0, response=FirstOrder(0.04)),
         drag_linear=(0.45, 0.45, 0.25),
         drag_area=(0.055, 0.055, 0.09),
         frame_class=3,

@@ -7,5 +7,9 @@ class ParameterError(RotoridError):
     """A vehicle, mission, place or setting that cannot exist; the message says which number and why."""
 
 
+class ArrivalError(RotoridError):
+    """The simulated craft did not reach its target; the message says how far it came."""
+
+
 class DivergenceError(RotoridError):
     """The simulated craft left every sensible state; the message says when and in which state."""

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -18,9 +19,6 @@ from simulation.place import Place
 from simulation.sensors import Sensors
 from simulation.vehicle import Multirotor
 from simulation.wind import Wind
-
-#: Step of the physics, s: ten to a position-control tick.
-STEP = TICK / 10.0
 
 STATE_COLUMNS = ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "q_w", "q_x", "q_y", "q_z", "w_x", "w_y", "w_z")
 
@@ -42,7 +40,7 @@ RECORD_COLUMNS = (
     *("a_n_ref", "a_e_ref", "a_d_ref"),
     *("throttle_in", "throttle", "angle_boost"),
     *("voltage", "current", "charge"),
-    "state",
+    *("state", "clips", "mass"),
 )
 
 
@@ -54,24 +52,32 @@ def propagate(
     *,
     dt: float = 1e-3,
     hold: int = 1,
+    every: int = 1,
+    method: Literal["rk4", "euler"] = "rk4",
     gravity: float = GRAVITY,
     atmosphere: Atmosphere | None = None,
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ground: bool = False,
+    stop: Callable[[float, np.ndarray], bool] | None = None,
 ) -> pd.DataFrame:
-    """Integrate a vehicle under given rotor commands by the fourth-order Runge-Kutta method.
+    """Integrate a vehicle under given rotor commands.
 
     Parameters
     ----------
     vehicle : Multirotor
-    initial : ndarray, shape (13 + n,)
-        Position, velocity (NED), quaternion, angular rate, rotor speeds.
+    initial : ndarray, shape (13 + n,) or (13 + 4 n,)
+        Position, velocity (NED), quaternion, angular rate, rotor speeds, and the states of drives of third order;
+        see `Multirotor.state`.
     command : callable
-        Commanded rotor speeds (n,) [rad/s] for the time [s] and the state (13 + n,): open loop or a controller.
+        Commanded rotor speeds (n,) [rad/s] for the time [s] and the state: open loop or a controller.
     duration, dt : float
         s.
     hold : int
         Steps over which a command is held.
+    every : int
+        Steps between rows of the result; divides `hold`.
+    method : {"rk4", "euler"}
+        Classical Runge-Kutta, fourth order, or Euler's method, first order.
     gravity : float
         m/s^2.
     atmosphere : Atmosphere, optional
@@ -80,6 +86,8 @@ def propagate(
         Velocity of the air, NED, m/s.
     ground : bool
         Whether there is ground to stand on.
+    stop : callable, optional
+        Asked with time and state before each command whether the simulation is over.
 
     Returns
     -------
@@ -95,27 +103,34 @@ def propagate(
     """
     n = len(vehicle.rotors)
     x = np.array(initial, dtype=float)
-    if x.shape != (13 + n,) or not np.isfinite(x).all():
-        raise ParameterError(f"the initial state needs {13 + n} finite numbers for {n} rotors, not {x.shape}")
-    if not (dt > 0.0 and duration > 0.0 and hold >= 1):
-        raise ParameterError(f"step {dt:g} s, duration {duration:g} s and hold {hold} must be positive")
+    if x.shape != (vehicle.states,) or not np.isfinite(x).all():
+        raise ParameterError(f"the initial state needs {vehicle.states} finite numbers for {n} rotors, not {x.shape}")
+    if not (dt > 0.0 and duration > 0.0 and hold >= 1 and every >= 1 and hold % every == 0):
+        raise ParameterError(
+            f"step {dt:g} s and duration {duration:g} s must be positive, hold {hold} a multiple of every {every}"
+        )
     x[6:10] /= math.sqrt(float((x[6:10] ** 2).sum()))
-    steps = round(duration / dt)
-    states = np.empty((steps + 1, 13 + n))
+    rows = round(duration / dt) // every
+    states = np.empty((rows + 1, x.size))
     states[0] = x
     air = (atmosphere or Atmosphere.standard(0.0)).kernel_parameters()
     frame = vehicle.kernel_parameters(gravity, ground=ground)
     wind_n = np.array(wind, dtype=float)
-    for k in range(0, steps, hold):
-        chunk = states[1 + k : 1 + min(k + hold, steps)]
-        speeds = np.ascontiguousarray(command(k * dt, x.copy()), dtype=float)
+    for row in range(0, rows, hold // every):
+        t = row * every * dt
+        if stop is not None and stop(t, x):
+            rows = row
+            break
+        chunk = states[1 + row : 1 + min(row + hold // every, rows)]
+        speeds = np.ascontiguousarray(command(t, x.copy()), dtype=float)
         if speeds.shape != (n,):
             raise ParameterError(f"a command for {n} rotors has {n} speeds, not {speeds.shape}")
-        done = _kernels.propagate(x, speeds, wind_n, dt, frame, air, chunk)
-        if done < len(chunk):
-            raise _divergence((k + done + 1) * dt, states[k + done])
+        done = _kernels.propagate(x, speeds, wind_n, t, float(dt), every, method == "euler", frame, air, chunk)
+        if done < len(chunk) * every:
+            raise _divergence(t + (done + 1) * dt, states[row + done // every])
     columns = [*STATE_COLUMNS, *(f"w{k}" for k in range(1, n + 1))]
-    return pd.DataFrame(states, index=pd.Index(np.arange(steps + 1) * dt, name="t"), columns=columns)
+    times = pd.Index(np.arange(rows + 1) * (every * dt), name="t")
+    return pd.DataFrame(states[: rows + 1, : 13 + n], index=times, columns=columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,6 +147,8 @@ class Setup:
     sensors : Sensors
     seed : int
         Of all noise.
+    step : float
+        Of the physics, s; attitude is controlled every second step, position every tenth.
     """
 
     mission: Mission
@@ -141,6 +158,11 @@ class Setup:
     cascade: Cascade = field(default_factory=Cascade)
     sensors: Sensors = field(default_factory=Sensors)
     seed: int = 0
+    step: float = TICK / 10.0
+
+    def __post_init__(self) -> None:
+        if not 1e-5 <= self.step <= 2e-3:
+            raise ParameterError(f"step {self.step:g} s must lie in 1e-5 to 2e-3 s (control runs every second step)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,8 +183,6 @@ class Flight:
         First and last time off the ground, s.
     disarm : float
         Time at which the autopilot disarmed after landing, s.
-    tick, step : float
-        Length of a position-control tick and of a physics step, s.
     """
 
     setup: Setup
@@ -172,8 +192,6 @@ class Flight:
     hover_thrust: float
     airborne: tuple[float, float]
     disarm: float
-    tick: float = TICK
-    step: float = STEP
 
     def geodetic(self, rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Latitude [deg], longitude [deg] and altitude [m] of the positions p_n, p_e, p_d in `rows`."""
@@ -190,7 +208,7 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
     ----------
     setup : Setup
     rate : float
-        Records per second; 800 Hz divided by a whole number.
+        Records per second; the steps per second divided by a whole number.
     after : float
         Time recorded after the motors stop, s.
 
@@ -201,9 +219,10 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
     DivergenceError
         The craft tumbled away; the message says when and in which state.
     """
-    every = round(1.0 / (rate * STEP))
-    if every < 1 or abs(every * rate * STEP - 1.0) > 1e-9:
-        raise ParameterError(f"record rate {rate:g} Hz must divide {1.0 / STEP:g} Hz")
+    step = setup.step
+    every = round(1.0 / (rate * step))
+    if every < 1 or abs(every * rate * step - 1.0) > 1e-9:
+        raise ParameterError(f"record rate {rate:g} Hz must divide {1.0 / step:g} Hz, the steps per second")
     vehicle, place, mission = setup.vehicle, setup.place, setup.mission
     gravity, atmosphere = place.gravity, place.atmosphere
     density = atmosphere.density_at(mission.takeoff)
@@ -212,40 +231,42 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
     hover_thrust = vehicle.hover_thrust(gravity, density, voltage)
     hover_speed = vehicle.hover_speed(gravity, density)
 
-    reference = mission.reference()
+    reference = mission.reference(10.0 * step)
     ticks = len(reference.phase)
     steps = ticks * 10
     # RandomState, not Generator: its streams are frozen for good, so a seed gives the same log under any NumPy.
     random = np.random.RandomState(setup.seed)
     noise = random.standard_normal((steps, 6))
-    winds = np.ascontiguousarray(setup.wind.sample(steps, STEP, random))
-    navigation = setup.sensors.navigation.sample(ticks, TICK, random)
+    winds = np.ascontiguousarray(setup.wind.sample(steps, step, random))
+    navigation = setup.sensors.navigation.sample(ticks, reference.tick, random)
+    drift = setup.sensors.inertial.drift(ticks, reference.tick, random)
 
     n = len(vehicle.rotors)
     yaw = math.radians(mission.heading_deg)
-    x = np.zeros(13 + n)
-    x[6], x[9] = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    x = vehicle.state(np.zeros(n), attitude=(math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
     records = np.empty((steps // every + 1, len(RECORD_COLUMNS) + 2 * n))
-    rows, end, step = _kernels.fly_cascade(
+    rows, end, last = _kernels.fly_cascade(
         x,
-        STEP,
+        step,
         every,
         reference.phase,
         reference.samples,
+        reference.excitation(),
         navigation,
+        drift,
         winds,
         noise,
         vehicle.kernel_parameters(gravity),
         atmosphere.kernel_parameters(),
         drive_parameters(vehicle.drive, vehicle.battery),
         setup.cascade.kernel_parameters(vehicle, hover_thrust),
-        setup.sensors.inertial.kernel_parameters(STEP, hover_speed),
+        setup.sensors.inertial.kernel_parameters(step, hover_speed),
         records,
     )
     if end == _kernels.DIVERGED:
-        raise _divergence(step * STEP, x)
+        raise _divergence(last * step, x)
     if end == _kernels.OVERTURNED:
-        raise _divergence(step * STEP, x, "the craft turned over")
+        raise _divergence(last * step, x, "the craft turned over")
     names = (*RECORD_COLUMNS[1:], *(f"w{k + 1}" for k in range(n)), *(f"m{k + 1}" for k in range(n)))
     truth = pd.DataFrame(records[:rows, 1:], index=pd.Index(records[:rows, 0], name="t"), columns=list(names))
 

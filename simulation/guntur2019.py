@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 
 from simulation.atmosphere import SEA_LEVEL_DENSITY
-from simulation.drive import Drive
+from simulation.drive import Drive, FirstOrder
 from simulation.errors import ParameterError
 from simulation.fly import propagate
 from simulation.rotor import BladeElementRotor
-from simulation.vehicle import Multirotor, RotorMount
+from simulation.vehicle import Multirotor, RotorMount, Tank
 
 RPM = 2.0 * math.pi / 60.0
 
@@ -147,14 +147,49 @@ def find(name: str) -> Motor:
     raise ParameterError(f"no motor called {name!r}; there are: {', '.join(motor.name for motor in MOTORS)}")
 
 
-def quadcopter(motor: Motor, payload: float) -> Multirotor:
-    """Build the craft with a motor and a payload (one of `PAYLOADS`).
+def mass_properties(motor: Motor, payload: float) -> tuple[float, np.ndarray]:
+    """Mass [kg] and inertia (3, 3) [kg m^2] with a share `payload` of the tank, linear between the thesis' five."""
+    if not 0.0 <= payload <= 1.0:
+        raise ParameterError(f"payload {payload:g} must lie in 0..1, the share of the full tank of 1 kg")
+    shares = PAYLOADS[::-1]
+    mass = float(np.interp(payload, shares, motor.masses[::-1]))
+    moments = [np.interp(payload, shares, [row[axis] for row in motor.inertias[::-1]]) for axis in range(3)]
+    return mass, np.diag(moments)
+
+
+def tank(motor: Motor, payload: float, rate: float, start: float) -> Tank:
+    """Let the payload flow out from `start` [s] on, `rate` [share of the tank per s], until the tank is empty.
+
+    The thesis varies the payload from flight to flight and leaves the discharge in flight to further work; it assumes
+    as is done here that what flows out takes no momentum along.
+    """
+    if not (rate > 0.0 and payload > 0.0):
+        raise ParameterError(f"discharge: rate {rate:g} and payload {payload:g} must be positive")
+    shares = [payload, *(share for share in PAYLOADS if share < payload)]
+    properties = [mass_properties(motor, share) for share in shares]
+    return Tank(
+        time=tuple(start + (payload - share) / rate for share in shares),
+        mass=tuple(mass for mass, _ in properties),
+        inertia=tuple(inertia for _, inertia in properties),
+    )
+
+
+def quadcopter(motor: Motor, payload: float, *, discharge: float = 0.0, discharge_start: float = 0.0) -> Multirotor:
+    """Build the craft with a motor and a payload.
 
     The thesis' rotors follow their command at once; 20 ms of lag stand in for that.
+
+    Parameters
+    ----------
+    motor : Motor
+    payload : float
+        Share of the full tank, 0..1.
+    discharge : float
+        Share of the full tank that flows out per second; 0: nothing does.
+    discharge_start : float
+        When it begins, s.
     """
-    if payload not in PAYLOADS:
-        raise ParameterError(f"payload {payload:g}: the thesis gives mass properties for {PAYLOADS} of the tank")
-    k = PAYLOADS.index(payload)
+    mass, inertia = mass_properties(motor, payload)
     propeller = rotor()
     corners = ((ARM, ARM), (-ARM, -ARM), (ARM, -ARM), (-ARM, ARM))
     mounts = tuple(
@@ -163,10 +198,11 @@ def quadcopter(motor: Motor, payload: float) -> Multirotor:
     )
     return Multirotor(
         name=f"Guntur 2019 quadcopter, {motor.name}, {100 * payload:.0f} % payload",
-        mass=motor.masses[k],
-        inertia=np.diag(motor.inertias[k]),
+        mass=mass,
+        inertia=inertia,
         rotors=mounts,
-        drive=Drive(speed_max=motor.kv * 16.8, time_constant=0.02),
+        drive=Drive(speed_max=motor.kv * 16.8, response=FirstOrder(0.02)),
+        tank=tank(motor, payload, discharge, discharge_start) if discharge else None,
         frame_class=1,
         frame_type=1,
     )
@@ -191,7 +227,14 @@ def hover_rpm(motor: Motor, payload: float) -> float:
 
 
 def fly_profile(
-    motor: Motor, payload: float, *, trim_rpm: float | None = None, duration: float = 30.0, dt: float = 0.01
+    motor: Motor,
+    payload: float,
+    *,
+    trim_rpm: float | None = None,
+    duration: float = 30.0,
+    dt: float = 0.01,
+    discharge: float = 0.0,
+    discharge_start: float = 0.0,
 ) -> pd.DataFrame:
     """Fly the plan open loop; RK4 at 0.01 s as in the thesis.
 
@@ -199,20 +242,22 @@ def fly_profile(
     ----------
     motor : Motor
     payload : float
-        One of `PAYLOADS`.
+        Share of the full tank, 0..1.
     trim_rpm : float, optional
         Turns per minute about which the plan commands; default `hover_rpm` of this craft.
     duration, dt : float
         s.
+    discharge, discharge_start : float
+        As for `quadcopter`.
 
     Returns
     -------
     DataFrame
         As `simulation.fly.propagate`.
     """
-    craft = quadcopter(motor, payload)
+    craft = quadcopter(motor, payload, discharge=discharge, discharge_start=discharge_start)
     trim = RPM * (hover_rpm(motor, payload) if trim_rpm is None else trim_rpm)
-    start = np.concatenate((np.zeros(6), [1.0], np.zeros(6), profile(0.0, trim)))
+    start = craft.state(profile(0.0, trim))
     return propagate(craft, start, lambda t, x: profile(t, trim), duration, dt=dt, gravity=GRAVITY)
 
 

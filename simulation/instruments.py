@@ -62,7 +62,8 @@ class InstrumentedFlight:
     def planned(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Position, velocity and acceleration of the mission on the times of `rows`; `tick` is its row."""
         tick = np.minimum(
-            (rows.index.to_numpy() / self.flight.tick + 1e-9).astype(np.int64), len(self.flight.reference.samples) - 1
+            (rows.index.to_numpy() / self.flight.reference.tick + 1e-9).astype(np.int64),
+            len(self.flight.reference.samples) - 1,
         )
         columns = ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "a_n", "a_e", "a_d", "yaw"]
         planned = pd.DataFrame(self.flight.reference.samples[tick], index=rows.index, columns=columns)

@@ -12,7 +12,7 @@ import pandas as pd
 
 from simulation.atmosphere import GRAVITY
 from simulation.controllers import hover_linearisation, lqr
-from simulation.drive import Drive
+from simulation.drive import Drive, FirstOrder
 from simulation.errors import ParameterError
 from simulation.fly import propagate
 from simulation.rotor import QuadraticRotor
@@ -115,7 +115,7 @@ def quadcopter(voltage: float = 16.0) -> Multirotor:
         mass=MASS,
         inertia=INERTIA,
         rotors=mounts,
-        drive=Drive(speed_max=900.0, time_constant=0.02),
+        drive=Drive(speed_max=900.0, response=FirstOrder(0.02)),
         frame_class=1,
         frame_type=1,
     )
@@ -164,6 +164,8 @@ def recovery(
     *,
     voltage: float = 16.0,
     duration: float = 20.0,
+    roll_deg: float = 20.0,
+    pitch_deg: float = 20.0,
     height: HeightGains = HeightGains(),
     feedback: np.ndarray | None = None,
 ) -> pd.DataFrame:
@@ -175,6 +177,8 @@ def recovery(
         Battery voltage, V.
     duration : float
         s.
+    roll_deg, pitch_deg : float
+        Where the craft starts; 20 deg in Table 5.
     height : HeightGains
     feedback : ndarray, shape (4, 7), optional
         Attitude gain; default `gain` at this voltage.
@@ -201,12 +205,13 @@ def recovery(
         speeds: np.ndarray = np.maximum(trim + climb - K @ state, 0.0)
         return speeds
 
-    return propagate(craft, _table_5(trim), command, duration, dt=control_step / hold, hold=hold, gravity=GRAVITY)
+    start = _table_5(trim, roll_deg, pitch_deg)
+    return propagate(craft, start, command, duration, dt=control_step / hold, hold=hold, gravity=GRAVITY)
 
 
-def _table_5(trim: np.ndarray) -> np.ndarray:
-    """Give the initial state of Table 5: roll and pitch 20 deg, turning back at 4 deg/s, 0.3045 m below the target."""
-    roll = pitch = math.radians(20.0)
+def _table_5(trim: np.ndarray, roll_deg: float, pitch_deg: float) -> np.ndarray:
+    """Give the initial state of Table 5: tilted, turning back at 4 deg/s, 0.3045 m below the target."""
+    roll, pitch = math.radians(roll_deg), math.radians(pitch_deg)
     cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
     u, v = 0.1523, 0.035
     north = u * math.cos(pitch) + v * math.sin(roll) * math.sin(pitch)

@@ -9,8 +9,11 @@ import numpy as np
 from simulation._kernels import DISARMED, FLYING, IDLE, LANDING
 from simulation.errors import ParameterError
 
-#: Length of a position-control tick, s.
+#: Usual length of a position-control tick, s; attitude is controlled five times, physics computed ten times in it.
 TICK: Final = 0.0125
+
+#: What a chirp can be added to, in the order of ArduPilot's SID_AXIS 10 to 13 (at the mixer).
+CHIRP_AXES: Final = ("roll", "pitch", "yaw", "throttle")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +48,68 @@ class Turn:
     heading_deg: float
 
 
-Step = Wait | GoTo | Turn
+@dataclass(frozen=True, slots=True)
+class Chirp:
+    """Hold the position while a sine of growing frequency is added at the mixer, as ArduPilot's SYSTEMID mode does.
+
+    The first frequency is held for two periods, then the frequency grows exponentially.
+
+    Attributes
+    ----------
+    axis : str
+        One of `CHIRP_AXES`.
+    magnitude : float
+        Of the sine, as a fraction of the mixer's range.
+    start_hz, stop_hz : float
+    seconds : float
+        Length of the sweep after the first two periods.
+    fade : float
+        Time over which the sine grows at the start and shrinks at the end, s.
+    """
+
+    axis: str
+    magnitude: float
+    start_hz: float = 0.3
+    stop_hz: float = 12.0
+    seconds: float = 24.0
+    fade: float = 1.5
+
+    def __post_init__(self) -> None:
+        if self.axis not in CHIRP_AXES:
+            raise ParameterError(f"a chirp can be added to {', '.join(CHIRP_AXES)}, not {self.axis!r}")
+        if not (0.0 < self.magnitude <= 0.5 and 0.0 < self.start_hz < self.stop_hz <= 100.0):
+            raise ParameterError(f"{self}: wants 0 < magnitude <= 0.5 and 0 < start_hz < stop_hz <= 100 Hz")
+        if not 0.0 < 2.0 * self.fade < self.duration <= 600.0:
+            raise ParameterError(f"{self}: wants to be longer than its fades and shorter than 600 s")
+
+    @property
+    def hold(self) -> float:
+        """Time at the first frequency, s."""
+        return 2.0 / self.start_hz
+
+    @property
+    def duration(self) -> float:
+        """Length of the whole, s."""
+        return self.hold + self.seconds
+
+    def frequency(self, t: np.ndarray) -> np.ndarray:
+        """Frequency [Hz] at times [s] from the start of the chirp."""
+        growth = math.log(self.stop_hz / self.start_hz) / self.seconds
+        frequency: np.ndarray = self.start_hz * np.exp(growth * np.clip(t - self.hold, 0.0, self.seconds))
+        return frequency
+
+    def signal(self, t: np.ndarray) -> np.ndarray:
+        """Give what is added at times [s] from the start of the chirp; zero outside it."""
+        growth = math.log(self.stop_hz / self.start_hz) / self.seconds
+        swept = np.clip(t - self.hold, 0.0, self.seconds)
+        turns = self.start_hz * (np.minimum(t, self.hold) + np.expm1(growth * swept) / growth)
+        window = np.clip(np.minimum(t, self.duration - t) / self.fade, 0.0, 1.0)
+        window = 0.5 - 0.5 * np.cos(np.pi * window)
+        signal: np.ndarray = self.magnitude * window * np.sin(2.0 * np.pi * turns)
+        return signal
+
+
+Step = Wait | GoTo | Turn | Chirp
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +120,7 @@ class Mission:
     ----------
     takeoff : float
         Height of the first hover, m.
-    steps : tuple of Wait, GoTo or Turn
+    steps : tuple of Wait, GoTo, Turn or Chirp
     heading_deg : float
         Heading on the ground, held in flight unless turned.
     disarmed, armed : float
@@ -81,31 +145,36 @@ class Mission:
             if isinstance(step, Wait) and not 0.0 <= step.seconds <= 600.0:
                 raise ParameterError(f"{step}: wait between 0 and 600 s")
 
-    def reference(self, descent: float = 0.5, after: float = 6.0) -> "Reference":
-        """Plan the mission.
+    def reference(self, tick: float = TICK, descent: float = 0.5, after: float = 6.0) -> "Reference":
+        """Plan the mission for position control every `tick` [s].
 
         Legs are straight, from rest to rest, with the quintic of least jerk, as slow as the limits of speed and
         acceleration ask. The landing sinks with `descent` [m/s] for `after` [s] longer than the height takes, so
         that the ground is met.
         """
-        planner = _Planner(math.radians(self.heading_deg))
+        planner = _Planner(math.radians(self.heading_deg), tick)
         planner.hold(self.disarmed, DISARMED)
         planner.hold(self.armed, IDLE)
-        takeoff = planner.ticks
+        takeoff = planner.now
         planner.leg(np.array([0.0, 0.0, -self.takeoff]), 1.5, self.acceleration)
         planner.hold(2.0, FLYING)
         items: list[tuple[float, str]] = []
+        chirps: list[tuple[float, Chirp]] = []
         for step in self.steps:
             if isinstance(step, Wait):
-                items.append((planner.ticks * TICK, f"hold {step.seconds:g} s"))
+                items.append((planner.now, f"hold {step.seconds:g} s"))
                 planner.hold(step.seconds, FLYING)
             elif isinstance(step, GoTo):
-                items.append((planner.ticks * TICK, f"go to {step.north:g} {step.east:g} {step.up:g} m"))
+                items.append((planner.now, f"go to {step.north:g} {step.east:g} {step.up:g} m"))
                 planner.leg(np.array([step.north, step.east, -step.up]), step.speed, self.acceleration)
+            elif isinstance(step, Chirp):
+                items.append((planner.now, f"chirp on {step.axis}"))
+                chirps.append((planner.now, step))
+                planner.hold(step.duration, FLYING)
             else:
-                items.append((planner.ticks * TICK, f"turn to {step.heading_deg:g} deg"))
+                items.append((planner.now, f"turn to {step.heading_deg:g} deg"))
                 planner.turn(math.radians(step.heading_deg))
-        land = planner.ticks
+        land = planner.now
         planner.sink(descent, after)
         phase = np.concatenate(planner.phases)
         samples = np.concatenate(planner.samples)
@@ -113,9 +182,11 @@ class Mission:
             phase=phase,
             samples=samples,
             arm=self.disarmed,
-            takeoff=takeoff * TICK,
-            land=land * TICK,
+            takeoff=takeoff,
+            land=land,
             items=tuple(items),
+            chirps=tuple(chirps),
+            tick=tick,
         )
 
 
@@ -126,13 +197,17 @@ class Reference:
     Attributes
     ----------
     phase : ndarray of int, shape (M,)
-        DISARMED, IDLE, FLYING or LANDING at each tick of `TICK`.
+        DISARMED, IDLE, FLYING or LANDING at each tick.
     samples : ndarray, shape (M, 10)
         Position [m], velocity [m/s], acceleration [m/s^2] in NED, and yaw [rad].
     arm, takeoff, land : float
         Times of arming, take-off and the start of landing, s.
     items : tuple of (float, str)
         Start [s] and name of each step.
+    chirps : tuple of (float, Chirp)
+        Start [s] and chirp.
+    tick : float
+        s.
     """
 
     phase: np.ndarray
@@ -141,20 +216,32 @@ class Reference:
     takeoff: float
     land: float
     items: tuple[tuple[float, str], ...]
+    chirps: tuple[tuple[float, Chirp], ...]
+    tick: float
+
+    def excitation(self) -> np.ndarray:
+        """Give what the chirps add to roll, pitch, yaw and throttle at each attitude-control step; shape (5 M, 4)."""
+        added = np.zeros((5 * len(self.phase), 4))
+        t = np.arange(len(added)) * (self.tick / 5.0)
+        for start, chirp in self.chirps:
+            during = (t >= start) & (t <= start + chirp.duration)
+            added[during, CHIRP_AXES.index(chirp.axis)] = chirp.signal(t[during] - start)
+        return added
 
 
 class _Planner:
     """Strings segments together, each sampled at ticks."""
 
-    def __init__(self, yaw: float) -> None:
+    def __init__(self, yaw: float, tick: float) -> None:
+        self.tick = tick
         self.position = np.zeros(3)
         self.yaw = yaw
         self.phases: list[np.ndarray] = []
         self.samples: list[np.ndarray] = []
 
     @property
-    def ticks(self) -> int:
-        return sum(len(phase) for phase in self.phases)
+    def now(self) -> float:
+        return sum(len(phase) for phase in self.phases) * self.tick
 
     def add(self, phase: int, samples: np.ndarray) -> None:
         self.phases.append(np.full(len(samples), phase, dtype=np.int64))
@@ -167,15 +254,15 @@ class _Planner:
         return samples
 
     def hold(self, seconds: float, phase: int) -> None:
-        self.add(phase, self.still(round(seconds / TICK)))
+        self.add(phase, self.still(round(seconds / self.tick)))
 
     def leg(self, target: np.ndarray, speed: float, acceleration: float) -> None:
         offset = target - self.position
         distance = math.sqrt(float((offset * offset).sum()))
         # Peaks of the quintic: speed 15/8 d/T, acceleration 10/sqrt(3) d/T^2.
         seconds = max(1.875 * distance / speed, math.sqrt(10.0 / math.sqrt(3.0) * distance / acceleration))
-        n = max(math.ceil(seconds / TICK), 1)
-        T = n * TICK
+        n = max(math.ceil(seconds / self.tick), 1)
+        T = n * self.tick
         s = np.arange(n) / n
         samples = self.still(n)
         samples[:, 0:3] += np.outer(s * s * s * (10.0 - 15.0 * s + 6.0 * s * s), offset)
@@ -186,7 +273,7 @@ class _Planner:
 
     def turn(self, yaw: float, rate: float = 0.5) -> None:
         change = math.remainder(yaw - self.yaw, 2.0 * math.pi)
-        n = max(math.ceil(1.875 * abs(change) / rate / TICK), 1)
+        n = max(math.ceil(1.875 * abs(change) / rate / self.tick), 1)
         s = np.arange(n) / n
         samples = self.still(n)
         samples[:, 9] += change * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
@@ -194,8 +281,8 @@ class _Planner:
         self.yaw += change
 
     def sink(self, speed: float, after: float) -> None:
-        n = round((-self.position[2] / speed + after) / TICK)
+        n = round((-self.position[2] / speed + after) / self.tick)
         samples = self.still(n)
-        samples[:, 2] += speed * TICK * np.arange(n)
+        samples[:, 2] += speed * self.tick * np.arange(n)
         samples[:, 5] = speed
         self.add(LANDING, samples)

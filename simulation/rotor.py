@@ -3,7 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from simulation._kernels import BladeParameters, induced_velocity
+from simulation._kernels import induced_velocity
+from simulation._parameters import BladeParameters
 from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.errors import ParameterError
 

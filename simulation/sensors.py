@@ -8,7 +8,7 @@ import pandas as pd
 import pymap3d
 from scipy.signal import lfilter
 
-from simulation._kernels import SensorParameters
+from simulation._parameters import SensorParameters
 from simulation.errors import ParameterError
 from simulation.place import Place
 
@@ -29,6 +29,12 @@ class Inertial:
         Noise density, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz).
     gyro_vibration, accel_vibration : float
         Further noise densities at hover; grow with the square of the rotor speed.
+    gyro_instability, accel_instability : float
+        Standard deviation of the Gauss-Markov drift of the biases, rad/s and m/s^2; it starts at zero.
+    instability_time : float
+        Correlation time of that drift, s.
+    gyro_range, accel_range : float
+        Where the sensors clip, rad/s and m/s^2 (2000 deg/s and 16 g).
     """
 
     gyro_bias: Vector = (0.0, 0.0, 0.0)
@@ -37,6 +43,24 @@ class Inertial:
     accel_noise: float = 2.0e-3
     gyro_vibration: float = 6.0e-4
     accel_vibration: float = 2.0e-2
+    gyro_instability: float = 0.0
+    accel_instability: float = 0.0
+    instability_time: float = 100.0
+    gyro_range: float = 34.9
+    accel_range: float = 156.9
+
+    def __post_init__(self) -> None:
+        for name in ("gyro_range", "accel_range", "instability_time"):
+            if not getattr(self, name) > 0.0:
+                raise ParameterError(f"inertial sensors: {name} must be positive, not {getattr(self, name):g}")
+
+    def drift(self, n: int, dt: float, random: np.random.RandomState) -> np.ndarray:
+        """Drift of the biases of gyro (rad/s) and accelerometer (m/s^2) at n ticks of dt; shape (n, 6)."""
+        sigma = np.repeat([self.gyro_instability, self.accel_instability], 3)
+        if not sigma.any():
+            return np.zeros((n, 6))
+        wander = gauss_markov(n, 6, self.instability_time / dt, random)
+        return np.ascontiguousarray(sigma * (wander - wander[0]))
 
     def kernel_parameters(self, dt: float, hover_speed: float) -> SensorParameters:
         """Give the numbers that the flight loop reads; `hover_speed` [rad/s] is that of the rotors."""
@@ -49,6 +73,8 @@ class Inertial:
             vibration_speed=hover_speed,
             gyro_bias=np.array(self.gyro_bias),
             accel_bias=np.array(self.accel_bias),
+            gyro_range=float(self.gyro_range),
+            accel_range=float(self.accel_range),
         )
 
 
@@ -68,6 +94,9 @@ class Gps:
         Its correlation time, s.
     position_noise, velocity_noise : float
         White noise, m and m/s per axis.
+    outages : tuple of (float, float)
+        Start and end of times without a fix, s from the start of the simulation; the receiver goes on
+        sending rows, with its last position.
     """
 
     rate: float = 5.0
@@ -77,12 +106,15 @@ class Gps:
     wander_time: float = 60.0
     position_noise: float = 0.04
     velocity_noise: float = 0.05
+    outages: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.lag <= 0.5:
             raise ParameterError(f"GPS lag {self.lag:g} s must lie in 0..0.5 s")
         if not 0.5 <= self.rate <= 20.0:
             raise ParameterError(f"GPS rate {self.rate:g} Hz must lie in 0.5..20 Hz")
+        if not all(0.0 <= start < end for start, end in self.outages):
+            raise ParameterError(f"GPS outages must begin before they end, at 0 s or later: {self.outages}")
 
     def sample(self, truth: pd.DataFrame, place: Place, random: np.random.RandomState) -> pd.DataFrame:
         """Sample a flight.
@@ -99,7 +131,7 @@ class Gps:
         Returns
         -------
         DataFrame
-            Index `t` (time of writing, s); t_valid [s], lat_deg, lon_deg, alt [m], v_n, v_e, v_d [m/s].
+            Index `t` (time of writing, s); t_valid [s], lat_deg, lon_deg, alt [m], v_n, v_e, v_d [m/s], fix (bool).
         """
         t_truth = truth.index.to_numpy()
         t_valid = np.arange(0.0, t_truth[-1] - self.lag, 1.0 / self.rate)
@@ -110,6 +142,11 @@ class Gps:
         position += self.position_noise * random.standard_normal((n, 3))
         velocity = _at(truth, ["v_n", "v_e", "v_d"], t_valid)
         velocity += self.velocity_noise * random.standard_normal((n, 3))
+        fix = np.ones(n, dtype=bool)
+        for start, end in self.outages:
+            fix &= (t_valid < start) | (t_valid >= end)
+        last = np.maximum.accumulate(np.where(fix, np.arange(n), 0))
+        position, velocity = position[last], np.where(fix[:, None], velocity, 0.0)
         lat, lon, alt = pymap3d.ned2geodetic(*position.T, place.lat_deg, place.lon_deg, place.alt)
         return pd.DataFrame(
             {
@@ -120,6 +157,7 @@ class Gps:
                 "v_n": velocity[:, 0],
                 "v_e": velocity[:, 1],
                 "v_d": velocity[:, 2],
+                "fix": fix,
             },
             index=pd.Index(t_valid + self.lag, name="t"),
         )
@@ -235,6 +273,36 @@ class Sensors:
     barometer: Barometer = Barometer()
     magnetometer: Magnetometer = Magnetometer()
     navigation: Navigation = Navigation()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpeedControllers:
+    """ESCs that report over telemetry how fast their motors turn.
+
+    Attributes
+    ----------
+    rate : float
+        Rows of each motor per second.
+    resolution : float
+        Step of the reported speed, turns per minute.
+    """
+
+    rate: float = 10.0
+    resolution: float = 6.0
+
+    def sample(self, truth: pd.DataFrame, rotors: int) -> pd.DataFrame:
+        """Sample a flight: index `t` [s]; rpm1 ... rpmN as reported, current1 ... currentN [A].
+
+        The drives' current is shared among the motors as the cube of their speeds, as their power is.
+        """
+        step = round(1.0 / self.rate / (truth.index[1] - truth.index[0]))
+        rows = truth.iloc[::step]
+        speeds = rows[[f"w{k}" for k in range(1, rotors + 1)]].to_numpy()
+        cubes = speeds * speeds * speeds + 1e-9
+        currents = rows[["current"]].to_numpy() * cubes / cubes.sum(axis=1, keepdims=True)
+        rpm = np.round(speeds * 60.0 / (2.0 * math.pi) / self.resolution) * self.resolution
+        names = [*(f"rpm{k}" for k in range(1, rotors + 1)), *(f"current{k}" for k in range(1, rotors + 1))]
+        return pd.DataFrame(np.hstack((rpm, currents)), index=rows.index, columns=names)
 
 
 def gauss_markov(n: int, columns: int, correlation: float, random: np.random.RandomState) -> np.ndarray:

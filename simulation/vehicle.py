@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simulation._kernels import AirframeParameters
+from simulation._parameters import AirframeParameters, TankParameters
 from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.drive import Battery, Drive
 from simulation.errors import ParameterError
@@ -13,6 +13,8 @@ from simulation.rotor import NO_BLADE, BladeElementRotor, QuadraticRotor, Rotor
 
 _FRAME_CLASSES = {1: "QUAD", 2: "HEXA", 3: "OCTA"}
 _FRAME_TYPES = {0: "PLUS", 1: "X"}
+
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,8 @@ class RotorMount:
         +1 upper, -1 lower, 0 where there is one layer.
     axis : tuple of 3 float
         Unit vector of the thrust, body FRD.
+    inertia : float
+        Of propeller and bell about the axis, kg m^2; makes gyroscopic moments and the kick of a rotor that speeds up.
     """
 
     rotor: Rotor
@@ -38,6 +42,36 @@ class RotorMount:
     spin: int
     layer: int = 0
     axis: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    inertia: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tank:
+    """Payload that flows out in flight: the craft's mass properties over time, linear between the entries.
+
+    Attributes
+    ----------
+    time : tuple of float
+        s, increasing; before the first and after the last nothing changes.
+    mass : tuple of float
+        Of the whole craft, kg.
+    inertia : tuple of ndarray, shape (3, 3)
+        kg m^2.
+    """
+
+    time: tuple[float, ...]
+    mass: tuple[float, ...]
+    inertia: tuple[np.ndarray, ...]
+
+    def __post_init__(self) -> None:
+        if not len(self.time) == len(self.mass) == len(self.inertia) >= 2:
+            raise ParameterError("tank: wants at least two times, each with a mass and an inertia")
+        if not all(a < b for a, b in zip(self.time, self.time[1:], strict=False)):
+            raise ParameterError("tank: times must increase")
+        if not all(math.isfinite(mass) and mass > 0.0 for mass in self.mass):
+            raise ParameterError(f"tank: masses must be positive, not {self.mass}")
+        for inertia in self.inertia:
+            _check_inertia("tank", inertia)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +120,8 @@ class Multirotor:
         Drag per airspeed along body x, y, z at the rotors' reference density, N s/m.
     drag_area : tuple of 3 float
         Drag coefficient times area along body x, y, z, m^2.
+    tank : Tank, optional
+        Payload that flows out; mass and inertia above are then those at the start.
     frame_class, frame_type : int
         ArduPilot's FRAME_CLASS (1 quad, 2 hexa, 3 octa) and FRAME_TYPE (0 plus, 1 x).
     """
@@ -99,6 +135,7 @@ class Multirotor:
     gear: LandingGear = field(default_factory=LandingGear)
     drag_linear: tuple[float, float, float] = (0.0, 0.0, 0.0)
     drag_area: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tank: Tank | None = None
     frame_class: int = 3
     frame_type: int = 0
 
@@ -115,6 +152,8 @@ class Multirotor:
                 raise ParameterError(f"{self.name}: rotor {k} must spin +1 or -1, not {mount.spin}")
             if abs(math.hypot(*mount.axis) - 1.0) > 1e-9:
                 raise ParameterError(f"{self.name}: the axis of rotor {k} is not a unit vector")
+            if not (math.isfinite(mount.inertia) and mount.inertia >= 0.0):
+                raise ParameterError(f"{self.name}: the inertia of rotor {k} cannot be {mount.inertia:g} kg m^2")
         _check_rotors(self.name, [mount.rotor for mount in self.rotors])
         if min(*self.drag_linear, *self.drag_area) < 0.0:
             raise ParameterError(f"{self.name}: drag cannot be negative (it would drive the craft)")
@@ -123,6 +162,25 @@ class Multirotor:
     def frame(self) -> str:
         """Frame as ArduPilot names it in its log, such as ``"OCTA/PLUS"``."""
         return f"{_FRAME_CLASSES[self.frame_class]}/{_FRAME_TYPES[self.frame_type]}"
+
+    @property
+    def states(self) -> int:
+        """Number of states of the craft with its drives."""
+        return 13 + len(self.rotors) * (1 + self.drive.response.order)
+
+    def state(
+        self,
+        speeds: np.ndarray,
+        *,
+        position: Vector = (0.0, 0.0, 0.0),
+        velocity: Vector = (0.0, 0.0, 0.0),
+        attitude: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0),
+        rate: Vector = (0.0, 0.0, 0.0),
+    ) -> np.ndarray:
+        """State with rotors turning steadily at `speeds` (n,) [rad/s]; NED, quaternion to NED, body rates."""
+        drives = np.zeros((len(self.rotors), self.drive.response.order))
+        drives[:, :1] = speeds[:, None]
+        return np.concatenate((position, velocity, attitude, rate, speeds, drives.ravel())).astype(float)
 
     def hover_speed(self, gravity: float, density: float = SEA_LEVEL_DENSITY) -> float:
         """Speed [rad/s] at which all rotors, turning alike, carry the weight together; for upright rotors.
@@ -167,18 +225,20 @@ class Multirotor:
         r = gear.reach / math.sqrt(2.0)
         feet = [(sx * r, sy * r, gear.height) for sx in (1.0, -1.0) for sy in (1.0, -1.0)]
         return AirframeParameters(
-            mass=self.mass,
-            gravity=gravity,
-            inertia=np.ascontiguousarray(self.inertia, dtype=float),
+            mass=np.array([float(self.mass)]),
+            gravity=float(gravity),
+            inertia=np.array(self.inertia, dtype=float),
             inertia_inverse=_inverse(np.asarray(self.inertia, dtype=float)),
+            tank=self._tank_parameters(),
             rotor_position=np.array([mount.position for mount in self.rotors], dtype=float),
             rotor_axis=np.array([mount.axis for mount in self.rotors], dtype=float),
             rotor_spin=np.array([mount.spin for mount in self.rotors], dtype=float),
+            rotor_inertia=np.array([mount.inertia for mount in self.rotors], dtype=float),
             thrust_coefficient=np.array([rotor.thrust_coefficient for rotor in quadratic]),
             torque_coefficient=np.array([rotor.torque_coefficient for rotor in quadratic]),
             reference_density=quadratic[0].reference_density if quadratic else SEA_LEVEL_DENSITY,
             blade=first.parameters if isinstance(first, BladeElementRotor) else NO_BLADE,
-            time_constant=self.drive.time_constant,
+            response=self.drive.response.kernel_parameters(),
             drag_linear=np.array(self.drag_linear, dtype=float),
             drag_area=np.array(self.drag_area, dtype=float),
             feet=np.array(feet) if ground else np.empty((0, 3)),
@@ -186,6 +246,15 @@ class Multirotor:
             foot_stiffness=stiffness / len(feet),
             foot_damping=2.0 * gear.damping_ratio * math.sqrt(stiffness * self.mass) / len(feet),
             friction=gear.friction,
+        )
+
+    def _tank_parameters(self) -> TankParameters:
+        if self.tank is None:
+            return TankParameters(np.zeros(1), np.array([float(self.mass)]), np.zeros((1, 3, 3)))
+        return TankParameters(
+            np.array(self.tank.time, dtype=float),
+            np.array(self.tank.mass, dtype=float),
+            np.ascontiguousarray(self.tank.inertia, dtype=float),
         )
 
 

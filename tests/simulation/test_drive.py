@@ -8,7 +8,7 @@ import pytest
 
 from simulation import ParameterError, elhesasy2024, propagate
 from simulation._kernels import actuator, drive_speed
-from simulation.drive import Battery, Drive, drive_parameters
+from simulation.drive import Battery, Drive, FirstOrder, drive_parameters
 from simulation.rotor import QuadraticRotor
 
 OCTA = elhesasy2024.octocopter()
@@ -24,7 +24,7 @@ def test_rotor_speed_steps_with_the_first_order_lag():
 
 def test_thrust_follows_the_curve_that_the_autopilot_inverts():
     """With MOT_THST_EXPO e: T / T_max = (1 - e) a + e a^2, and `actuator` is its inverse."""
-    drive = Drive(speed_max=1000.0, time_constant=0.04, expo=0.65)
+    drive = Drive(speed_max=1000.0, response=FirstOrder(0.04), expo=0.65)
     numbers = drive_parameters(drive, Battery())
     for u in np.linspace(0.0, 1.0, 11):
         pwm = drive.pwm_at_zero_thrust + actuator(u, 0.65) * (drive.pwm_at_full_thrust - drive.pwm_at_zero_thrust)
@@ -51,11 +51,11 @@ def test_a_craft_too_heavy_for_thin_air_is_refused():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Drive(speed_max=-1.0, time_constant=0.04), "speed_max must be positive"),
-        (lambda: Drive(speed_max=900.0, time_constant=0.0), "time_constant must be positive"),
-        (lambda: Drive(speed_max=900.0, time_constant=0.04, expo=1.5), "expo must lie in 0..1"),
-        (lambda: Drive(speed_max=900.0, time_constant=0.04, spin_min=0.99), "spin_arm <= spin_min < spin_max"),
-        (lambda: Drive(speed_max=900.0, time_constant=0.04, pwm_min=2000.0), "pwm_min < pwm_max"),
+        (lambda: Drive(speed_max=-1.0, response=FirstOrder(0.04)), "speed_max must be positive"),
+        (lambda: FirstOrder(0.0), "time_constant must be positive"),
+        (lambda: Drive(speed_max=900.0, response=FirstOrder(0.04), expo=1.5), "expo must lie in 0..1"),
+        (lambda: Drive(speed_max=900.0, response=FirstOrder(0.04), spin_min=0.99), "spin_arm <= spin_min < spin_max"),
+        (lambda: Drive(speed_max=900.0, response=FirstOrder(0.04), pwm_min=2000.0), "pwm_min < pwm_max"),
         (lambda: QuadraticRotor(thrust_coefficient=0.0, torque_coefficient=1e-7), "thrust_coefficient"),
         (lambda: Battery(voltage_empty=17.0), "voltage_empty < voltage_full"),
         (lambda: Battery(capacity=0.0), "capacity must be positive"),

@@ -126,7 +126,7 @@ def test_printed_inertia_fits_only_with_its_exponent_mended():
     ("make", "message"),
     [
         (lambda: guntur2019.find("Duracell"), "no motor called 'Duracell'; there are: MT-4006"),
-        (lambda: guntur2019.quadcopter(MOTORS[0], 0.4), r"payload 0\.4"),
+        (lambda: guntur2019.quadcopter(MOTORS[0], 1.2), r"payload 1\.2 must lie in 0..1"),
         (lambda: BladeElementRotor(radius=-0.1, pitch=0.1, chord=0.03), "radius must be positive"),
     ],
 )

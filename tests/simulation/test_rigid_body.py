@@ -165,7 +165,7 @@ def test_agrees_with_an_independent_model_under_solve_ivp():
         )
         w_dot = np.linalg.solve(OCTA.inertia, moment - np.cross(w, OCTA.inertia @ w))
         v_dot = C @ force / OCTA.mass + np.array([0.0, 0.0, 9.80665])
-        return np.concatenate((v, v_dot, q_dot, w_dot, (command - speed) / OCTA.drive.time_constant))
+        return np.concatenate((v, v_dot, q_dot, w_dot, (command - speed) / OCTA.drive.response.time_constant))
 
     solution = solve_ivp(rhs, (0.0, 2.0), start, method="DOP853", rtol=1e-12, atol=1e-12)
     flight = propagate(OCTA, start, lambda t, x: command, 2.0, dt=5e-4, atmosphere=air, wind=tuple(wind))
