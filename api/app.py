@@ -9,12 +9,18 @@ from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 
 from api import problems
+from api.access import Shares, Tokens
+from api.catalog import Catalog
+from api.database import Database
+from api.dependencies import Parts
 from api.headers import SafeHeaders
-from api.jobs import PRELOAD, Runner
+from api.incoming import Incoming
+from api.jobs import Runner
+from api.objects import Objects
 from api.routes import analyses, health, logs, pages
 from api.settings import Settings
-from api.storage import Storage
-from api.worker import Analyze, analyze_log
+from api.watch import PRELOAD, Workplace
+from api.worker import Analyze, analyze_logs
 
 _log = logging.getLogger("rotorid.api")
 
@@ -22,7 +28,7 @@ _DESCRIPTION = """Flight logs of Pixhawk autopilots in, identified models and an
 
 
 def create_app(
-    settings: Settings | None = None, analyze: Analyze = analyze_log, *, preload: Sequence[str] = PRELOAD
+    settings: Settings | None = None, analyze: Analyze = analyze_logs, *, preload: Sequence[str] = PRELOAD
 ) -> FastAPI:
     """Make the service.
 
@@ -31,35 +37,29 @@ def create_app(
     settings : Settings, optional
         By default those of the environment.
     analyze : callable, optional
-        What to do with a log; it runs in a process of its own, so it must be a function of a module.
+        What to do with logs; it runs in a process of its own, so it must be a function of a module.
     preload : sequence of str, optional
         Modules that `analyze` uses and that are worth importing once for all analyses.
 
     Raises
     ------
     OSError
-        The data folder cannot be written.
+        The data folder or the storage cannot be written.
+    sqlalchemy.exc.SQLAlchemyError
+        The database cannot be used.
     """
     settings = settings or Settings()
-    storage = Storage(settings.data)
-    storage.prepare()
-    runner = Runner(
-        storage,
-        analyze,
-        workers=settings.workers,
-        time_limit=settings.time_limit,
-        memory_limit=settings.memory_limit,
-        preload=preload,
-    )
+    parts = _assemble(settings, analyze, preload)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        runner.open()
-        _log.info("logs and reports are kept in %s", settings.data.resolve())
+        parts.runner.open()
+        _log.info("logs and reports are kept in %s", settings.storage_url)
         try:
             yield
         finally:
-            runner.close()
+            parts.runner.close()
+            parts.database.close()
 
     app = FastAPI(
         title="rotorid",
@@ -69,9 +69,7 @@ def create_app(
         docs_url=None,  # FastAPI's own pages load scripts from elsewhere; ours is `pages.reference`
         redoc_url=None,
     )
-    app.state.settings = settings
-    app.state.storage = storage
-    app.state.runner = runner
+    app.state.parts = parts
     problems.install(app)
     app.add_middleware(SafeHeaders)
     app.include_router(logs.router, prefix="/api/v1")
@@ -80,3 +78,35 @@ def create_app(
     app.include_router(pages.router)
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     return app
+
+
+def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> Parts:
+    """Make the parts of the application, ready to be used."""
+    incoming = Incoming(settings.data / "incoming")
+    incoming.prepare()
+    objects = Objects(settings.storage_url)
+    objects.prepare()
+    database = Database(settings.database_url)
+    database.migrate()
+    workplace = Workplace(
+        database=settings.database_url,
+        objects=settings.storage_url,
+        # A cluster's computers have a place of their own for what is temporary.
+        scratch=None if settings.scheduler else settings.data,
+        analyze=analyze,
+        time_limit=settings.time_limit,
+        memory_limit=settings.memory_limit,
+        lease=settings.lease,
+        attempts=settings.attempts,
+        preload=preload,
+    )
+    return Parts(
+        settings=settings,
+        database=database,
+        objects=objects,
+        catalog=Catalog(database, objects),
+        incoming=incoming,
+        runner=Runner(database, workplace, workers=settings.workers, scheduler=settings.scheduler or None),
+        tokens=Tokens(database),
+        shares=Shares(database),
+    )

@@ -1,34 +1,55 @@
-"""What the routes are given: the parts of the application, and the check that a request comes from our own pages."""
+"""What the routes are given: the parts of the application, who asks, and the check that it is one of our own pages."""
 
+from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Annotated
 
 from fastapi import Depends, Request
 
+from api.access import EVERYBODY, Shares, Tokens, bearer, unauthorized
+from api.catalog import Catalog
+from api.database import Database
+from api.incoming import Incoming
 from api.jobs import Runner
+from api.objects import Objects
 from api.problems import Problem, ProblemError
-from api.settings import Settings
-from api.storage import Storage
+from api.settings import Access, Settings
 
 
-def _settings(request: Request) -> Settings:
-    settings: Settings = request.app.state.settings
-    return settings
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The parts of the application."""
+
+    settings: Settings
+    database: Database
+    objects: Objects
+    catalog: Catalog
+    incoming: Incoming
+    runner: Runner
+    tokens: Tokens
+    shares: Shares
 
 
-def _storage(request: Request) -> Storage:
-    storage: Storage = request.app.state.storage
-    return storage
+def _parts(request: Request) -> Parts:
+    parts: Parts = request.app.state.parts
+    return parts
 
 
-def _runner(request: Request) -> Runner:
-    runner: Runner = request.app.state.runner
-    return runner
+PartsOf = Annotated[Parts, Depends(_parts)]
 
 
-SettingsPart = Annotated[Settings, Depends(_settings)]
-StoragePart = Annotated[Storage, Depends(_storage)]
-RunnerPart = Annotated[Runner, Depends(_runner)]
+def owner_of(request: Request, parts: PartsOf) -> str:
+    """Say whose things the request is about; a problem when it has no valid token where one is needed."""
+    if parts.settings.access is not Access.TOKENS:
+        return EVERYBODY
+    secret = bearer(request)
+    owner = None if secret is None else parts.tokens.owner_of(secret)
+    if owner is None:
+        raise unauthorized()
+    return owner
+
+
+Owner = Annotated[str, Depends(owner_of)]
 
 
 def _refuse_other_sites(request: Request) -> None:

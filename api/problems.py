@@ -9,6 +9,8 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field
+from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -103,11 +105,20 @@ async def _on_invalid_request(request: Request, error: Exception) -> Response:
     return respond(request, problem.model_copy(update={"errors": errors}))
 
 
+async def _on_database_error(request: Request, error: Exception) -> Response:
+    _log.error("%s %s: the database does not answer: %s", request.method, request.url.path, error)
+    detail = "The service's database does not answer now; nothing was lost or half done. Try again in a moment."
+    problem = Problem.named("database-unavailable", "Try again in a moment", HTTPStatus.SERVICE_UNAVAILABLE, detail)
+    return respond(request, problem, {"Retry-After": "5"})
+
+
 def install(app: FastAPI) -> None:
     """Make `app` answer every error with problem details."""
     app.add_exception_handler(ProblemError, _on_problem)
     app.add_exception_handler(HTTPException, _on_http_error)
     app.add_exception_handler(RequestValidationError, _on_invalid_request)
+    for kind in (OperationalError, InterfaceError, PoolTimeoutError):
+        app.add_exception_handler(kind, _on_database_error)
     app.add_middleware(_ProblemShape)
 
 

@@ -2,9 +2,9 @@
 
 from datetime import UTC, datetime
 from enum import StrEnum
-from typing import Any
+from typing import Annotated, Any, Generic, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, computed_field, model_validator
 
 from api.problems import Problem
 
@@ -17,7 +17,17 @@ class Log(BaseModel):
     id: str = Field(examples=["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"])
     name: str = Field(description="The file's name as uploaded, for people only.", examples=["00000012.BIN"])
     size: int = Field(description="Bytes.", examples=[2756608])
+    sha256: str = Field(description="Of the file's content; the same content uploaded again is the same log.")
     received: datetime
+
+
+class UploadedLog(Log):
+    """A log just uploaded."""
+
+    delete_token: str | None = Field(
+        default=None,
+        description="Lets whoever has it delete the log; told once, when the log is uploaded for the first time.",
+    )
 
 
 class State(StrEnum):
@@ -27,42 +37,113 @@ class State(StrEnum):
     RUNNING = "running"
     DONE = "done"
     FAILED = "failed"
+    CANCELLED = "cancelled"
 
     @property
     def ended(self) -> bool:
         """Whether nothing more will happen."""
-        return self in (State.DONE, State.FAILED)
+        return self in (State.DONE, State.FAILED, State.CANCELLED)
+
+
+class Configuration(BaseModel):
+    """Settings of an analysis; what is left out has the default of `rotorid analyze`."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    rate: float | None = Field(default=None, ge=0.5, le=400.0, description="Samples per second of the fit.")
+    poles: int | None = Field(default=None, ge=1, le=12, description="Poles of each transfer function.")
+    zeros: int | None = Field(default=None, ge=0, le=11, description="Zeros, fewer than poles.")
+    mass: float | None = Field(default=None, ge=0.01, le=1000.0, description="Take-off mass [kg].")
+    training_fraction: float | None = Field(
+        default=None, ge=0.1, le=0.95, description="Of a single flight, the part to fit on; the rest judges."
+    )
+    training: list[str] | None = Field(
+        default=None, max_length=200, description="Names or patterns of the flights to fit on; all others judge."
+    )
+
+    def chosen(self) -> dict[str, Any]:
+        """Give what was set."""
+        return self.model_dump(exclude_none=True)
 
 
 class Analysis(BaseModel):
-    """One run of the pipeline on a log."""
+    """One run of the pipeline on one or several logs."""
 
     model_config = ConfigDict(frozen=True)
 
     id: str = Field(examples=["0a1b2c3d4e5f5f0c1d3e9a7b4c2d8e6f"])
-    log: Log
+    logs: list[Log] = Field(min_length=1)
+    configuration: dict[str, Any] = Field(default={}, description="What was set when it was ordered.")
     state: State = State.QUEUED
     stage: str = Field(default="", description="What is being done now.", examples=["transfer functions"])
     progress: float = Field(default=0.0, ge=0.0, le=1.0, description="Part of the work that is done.")
+    attempts: int = Field(default=0, description="How often it was begun; more than once when a worker died.")
     created: datetime = Field(default_factory=lambda: datetime.now(UTC))
     started: datetime | None = None
     ended: datetime | None = None
     problem: Problem | None = Field(default=None, description="Why it failed.")
+    files: dict[str, int] = Field(default={}, description="Files of its results by name, with their size in bytes.")
+
+    @computed_field(description="The first of its logs.")  # type: ignore[prop-decorator]
+    @property
+    def log(self) -> Log:
+        """The first of its logs, mostly the only one."""
+        return self.logs[0]
+
+    @property
+    def title(self) -> str:
+        """What it is of, for people."""
+        more = len(self.logs) - 1
+        return self.logs[0].name + (f" and {more} more" if more else "")
 
 
-class AnalysisAnswer(Analysis):
-    """An analysis with its results, once it is done."""
+class AnalysisSummary(Analysis):
+    """An analysis in a list."""
 
     links: dict[str, str] = Field(description="Where to find this analysis and, once it is done, its files.")
+
+
+class AnalysisAnswer(AnalysisSummary):
+    """An analysis with its results, once it is done."""
+
+    findings: list[dict[str, Any]] | None = Field(
+        default=None, description="What was noticed in the logs and the fits, with advice."
+    )
     report: dict[str, Any] | None = Field(
         default=None, description="Contents of report.json: what was found, RMSE, findings."
     )
     models: dict[str, Any] | None = Field(default=None, description="Contents of models.json: the fitted models.")
 
 
+_LogId = Annotated[str, Field(examples=["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"], max_length=64)]
+
+
 class AnalysisOrder(BaseModel):
-    """What to analyse."""
+    """What to analyse: one log, or several, whose flights of the same craft are then fitted jointly."""
 
     model_config = ConfigDict(extra="forbid")
 
-    log: str = Field(description="Id of an uploaded log.", examples=["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"])
+    log: _LogId | None = Field(default=None, description="Id of an uploaded log.")
+    logs: list[_LogId] = Field(default=[], max_length=500, description="Ids of uploaded logs.")
+    configuration: Configuration = Configuration()
+
+    @model_validator(mode="after")
+    def _names_logs(self) -> Self:
+        if not self.ids:
+            raise ValueError("name at least one log in `logs`")
+        return self
+
+    @property
+    def ids(self) -> list[str]:
+        """All logs named."""
+        return [*([] if self.log is None else [self.log]), *self.logs]
+
+
+Item = TypeVar("Item")
+
+
+class Page(BaseModel, Generic[Item]):
+    """A part of a list, the newest first."""
+
+    items: list[Item]
+    next: str | None = Field(description="Address of the next part; null at the end.")

@@ -10,11 +10,12 @@ from socket import socket
 import uvicorn
 from fastapi.concurrency import run_in_threadpool
 from pydantic import ValidationError
+from sqlalchemy.exc import SQLAlchemyError
 from uvicorn.config import LOGGING_CONFIG
 
 from api.app import create_app
 from api.jobs import Runner
-from api.settings import Settings
+from api.settings import Access, Settings
 
 #: Seconds that requests still being answered get when the service is told to stop.
 _GRACE = 5
@@ -31,19 +32,23 @@ def serve(host: str = "127.0.0.1", port: int = 8000) -> None:
     """
     _log_to_stderr()
     settings = _settings()
+    if settings.access is Access.AUTO:
+        settings = settings.model_copy(update={"access": Access.OPEN if host in _LOOPBACK else Access.TOKENS})
     try:
         app = create_app(settings)
     except OSError as error:
         sys.exit(
-            f"rotorid cannot keep logs in {settings.data.resolve()}: {error.strerror}. "
-            "Set ROTORID_DATA to a folder that it can write."
+            f"rotorid cannot keep logs in {settings.data.resolve()}: {error.strerror or error}. "
+            "Set ROTORID_DATA to a folder that it can write, or ROTORID_STORAGE to a storage that it can."
         )
-    if host not in _LOOPBACK:
-        _log.warning("anyone who can reach %s may upload logs: there is no login", host)
+    except SQLAlchemyError as error:
+        sys.exit(f"rotorid cannot use its database: {error}. Check ROTORID_DATABASE.")
+    if host not in _LOOPBACK and settings.access is Access.OPEN:
+        _log.warning("anyone who can reach %s may upload and read logs: ROTORID_ACCESS is open", host)
     config = uvicorn.Config(
         app, host=host, port=port, log_config=None, server_header=False, timeout_graceful_shutdown=_GRACE
     )
-    server = Server(config, app.state.runner)
+    server = Server(config, app.state.parts.runner)
     with suppress(KeyboardInterrupt):  # which uvicorn repeats after an orderly stop
         server.run()
     if not server.started:

@@ -1,9 +1,10 @@
 """What an operator can set, by environment variables that start with ``ROTORID_``."""
 
 import os
+from enum import StrEnum
 from pathlib import Path
 
-from pydantic import ByteSize, Field, PositiveFloat, PositiveInt
+from pydantic import ByteSize, Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
@@ -12,20 +13,69 @@ def _spare_cores() -> int:
     return max(1, (os.cpu_count() or 1) - 1)
 
 
+class Access(StrEnum):
+    """Who may use the service."""
+
+    AUTO = "auto"
+    OPEN = "open"
+    TOKENS = "tokens"
+
+
 class Settings(BaseSettings):
     """Settings of the service; sizes may be written as ``200MB`` or ``4GB``."""
 
     model_config = SettingsConfigDict(env_prefix="ROTORID_", frozen=True)
 
     data: Path = Field(
-        default=Path("data"), description="Folder that keeps uploaded logs and their reports; made when missing."
+        default=Path("data"),
+        description="Folder of the service on this computer: uploads arrive there and, unless `database` and `storage` "
+        "say otherwise, everything is kept there. Made when missing.",
+    )
+    database: str = Field(
+        default="",
+        description="SQLAlchemy URL of the database, such as postgresql+psycopg://rotorid@db/rotorid (needs the extra "
+        "`postgresql`). By default a SQLite file in `data`.",
+    )
+    storage: str = Field(
+        default="",
+        description="Where logs and results are kept: a folder, or a URL that fsspec knows, such as s3://bucket/key "
+        "(needs the extra `s3`). By default a folder in `data`.",
+    )
+    access: Access = Field(
+        default=Access.AUTO,
+        description="`open`: whoever reaches the service sees everything. `tokens`: only with a token made by "
+        "`rotorid token`, and only one's own logs. `auto`: open when it listens on this computer only.",
     )
     upload_limit: ByteSize = Field(default=ByteSize(10**9), gt=0, description="Largest log accepted, in bytes.")
     upload_stall: PositiveFloat = Field(
         default=60.0, description="An upload that brings no byte for so long is given up [s]."
     )
     workers: PositiveInt = Field(default_factory=_spare_cores, description="Analyses that run at the same time.")
+    scheduler: str = Field(
+        default="",
+        description="Address of a Dask scheduler, such as tcp://cluster:8786, whose workers analyse (needs the extra "
+        "`cluster`). By default processes of this computer.",
+    )
     time_limit: PositiveFloat = Field(default=900.0, description="Longest time one analysis may take [s].")
     memory_limit: ByteSize = Field(
         default=ByteSize(4 * 10**9), gt=0, description="Most memory one analysis may use, in bytes."
     )
+    attempts: PositiveInt = Field(
+        default=3, description="How often an analysis is begun when the process that does it dies."
+    )
+    lease: PositiveFloat = Field(
+        default=15.0, description="A worker that gives no sign of life for so long is taken for dead [s]."
+    )
+    retention: NonNegativeFloat = Field(
+        default=0.0, description="Days after which logs and their analyses are removed; 0 keeps them."
+    )
+
+    @property
+    def database_url(self) -> str:
+        """SQLAlchemy URL of the database."""
+        return self.database or f"sqlite:///{(self.data / 'rotorid.db').absolute()}"
+
+    @property
+    def storage_url(self) -> str:
+        """Fsspec URL of the storage."""
+        return self.storage or str((self.data / "objects").absolute())

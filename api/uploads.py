@@ -13,9 +13,9 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import ClientDisconnect
 
 from api import sizes
+from api.catalog import Catalog, Kept
+from api.incoming import Incoming
 from api.problems import Problem, ProblemError
-from api.resources import Log
-from api.storage import Storage
 
 #: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
 _BATCH = 1 << 20
@@ -112,7 +112,9 @@ class _Form:
         self.complete = True
 
 
-async def receive_log(request: Request, storage: Storage, *, limit: int, stall: float) -> Log:
+async def receive_log(
+    request: Request, incoming: Incoming, catalog: Catalog, owner: str, *, limit: int, stall: float
+) -> Kept:
     """Take the log out of an upload and keep it.
 
     Raises
@@ -125,7 +127,7 @@ async def receive_log(request: Request, storage: Storage, *, limit: int, stall: 
         raise _too_large(limit)
     received = 0
     try:
-        with storage.receive() as incoming:
+        with incoming.receive() as upload:
             async for chunk in _body(request, stall):
                 received += len(chunk)
                 if received > limit + _FORM_OVERHEAD:
@@ -134,15 +136,15 @@ async def receive_log(request: Request, storage: Storage, *, limit: int, stall: 
                 if form.files > 1:
                     raise _bad_form("The form has more than one file. Upload one log at a time.")
                 if len(form.batch) >= _BATCH:
-                    await run_in_threadpool(incoming.write, form.take_batch())
+                    await run_in_threadpool(upload.write, form.take_batch())
             if not form.complete:
                 raise _bad_form("The upload ended before the file did. Try again.")
             if form.filename is None:
                 raise _bad_form("The form has no file called `file`. With curl: curl -F file=@FLIGHT.bin ADDRESS.")
-            await run_in_threadpool(incoming.write, form.take_batch())
-            if incoming.size == 0:
+            await run_in_threadpool(upload.write, form.take_batch())
+            if upload.size == 0:
                 raise _empty(_display_name(form.filename))
-            return await run_in_threadpool(storage.keep_log, incoming, _display_name(form.filename))
+            return await run_in_threadpool(catalog.keep_log, upload, _display_name(form.filename), owner)
     except FormParserError as error:
         raise _bad_form(f"The multipart form is damaged: {error}.") from error
     except ClientDisconnect as error:

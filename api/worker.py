@@ -1,19 +1,44 @@
 """What happens in the process of one analysis, apart from the server so that a crash takes nothing else down."""
 
+import ctypes
 import os
 import resource
 import signal
+import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 Progress: TypeAlias = Callable[[str, float], None]
 
-#: Analyses the log in a file, which its user calls by a name, writes the results into a folder and reports progress.
-Analyze: TypeAlias = Callable[[Path, str, Path, Progress], None]
+#: Linux's request for a signal at the death of the parent, of prctl(2).
+_PR_SET_PDEATHSIG = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What to analyse.
+
+    Attributes
+    ----------
+    logs : sequence of (Path, str)
+        Every log's file, and what its user calls it.
+    configuration : mapping
+        Fields of `pipeline.AnalysisConfig` that differ from their defaults.
+    folder : Path
+        Where the results go.
+    """
+
+    logs: Sequence[tuple[Path, str]]
+    configuration: Mapping[str, Any]
+    folder: Path
+
+
+#: Does a task and reports progress.
+Analyze: TypeAlias = Callable[[Task, Progress], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,34 +76,34 @@ class Crashed:
 Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
 
 
-def analyze_log(log: Path, name: str, folder: Path, progress: Progress) -> None:
-    """Run the pipeline on a log and write its report."""
+def analyze_logs(task: Task, progress: Progress) -> None:
+    """Run the pipeline on the logs of a task and write the report."""
     # Imported here and not above: the server itself never needs the 200 MB of numpy, numba and pandas.
     import pipeline
     import reports
     from pipeline.stages import overall
 
-    advance = overall(progress)
-    result = pipeline.analyze(log, progress=advance, name=Path(name).stem)
-    # The report names the file as its user does, not as it is kept here.
-    result = replace(result, log=replace(result.log, path=Path(name)))
-    advance("report", 0.0)
-    reports.write(result, folder)
+    config = pipeline.AnalysisConfig(**task.configuration)
+    result: pipeline.FlightResult | pipeline.FleetResult
+    if len(task.logs) == 1:
+        ((log, name),) = task.logs
+        advance = overall(progress)
+        flight = pipeline.analyze(log, config, advance, name=Path(name).stem)
+        # The report names the file as its user does, not as it is kept here.
+        result = replace(flight, log=replace(flight.log, path=Path(name)))
+        advance("report", 0.0)
+    else:
+        result = pipeline.analyze_fleet([log for log, _ in task.logs], config, None, progress)
+        progress("report", 0.99)
+    reports.write(result, task.folder)
 
 
-def run(
-    reports_to: Connection,
-    analyze: Analyze,
-    log: Path,
-    name: str,
-    folder: Path,
-    time_limit: float,
-    memory_limit: int,
-) -> None:
-    """Run one analysis within its limits and report how it goes, ending with anything but `Advanced`."""
+def run(reports_to: Connection, analyze: Analyze, task: Task, time_limit: float, memory_limit: int) -> None:
+    """Do a task within its limits and report how it goes, ending with anything but `Advanced`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which ends its workers itself.
+    if sys.platform == "linux":  # Should the server be killed, nobody else would end us before the alarm.
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     os.nice(5)  # Requests come first.
-    # The server ends what takes too long. Should the server be gone, the alarm does.
     signal.setitimer(signal.ITIMER_REAL, time_limit + 10.0)
     # Not RLIMIT_AS: mapped files and numba's reservations are address space but not memory.
     resource.setrlimit(resource.RLIMIT_DATA, (memory_limit, memory_limit))
@@ -95,15 +120,20 @@ def run(
     from logparse import RotoridError
 
     try:
-        analyze(log, name, folder, progress)
+        analyze(task, progress)
     except RotoridError as error:
-        reason = str(error)
-        if reason.startswith(log.name):  # Errors name the file as it is kept here; its user calls it otherwise.
-            reason = name + reason.removeprefix(log.name)
-        reports_to.send(Refused(reason))
+        reports_to.send(Refused(_in_users_words(str(error), task)))
     except MemoryError:
         reports_to.send(OutOfMemory())
     except Exception:
         reports_to.send(Crashed(traceback.format_exc()))
     else:
         reports_to.send(Finished())
+
+
+def _in_users_words(reason: str, task: Task) -> str:
+    """Call files as their user does: errors begin with the name under which the file is kept here."""
+    for log, name in task.logs:
+        if reason.startswith(log.name):
+            return name + reason.removeprefix(log.name)
+    return reason

@@ -1,87 +1,145 @@
-"""Starting analyses, following them and fetching their results."""
+"""Starting analyses, following and cancelling them, and fetching their results."""
 
 import json
+from collections.abc import AsyncIterator
 from http import HTTPStatus
-from typing import Any
+from typing import Annotated
 
-from fastapi import APIRouter, Response
-from fastapi.responses import FileResponse
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import FileResponse, StreamingResponse
 
 from api import problems
-from api.dependencies import RunnerPart, StoragePart, from_our_pages
-from api.headers import REPORT_POLICY
-from api.jobs import Runner
+from api.catalog import Catalog
+from api.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.following import changes
 from api.problems import Problem, ProblemError
-from api.resources import Analysis, AnalysisAnswer, AnalysisOrder
-from api.storage import RESULTS, Storage
+from api.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
+from api.results import answer, file_of, summary
+from api.routes.paging import After, Limit, page
 
 router = APIRouter(prefix="/analyses", tags=["analyses"], responses=problems.RESPONSES)
 
 
-@router.post("", status_code=HTTPStatus.ACCEPTED, summary="Analyse an uploaded log", dependencies=[from_our_pages])
-def start_analysis(
-    order: AnalysisOrder, response: Response, storage: StoragePart, runner: RunnerPart
-) -> AnalysisAnswer:
-    """Start an analysis and answer at once; `Location` is where to follow it."""
-    log = storage.load_log(order.log)
-    if log is None:
+@router.post("", status_code=HTTPStatus.ACCEPTED, summary="Analyse uploaded logs", dependencies=[from_our_pages])
+def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, owner: Owner) -> AnalysisSummary:
+    """Start an analysis and answer at once; `Location` is where to follow it.
+
+    Several logs are analysed together: flights of the same craft are fitted jointly and judged on the other flights.
+    """
+    _check(order)
+    try:
+        analysis = parts.catalog.order(order.ids, order.configuration.chosen(), owner)
+    except KeyError as error:
+        detail = f"There is no log with the id {error.args[0]}."
         raise ProblemError(
-            Problem.named("unknown-log", "Unknown log", HTTPStatus.UNPROCESSABLE_ENTITY, "There is no log of this id.")
-        )
-    analysis = runner.submit(log)
+            Problem.named("unknown-log", "Unknown log", HTTPStatus.UNPROCESSABLE_ENTITY, detail)
+        ) from error
+    parts.runner.wake()
     response.headers["Location"] = f"/api/v1/analyses/{analysis.id}"
-    return answer(analysis, storage)
+    return summary(analysis)
+
+
+def _check(order: AnalysisOrder) -> None:
+    """Find out now, and not in the queue, what about a configuration cannot be."""
+    from logparse import RotoridError
+    from pipeline import AnalysisConfig
+
+    try:
+        AnalysisConfig(**order.configuration.chosen())
+    except RotoridError as error:
+        raise ProblemError(
+            Problem.named(
+                "impossible-configuration",
+                "Impossible configuration",
+                HTTPStatus.UNPROCESSABLE_ENTITY,
+                f"configuration: {error}",
+            )
+        ) from error
+
+
+@router.get("", summary="Analyses, the newest first")
+def list_analyses(
+    request: Request,
+    parts: PartsOf,
+    owner: Owner,
+    limit: Limit = 50,
+    after: After = None,
+    state: Annotated[State | None, Query(description="Only those in this state.")] = None,
+    log: Annotated[str | None, Query(max_length=64, description="Only those of the log with this id.")] = None,
+) -> Page[AnalysisSummary]:
+    """List your analyses."""
+    found = parts.catalog.list_analyses(owner, limit=limit + 1, after=after, state=state, log=log)
+    return page(request, [summary(analysis) for analysis in found], limit)
 
 
 @router.get("/{analysis_id}", summary="How far an analysis is and, once it is done, its models and report")
-def show_analysis(analysis_id: str, storage: StoragePart, runner: RunnerPart) -> AnalysisAnswer:
+def show_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> AnalysisAnswer:
     """Show an analysis."""
-    return answer(find_analysis(analysis_id, runner), storage)
+    return answer(find_analysis(analysis_id, parts.catalog, owner), parts)
 
 
-@router.head("/{analysis_id}/{name}", include_in_schema=False)
-@router.get("/{analysis_id}/{name}", response_class=FileResponse, summary="A file of a finished analysis")
-def fetch_result(analysis_id: str, name: str, storage: StoragePart, runner: RunnerPart) -> Response:
-    """Fetch `report.html`, `report.json`, `models.json` or `rmse.csv`."""
-    analysis = find_analysis(analysis_id, runner)
-    path = storage.result(analysis, name)
-    if path is None:
+@router.get(
+    "/{analysis_id}/events",
+    summary="The progress of an analysis as server-sent events",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}}},
+)
+def follow_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> StreamingResponse:
+    """Send the analysis as an event whenever it has changed; the stream ends with the analysis."""
+    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    return StreamingResponse(_events(parts, analysis), media_type="text/event-stream")
+
+
+async def _events(parts: Parts, analysis: Analysis) -> AsyncIterator[str]:
+    async for now in changes(parts.catalog, analysis, parts.runner.stopping):
+        content = json.dumps(summary(now).model_dump(mode="json"), ensure_ascii=False)
+        yield f"event: {'end' if now.state.ended else 'progress'}\ndata: {content}\n\n"
+
+
+@router.post("/{analysis_id}/cancel", summary="Cancel an analysis", dependencies=[from_our_pages])
+def cancel_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> AnalysisSummary:
+    """End an analysis that waits or is being worked on; one that has ended stays as it is."""
+    analysis = parts.catalog.cancel(analysis_id, owner)
+    if analysis is None:
+        raise unknown_analysis()
+    return summary(analysis)
+
+
+@router.delete(
+    "/{analysis_id}",
+    status_code=HTTPStatus.NO_CONTENT,
+    summary="Delete an analysis and its results",
+    dependencies=[from_our_pages],
+)
+def delete_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
+    """Delete an analysis for good; its logs stay."""
+    if not parts.catalog.delete_analysis(analysis_id, owner):
+        raise unknown_analysis()
+
+
+@router.head("/{analysis_id}/{name:path}", include_in_schema=False)
+@router.get("/{analysis_id}/{name:path}", response_class=FileResponse, summary="A file of a finished analysis")
+def fetch_result(analysis_id: str, name: str, parts: PartsOf, owner: Owner) -> Response:
+    """Fetch a file: `report.html`, `report.json`, `models.json`, `models.mat`, `rmse.csv`, `tables/NAME.parquet`.
+
+    `files` of the analysis lists what there is; a part of a file is had with the header `Range`.
+    """
+    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    response = file_of(analysis, name, parts)
+    if response is None:
         detail = f"This analysis has no {name}." if analysis.state.ended else "This analysis is not done yet."
         raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, detail))
-    response = FileResponse(path, media_type=RESULTS[name])
-    if name == "report.html":
-        response.headers["Content-Security-Policy"] = REPORT_POLICY
     return response
 
 
-def find_analysis(analysis_id: str, runner: Runner) -> Analysis:
+def find_analysis(analysis_id: str, catalog: Catalog, owner: str) -> Analysis:
     """Look an analysis up, with its present state; a problem when there is none of this id."""
-    analysis = runner.find(analysis_id)
+    analysis = catalog.find_analysis(analysis_id, owner)
     if analysis is None:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no analysis of this id."))
+        raise unknown_analysis()
     return analysis
 
 
-def answer(analysis: Analysis, storage: Storage) -> AnalysisAnswer:
-    """Add to an analysis what it found and where its files are."""
-    return AnalysisAnswer(
-        **dict(analysis),
-        links=links_of(analysis, storage),
-        report=_contents(analysis, storage, "report.json"),
-        models=_contents(analysis, storage, "models.json"),
-    )
-
-
-def links_of(analysis: Analysis, storage: Storage) -> dict[str, str]:
-    """Give the addresses of an analysis, of its page and log and, once it is done, of its files."""
-    here = f"/api/v1/analyses/{analysis.id}"
-    links = {"self": here, "log": f"/api/v1/logs/{analysis.log.id}", "page": f"/analyses/{analysis.id}"}
-    return links | {name: f"{here}/{name}" for name in RESULTS if storage.result(analysis, name)}
-
-
-def _contents(analysis: Analysis, storage: Storage, name: str) -> dict[str, Any] | None:
-    path = storage.result(analysis, name)
-    if path is None:
-        return None
-    contents: dict[str, Any] = json.loads(path.read_bytes())
-    return contents
+def unknown_analysis() -> ProblemError:
+    """Make the answer where there is no such analysis, or it is another's."""
+    return ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no analysis of this id."))

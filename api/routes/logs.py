@@ -1,16 +1,19 @@
-"""Uploading logs."""
+"""Uploading logs, listing and deleting them."""
 
 from http import HTTPStatus
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from api import problems
-from api.dependencies import RunnerPart, SettingsPart, StoragePart, from_our_pages
+from api.access import bearer
+from api.dependencies import Owner, Parts, PartsOf, from_our_pages, owner_of
+from api.following import ended
 from api.problems import Problem, ProblemError
-from api.resources import AnalysisAnswer, Log, State
-from api.routes.analyses import answer
+from api.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog
+from api.results import answer
+from api.routes.paging import After, Limit, page
 from api.uploads import FORM, receive_log
 
 router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
@@ -26,32 +29,95 @@ router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
 async def upload_log(
     request: Request,
     response: Response,
-    settings: SettingsPart,
-    storage: StoragePart,
-    runner: RunnerPart,
+    parts: PartsOf,
+    owner: Owner,
     analyze: Annotated[bool, Query(description="Wait for the analysis and answer with its models and report.")] = False,
-) -> Log | AnalysisAnswer:
-    """Keep the file of the form field `file`.
+) -> UploadedLog | AnalysisAnswer:
+    """Keep the file of the form field `file`; the same content uploaded again is the same log.
 
     With `analyze=true` the answer comes when the analysis is done and holds the fitted models and the RMSE report;
     without, it comes at once and `POST /api/v1/analyses` starts an analysis.
     """
-    log = await receive_log(request, storage, limit=settings.upload_limit, stall=settings.upload_stall)
+    settings = parts.settings
+    kept = await receive_log(
+        request, parts.incoming, parts.catalog, owner, limit=settings.upload_limit, stall=settings.upload_stall
+    )
     if not analyze:
-        response.headers["Location"] = f"/api/v1/logs/{log.id}"
-        return log
-    analysis = await runner.wait(await run_in_threadpool(runner.submit, log))
+        response.headers["Location"] = f"/api/v1/logs/{kept.log.id}"
+        return UploadedLog(**dict(kept.log), delete_token=kept.delete_token)
+    ordered = await run_in_threadpool(parts.catalog.order, [kept.log.id], {}, owner)
+    parts.runner.wake()
+    analysis = await ended(parts.catalog, ordered, parts.runner.stopping)
+    response.headers["Location"] = f"/api/v1/analyses/{analysis.id}"
     if analysis.problem is not None:
         raise ProblemError(analysis.problem)
-    assert analysis.state is State.DONE
-    response.headers["Location"] = f"/api/v1/analyses/{analysis.id}"
-    return await run_in_threadpool(answer, analysis, storage)
+    if analysis.state is not State.DONE:
+        raise _unfinished(analysis)
+    return await run_in_threadpool(answer, analysis, parts)
+
+
+def _unfinished(analysis: Analysis) -> ProblemError:
+    """Make the answer to who waited for an analysis that did not come to its end."""
+    if analysis.state is State.CANCELLED:
+        return ProblemError(Problem.named("cancelled", "Cancelled", HTTPStatus.CONFLICT, "The analysis was cancelled."))
+    detail = (
+        "The service is being stopped. The log is kept and its analysis goes on when the service is back: look at "
+        f"/api/v1/analyses/{analysis.id}."
+    )
+    return ProblemError(
+        Problem.named("stopping", "The service is being stopped", HTTPStatus.SERVICE_UNAVAILABLE, detail)
+    )
+
+
+@router.get("", summary="Logs, the newest first")
+def list_logs(
+    request: Request,
+    parts: PartsOf,
+    owner: Owner,
+    limit: Limit = 50,
+    after: After = None,
+    name: Annotated[str, Query(max_length=200, description="Part of the name.")] = "",
+) -> Page[Log]:
+    """List your logs."""
+    return page(request, parts.catalog.list_logs(owner, limit=limit + 1, after=after, name=name), limit)
 
 
 @router.get("/{log_id}", summary="A log's name and size")
-def show_log(log_id: str, storage: StoragePart) -> Log:
+def show_log(log_id: str, parts: PartsOf, owner: Owner) -> Log:
     """Show what is known of an uploaded log."""
-    log = storage.load_log(log_id)
+    log = parts.catalog.find_log(log_id, owner)
     if log is None:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no log of this id."))
+        raise unknown_log()
     return log
+
+
+@router.delete(
+    "/{log_id}",
+    status_code=HTTPStatus.NO_CONTENT,
+    summary="Delete a log and all analyses of it",
+    dependencies=[from_our_pages],
+)
+def delete_log(
+    request: Request,
+    log_id: str,
+    parts: PartsOf,
+    delete_token: Annotated[
+        str | None, Header(max_length=100, description="As told when the log was uploaded; instead of a token.")
+    ] = None,
+) -> None:
+    """Delete a log for good: its bytes, its analyses and their results."""
+    owner = _deleter(request, parts, log_id, delete_token)
+    if owner is None or not parts.catalog.delete_log(log_id, owner):
+        raise unknown_log()
+
+
+def _deleter(request: Request, parts: Parts, log_id: str, delete_token: str | None) -> str | None:
+    """Say for whom a log may be deleted: for the owner who asks, or for the one whose delete token was sent."""
+    if delete_token is not None and bearer(request) is None:
+        return parts.catalog.may_delete_log(log_id, delete_token)
+    return owner_of(request, parts)
+
+
+def unknown_log() -> ProblemError:
+    """Make the answer where there is no such log, or it is another's."""
+    return ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no log of this id."))

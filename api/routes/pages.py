@@ -6,10 +6,11 @@ from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
-from api.dependencies import RunnerPart, SettingsPart, StoragePart, from_our_pages
+from api.dependencies import Owner, PartsOf, from_our_pages
 from api.page_templates import render
 from api.resources import State
-from api.routes.analyses import find_analysis, links_of
+from api.results import links_of
+from api.routes.analyses import find_analysis
 from api.uploads import receive_log
 
 router = APIRouter(include_in_schema=False)
@@ -17,26 +18,32 @@ router = APIRouter(include_in_schema=False)
 
 @router.head("/")
 @router.get("/")
-def home(request: Request, settings: SettingsPart) -> Response:
+def home(request: Request, parts: PartsOf) -> Response:
     """Show where to drop a log."""
-    return render(request, "home.html", {"limit": settings.upload_limit})
+    return render(request, "home.html", {"limit": parts.settings.upload_limit})
 
 
 @router.post("/", dependencies=[from_our_pages])
-async def upload_form(request: Request, settings: SettingsPart, storage: StoragePart, runner: RunnerPart) -> Response:
+async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Response:
     """Take the form of a browser that runs no scripts, and lead it to the analysis."""
-    log = await receive_log(request, storage, limit=settings.upload_limit, stall=settings.upload_stall)
-    analysis = await run_in_threadpool(runner.submit, log)
+    settings = parts.settings
+    kept = await receive_log(
+        request, parts.incoming, parts.catalog, owner, limit=settings.upload_limit, stall=settings.upload_stall
+    )
+    analysis = await run_in_threadpool(parts.catalog.order, [kept.log.id], {}, owner)
+    parts.runner.wake()
     return RedirectResponse(f"/analyses/{analysis.id}", HTTPStatus.SEE_OTHER)
 
 
 @router.head("/analyses/{analysis_id}")
 @router.get("/analyses/{analysis_id}")
-def show_analysis_page(request: Request, analysis_id: str, storage: StoragePart, runner: RunnerPart) -> Response:
+def show_analysis_page(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Show how far an analysis is, or its report, or why there is none."""
-    analysis = find_analysis(analysis_id, runner)
-    template = {State.DONE: "report.html", State.FAILED: "failed.html"}.get(analysis.state, "progress.html")
-    return render(request, template, {"analysis": analysis, "links": links_of(analysis, storage)})
+    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    template = {State.DONE: "report.html", State.FAILED: "failed.html", State.CANCELLED: "failed.html"}.get(
+        analysis.state, "progress.html"
+    )
+    return render(request, template, {"analysis": analysis, "links": links_of(analysis)})
 
 
 @router.head("/docs")

@@ -17,7 +17,7 @@ from tests.api import standins
 @contextmanager
 def running(app: FastAPI) -> Iterator[httpx.Client]:
     """Serve an application on a free port, over real sockets, and give a client for it."""
-    server = Server(uvicorn.Config(app, log_config=None, timeout_graceful_shutdown=5), app.state.runner)
+    server = Server(uvicorn.Config(app, log_config=None, timeout_graceful_shutdown=5), app.state.parts.runner)
     listener = socket.create_server(("127.0.0.1", 0))
     address = f"http://127.0.0.1:{listener.getsockname()[1]}"
     with listener, httpx.Client(base_url=address, timeout=60.0) as client:

@@ -4,14 +4,14 @@ import json
 import os
 import signal
 import time
-from pathlib import Path
 
-from api.worker import Progress
+from api.worker import Progress, Task
 from logparse import LogError
 
 
-def analyze(log: Path, name: str, folder: Path, progress: Progress) -> None:
-    """Behave as the log's first word says."""
+def analyze(task: Task, progress: Progress) -> None:
+    """Behave as the first log's first word says."""
+    (log, name), folder = task.logs[0], task.folder
     word = log.read_bytes()[:64].split(maxsplit=1)[0].decode()
     progress("parsing", 0.0)
     match word:

@@ -48,7 +48,7 @@ def test_an_invalid_request_is_told_what_and_where(service: httpx.Client) -> Non
 
 def test_an_analysis_of_an_unknown_log_is_refused(service: httpx.Client) -> None:
     response = service.post("/api/v1/analyses", json={"log": NOBODY})
-    assert (response.status_code, response.json()["detail"]) == (422, "There is no log of this id.")
+    assert (response.status_code, response.json()["detail"]) == (422, "There is no log with the id " + NOBODY + ".")
 
 
 def test_ranges_of_a_result(service: httpx.Client, upload: Callable[..., httpx.Response]) -> None:
@@ -73,7 +73,7 @@ def test_a_bug_answers_in_the_same_shape(service: httpx.Client, monkeypatch: pyt
     def fail(*_: object) -> None:
         raise RuntimeError("surprise")
 
-    monkeypatch.setattr("api.storage.Storage.load_log", fail)
+    monkeypatch.setattr("api.catalog.Catalog.find_log", fail)
     response = service.get(f"/api/v1/logs/{NOBODY}")
     assert response.status_code == 500
     assert response.json()["detail"].startswith("The service made a mistake")

@@ -28,8 +28,9 @@ def test_a_log_is_kept_byte_for_byte(service: httpx.Client, folder: Path) -> Non
     assert response.status_code == 201
     log = response.json()
     assert (log["name"], log["size"]) == ("00000012.BIN", len(content))
-    assert (folder / "logs" / log["id"] / "upload").read_bytes() == content
-    assert service.get(response.headers["Location"]).json() == log
+    assert (folder / "objects" / "logs" / log["id"]).read_bytes() == content
+    shown = service.get(response.headers["Location"]).json()
+    assert shown == {name: value for name, value in log.items() if name != "delete_token"}
 
 
 @pytest.mark.parametrize(
@@ -47,14 +48,14 @@ def test_a_log_is_kept_byte_for_byte(service: httpx.Client, folder: Path) -> Non
 )
 def test_a_name_is_only_for_people(service: httpx.Client, folder: Path, sent: str, shown: str) -> None:
     before = {path.name for path in folder.parent.iterdir()}
-    body = form((disposition("file", sent), b"data"))
+    body = form((disposition("file", sent), f"data of {sent}".encode()))  # the same bytes would be the same log
     log = service.post("/api/v1/logs", content=body, headers=FORM)
     if len(sent) > 4000:  # the form parser's own limit on header lines
         assert log.status_code == 400
         return
     assert log.json()["name"] == shown
     assert re.fullmatch("[0-9a-f]{32}", log.json()["id"])
-    assert sorted(path.name for path in (folder / "logs" / log.json()["id"]).iterdir()) == ["log.json", "upload"]
+    assert (folder / "objects" / "logs" / log.json()["id"]).is_file()
     assert {path.name for path in folder.parent.iterdir()} == before
 
 
@@ -77,13 +78,13 @@ def test_a_name_is_only_for_people(service: httpx.Client, folder: Path, sent: st
 def test_a_bad_upload_is_refused_with_its_reason(
     service: httpx.Client, folder: Path, body: bytes, status: int, says: str
 ) -> None:
-    kept = len(list((folder / "logs").iterdir()))
+    kept = len(list((folder / "objects" / "logs").iterdir()))
     response = service.post("/api/v1/logs", content=body, headers=FORM)
     assert response.status_code == status
     assert response.headers["Content-Type"] == "application/problem+json"
     assert says in response.json()["detail"]
     assert not list((folder / "incoming").iterdir())
-    assert len(list((folder / "logs").iterdir())) == kept
+    assert len(list((folder / "objects" / "logs").iterdir())) == kept
 
 
 def test_a_small_field_beside_the_file_is_ignored(service: httpx.Client) -> None:

@@ -1,0 +1,62 @@
+"""Uploads that are still arriving: each a file of its own that is gone unless it is kept."""
+
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from api.ids import new_id
+
+
+class Upload:
+    """A log on its way: its bytes go to a file, its digest grows with them."""
+
+    def __init__(self, path: Path, file: BinaryIO) -> None:
+        self.path = path
+        self.size = 0
+        self._file = file
+        self._digest = hashlib.sha256()
+
+    @property
+    def sha256(self) -> str:
+        """Digest of what has arrived, hexadecimal."""
+        return self._digest.hexdigest()
+
+    def write(self, data: bytes | bytearray) -> None:
+        """Append bytes."""
+        self._file.write(data)
+        self._digest.update(data)
+        self.size += len(data)
+
+    def sync(self) -> None:
+        """Have the bytes on the disk, not only on their way."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+class Incoming:
+    """The folder on this computer in which uploads arrive."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def prepare(self) -> None:
+        """Make the folder and clear away what a stopped service left unfinished; OSError where it cannot."""
+        shutil.rmtree(self._folder, ignore_errors=True)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=self._folder):
+            pass  # so that a read-only folder is known at the start, not at the first upload
+
+    @contextmanager
+    def receive(self) -> Iterator[Upload]:
+        """Open a place for a log to arrive at."""
+        path = self._folder / new_id()
+        try:
+            with path.open("wb", buffering=0) as file:
+                yield Upload(path, file)
+        finally:
+            path.unlink(missing_ok=True)

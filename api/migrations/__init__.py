@@ -1,0 +1,1 @@
+"""The database's tables from version to version, for Alembic."""

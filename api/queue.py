@@ -1,0 +1,159 @@
+"""The queue of analyses, kept in the database: orders are claimed under a lease, kept alive, and ended once.
+
+A worker claims an analysis for a short time and keeps prolonging that. When it dies, its lease runs out and another
+worker may claim the analysis. A worker that lost its lease, because it was too slow or the analysis was cancelled, can
+change nothing any more: every change names the lease.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from http import HTTPStatus
+from typing import Any
+
+from sqlalchemy import and_, or_, select, update
+from sqlalchemy.engine import CursorResult
+from sqlalchemy.orm import Session
+
+from api.database import Database
+from api.ids import new_id
+from api.problems import Problem
+from api.records import AnalysisRecord
+from api.resources import State
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """The right to work on an analysis, as long as its lease is prolonged.
+
+    Attributes
+    ----------
+    analysis : str
+        Its id.
+    lease : str
+        Names this claim, and the place of its results.
+    attempt : int
+        1 at the first try.
+    logs : tuple of (id, name)
+    configuration : mapping
+    """
+
+    analysis: str
+    lease: str
+    attempt: int
+    logs: tuple[tuple[str, str], ...]
+    configuration: Mapping[str, Any]
+
+
+class Queue:
+    """Claims analyses and records how they go.
+
+    Parameters
+    ----------
+    database : Database
+    lease : float
+        Seconds without a sign of life after which a worker is taken for dead.
+    attempts : int
+        How often an analysis may be begun.
+    """
+
+    def __init__(self, database: Database, *, lease: float, attempts: int) -> None:
+        self._database = database
+        self._lease = timedelta(seconds=lease)
+        self._attempts = attempts
+
+    def claim(self) -> Claim | None:
+        """Take the oldest analysis that waits or whose worker has died; None when there is none."""
+        now = datetime.now(UTC)
+        left = and_(AnalysisRecord.state == State.RUNNING, AnalysisRecord.lease_until < now)
+        with self._database.write() as session:
+            session.execute(
+                update(AnalysisRecord)
+                .where(left, AnalysisRecord.attempts >= self._attempts)
+                .values(**_end(State.FAILED), problem=abandoned(self._attempts).model_dump(mode="json"))
+            )
+            found = session.scalar(
+                select(AnalysisRecord)
+                .where(or_(AnalysisRecord.state == State.QUEUED, left))
+                .order_by(AnalysisRecord.created)
+                .limit(1)
+                .with_for_update(skip_locked=True)
+            )
+            if found is None:
+                return None
+            found.state = State.RUNNING
+            found.stage, found.progress = "", 0.0
+            found.lease, found.lease_until = new_id(), now + self._lease
+            found.attempts += 1
+            found.started = now
+            return Claim(
+                analysis=found.id,
+                lease=found.lease,
+                attempt=found.attempts,
+                logs=tuple((member.log.id, member.log.name) for member in found.members),
+                configuration=found.configuration,
+            )
+
+    def prolong(self, claim: Claim, stage: str, progress: float) -> bool:
+        """Give a sign of life and say how far the work is; False when the lease is lost and the work for nothing."""
+        until = datetime.now(UTC) + self._lease
+        with self._database.write() as session:
+            return _change(session, claim, lease_until=until, stage=stage, progress=progress)
+
+    def finish(self, claim: Claim, files: Mapping[str, int]) -> bool:
+        """End an analysis well; False, with nothing changed, when the lease is lost."""
+        with self._database.write() as session:
+            return _change(session, claim, **_end(State.DONE), files=dict(files), results=claim.lease)
+
+    def fail(self, claim: Claim, problem: Problem) -> bool:
+        """End an analysis that cannot be done; False, with nothing changed, when the lease is lost."""
+        with self._database.write() as session:
+            return _change(session, claim, **_end(State.FAILED), problem=problem.model_dump(mode="json"))
+
+    def give_back(self, claim: Claim, *, counts: bool) -> bool:
+        """Let others try: at once after an orderly stop, or, when the attempt `counts`, unless it was the last."""
+        if counts and claim.attempt >= self._attempts:
+            return self.fail(claim, abandoned(self._attempts))
+        attempts = claim.attempt if counts else claim.attempt - 1
+        with self._database.write() as session:
+            return _change(session, claim, state=State.QUEUED, lease=None, lease_until=None, attempts=attempts)
+
+
+def cancel(session: Session, analysis: str) -> bool:
+    """End an analysis because its owner wants so; False when it had ended before."""
+    open_ = AnalysisRecord.state.in_((State.QUEUED, State.RUNNING))
+    changed = session.execute(
+        update(AnalysisRecord).where(AnalysisRecord.id == analysis, open_).values(**_end(State.CANCELLED))
+    )
+    return isinstance(changed, CursorResult) and changed.rowcount == 1
+
+
+def abandoned(attempts: int) -> Problem:
+    """Say that an analysis took its worker down as often as it may."""
+    return Problem.named(
+        "analysis-crashed",
+        "The analysis crashed",
+        HTTPStatus.UNPROCESSABLE_ENTITY,
+        f"The analysis was begun {attempts} times and each time ended without a word, most likely because it needed "
+        "more memory than the computer has. Analyse a shorter log, or run `rotorid analyze` yourself.",
+    )
+
+
+def _end(state: State) -> dict[str, Any]:
+    return {
+        "state": state,
+        "stage": "",
+        "progress": 1.0 if state is State.DONE else AnalysisRecord.progress,
+        "ended": datetime.now(UTC),
+        "lease": None,
+        "lease_until": None,
+    }
+
+
+def _change(session: Session, claim: Claim, **values: Any) -> bool:
+    changed = session.execute(
+        update(AnalysisRecord)
+        .where(AnalysisRecord.id == claim.analysis, AnalysisRecord.lease == claim.lease)
+        .values(**values)
+    )
+    return isinstance(changed, CursorResult) and changed.rowcount == 1

@@ -1,0 +1,91 @@
+"""The results of an analysis as files, and as part of an answer."""
+
+import json
+import mimetypes
+from pathlib import Path
+from typing import Any
+
+from fastapi.responses import FileResponse
+
+from api.dependencies import Parts
+from api.headers import REPORT_POLICY
+from api.ids import new_id
+from api.resources import Analysis, AnalysisAnswer, AnalysisSummary
+
+#: Media types by the ending of a name; browsers need to be told that text is UTF-8.
+_MEDIA_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".json": "application/json",
+    ".csv": "text/csv; charset=utf-8",
+    ".md": "text/markdown; charset=utf-8",
+    ".mat": "application/x-matlab-data",
+    ".parquet": "application/vnd.apache.parquet",
+}
+
+
+def links_of(analysis: Analysis) -> dict[str, str]:
+    """Give the addresses of an analysis, of its page and log and, once it is done, of its files."""
+    here = f"/api/v1/analyses/{analysis.id}"
+    links = {
+        "self": here,
+        "events": f"{here}/events",
+        "log": f"/api/v1/logs/{analysis.log.id}",
+        "page": f"/analyses/{analysis.id}",
+    }
+    return links | {name: f"{here}/{name}" for name in analysis.files}
+
+
+def summary(analysis: Analysis) -> AnalysisSummary:
+    """Add to an analysis where its files are."""
+    return AnalysisSummary(**dict(analysis), links=links_of(analysis))
+
+
+def answer(analysis: Analysis, parts: Parts) -> AnalysisAnswer:
+    """Add to an analysis what it found and where its files are."""
+    report = _contents(analysis, parts, "report.json")
+    return AnalysisAnswer(
+        **dict(analysis),
+        links=links_of(analysis),
+        findings=None if report is None else _findings(report),
+        report=report,
+        models=_contents(analysis, parts, "models.json"),
+    )
+
+
+def file_of(analysis: Analysis, name: str, parts: Parts) -> FileResponse | None:
+    """Answer with a file of an analysis, or the range of it that was asked for; None when there is none."""
+    key = parts.catalog.object_of(analysis, name)
+    if key is None:
+        return None
+    kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
+    response = FileResponse(_here(key, parts), media_type=_MEDIA_TYPES.get(Path(name).suffix, kind))
+    if name.endswith(".html"):
+        response.headers["Content-Security-Policy"] = REPORT_POLICY
+    return response
+
+
+def _here(key: str, parts: Parts) -> Path:
+    """Give an object as a file of this computer; what was brought from elsewhere stays, for results never change."""
+    if parts.objects.folder is not None:
+        return parts.objects.folder / key
+    path = parts.settings.data / "cache" / key
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f"{path.name}.{new_id()}")
+        parts.objects.fetch(key, partial)
+        partial.replace(path)
+    return path
+
+
+def _contents(analysis: Analysis, parts: Parts, name: str) -> dict[str, Any] | None:
+    key = parts.catalog.object_of(analysis, name)
+    if key is None:
+        return None
+    contents: dict[str, Any] = json.loads(parts.objects.read(key))
+    return contents
+
+
+def _findings(report: dict[str, Any]) -> list[dict[str, Any]]:
+    """Gather the findings of a report: of one flight, or of each flight and craft."""
+    places = [report, *report.get("flights", []), *report.get("groups", [])]
+    return [finding for place in places for finding in place.get("findings", [])]

@@ -1,0 +1,312 @@
+"""Working on one claimed analysis: fetch its logs, let a process analyse them, keep the claim alive, keep the results.
+
+This runs in a thread of the server, or of a Dask worker on another computer; either way the analysis is a process of
+its own, which can be ended when it takes too long, and the database and the storage are the only things shared.
+"""
+
+import logging
+import multiprocessing
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http import HTTPStatus
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerProcess
+from pathlib import Path
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from api import sizes, worker
+from api.database import Database
+from api.objects import Objects
+from api.problems import Problem
+from api.queue import Claim, Queue
+
+_log = logging.getLogger("rotorid.api")
+
+#: What the process that workers are forked from has imported already, so that an analysis starts at once.
+PRELOAD = ("pipeline.flight", "pipeline.fleet", "reports.html")
+
+_CONTEXT = multiprocessing.get_context("forkserver")
+
+#: Part of a lease after which it is prolonged: two signs of life may be lost.
+_PROLONG = 1 / 3
+
+#: Seconds for which the end of an analysis is kept ready while the database cannot take it.
+_PATIENCE = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class Workplace:
+    """What every worker is told, wherever it works.
+
+    Attributes
+    ----------
+    database, objects : str
+        URLs.
+    scratch : Path or None
+        Where temporary folders are made; the computer's own place for them by default.
+    analyze : callable
+        What to do with a task; a function of a module.
+    time_limit : float
+        Longest time of one analysis, s.
+    memory_limit : int
+        Most memory of one analysis, bytes.
+    lease : float
+        Seconds without a sign of life after which a worker is taken for dead.
+    attempts : int
+        How often an analysis may be begun.
+    preload : sequence of str
+        Modules that `analyze` uses and that are worth importing once for all analyses.
+    """
+
+    database: str
+    objects: str
+    scratch: Path | None
+    analyze: worker.Analyze
+    time_limit: float
+    memory_limit: int
+    lease: float
+    attempts: int
+    preload: Sequence[str] = PRELOAD
+
+    def queue(self, database: Database) -> Queue:
+        """Give the queue as this workplace's rules are."""
+        return Queue(database, lease=self.lease, attempts=self.attempts)
+
+    def warm_up(self) -> None:
+        """Start the process that analyses are forked from; it imports the pipeline meanwhile."""
+        # Our matrices are small: BLAS threads only hurt them and each other. The workers inherit this.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        _CONTEXT.set_forkserver_preload(["__main__", "api.worker", "logparse", *self.preload])
+        forkserver.ensure_running()
+
+
+class LostError(Exception):
+    """Somebody else has the analysis now, or nobody wants it any more."""
+
+
+def work(workplace: Workplace, claim: Claim, stopping: Callable[[], bool] = bool) -> None:
+    """Work on a claimed analysis until it has ended, the claim is lost, or `stopping` says so."""
+    workplace.warm_up()
+    database = Database(workplace.database)
+    try:
+        _work(workplace, claim, database, stopping)
+    finally:
+        database.close()
+
+
+def _work(workplace: Workplace, claim: Claim, database: Database, stopping: Callable[[], bool]) -> None:
+    queue, objects = workplace.queue(database), Objects(workplace.objects)
+    with tempfile.TemporaryDirectory(prefix="rotorid-", dir=workplace.scratch) as name:
+        folder = Path(name)
+        try:
+            task = worker.Task(_fetch(claim, objects, folder), claim.configuration, folder / "results")
+            task.folder.mkdir()
+            problem = _analyse(workplace, claim, queue, task, stopping)
+            if problem is not None:
+                _persist(lambda: queue.fail(claim, problem))
+                return
+            files = _keep(claim, objects, task.folder)
+            if not _persist(lambda: queue.finish(claim, files)):
+                objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
+        except _StoppedError:
+            queue.give_back(claim, counts=False)
+        except _DiedError:
+            queue.give_back(claim, counts=True)
+        except LostError:
+            _log.info("analysis %s was cancelled, or given to another worker", claim.analysis)
+        except FileNotFoundError:
+            _log.exception("analysis %s: a log is gone", claim.analysis)
+            _persist(lambda: queue.fail(claim, _GONE))
+        except OSError as error:
+            _log.exception("analysis %s: cannot keep its results", claim.analysis)
+            unkept = _unkept(error)
+            _persist(lambda: queue.fail(claim, unkept))
+
+
+class _StoppedError(Exception):
+    """The server stops."""
+
+
+class _DiedError(Exception):
+    """The process died without a word, and not by our hand."""
+
+
+def _fetch(claim: Claim, objects: Objects, folder: Path) -> list[tuple[Path, str]]:
+    """Bring the logs to this computer, under names of which nothing is taken on trust."""
+    from reports.folder import folder_names
+
+    (folder / "logs").mkdir()
+    safe = folder_names([name for _, name in claim.logs])
+    logs = []
+    for log_id, name in claim.logs:
+        path = folder / "logs" / safe[name]
+        objects.fetch(f"logs/{log_id}", path)
+        logs.append((path, name))
+    return logs
+
+
+def _keep(claim: Claim, objects: Objects, folder: Path) -> dict[str, int]:
+    """Move the results to the storage; gives every file's size by its name."""
+    files = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            name = path.relative_to(folder).as_posix()
+            files[name] = path.stat().st_size
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+            objects.put(path, f"analyses/{claim.analysis}/{claim.lease}/{name}")
+    return files
+
+
+def _analyse(
+    workplace: Workplace, claim: Claim, queue: Queue, task: worker.Task, stopping: Callable[[], bool]
+) -> Problem | None:
+    """Let a process do the task; gives what went wrong, or None when the results are there."""
+    with _process(workplace, task) as (process, receiver):
+        deadline = time.monotonic() + workplace.time_limit
+        sign_of_life = 0.0
+        last = worker.Advanced("", 0.0)
+        while time.monotonic() < deadline:
+            if stopping():
+                raise _StoppedError
+            now = time.monotonic()
+            if now >= sign_of_life:
+                _prolong(queue, claim, last)
+                sign_of_life = now + workplace.lease * _PROLONG
+            try:
+                if not receiver.poll(min(0.25, deadline - now)):
+                    continue
+                report = receiver.recv()
+            except (EOFError, OSError):
+                process.join()
+                return _judge_exit(workplace, claim, process.exitcode)
+            if not isinstance(report, worker.Advanced):
+                return _judge(workplace, claim, report)
+            if report.stage != last.stage or report.progress >= last.progress + 0.02:
+                last, sign_of_life = report, 0.0
+        return _too_slow(workplace.time_limit)
+
+
+@contextmanager
+def _process(workplace: Workplace, task: worker.Task) -> Iterator[tuple[ForkServerProcess, Connection]]:
+    """Start a process for a task; it is gone afterwards, whatever it was doing."""
+    receiver, sender = _CONTEXT.Pipe(duplex=False)
+    process = _CONTEXT.Process(
+        target=worker.run,
+        args=(sender, workplace.analyze, task, workplace.time_limit, workplace.memory_limit),
+        daemon=True,
+    )
+    process.start()
+    sender.close()
+    try:
+        yield process, receiver
+    finally:
+        process.kill()
+        process.join()
+        process.close()
+        receiver.close()
+
+
+def _prolong(queue: Queue, claim: Claim, last: worker.Advanced) -> None:
+    """Give a sign of life; a database that does not answer is no reason to stop before the lease is over."""
+    try:
+        held = queue.prolong(claim, last.stage, last.progress)
+    except SQLAlchemyError as error:
+        _log.warning("analysis %s: no sign of life can be given: %s", claim.analysis, error)
+        return
+    if not held:
+        raise LostError
+
+
+def _persist(change: Callable[[], bool]) -> bool:
+    """Write the end of an analysis down, waiting for a database that does not answer."""
+    deadline, pause = time.monotonic() + _PATIENCE, 0.5
+    while True:
+        try:
+            return change()
+        except SQLAlchemyError:
+            if time.monotonic() + pause > deadline:
+                raise
+            time.sleep(pause)
+            pause = min(2.0 * pause, 5.0)
+
+
+def _judge(workplace: Workplace, claim: Claim, report: worker.Report) -> Problem | None:
+    """Say what a process' last report means for the user."""
+    match report:
+        case worker.Refused(reason):
+            return _unusable(reason)
+        case worker.OutOfMemory():
+            return _too_large(workplace.memory_limit)
+        case worker.Crashed(traceback):
+            _log.error("analysis %s met a bug:\n%s", claim.analysis, traceback)
+            return _bug(claim)
+    return None
+
+
+def _judge_exit(workplace: Workplace, claim: Claim, exit_code: int | None) -> Problem:
+    """Say what the silent death of a process means; one that may not happen again is worth another attempt."""
+    _log.error("analysis %s died with exit code %s at attempt %d", claim.analysis, exit_code, claim.attempt)
+    if claim.attempt < workplace.attempts:
+        raise _DiedError
+    # Not killed by us, so by the kernel when memory ran out.
+    return _too_large(workplace.memory_limit) if exit_code == -signal.SIGKILL else _bug(claim)
+
+
+def _unusable(reason: str) -> Problem:
+    return Problem.named("unusable-log", "The log cannot be analysed", HTTPStatus.UNPROCESSABLE_ENTITY, reason)
+
+
+def _too_slow(limit: float) -> Problem:
+    return Problem.named(
+        "analysis-too-slow",
+        "The analysis took too long",
+        HTTPStatus.UNPROCESSABLE_ENTITY,
+        f"The analysis was ended after {limit:g} s, the most that this service allows. Analyse a shorter log, or run "
+        "`rotorid analyze` yourself, which has no limit.",
+    )
+
+
+def _too_large(limit: int) -> Problem:
+    return Problem.named(
+        "analysis-too-large",
+        "The analysis needed too much memory",
+        HTTPStatus.UNPROCESSABLE_ENTITY,
+        f"The analysis needed more than the {sizes.in_words(limit)} that this service allows. Analyse a "
+        "shorter log, or run `rotorid analyze` yourself, which has no limit.",
+    )
+
+
+def _bug(claim: Claim) -> Problem:
+    return Problem.named(
+        "analysis-crashed",
+        "The analysis crashed",
+        HTTPStatus.UNPROCESSABLE_ENTITY,
+        "rotorid met something in this log that it does not handle. That is a mistake of rotorid, not yours; please "
+        f"report it with the log and the number {claim.analysis}, under which the service's own log has the details.",
+    )
+
+
+def _unkept(error: OSError) -> Problem:
+    return Problem.named(
+        "results-not-kept",
+        "The results could not be kept",
+        HTTPStatus.INSUFFICIENT_STORAGE,
+        f"The service could not write the results: {error.strerror or error}. Its operator has to make room; then try "
+        "again.",
+    )
+
+
+_GONE = Problem.named(
+    "log-gone",
+    "The log is gone",
+    HTTPStatus.UNPROCESSABLE_ENTITY,
+    "The log was deleted before its analysis began. Upload it again.",
+)
