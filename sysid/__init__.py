@@ -5,6 +5,7 @@ state), ``predict(experiment, horizon)`` (restarted at every sample), ``to_dict(
 ``training`` (names of the records it was fitted to); `validate` judges it on records it has not seen.
 """
 
+from sysid.closed_loop import ClosedLoopModel, fit_closed_loop
 from sysid.experiment import Experiment, ExperimentError
 from sysid.order import OrderScan, scan_orders
 from sysid.pem import fit_transfer_functions
@@ -14,6 +15,7 @@ from sysid.transfer_function import FitReport, TransferFunction, TransferFunctio
 from sysid.validation import Model, Validation, validate
 
 __all__ = [
+    "ClosedLoopModel",
     "Experiment",
     "ExperimentError",
     "FitReport",
@@ -24,6 +26,7 @@ __all__ = [
     "TransferFunction",
     "TransferFunctionModel",
     "Validation",
+    "fit_closed_loop",
     "fit_thrust",
     "fit_transfer_functions",
     "scan_orders",

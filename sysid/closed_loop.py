@@ -1,0 +1,314 @@
+"""From where the craft was told to be to where it was: models of the closed position loop.
+
+A controller with integral action keeps its craft at a target that rests, so the response to the reference r is one in
+the long run, and everything worth fitting is the error on the way. The model is therefore ::
+
+    y = r + H(s) r,    H(s) = s B(s) / A(s)
+
+with stable A. The closed loop's transfer function is ``G = 1 + H = (A + s B) / A``: its gain is exactly one, and
+regularisation shrinks it towards perfect following instead of towards nothing. H is fitted by the prediction-error
+method (`sysid.pem`) to the error ``y - r`` with the rate of r as input. Drag that the feed-forward does not know of
+gives three poles and two zeros: for drag d v, position gain p and velocity gains k and i (loop of ArduPilot's
+AC_PosControl, attitude taken as immediate) ``H = -(d/m) s^2 / (s^3 + k s^2 + (k p + i) s + i p)``.
+
+The loop works in the earth frame with one set of gains, so north and east share one transfer function, which both
+determine. Nothing of a record's outputs is used in a free run: neither offset nor initial state, as the loop starts
+from its target.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.signal import lsim
+
+from logparse import Finding, Severity
+from sysid.disturbance import Disturbance, fit_disturbance
+from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.pem import Progress, fit_transfer_functions
+from sysid.response import INITIAL_SECONDS
+from sysid.transfer_function import FitReport, TransferFunction
+
+#: Outputs that share a transfer function, by the last letter of their names.
+_SHARED = {"x": "horizontal", "y": "horizontal", "z": "vertical"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosedLoopModel:
+    """Response of position (or velocity) to its reference, axis by axis.
+
+    Attributes
+    ----------
+    name : str
+    transfer_functions : mapping of str to mapping
+        ``transfer_functions[output][input]``; G on the diagonal, with covariance, and zero elsewhere.
+    input_names, output_names : tuple of str
+        References and what follows them, by the same names.
+    units : mapping
+    structure : str
+        ``"closed_loop"``.
+    poles, zeros : int
+        Of H.
+    hold : str
+        ``"foh"``: references run straight between samples.
+    rate : float
+        Hz, of the records.
+    disturbance : mapping
+        Per output, how unexplained error is carried on by `predict`.
+    reports : mapping of str to FitReport
+        Per output, of the error; north and east have the same.
+    following : mapping of str to float
+        Per output the root mean square of ``y - r`` on the training records: what the model is to improve on.
+    training : tuple of str
+    findings : tuple of Finding
+    """
+
+    name: str
+    transfer_functions: Mapping[str, Mapping[str, TransferFunction]]
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    units: Mapping[str, str]
+    structure: str = "closed_loop"
+    poles: int
+    zeros: int
+    hold: str = "foh"
+    rate: float
+    disturbance: Mapping[str, Disturbance]
+    reports: Mapping[str, FitReport]
+    following: Mapping[str, float]
+    training: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+
+    def simulate(self, experiment: Experiment) -> Floats:
+        """Run freely from the references alone; shape (N, p)."""
+        self._require(experiment)
+        return np.column_stack(
+            [
+                _respond(self.transfer_functions[name][name], experiment.u[:, column], experiment.dt)
+                for column, name in enumerate(self.output_names)
+            ]
+        )
+
+    def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
+        """Predict every sample from what was measured up to `horizon` seconds before it; shape (N, p).
+
+        References are taken as known; the error that the model does not explain is carried on.
+        """
+        steps = max(round(horizon / experiment.dt), 1)
+        result = self.simulate(experiment)
+        residuals = experiment.y - result
+        for column, name in enumerate(self.output_names):
+            result[:, column] += self.disturbance[name].predict(residuals[:, column], experiment.dt, steps)
+        return result
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON."""
+        return {
+            "kind": "closed-loop",
+            "name": self.name,
+            "structure": self.structure,
+            "poles": self.poles,
+            "zeros": self.zeros,
+            "hold": self.hold,
+            "rate_hz": self.rate,
+            "inputs": list(self.input_names),
+            "outputs": list(self.output_names),
+            "units": dict(self.units),
+            "training": list(self.training),
+            "transfer_functions": {
+                name: {name: self.transfer_functions[name][name].to_dict()} for name in self.output_names
+            },
+            "following_rms": dict(self.following),
+            "disturbance": {name: value.to_dict() for name, value in self.disturbance.items()},
+            "fits": {name: report.to_dict() for name, report in self.reports.items()},
+            "findings": [
+                {
+                    "id": finding.id,
+                    "severity": str(finding.severity),
+                    "reason": finding.reason,
+                    "advice": finding.advice,
+                    "evidence": dict(finding.evidence),
+                }
+                for finding in self.findings
+            ],
+        }
+
+    def _require(self, experiment: Experiment) -> None:
+        if experiment.input_names != self.input_names or experiment.output_names != self.output_names:
+            raise ExperimentError(
+                f"{experiment.name} has inputs {', '.join(experiment.input_names)} and outputs "
+                f"{', '.join(experiment.output_names)}; the model takes references {', '.join(self.input_names)}"
+            )
+
+
+def fit_closed_loop(
+    experiments: Sequence[Experiment],
+    poles: int = 5,
+    zeros: int = 3,
+    *,
+    ridge: float | None = None,
+    starts: int = 4,
+    seed: int = 0,
+    time_limit: float = 60.0,
+    progress: Progress | None = None,
+) -> ClosedLoopModel:
+    """Fit the closed loop from reference to motion, jointly over records.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Of ``inputs="reference"``, or ``"velocity_reference"`` with velocities as outputs: inputs and outputs have the
+        same names.
+    poles, zeros : int
+        Of H; 1 <= zeros < poles. One of the zeros is at s = 0.
+    ridge, starts, seed, time_limit, progress
+        As for `fit_transfer_functions`.
+
+    Raises
+    ------
+    ExperimentError
+        When the inputs are not the references of the outputs, the records differ in kind, no reference moves, or there
+        are fewer samples than parameters.
+    """
+    if not 1 <= zeros < poles:
+        raise ValueError(f"zeros must be at least 1 and fewer than poles, not {zeros} for {poles} poles")
+    records = require_alike(experiments)
+    first = records[0]
+    if first.input_names != first.output_names:
+        raise ExperimentError(
+            f"{first.name}: a closed loop leads from references to what follows them, by the same names; not from "
+            f"{', '.join(first.input_names)} to {', '.join(first.output_names)} (use inputs='reference')"
+        )
+    groups: dict[str, list[int]] = {}
+    for column, name in enumerate(first.output_names):
+        groups.setdefault(_SHARED.get(name.rpartition("_")[2], name), []).append(column)
+    report = progress or (lambda stage, fraction: None)
+    begun = time.monotonic()
+    functions: dict[str, TransferFunction] = {}
+    reports: dict[str, FitReport] = {}
+    findings: list[Finding] = []
+    for done, (group, columns) in enumerate(groups.items()):
+        report(f"fitting the {group} loop", done / len(groups))
+        left = time_limit - (time.monotonic() - begun)
+        fitted = fit_transfer_functions(
+            [_error_record(record, column, group) for record in records for column in columns],
+            poles,
+            zeros - 1,
+            "common",
+            hold="foh",
+            ridge=ridge,
+            starts=starts,
+            seed=seed,
+            time_limit=max(left / (len(groups) - done), 1.0),
+        )
+        findings += [finding for finding in fitted.findings if finding not in findings]
+        closed = _closed(fitted.transfer_functions["error"][group])
+        for column in columns:
+            functions[first.output_names[column]] = closed
+            reports[first.output_names[column]] = fitted.reports["error"]
+    report("fitted", 1.0)
+    return _model(records, functions, reports, findings, poles, zeros)
+
+
+def _model(
+    records: Sequence[Experiment],
+    functions: Mapping[str, TransferFunction],
+    reports: Mapping[str, FitReport],
+    findings: Sequence[Finding],
+    poles: int,
+    zeros: int,
+) -> ClosedLoopModel:
+    names = records[0].output_names
+    nothing = TransferFunction(np.zeros(1), np.ones(1))
+    disturbance, following, remaining = {}, {}, {}
+    for column, name in enumerate(names):
+        residuals = [
+            (record.y[:, column] - _respond(functions[name], record.u[:, column], record.dt))[_scored(record) :]
+            for record in records
+        ]
+        disturbance[name] = fit_disturbance(residuals, records[0].dt)
+        following[name] = _rms([(record.y - record.u)[_scored(record) :, column] for record in records])
+        remaining[name] = _rms(residuals)
+    unit = records[0].units.get(names[0], "")
+    summary = Finding(
+        "closed-loop-following",
+        Severity.INFO,
+        "without any model, the craft is where it was told to be within "
+        + ", ".join(f"{following[name]:.2g} {unit} in {name}" for name in names)
+        + " (root mean square on the training records); the model leaves "
+        + ", ".join(f"{remaining[name]:.2g} {unit}" for name in names),
+        "",
+        {f"following_{name}": following[name] for name in names} | {f"left_{name}": remaining[name] for name in names},
+    )
+    return ClosedLoopModel(
+        name=f"reference -> {', '.join(names)}, closed loop, {poles} poles {zeros} zeros",
+        transfer_functions={
+            output: {name: functions[output] if name == output else nothing for name in names} for output in names
+        },
+        input_names=names,
+        output_names=names,
+        units=records[0].units,
+        poles=poles,
+        zeros=zeros,
+        rate=records[0].rate,
+        disturbance=disturbance,
+        reports=reports,
+        following=following,
+        training=tuple(record.name for record in records),
+        findings=(*findings, summary),
+    )
+
+
+def _error_record(record: Experiment, column: int, group: str) -> Experiment:
+    """Make a record of one axis: rate of the reference as input, error as output, both about zero."""
+    reference = record.u[:, column]
+    return Experiment.from_arrays(
+        record.t,
+        np.gradient(reference, record.dt),
+        record.y[:, column] - reference,
+        name=f"{record.name}, {record.output_names[column]}",
+        input_names=(group,),
+        output_names=("error",),
+        units={"error": record.units.get(record.output_names[column], "")},
+        input_trim=np.zeros(1),
+        output_trim=np.zeros(1),
+    )
+
+
+def _closed(error: TransferFunction) -> TransferFunction:
+    """Turn B / A, from the rate of the reference to the error, into ``G = 1 + s B / A`` with its covariance."""
+    n, nb = len(error.den) - 1, len(error.num)
+    num = error.den.copy()
+    num[n - nb : n] += error.num
+    covariance = None
+    if error.covariance is not None:
+        # Rows (num of G, den); columns (B, A), highest power first. The leading coefficient of G is 1.
+        jacobian = np.zeros((2 * n + 1, nb + n))
+        jacobian[n - nb : n, :nb] = np.eye(nb)
+        jacobian[1 : n + 1, nb:] += np.eye(n)
+        jacobian[n + 1 :, nb:] = np.eye(n)
+        covariance = jacobian @ error.covariance @ jacobian.T
+    return TransferFunction(num=num, den=error.den.copy(), covariance=covariance)
+
+
+def _respond(function: TransferFunction, reference: Floats, dt: float) -> Floats:
+    """Answer of a closed loop that has rested at its first reference."""
+    n = len(function.den) - 1
+    # Controller canonical form of G - 1, whose numerator is of lower degree.
+    a = np.vstack([-function.den[1:], np.eye(n - 1, n)])
+    c = (function.num - function.den)[None, 1:]
+    system = (a, np.eye(n, 1), c, np.zeros((1, 1)))
+    error = lsim(system, reference - reference[0], np.arange(len(reference)) * dt, interp=True)[1]
+    return np.asarray(reference + np.ravel(error))
+
+
+def _scored(record: Experiment) -> int:
+    return min(round(INITIAL_SECONDS / record.dt), len(record.t) - 2)
+
+
+def _rms(parts: Sequence[Floats]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
