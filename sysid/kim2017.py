@@ -353,11 +353,13 @@ class _Window:
     """Outputs and sensitivities of a window, initial states projected out.
 
     `outputs` are altitude, p, q, r; `gains` (M, n) what each motor's k/m adds to altitude, and to p and q with a lever
-    of 1; `yaw` (M, 4) what unit mean torque, thrust, roll and pitch patterns (`_patterns`) add to r.
+    of 1; `patterns` and `yaw` (M, 4) what unit torque, thrust, roll and pitch patterns (`_patterns`) add to p and q,
+    and to r.
     """
 
     outputs: tuple[Floats, Floats, Floats, Floats]
     gains: tuple[Floats, Floats, Floats]
+    patterns: tuple[Floats, Floats]
     yaw: Floats
 
 
@@ -372,16 +374,16 @@ class _Estimate:
 
 
 def _once(values: Floats, dt: float) -> Floats:
+    """Integrate from the first sample by cubics through four neighbours, at the ends by straight lines."""
+    steps = 0.5 * (values[1:] + values[:-1])
+    steps[1:-1] = (13.0 * (values[1:-2] + values[2:-1]) - values[:-3] - values[3:]) / 24.0
     result = np.zeros_like(values)
-    np.cumsum(0.5 * dt * (values[1:] + values[:-1]), axis=0, out=result[1:])
+    np.cumsum(dt * steps, axis=0, out=result[1:])
     return result
 
 
 def _twice(values: Floats, dt: float) -> Floats:
-    """Integrate twice, exactly for values that are linear between samples."""
-    speed = _once(values, dt)
-    steps = speed[:-1] * dt + (2.0 * values[:-1] + values[1:]) * dt**2 / 6.0
-    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps, axis=0)])
+    return _once(_once(values, dt), dt)
 
 
 def _gyroscopic(data: _Data, inertia: tuple[float, float, float] | None) -> tuple[Floats, Floats, Floats]:
@@ -432,6 +434,10 @@ def _windows(data: _Data, geometry: MotorGeometry, inertia: tuple[float, float, 
                     _without(spinning[0], -geometry.right * turning),
                     _without(spinning[1], geometry.forward * turning),
                 ),
+                patterns=(
+                    _without(spinning[0], turning @ _patterns(geometry).T),
+                    _without(spinning[1], turning @ _patterns(geometry).T),
+                ),
                 yaw=_without(spinning[2], turning @ _patterns(geometry).T),
             )
         )
@@ -455,7 +461,7 @@ def _output_error(
         values = np.full(q, float(lifted @ outputs[0] / (lifted @ lifted)))
     else:
         values = np.full(q, float(start.coefficients[0]))
-    lever = np.array(known if known is not None else _levers(gains, outputs, values))
+    lever = np.array(known if known is not None else _levers(windows, float(values[0])))
     weights = np.ones(3)
     for _ in range(STEPS):
         sensitivity, residual = _sensitivities(gains, outputs, values, lever, known is None)
@@ -481,13 +487,15 @@ def _output_error(
     )
 
 
-def _levers(gains: Sequence[Floats], outputs: Sequence[Floats], values: Floats) -> list[float]:
-    """Start levers: least squares of the rates on the moments of the start thrusts."""
+def _levers(windows: Sequence[_Window], specific: float) -> list[float]:
+    """Start levers: least squares of each rate on every pattern of the motors, which unlike motors do not bend."""
     result = []
-    for o in (1, 2):
-        moment = gains[o] @ values
-        power = float(moment @ moment)
-        result.append(float(moment @ outputs[o]) / power if power > 0.0 else 0.0)
+    for o, (own, sign) in enumerate(((2, -1.0), (3, 1.0))):
+        patterns = np.vstack([w.patterns[o] for w in windows])
+        size = np.linalg.norm(patterns, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        output = np.concatenate([w.outputs[1 + o] for w in windows])
+        result.append(sign * float(np.linalg.lstsq(patterns / size, output, rcond=1e-8)[0][own] / size[own] / specific))
     return result
 
 
@@ -530,7 +538,7 @@ def _covariance(
 
 
 def _patterns(geometry: MotorGeometry) -> Floats:
-    """Give the combinations of motors that yaw may follow: torque by direction of rotation, thrust, roll, pitch; (4, n)."""
+    """Give the combinations of motors that yaw may follow: torque by spin, thrust, roll, pitch; shape (4, n)."""
     return np.vstack([-geometry.spin, np.ones(len(geometry.spin)), geometry.right, geometry.forward])
 
 

@@ -1,0 +1,179 @@
+"""Flights of the papers' craft with known truth, integrated by `simulation` and disturbed by sensor noise."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from logparse import Motor, Vehicle
+from simulation.atmosphere import Atmosphere
+from simulation.fly import propagate
+from simulation.vehicle import Multirotor
+from sysid import Experiment
+
+GRAVITY = 9.80665
+
+
+def described(craft: Multirotor) -> Vehicle:
+    """Describe the craft as an autopilot would log it."""
+    drive = craft.drive
+    motors = tuple(
+        Motor(
+            number=k,
+            channel=k,
+            angle=math.atan2(mount.position[1], mount.position[0]),
+            spin=mount.spin,
+            layer=mount.layer,
+            roll=-mount.position[1],
+            pitch=mount.position[0],
+            yaw=-float(mount.spin),
+        )
+        for k, mount in enumerate(craft.rotors, start=1)
+    )
+    return Vehicle(
+        motors=motors,
+        pwm_min=drive.pwm_min,
+        pwm_max=drive.pwm_max,
+        spin_min=drive.spin_min,
+        spin_max=drive.spin_max,
+        thrust_expo=drive.expo,
+    )
+
+
+def flight(
+    craft: Multirotor,
+    seed: int = 0,
+    duration: float = 60.0,
+    rate: float = 50.0,
+    strength: float = 1.0,
+    noise: float = 1.0,
+    shake: float = 0.0,
+    climb: float = 0.6,
+    wander: float = 3.0,
+    speeds: bool = True,
+    density: float = 1.225,
+    noise_seed: int | None = None,
+) -> Experiment:
+    """Hover about the origin under PD control with multisine excitation of every axis.
+
+    `strength` scales the excitation, `noise` that of the sensors (gyro 3 mrad/s, accelerometer 0.05 m/s^2, height
+    2 cm, attitude 2 mrad), `shake` a random motion of each motor by itself, relative to its hover speed squared.
+    """
+    rng = np.random.default_rng(seed)
+    n, mass = len(craft.rotors), craft.mass
+    k = np.array([m.rotor.thrust(1.0, density) for m in craft.rotors])
+    b = np.array([m.rotor.torque(1.0, density) for m in craft.rotors])
+    x, y = (np.array([m.position[axis] for m in craft.rotors]) for axis in (0, 1))
+    spin = np.array([m.spin for m in craft.rotors])
+    allocation = np.linalg.pinv(np.vstack([k, -y * k, x * k, -spin * b]))
+    inertia = np.diag(craft.inertia)
+    tones = {axis: (rng.uniform(0.1, 2.5, 6), rng.uniform(0.0, 2.0 * np.pi, 6)) for axis in ("roll", "pitch", "yaw")}
+    slow = {axis: (rng.uniform(0.05, 0.4, 4), rng.uniform(0.0, 2.0 * np.pi, 4)) for axis in ("n", "e", "d")}
+    steps = round(duration / 0.01)
+    alone = rng.standard_normal((steps + 1, n))
+    for row in range(1, steps + 1):
+        alone[row] = 0.9 * alone[row - 1] + math.sqrt(1.0 - 0.81) * alone[row]
+
+    def sum_of(tone, t):
+        return float(np.sin(2.0 * np.pi * tone[0] * t + tone[1]).sum()) / math.sqrt(len(tone[0]) / 2.0)
+
+    def command(t, state):
+        w, i, j, q = state[6:10]
+        roll = math.atan2(2.0 * (w * i + j * q), 1.0 - 2.0 * (i * i + j * j))
+        pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * j - i * q))))
+        yaw = math.atan2(2.0 * (w * q + i * j), 1.0 - 2.0 * (j * j + q * q))
+        target = np.array([wander * strength * sum_of(slow[a], t) for a in ("n", "e")])
+        pull = 0.5 * (target - state[0:2]) - 0.9 * state[3:5]
+        tilt = np.clip(pull / GRAVITY, -0.35, 0.35)
+        want_pitch, want_roll = -tilt[0], tilt[1]
+        bump = [strength * sum_of(tones[a], t) for a in ("roll", "pitch", "yaw")]
+        moment = inertia * np.array(
+            [
+                16.0 * (want_roll - roll) - 6.0 * state[10] + 1.5 * bump[0],
+                16.0 * (want_pitch - pitch) - 6.0 * state[11] + 1.5 * bump[1],
+                1.0 * (0.0 - yaw) - 1.5 * state[12] + 0.4 * bump[2],
+            ]
+        )
+        height = -climb * strength * sum_of(slow["d"], t)
+        lift = (
+            mass * (GRAVITY + 2.0 * (state[2] - height) + 2.5 * state[5]) / max(math.cos(roll) * math.cos(pitch), 0.5)
+        )
+        squares = allocation @ np.array([lift, *moment])
+        squares = squares * (1.0 + shake * alone[min(round(t / 0.01), steps)])
+        return np.sqrt(np.clip(squares, (0.05 * craft.drive.speed_max) ** 2, craft.drive.speed_max**2))
+
+    hover = math.sqrt(mass * GRAVITY / k.sum())
+    commands: list[np.ndarray] = []
+
+    def recorded(t, state):
+        commands.append(command(t, state))
+        return commands[-1]
+
+    start = np.zeros(13 + n)
+    start[6], start[13:] = 1.0, hover
+    rng = rng if noise_seed is None else np.random.default_rng(noise_seed)
+    states = propagate(
+        craft, start, recorded, duration, dt=0.002, hold=5, gravity=GRAVITY, atmosphere=Atmosphere.standard(0.0)
+    )
+    every = round(1.0 / (rate * 0.002))
+    rows = states.iloc[::every]
+    wanted = np.repeat(np.array(commands), 5, axis=0)[::every][: len(rows)]
+    rows = rows.iloc[: len(wanted)]
+    return _record(craft, rows, wanted, rng, noise, speeds, density, k, f"{craft.name} {seed}")
+
+
+def _record(craft, rows, wanted, rng, noise, speeds, density, k, name):
+    n, count = len(craft.rotors), len(rows)
+    q = rows[["q_w", "q_x", "q_y", "q_z"]].to_numpy()
+    w, x, y, z = q.T
+    v = rows[["v_n", "v_e", "v_d"]].to_numpy()
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    v_b = np.einsum("jin,nj->ni", turn, v)
+    turned = rows[[f"w{i + 1}" for i in range(n)]].to_numpy()
+    drag = np.array(craft.drag_linear) * v_b + 0.5 * density * np.array(craft.drag_area) * np.abs(v_b) * v_b
+    force = -drag / craft.mass
+    force[:, 2] -= (turned**2 @ k) / craft.mass
+
+    def noisy(values, sigma):
+        return values + noise * sigma * rng.standard_normal(count)
+
+    context = {
+        "roll": noisy(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), 0.002),
+        "pitch": noisy(np.arcsin(2 * (w * y - x * z)), 0.002),
+        "yaw": noisy(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)), 0.002),
+        **{f"w_{a}": noisy(rows[f"w_{a}"].to_numpy(), 0.003) for a in "xyz"},
+        **{f"f_{a}": noisy(force[:, i], 0.05) for i, a in enumerate("xyz")},
+        **{f"v_{a}": noisy(v[:, i], 0.03) for i, a in enumerate("ned")},
+        "density": np.full(count, density),
+        "voltage": np.full(count, craft.drive.voltage_reference),
+    }
+    if speeds:
+        context |= {f"rotor_speed_{i + 1}": turned[:, i] for i in range(n)}
+    drive, e = craft.drive, craft.drive.expo
+    level = (wanted / drive.speed_max) ** 2
+    a = level if e == 0.0 else (e - 1.0 + np.sqrt((1.0 - e) ** 2 + 4.0 * e * level)) / (2.0 * e)
+    pwm = drive.pwm_at_zero_thrust + a * (drive.pwm_at_full_thrust - drive.pwm_at_zero_thrust)
+    position = rows[["p_n", "p_e", "p_d"]].to_numpy() * np.array([1.0, 1.0, -1.0])
+    t = rows.index.to_numpy()
+    return Experiment.from_arrays(
+        t,
+        pwm,
+        np.column_stack([noisy(position[:, i], 0.02) for i in range(3)]),
+        name=name,
+        input_names=[f"m{i + 1}" for i in range(n)],
+        output_names=("x", "y", "z"),
+        context=pd.DataFrame(context, index=pd.Index(t, name="t")),
+        vehicle=described(craft),
+    )
+
+
+def without(record: Experiment, *columns: str) -> Experiment:
+    """Drop columns of a record's context."""
+    return replace(record, context=record.context.drop(columns=list(columns)))
