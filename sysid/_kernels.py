@@ -79,3 +79,21 @@ def recur_few(transposed: Floats, from_now: Floats, from_next: Floats, start: Fl
                 now[i] = after[i]
                 states[k + 1, i, lane] = after[i]
     return states
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def combine(states: Floats, weights: Floats, result: Floats) -> None:
+    """Add ``sum_q states[t, q, lane] weights[q, p, lane]`` to column ``p lanes + lane`` of `result`.
+
+    Parameters
+    ----------
+    states : ndarray, shape (N, Q, lanes)
+    weights : ndarray, shape (Q, P, lanes)
+    result : ndarray, shape (N, at least P lanes)
+    """
+    samples, terms, lanes = states.shape
+    for t in range(samples):
+        for p in range(weights.shape[1]):
+            for q in range(terms):
+                for lane in range(lanes):
+                    result[t, p * lanes + lane] += states[t, q, lane] * weights[q, p, lane]

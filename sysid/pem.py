@@ -1,55 +1,43 @@
 """Transfer functions from sampled data by the prediction-error method (Elhesasy 2024, section 5).
 
 The model is of output-error form: predictions come from the inputs and the initial state only, as in the paper. The
-quadratic loss is minimised by Gauss-Newton steps ``R^-1 g`` with Levenberg-Marquardt damping; see `sysid.separable`.
+quadratic loss is minimised by Gauss-Newton steps ``R^-1 g`` with Levenberg-Marquardt damping (`sysid.separable`) from
+starts found without any guess (`sysid.search`).
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
 from logparse import Finding, Severity
-from sysid.covariance import autocovariance, coloured_information
 from sysid.disturbance import Disturbance, fit_disturbance
 from sysid.excitation import Excitation, examine
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
-from sysid.regularisation import Division, choose_ridge, divide
 from sysid.response import INITIAL_SECONDS, free_run
-from sysid.sections import Band, denominators, resolvable_band
-from sysid.separable import Descent, Point, Problem, descend, reduced_information, sensitivities
+from sysid.search import FIRST_RESIDUAL, Found, Plan, Progress, expected_energy, search
+from sysid.sections import denominators_of_orders, resolvable_band
+from sysid.separable import Problem, reduced_information, sensitivities
 from sysid.transfer_function import FitReport, TransferFunction, TransferFunctionModel
+from sysid.uncertainty import parameter_covariance
 
-#: Called with a stage in words and the part done so far, 0 to 1.
-Progress = Callable[[str, float], None]
-
-#: Prior size of the response to the initial state, in standard deviations of the output: records begin near hover. Own
-#: denominators have n initial states for every input; left free, they explain a record without its inputs.
-INITIAL_SIZE = 0.2
-
-#: Part of a record for which the response to the initial state is expected to last.
-INITIAL_PART = 0.05
-
-#: Residual assumed before the first fit, in standard deviations of the output.
-FIRST_RESIDUAL = 0.1
-
-#: Steps for comparing starts, and steps at most for the one that is followed to the end.
-SCOUT_STEPS, MOST_STEPS = 10, 60
-
-#: Lags of the residual's autocovariance, s.
-COLOUR_SECONDS = 20.0
+Integers = NDArray[np.int64]
 
 
 def fit_transfer_functions(
     experiments: Sequence[Experiment],
-    poles: int = 5,
-    zeros: int = 3,
+    poles: ArrayLike = 5,
+    zeros: ArrayLike = 3,
     structure: str = "per_input",
     *,
+    integrators: int = 0,
+    delays: ArrayLike | None = 0.0,
+    longest_delay: float = 1.0,
     hold: str = "zoh",
     ridge: float | None = None,
     starts: int = 4,
@@ -63,17 +51,26 @@ def fit_transfer_functions(
     ----------
     experiments : sequence of Experiment
         Each keeps its own offset and initial state.
-    poles, zeros : int
-        Of each transfer function; 0 <= zeros < poles. Poles are stable by construction.
+    poles, zeros : int, or array_like of shape (m,) or (p, m)
+        Of each transfer function, of every input, or of every output and input; 0 <= zeros < poles. Poles are stable
+        by construction. Where poles is 0 the input has no effect on the output.
     structure : {"per_input", "common"}
         A denominator for each input, as in the paper, or one for all inputs of an output.
+    integrators : int
+        How many of the poles of every transfer function lie at zero exactly, such as 2 from thrust to height. Each
+        record then has a polynomial of time of its own beside its initial state, of this degree.
+    delays : float, array_like of shape (m,) or (p, m), or None
+        Of the inputs, s; parts of a sample are exact. None estimates one for each input and output.
+    longest_delay : float
+        Up to which delays are estimated, s.
     hold : {"zoh", "foh"}
         How the inputs ran between samples.
     ridge : float, optional
         Regularisation of the numerators relative to the information in the data; by default the one of
-        `sysid.regularisation.RIDGES` that predicts held-out flight time best.
+        `sysid.regularisation.RIDGES` that predicts held-out flight time best, or next to none where the data determine
+        the parameters so well that it could win nothing.
     starts : int
-        Sets of poles to start from.
+        Sets of poles to start from where one cannot be found directly (`sysid.srivc`).
     seed : int
         Of the starts; the same seed gives the same model unless the time limit strikes.
     time_limit : float
@@ -86,42 +83,62 @@ def fit_transfer_functions(
     ExperimentError
         When the records differ in kind, no input moves, or there are fewer samples than parameters.
     """
-    if not 0 <= zeros < poles:
-        raise ValueError(f"zeros must be at least 0 and fewer than poles, not {zeros} for {poles} poles")
-    if structure not in ("per_input", "common"):
-        raise ValueError(f"structure must be 'per_input' or 'common', not {structure!r}")
+    records = require_alike(experiments)
+    shape = (len(records[0].output_names), len(records[0].input_names))
+    orders, counts = _channels(poles, zeros, integrators, structure, shape)
+    late = np.zeros(shape) if delays is None else _spread(delays, shape, "delays").astype(np.float64)
+    if not np.all((late >= 0.0) & (late < min(record.duration for record in records))):
+        raise ValueError("delays must be at least 0 and shorter than the records")
     if hold not in ("zoh", "foh"):
         raise ValueError(f"hold must be 'zoh' or 'foh', not {hold!r}")
-    records = require_alike(experiments)
+    if delays is None and not 0.0 < longest_delay < 0.5 * min(record.duration for record in records):
+        raise ValueError("longest_delay must be above 0 and less than half of the shortest record")
     excitation = examine(records)
-    findings = [*excitation.findings, *_enough(records, excitation, poles, zeros, structure)]
     report = progress or (lambda stage, fraction: None)
     begun = time.monotonic()
     fits: dict[str, _OutputFit] = {}
     outputs = records[0].output_names
+    findings = list(excitation.findings)
+    tasks = []
+    for column in range(len(outputs)):
+        active = tuple(j for j in excitation.active if orders[column, j] > 0)
+        task = _Task(
+            column,
+            active,
+            tuple(int(orders[column, j]) for j in active),
+            tuple(int(counts[column, j]) for j in active),
+            late[column, list(active)],
+            integrators,
+            longest_delay if delays is None else 0.0,
+            structure,
+            hold,
+            ridge,
+            starts,
+            seed,
+        )
+        findings += [finding for finding in _enough(records, task) if finding not in findings]
+        tasks.append(task)
     # The matrices are small: BLAS threads only wait for one another, ten times as long as the work takes.
     with threadpool_limits(limits=1, user_api="blas"):
-        for column, output in enumerate(outputs):
+        for column, (output, task) in enumerate(zip(outputs, tasks, strict=True)):
             report(f"fitting {output}", column / len(outputs))
-            fits[output] = _fit_output(
-                records,
-                column,
-                excitation,
-                _Settings(poles, zeros, structure, hold, ridge, starts, seed),
-                begun + time_limit * (column + 1) / len(outputs),
-            )
+
+            def stage(words: str, fraction: float, output: str = output, column: int = column) -> None:
+                report(f"fitting {output}: {words}", (column + fraction) / len(outputs))
+
+            limit = begun + time_limit * (column + 1) / len(outputs)
+            fits[output] = _fit_output(records, excitation, task, limit, stage)
     report("fitted", 1.0)
     findings += _judge(records, {output: fit.report for output, fit in fits.items()}, fits)
-    denominator = "own denominators" if structure == "per_input" else "a common denominator"
     return TransferFunctionModel(
-        name=f"inputs -> {', '.join(outputs)}, {poles} poles {zeros} zeros, {denominator}",
+        name=_name(outputs, orders, counts, structure, integrators),
         transfer_functions={output: fit.functions for output, fit in fits.items()},
         input_names=records[0].input_names,
         output_names=outputs,
         units=records[0].units,
         structure=structure,
-        poles=poles,
-        zeros=zeros,
+        poles=int(orders.max()),
+        zeros=int(counts.max()) - 1,
         hold=hold,
         rate=records[0].rate,
         disturbance={output: fit.disturbance for output, fit in fits.items()},
@@ -136,15 +153,17 @@ def fit_transfer_functions(
     )
 
 
-def expected_energy(duration: float, groups: int) -> float:
-    """Energy expected of the initial response of each denominator, in variances of the output times s."""
-    return INITIAL_SIZE**2 * INITIAL_PART * duration / groups
-
-
 @dataclass(frozen=True, slots=True)
-class _Settings:
-    poles: int
-    zeros: int
+class _Task:
+    """What to fit to one output, in columns of the inputs that act on it."""
+
+    column: int
+    active: tuple[int, ...]
+    orders: tuple[int, ...]
+    counts: tuple[int, ...]
+    delays: Floats
+    integrators: int
+    longest_delay: float
     structure: str
     hold: str
     ridge: float | None
@@ -162,33 +181,83 @@ class _OutputFit:
     slowest: float
 
 
+def _spread(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.float64]:
+    array = np.asarray(values)
+    if array.ndim > 2 or (array.ndim > 0 and array.shape not in (shape, shape[1:])):
+        raise ValueError(
+            f"{name} must be one number, one for each of the {shape[1]} inputs, or an array of "
+            f"{shape[0]} outputs x {shape[1]} inputs, not of shape {array.shape}"
+        )
+    return np.broadcast_to(array, shape)
+
+
+def _channels(
+    poles: ArrayLike, zeros: ArrayLike, integrators: int, structure: str, shape: tuple[int, int]
+) -> tuple[Integers, Integers]:
+    """Poles and numerator coefficients of every output and input, checked."""
+    orders = _spread(poles, shape, "poles").astype(np.int64)
+    given = _spread(zeros, shape, "zeros").astype(np.int64)
+    if np.ndim(poles) == 0 and np.any(orders < 1):
+        raise ValueError(f"poles must be at least 1, not {np.asarray(poles)}")
+    if np.ndim(zeros) == 0 and np.ndim(poles) > 0:
+        given = np.minimum(given, np.maximum(orders - 1, 0))
+    wrong = (given < 0) | (orders < 0) | ((given >= orders) & (orders > 0))
+    if wrong.any():
+        i, j = np.argwhere(wrong)[0]
+        raise ValueError(f"zeros must be at least 0 and fewer than poles, not {given[i, j]} for {orders[i, j]} poles")
+    if np.any((orders > 0) & (orders < integrators)) or integrators < 0:
+        raise ValueError(f"integrators must be at least 0 and no more than poles, not {integrators}")
+    if structure not in ("per_input", "common"):
+        raise ValueError(f"structure must be 'per_input' or 'common', not {structure!r}")
+    if structure == "common" and any(len(set(row[row > 0])) > 1 for row in orders):
+        raise ValueError("a common denominator has one number of poles for all inputs of an output")
+    return orders, np.where(orders > 0, given + 1, 0)
+
+
+def _name(outputs: Sequence[str], orders: Integers, counts: Integers, structure: str, integrators: int) -> str:
+    used = orders > 0
+    poles = " or ".join(map(str, sorted(set(orders[used].tolist()))))
+    zeros = " or ".join(map(str, sorted(set((counts[used] - 1).tolist()))))
+    denominator = "own denominators" if structure == "per_input" else "a common denominator"
+    fixed = f" ({integrators} at zero)" if integrators else ""
+    return f"inputs -> {', '.join(outputs)}, {poles} poles{fixed} {zeros} zeros, {denominator}"
+
+
 def _fit_output(
-    records: Sequence[Experiment], column: int, excitation: Excitation, settings: _Settings, deadline: float
+    records: Sequence[Experiment], excitation: Excitation, task: _Task, deadline: float, stage: Progress
 ) -> _OutputFit:
     begun = time.monotonic()
-    active = list(excitation.active)
+    column, active = task.column, list(task.active)
     y = [record.y[:, column] - record.output_trim[column] for record in records]
     spread = np.sqrt(np.mean(np.concatenate([values - values.mean() for values in y]) ** 2))
     scale = float(spread) if spread > 1e-12 else 1.0
     longest = max(record.duration for record in records)
+    if not active:
+        return _without_inputs(records, column, y, scale, longest, task)
+    most, alike = max(task.counts), len(set(task.counts)) == 1
     common = Problem(
-        inputs=tuple((r.u - r.input_trim)[:, active] / excitation.scale[active] for r in records),
+        inputs=tuple(np.ascontiguousarray((r.u - r.input_trim)[:, active] / excitation.scale[active]) for r in records),
         outputs=tuple(values / scale for values in y),
         group=(0,) * len(active),
-        order=settings.poles,
-        numerators=settings.zeros + 1,
+        order=max(task.orders),
+        numerators=most,
         dt=records[0].dt,
-        hold=settings.hold,
+        hold=task.hold,
         band=resolvable_band(longest, records[0].dt),
-        ridge=1e-3 if settings.ridge is None else settings.ridge,
+        ridge=1e-3 if task.ridge is None else task.ridge,
         initial=FIRST_RESIDUAL**2 / expected_energy(longest, 1),
+        integrators=task.integrators,
+        counts=() if alike else task.counts,
+        delays=tuple(map(float, task.delays)) if task.delays.any() else (),
+        longest_delay=task.longest_delay,
     )
-    rng = np.random.default_rng([settings.seed, column])
-    problem, descent, steps = _search(common, settings, rng, deadline)
-    report = _report(problem, descent, y, scale, settings, steps, time.monotonic() - begun)
-    functions, undetermined = _transfer_functions(problem, descent.point, excitation, scale, records[0].input_names)
+    rng = np.random.default_rng([task.seed, column])
+    plan = Plan(task.structure == "per_input", task.orders, task.ridge, task.starts, task.seed)
+    found = search(common, plan, rng, deadline, stage)
+    report = _report(found, y, scale, task, time.monotonic() - begun)
+    functions, undetermined = _transfer_functions(found, excitation, active, scale, records[0].input_names)
     report = replace(report, undetermined=undetermined)
-    initial_energy = expected_energy(longest, problem.groups) * scale**2
+    initial_energy = expected_energy(longest, found.problem.groups) * scale**2
     residuals = []
     for record, values in zip(records, y, strict=True):
         simulated = free_run(
@@ -198,197 +267,127 @@ def _fit_output(
             values,
             0.0,
             record.dt,
-            settings.hold,
-            shared=settings.structure == "common",
+            task.hold,
+            shared=task.structure == "common",
             sigma=max(report.rmse, 1e-9),
             initial_energy=initial_energy,
+            delays=[functions[name].delay for name in record.input_names],
         )
         residuals.append((values - simulated)[round(INITIAL_SECONDS / record.dt) :])
     return _OutputFit(
         functions=functions,
         disturbance=fit_disturbance(residuals, records[0].dt),
         initial_energy=initial_energy,
-        initial_states=tuple(scale * local for local in descent.point.local),
+        initial_states=tuple(scale * local for local in found.descent.point.local),
         report=report,
         slowest=_slowest(functions),
     )
 
 
-def _search(
-    common: Problem, settings: _Settings, rng: np.random.Generator, deadline: float
-) -> tuple[Problem, Descent, int]:
-    """Find starts and regularisation without the flight time held back, then fit to all of it."""
-    chosen = settings.ridge is not None
-    division = Division(common, ()) if chosen else divide(common)
-    seen = division.seen
-    band = _starting_band(seen)
-    scattered = [_staggered(1, seen.order, band, rng, k) for k in range(settings.starts)]
-    best, steps = _best_start(seen, scattered, deadline)
-    group = common.group
-    if settings.structure == "per_input" and len(group) > 1:
-        # Own denominators start from the common one, and from scattered ones.
-        group = tuple(range(len(group)))
-        tried = [np.repeat(best.point.theta, len(group), axis=0) + 0.1 * rng.standard_normal((len(group), seen.order))]
-        tried += [_staggered(len(group), seen.order, band, rng, k) for k in range(settings.starts - 1)]
-        first = seen.initial * len(group)
-        best, more = _best_start(replace(seen, group=group, initial=first), tried, deadline)
-        steps += more
-    # The prior of the initial states is weighed by the residual reached.
-    variance = max(float(np.mean(np.concatenate(best.point.residuals) ** 2)), 1e-12)
-    longest = max(len(y) for y in common.outputs) * common.dt
-    initial = variance / expected_energy(longest, len(set(group)))
-    problem, theta = replace(common, group=group, initial=initial), best.point.theta
-    if not chosen:
-        ridge, theta = choose_ridge(
-            replace(division, seen=replace(seen, group=group, initial=initial)), theta, deadline
-        )
-        problem = replace(problem, ridge=ridge)
-    descent = descend(problem, theta, MOST_STEPS, deadline)
-    return problem, descent, steps + descent.iterations
+def _without_inputs(
+    records: Sequence[Experiment], column: int, y: Sequence[Floats], scale: float, longest: float, task: _Task
+) -> _OutputFit:
+    """Give the model of an output on which nothing acts: each record's mean."""
+    residuals = [values - values.mean() for values in y]
+    return _OutputFit(
+        functions={name: TransferFunction(np.zeros(1), np.ones(1)) for name in records[0].input_names},
+        disturbance=fit_disturbance(residuals, records[0].dt),
+        initial_energy=expected_energy(longest, 1) * scale**2,
+        initial_states=tuple(np.array([values.mean()]) for values in y),
+        report=FitReport(
+            rmse=float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))),
+            fit_percent=0.0,
+            iterations=0,
+            starts=task.starts,
+            seed=task.seed,
+            converged=True,
+            seconds=0.0,
+            condition=1.0,
+            ridge=0.0,
+            parameters=0,
+            undetermined=0,
+        ),
+        slowest=np.inf,
+    )
 
 
-def _best_start(problem: Problem, thetas: Sequence[Floats], deadline: float) -> tuple[Descent, int]:
-    steps, best = 0, None
-    for theta in thetas:
-        descent = descend(problem, theta, SCOUT_STEPS, deadline)
-        steps += descent.iterations
-        if best is None or descent.point.cost < best.point.cost:
-            best = descent
-        if time.monotonic() > deadline:
-            break
-    assert best is not None
-    return best, steps
-
-
-def _starting_band(problem: Problem) -> Band:
-    """Where poles that matter are to be expected: a few periods in the record, a few samples in a period."""
-    longest = max(len(y) for y in problem.outputs) * problem.dt
-    return Band(2.0 * np.pi / longest, max(0.5 * np.pi / problem.dt, 4.0 * np.pi / longest))
-
-
-def _staggered(groups: int, order: int, band: Band, rng: np.random.Generator, attempt: int) -> Floats:
-    """Sections spread over the band; the first attempt evenly, later ones at random."""
-    theta = np.empty((groups, order))
-    low, high = np.log(band.lowest), np.log(band.highest)
-    sections = (order + 1) // 2
-    for g in range(groups):
-        if attempt == 0:
-            w = low + (high - low) * (np.arange(sections) + 0.5 + 0.5 * (g / groups - 0.5)) / sections
-            zeta = np.full(sections, np.log(0.5))
-        else:
-            w, zeta = rng.uniform(low, high, sections), rng.uniform(np.log(0.05), np.log(1.5), sections)
-        interleaved = np.column_stack([w, zeta]).ravel()
-        # An odd order ends in a first-order section: the slowest frequency is its pole.
-        theta[g] = np.concatenate([interleaved[2:], w[:1]]) if order % 2 else interleaved
-    return theta
-
-
-def _report(
-    problem: Problem,
-    descent: Descent,
-    y: Sequence[Floats],
-    scale: float,
-    settings: _Settings,
-    steps: int,
-    seconds: float,
-) -> FitReport:
-    residual = np.concatenate(descent.point.residuals) * scale
+def _report(found: Found, y: Sequence[Floats], scale: float, task: _Task, seconds: float) -> FitReport:
+    problem, point = found.problem, found.descent.point
+    residual = np.concatenate(point.residuals) * scale
     spread = np.concatenate([values - values.mean() for values in y])
     variation = float(np.linalg.norm(spread))
-    information, _ = reduced_information(problem, descent.point, sensitivities(problem, descent.point))
+    information, _ = reduced_information(problem, point, sensitivities(problem, point))
+    estimated = np.flatnonzero(np.diag(information) > 0.0)
+    information = information[np.ix_(estimated, estimated)]
     size = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    eigenvalues = np.linalg.eigvalsh(information * size * size[:, None])
+    eigenvalues = np.linalg.eigvalsh(information * size * size[:, None]) if len(size) else np.ones(1)
     smallest = max(float(eigenvalues[0]), 1e-16 * float(eigenvalues[-1]))
     return FitReport(
         rmse=float(np.sqrt(np.mean(residual**2))),
         fit_percent=100.0 * (1.0 - float(np.linalg.norm(residual)) / variation) if variation > 0.0 else 0.0,
-        iterations=steps,
-        starts=settings.starts,
-        seed=settings.seed,
-        converged=descent.converged,
+        iterations=found.steps,
+        starts=task.starts,
+        seed=task.seed,
+        converged=found.descent.converged,
         seconds=seconds,
         condition=float(eigenvalues[-1]) / smallest,
         ridge=problem.ridge,
-        parameters=len(problem.group) * problem.numerators + problem.groups * problem.order,
+        parameters=_parameters(task),
         undetermined=0,
     )
 
 
+def _parameters(task: _Task) -> int:
+    """Count the coefficients that are estimated, delays included."""
+    free = [order - task.integrators for order in task.orders]
+    poles = sum(free) if task.structure == "per_input" else max(free, default=0)
+    return sum(task.counts) + poles + (len(task.active) if task.longest_delay > 0.0 else 0)
+
+
 def _transfer_functions(
-    problem: Problem, point: Point, excitation: Excitation, scale: float, names: Sequence[str]
+    found: Found, excitation: Excitation, active: Sequence[int], scale: float, names: Sequence[str]
 ) -> tuple[dict[str, TransferFunction], int]:
     """Turn the normalised solution into transfer functions in seconds and physical units, with covariance."""
-    n, nb, m = problem.order, problem.numerators, len(problem.group)
+    problem, point = found.problem, found.descent.point
+    nb, m, k, groups = problem.numerators, len(problem.group), problem.integrators, problem.groups
     covariance = parameter_covariance(problem, point)
-    a, slope = denominators(point.theta)
+    a, slope = denominators_of_orders(point.theta, [order - k for order in problem.all_orders])
     functions = {name: TransferFunction(np.zeros(1), np.ones(1)) for name in names}
     undetermined = 0
-    for lane, (j, g) in enumerate(zip(excitation.active, problem.group, strict=True)):
-        to_seconds = scale / excitation.scale[j] * point.system.unit[g] ** (n - np.arange(nb))
-        # Rows (num, den) highest power first; columns numerators (power-major) then poles.
-        jacobian = np.zeros((nb + n, nb * m + problem.groups * n))
-        jacobian[nb - 1 - np.arange(nb), np.arange(nb) * m + lane] = to_seconds
-        jacobian[nb:, nb * m + g * n : nb * m + (g + 1) * n] = slope[g, ::-1]
+    for lane, (j, g) in enumerate(zip(active, problem.group, strict=True)):
+        n = problem.all_orders[g]
+        lags, count = n - k, problem.counts[lane] if problem.counts else nb
+        to_seconds = scale / excitation.scale[j] * point.system.unit[g] ** (n - np.arange(count))
+        # Rows (num, den) highest power first; columns numerators (power-major), poles (parameter-major), delays.
+        jacobian = np.zeros((count + n, len(covariance)))
+        jacobian[count - 1 - np.arange(count), np.arange(count) * m + lane] = to_seconds
+        jacobian[count : count + lags, nb * m + np.arange(lags) * groups + g] = slope[g, :lags, :lags][::-1]
+        at = len(covariance) - m + lane
         function = TransferFunction(
-            num=(point.numerators[:, lane] * to_seconds)[::-1].copy(),
-            den=np.concatenate([[1.0], a[g, ::-1]]),
+            num=(point.numerators[:count, lane] * to_seconds)[::-1].copy(),
+            den=np.concatenate([[1.0], a[g, :lags][::-1], np.zeros(k)]),
             covariance=jacobian @ covariance @ jacobian.T,
+            delay=float(point.delays[lane]),
+            delay_std=float(problem.dt * np.sqrt(covariance[at, at])) if problem.delay_parameters else 0.0,
         )
         functions[names[j]] = function
         determined = function.determined
         assert determined is not None
-        undetermined += int(np.sum(~determined[:nb]))
+        undetermined += int(np.sum(~determined[:count]))
         if problem.group.index(g) == lane:  # a common denominator counts once
-            undetermined += int(np.sum(~determined[nb:]))
+            undetermined += int(np.sum(~determined[count : count + lags]))
     return functions, undetermined
-
-
-def parameter_covariance(problem: Problem, point: Point) -> Floats:
-    """Covariance of normalised numerators and poles' parameters, for coloured residuals, at the solution.
-
-    The sandwich ``H^-1 M H^-1`` with the information H in the data and M the covariance of the regressors' products
-    with a residual of the colour found (Ljung 1999, section 9.5). Regularisation is no information: what it alone
-    decides has a large covariance.
-
-    Returns
-    -------
-    ndarray, shape (q, q)
-        q = numerators * m + groups * n.
-    """
-    jacobians = sensitivities(problem, point)
-    information, _ = reduced_information(problem, point, jacobians)
-    shared = point.numerators.size
-    reduced = []
-    for z, jacobian in zip(point.regressors, jacobians, strict=True):
-        locals_ = z.shape[1] - 1 - shared
-        local, rest = z[:, :locals_], np.hstack([z[:, locals_:-1], jacobian])
-        normal = local.T @ local
-        normal[1:, 1:] += problem.initial * point.system.initial_precision()
-        reduced.append(rest - local @ np.linalg.lstsq(normal, local.T @ rest, rcond=1e-13)[0])
-    lags = max(round(COLOUR_SECONDS / problem.dt), 2)
-    lags = min(lags, max(min(len(y) for y in problem.outputs) // 4, 2))
-    freedom = max(problem.samples - information.shape[0], 1)
-    colour = autocovariance(point.residuals, lags) * problem.samples / freedom
-    size = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    # A trace of white prior keeps directions without information finite, and their covariance huge.
-    trace = 1e-11 * np.eye(len(size))
-    bread = information * size * size[:, None] + trace
-    filling = coloured_information(reduced, colour) * size * size[:, None] + colour[0] * trace
-    inverse = np.linalg.inv(bread)
-    return np.asarray((inverse @ filling @ inverse) * size * size[:, None])
 
 
 def _slowest(functions: Mapping[str, TransferFunction]) -> float:
     """Decay rate of the slowest pole, rad/s."""
-    return min((float(np.min(-f.poles.real)) for f in functions.values() if len(f.den) > 1), default=np.inf)
+    stable = [f.poles[f.poles != 0.0] for f in functions.values() if len(f.den) > 1]
+    return min((float(np.min(-poles.real)) for poles in stable if len(poles)), default=np.inf)
 
 
-def _enough(
-    records: Sequence[Experiment], excitation: Excitation, poles: int, zeros: int, structure: str
-) -> list[Finding]:
-    m, samples = len(excitation.active), sum(len(record.t) for record in records)
-    parameters = m * (zeros + 1) + poles * (m if structure == "per_input" else 1)
-    needed = parameters + len(records) * (1 + poles)
+def _enough(records: Sequence[Experiment], task: _Task) -> list[Finding]:
+    samples, parameters = sum(len(record.t) for record in records), _parameters(task)
+    needed = parameters + len(records) * (1 + max(task.orders, default=0))
     if samples < needed:
         raise ExperimentError(
             f"{samples} samples for {parameters} coefficients per output and {len(records)} initial state(s): "

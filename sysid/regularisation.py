@@ -9,12 +9,18 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from sysid.experiment import Floats
-from sysid.response import INITIAL_SECONDS
+from sysid.response import INITIAL_SECONDS, trends
 from sysid.separable import Point, Problem, descend, initial_prior
 
-#: Candidates, strongest first. The strongest leaves next to nothing of the inputs' effect: what a black box should say
+#: Candidates, weakest first. The strongest leaves next to nothing of the inputs' effect: what a black box should say
 #: of an output that the inputs do not explain.
-RIDGES = (100.0, 10.0, 1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6)
+RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+
+#: The search ends when this many candidates in a row were worse than the best: stronger ones will be, too.
+WORSE = 2
+
+#: Candidates whose held-out squared errors differ by less than this part are equals, and the weakest is taken.
+TIE = 1e-3
 
 #: Used where there is too little data to hold any back.
 CAUTIOUS = 1e-2
@@ -62,7 +68,7 @@ def divide(problem: Problem) -> Division:
     )
 
 
-def choose_ridge(division: Division, theta: Floats, deadline: float) -> tuple[float, Floats]:
+def choose_ridge(division: Division, theta: Floats, delays: Floats, deadline: float) -> tuple[float, Floats, Floats]:
     """Fit with every candidate and keep the one whose free run is best on the part held back.
 
     There, offset and initial state are the likeliest ones, and an initial state has its price, so that numerators and
@@ -71,39 +77,47 @@ def choose_ridge(division: Division, theta: Floats, deadline: float) -> tuple[fl
     Parameters
     ----------
     division : Division
-    theta : ndarray, shape (groups, n)
+    theta : ndarray, shape (groups, lags)
         Poles to start from, found without the part held back.
+    delays : ndarray, shape (m,)
+        Likewise, s.
     deadline : float
         On `time.monotonic`.
 
     Returns
     -------
     ridge : float
-    theta : ndarray, shape (groups, n)
-        Poles that went with it.
+    theta : ndarray, shape (groups, lags)
+    delays : ndarray, shape (m,)
+        Poles and delays that went with it.
     """
     if not division.held_back:
-        return CAUTIOUS, theta
-    errors, thetas = [], []
+        return CAUTIOUS, theta, delays
+    best: tuple[float, float, Point] | None = None
+    worse = 0
     for ridge in RIDGES:
         trial = replace(division.seen, ridge=ridge)
-        point = descend(trial, theta, TRIAL_STEPS, deadline).point
-        errors.append(sum(_held_back_cost(trial, point, u, y) for u, y in division.held_back))
-        thetas.append(point.theta)
-        if time.monotonic() > deadline:
+        point = descend(trial, theta, TRIAL_STEPS, deadline, delays).point
+        error = sum(_held_back_cost(trial, point, u, y) for u, y in division.held_back)
+        # Ties go to the weaker candidate: regularisation that does not improve must not bias.
+        if best is None or error < (1.0 - TIE) * best[0]:
+            best, worse = (error, ridge, point), 0
+        else:
+            worse += 1
+        if worse == WORSE or time.monotonic() > deadline:
             break
-    # Ties go to the weakest candidate: regularisation that does not improve must not bias.
-    best = max(k for k, error in enumerate(errors) if error <= 1.001 * min(errors))
-    return RIDGES[best], thetas[best]
+    assert best is not None
+    _, ridge, point = best
+    return ridge, point.theta, point.delays
 
 
 def _held_back_cost(problem: Problem, point: Point, u: Floats, y: Floats) -> float:
     """Squared residual plus the price of the initial state, at their least."""
     system = point.system
-    forced = system.forced(u - u.mean(axis=0), problem.group, sensitivities=False)[:, : problem.numerators]
-    residual = y - np.einsum("tkm,km->t", forced, point.numerators)
-    free = system.free(len(y), sensitivities=False)
-    shapes = np.hstack([np.ones((len(y), 1)), free.reshape(len(y), -1)])
+    forced = system.forced(u - u.mean(axis=0), problem.group, sensitivities=False, delays=point.delays)
+    residual = y - np.einsum("tkm,km->t", forced[:, : problem.numerators], point.numerators)
+    free = system.free(len(y), sensitivities=False)[:, problem.integrators :]
+    shapes = np.hstack([trends(len(y), problem.integrators), free.reshape(len(y), -1)])
     factor = cho_factor(shapes.T @ shapes + initial_prior(problem, system), lower=True)
     projection = shapes.T @ residual
     return float(residual @ residual - projection @ cho_solve(factor, projection))

@@ -6,9 +6,11 @@ A second-order section is ``s^2 + 2 zeta w s + w^2`` with parameters ``(ln w, ln
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.experiment import Floats
 
@@ -32,13 +34,56 @@ def resolvable_band(duration: float, dt: float) -> Band:
     return Band(0.1 / duration, np.pi / dt)
 
 
-def clip(theta: Floats, band: Band) -> Floats:
+def clip(theta: Floats, band: Band, orders: Sequence[int] = ()) -> Floats:
     """Bring parameters, shape (groups, n), into the band and the range of damping."""
-    n = theta.shape[1]
-    lower, upper = np.full(n, np.log(band.lowest)), np.full(n, np.log(band.highest))
-    damping = np.arange(1, n - n % 2, 2)
-    lower[damping], upper[damping] = np.log(DAMPING[0]), np.log(DAMPING[1])
+    lower, upper = np.empty_like(theta), np.empty_like(theta)
+    lower[:], upper[:] = np.log(band.lowest), np.log(band.highest)
+    for g in range(len(theta)):
+        order = orders[g] if orders else theta.shape[1]
+        damping = np.arange(1, order - order % 2, 2)
+        lower[g, damping], upper[g, damping] = np.log(DAMPING[0]), np.log(DAMPING[1])
     return np.clip(theta, lower, upper)
+
+
+def from_poles(poles: NDArray[np.complex128]) -> Floats:
+    """Give the parameters of a denominator with these poles, shape (n,); unstable ones are reflected.
+
+    Pairs are made of neighbours, so that real poles make well-conditioned sections too.
+    """
+    poles = -np.abs(poles.real) + 1j * poles.imag
+    size = np.maximum(np.abs(poles), 1e-12)
+    pairs = np.sort_complex(poles[poles.imag > 1e-9 * size])
+    real = np.sort(size[np.abs(poles.imag) <= 1e-9 * size])
+    # A single real pole, where there must be one, is the slowest.
+    single, real = (real[:1], real[1:]) if len(real) % 2 else (real[:0], real)
+    w = np.concatenate([np.abs(pairs), np.sqrt(real[::2] * real[1::2])])
+    damping = np.concatenate([-pairs.real / np.abs(pairs), 0.5 * (real[::2] + real[1::2]) / w[len(pairs) :]])
+    order = np.argsort(w)
+    sections = np.column_stack([np.log(w), np.log(np.maximum(damping, 1e-12))])[order]
+    return np.concatenate([sections.ravel(), np.log(single)])
+
+
+def take(theta: Floats, order: int) -> Floats:
+    """Keep the slowest sections of one denominator, shape (n,), as one of lower order."""
+    n = len(theta)
+    sections = theta[: n - n % 2].reshape(-1, 2)
+    sections = sections[np.argsort(sections[:, 0])]
+    single = theta[-1:] if n % 2 else sections[-1, :1]
+    if order % 2 and len(sections) > order // 2 and not n % 2:
+        single = sections[order // 2, :1]
+    return np.concatenate([sections[: order // 2].ravel(), single[: order % 2]])
+
+
+def denominators_of_orders(theta: Floats, orders: Sequence[int]) -> tuple[Floats, Floats]:
+    """Do the same as `denominators` where orders differ: in the others' places parameters are idle, results zero."""
+    groups, n = theta.shape
+    if min(orders, default=n) == n:
+        return denominators(theta)
+    a, slope = np.zeros((groups, n)), np.zeros((groups, n, n))
+    for order in set(orders) - {0}:
+        of = np.flatnonzero(np.array(orders) == order)
+        a[of, :order], slope[of, :order, :order] = denominators(theta[of, :order])
+    return a, slope
 
 
 def denominators(theta: Floats) -> tuple[Floats, Floats]:

@@ -1,10 +1,10 @@
-"""Separable least squares for one output: numerators, offsets and initial states linear, poles by Gauss-Newton.
+"""Separable least squares for one output: numerators, offsets and initial states linear, the rest by Gauss-Newton.
 
-For fixed denominators the model is linear in the numerators (shared by all records) and, in every record, in an offset
-and the response to the initial state. Those are solved exactly for every set of poles, and the poles follow the
-Levenberg-Marquardt step of the problem so reduced (variable projection, Golub and Pereyra 1973, in Kaufman's form: the
-joint Gauss-Newton step with the linear parameters eliminated). Everything needed of the data are inner products, so
-that the cost of a step grows with the number of samples only in the response kernel and in one product of matrices.
+For fixed denominators and delays the model is linear in the numerators (shared by all records) and, in every record, in
+an offset and the response to the initial state. Those are solved exactly for every set of poles, and the poles follow
+the Levenberg-Marquardt step of the problem so reduced (variable projection, Golub and Pereyra 1973, in Kaufman's form:
+the joint Gauss-Newton step with the linear parameters eliminated). Everything needed of the data are inner products, so
+that the cost of a step grows with the number of samples only in the response kernel and in a few products of matrices.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import lapack
 
+from sysid._kernels import combine
 from sysid.experiment import Floats
-from sysid.response import Discretised, discretise
-from sysid.sections import Band, clip, denominators
+from sysid.response import Discretised, delayed, discretise, trends, whole_and_part
+from sysid.sections import Band, clip, denominators_of_orders
 
-#: Largest change of a logarithmic parameter in one step.
+#: Largest change in one step of a logarithmic parameter, and of a delay in samples.
 LONGEST_STEP = 1.0
 
 #: A step is the last when it lowers the cost by less than this part.
@@ -39,9 +40,9 @@ class Problem:
     group : tuple of int, shape (m,)
         Which denominator each input passes.
     order : int
-        Poles of each denominator.
+        Poles of each denominator, integrators included; the most where `orders` differ.
     numerators : int
-        Coefficients of each numerator, zeros + 1.
+        Coefficients of each numerator, zeros + 1; the most where `counts` differ.
     dt : float
         s.
     hold : {"zoh", "foh"}
@@ -51,6 +52,16 @@ class Problem:
         Weight of the numerators' impulse-response energy relative to the information in the data.
     initial : float
         Variance of the residual over the energy [s] that the response to an initial state is expected to have.
+    integrators : int
+        How many poles of every denominator are fixed at zero.
+    orders : tuple of int, shape (groups,)
+        Poles of each denominator; empty when all have `order`.
+    counts : tuple of int, shape (m,)
+        Coefficients of each numerator; empty when all have `numerators`.
+    delays : tuple of float, shape (m,)
+        Of each input, s; empty for none. Where a descent starts when they are estimated.
+    longest_delay : float
+        Delays are estimated from 0 to this, s; 0 takes them as given.
     """
 
     inputs: tuple[Floats, ...]
@@ -63,6 +74,11 @@ class Problem:
     band: Band
     ridge: float
     initial: float
+    integrators: int = 0
+    orders: tuple[int, ...] = ()
+    counts: tuple[int, ...] = ()
+    delays: tuple[float, ...] = ()
+    longest_delay: float = 0.0
 
     @property
     def groups(self) -> int:
@@ -74,6 +90,32 @@ class Problem:
         """Samples of all records together."""
         return sum(len(y) for y in self.outputs)
 
+    @property
+    def lags(self) -> int:
+        """Parameters of each denominator: poles that are not integrators."""
+        return self.order - self.integrators
+
+    @property
+    def all_orders(self) -> tuple[int, ...]:
+        """Poles of each denominator."""
+        return self.orders or (self.order,) * self.groups
+
+    @property
+    def used(self) -> Floats:
+        """1 for the coefficients that numerators have, 0 for those above their count; shape (numerators, m)."""
+        counts = self.counts or (self.numerators,) * len(self.group)
+        return (np.arange(self.numerators)[:, None] < np.array(counts)).astype(np.float64)
+
+    @property
+    def start_delays(self) -> Floats:
+        """Delays of the inputs, s, shape (m,)."""
+        return np.array(self.delays or (0.0,) * len(self.group))
+
+    @property
+    def delay_parameters(self) -> int:
+        """How many delays are estimated: those of all inputs, or none."""
+        return len(self.group) if self.longest_delay > 0.0 else 0
+
 
 @dataclass(frozen=True, slots=True)
 class Point:
@@ -81,17 +123,25 @@ class Point:
 
     Attributes
     ----------
-    theta : ndarray, shape (groups, n)
+    theta : ndarray, shape (groups, lags)
+    delays : ndarray, shape (m,)
+        s.
     cost : float
         Sum of squared residuals plus the penalties.
     numerators : ndarray, shape (numerators, m)
         In normalised states, ascending.
-    local : tuple of ndarray, shape (1 + n groups,)
-        Per record the offset and the coefficients of the initial responses.
+    local : tuple of ndarray, shape (1 + integrators + lags groups,)
+        Per record the polynomial in time (`sysid.response.trends`) and the coefficients of the initial responses.
     residuals : tuple of ndarray, shape (N_r,)
+    regressors : tuple of ndarray, shape (N_r, local + numerators m + 1)
+        Per record of the local parameters, of the numerators (power-major), and the output.
+    grams : tuple of ndarray
+        Their inner products.
+    penalty : ndarray, shape (numerators m, numerators m)
     """
 
     theta: Floats
+    delays: Floats
     cost: float
     numerators: Floats
     local: tuple[Floats, ...]
@@ -101,54 +151,59 @@ class Point:
     states: tuple[Floats, ...]
     free: Floats
     regressors: tuple[Floats, ...]
+    grams: tuple[Floats, ...]
     penalty: Floats
+    prior: Floats
 
 
-def solve(problem: Problem, theta: Floats) -> Point:
-    """Solve for the linear parameters at given poles."""
-    a, slope = denominators(theta)
-    system = discretise(a, problem.dt, problem.hold)
-    n, m, shared = problem.order, len(problem.group), problem.numerators * len(problem.group)
+def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Point:
+    """Solve for the linear parameters at given poles and delays, by default those of the problem."""
+    delays = problem.start_delays if delays is None else delays
+    k, m = problem.integrators, len(problem.group)
+    a, slope = denominators_of_orders(theta, [order - k for order in problem.all_orders])
+    a = np.hstack([np.zeros((len(a), k)), a])
+    system = discretise(a, problem.dt, problem.hold, problem.all_orders)
+    shared, used = problem.numerators * m, problem.used
     free = system.free(max(len(y) for y in problem.outputs))
-    shapes = free[:, :n].reshape(len(free), -1)
-    locals_ = 1 + shapes.shape[1]
+    shapes = free[:, k : problem.order].reshape(len(free), -1)
+    locals_ = 1 + k + shapes.shape[1]
     prior = initial_prior(problem, system)
 
-    states, regressors, factors, couplings = [], [], [], []
+    states, regressors, grams, factors, couplings = [], [], [], [], []
     information = np.zeros((shared + 1, shared + 1))
-    energy = np.zeros(shared)
+    late = delays if delays.any() else None
     for u, y in zip(problem.inputs, problem.outputs, strict=True):
-        forced = system.forced(u, problem.group)
+        forced = system.forced(u, problem.group, delays=late)
         z = np.empty((len(y), locals_ + shared + 1))
-        z[:, 0] = 1.0
-        z[:, 1:locals_] = shapes[: len(y)]
+        z[:, : 1 + k] = trends(len(y), k)
+        z[:, 1 + k : locals_] = shapes[: len(y)]
         z[:, locals_:-1] = forced[:, : problem.numerators].reshape(len(y), shared)
+        if problem.counts:
+            z[:, locals_:-1] *= used.ravel()
         z[:, -1] = y
         gram = z.T @ z
-        energy += np.diag(gram)[locals_:-1]
-        factor = cholesky(gram[:locals_, :locals_] + prior, lower=True)
-        coupling = solve_triangular(factor, gram[:locals_, locals_:], lower=True)
+        factor = _factor(gram[:locals_, :locals_] + prior)
+        coupling = _forward(factor, gram[:locals_, locals_:])
         information += gram[locals_:, locals_:] - coupling.T @ coupling
         states.append(forced)
         regressors.append(z)
+        grams.append(gram)
         factors.append(factor)
         couplings.append(coupling)
 
-    penalty = _impulse_energy(problem, system, energy)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information)[:shared], 1e-300))
-    normal = (information[:shared, :shared] + penalty) * scale * scale[:, None]
-    normal[np.diag_indices(shared)] += 1e-13
-    rhs = information[:shared, shared] * scale
-    c = scale * cho_solve(cho_factor(normal, lower=True), rhs)
+    penalty = _impulse_energy(problem, system, np.diag(information)[:-1], used)
+    normal, scale = _normalised(information[:shared, :shared], penalty)
+    c = scale * _backward(normal, _forward(normal, information[:shared, shared] * scale))
     cost = float(information[shared, shared] - information[:shared, shared] @ c)
 
     own, residuals = [], []
     for z, factor, coupling in zip(regressors, factors, couplings, strict=True):
-        local = solve_triangular(factor, coupling[:, -1] - coupling[:, :-1] @ c, lower=True, trans=1)
+        local = _backward(factor, coupling[:, -1] - coupling[:, :-1] @ c)
         own.append(local)
         residuals.append(z[:, -1] - z[:, :-1] @ np.concatenate([local, c]))
     return Point(
         theta=theta,
+        delays=delays,
         cost=max(cost, 0.0),
         numerators=c.reshape(problem.numerators, m),
         local=tuple(own),
@@ -158,70 +213,109 @@ def solve(problem: Problem, theta: Floats) -> Point:
         states=tuple(states),
         free=free,
         regressors=tuple(regressors),
+        grams=tuple(grams),
         penalty=penalty,
+        prior=prior,
     )
 
 
 def sensitivities(problem: Problem, point: Point) -> tuple[Floats, ...]:
-    """Differentiate the model's output by the poles' parameters, linear parameters held.
+    """Differentiate the model's output by the poles' parameters and the delays, linear parameters held.
 
     Returns
     -------
-    tuple of ndarray, shape (N_r, groups n)
+    tuple of ndarray, shape (N_r, lags groups + delay parameters)
+        Of the poles parameter-major: all denominators' first parameters first. Delays in samples.
     """
-    n, groups, m = problem.order, problem.groups, len(problem.group)
-    derivative = point.slope / (point.system.unit[:, None] ** np.arange(n, 0, -1))[:, :, None]
-    powers = [_powers_over_square(point.system.a[g]) for g in range(groups)]
+    n, k, lags, groups = problem.order, problem.integrators, problem.lags, problem.groups
+    forced = np.zeros((2 * n, lags, len(problem.group)))
+    tables = [_powers_over_square(point.system, g) for g in range(groups)]
+    slopes = point.slope / point.system.unit[:, None, None] ** _missing_powers(problem)[:, :, None]
 
     def weights(coefficients: Floats, g: int) -> Floats:
-        k = np.zeros((2 * n, n))
+        """Of the states in the derivative of ``coefficients / A``, whose A has the integrators as lowest powers."""
+        result = np.zeros((2 * n, lags))
         for power, value in enumerate(coefficients):
-            k -= value * powers[g][power : power + n].T
-        return np.asarray(k @ derivative[g])
+            if value != 0.0:
+                result -= value * (tables[g][power + k : power + k + lags].T @ slopes[g])
+        return result
 
-    blocks = np.zeros((2 * n, m, groups, n))
     for j, g in enumerate(problem.group):
-        blocks[:, j, g] = weights(point.numerators[:, j], g)
-    forced = blocks.reshape(2 * n * m, groups * n)
+        forced[:, :, j] = weights(point.numerators[:, j], g)
     result = []
-    for states, local in zip(point.states, point.local, strict=True):
-        initial = local[1:].reshape(n, groups)
-        free = np.zeros((2 * n, groups, groups, n))
+    for r, (states, local) in enumerate(zip(point.states, point.local, strict=True)):
+        initial = local[1 + k :].reshape(lags, groups)
+        free = np.zeros((2 * n, lags, groups))
         for g in range(groups):
-            free[:, g, g] = weights(initial[:, g], g)
+            free[:, :, g] = weights(np.concatenate([np.zeros(k), initial[:, g]]), g)
         samples = len(states)
-        result.append(
-            states.reshape(samples, -1) @ forced
-            + point.free[:samples].reshape(samples, -1) @ free.reshape(2 * n * groups, groups * n)
-        )
+        jacobian = np.zeros((samples, lags * groups + problem.delay_parameters))
+        poles = jacobian[:, : lags * groups]
+        if groups == len(problem.group) and groups > 1:
+            combine(states, forced, jacobian)
+        else:
+            spread = np.zeros((2 * n, len(problem.group), lags, groups))
+            for j, g in enumerate(problem.group):
+                spread[:, j, :, g] = forced[:, :, j]
+            poles += states.reshape(samples, -1) @ spread.reshape(2 * n * len(problem.group), lags * groups)
+        if groups > 1:
+            combine(point.free[:samples], free, jacobian)
+        else:
+            poles += point.free[:samples, :, 0] @ free[:, :, 0]
+        if problem.delay_parameters:
+            jacobian[:, lags * groups :] = _by_delay(problem, point, problem.inputs[r], states)
+        result.append(jacobian)
     return tuple(result)
 
 
+def instruments(problem: Problem, point: Point) -> tuple[Floats, ...]:
+    """Pass the model's response to the inputs through one more ``1 / A``: derivatives 0 to lags - 1, normalised.
+
+    Returns
+    -------
+    tuple of ndarray, shape (N_r, lags)
+        For a problem with one denominator.
+    """
+    k, lags, m = problem.integrators, problem.lags, len(problem.group)
+    table = _powers_over_square(point.system, 0)
+    weights = np.zeros((2 * problem.order, m, lags))
+    for j in range(m):
+        for power, value in enumerate(point.numerators[:, j]):
+            weights[:, j] += value * table[power + k : power + k + lags].T
+    flat = weights.reshape(-1, lags)
+    return tuple(states.reshape(len(states), -1) @ flat for states in point.states)
+
+
 def reduced_information(problem: Problem, point: Point, jacobians: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-    """Inner products of numerator and pole regressors with offsets and initial states eliminated.
+    """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated.
 
     Returns
     -------
     information : ndarray, shape (q, q)
-        Without penalties; q = numerators * m + groups * n.
+        Without penalties; q = numerators * m + lags * groups + delay parameters.
     gradient : ndarray, shape (q,)
         Regressors times residual, of the data alone.
     """
     shared = point.numerators.size
     q = shared + jacobians[0].shape[1]
     information, gradient = np.zeros((q, q)), np.zeros(q)
-    prior = initial_prior(problem, point.system)
-    for z, jacobian, residual, local in zip(point.regressors, jacobians, point.residuals, point.local, strict=True):
-        locals_ = z.shape[1] - 1 - shared
-        w = np.hstack([z[:, :-1], jacobian])
-        gram = w.T @ w
-        factor = cholesky(gram[:locals_, :locals_] + prior, lower=True)
-        coupling = solve_triangular(factor, gram[:locals_, locals_:], lower=True)
-        information += gram[locals_:, locals_:] - coupling.T @ coupling
-        gradient += w[:, locals_:].T @ residual
+    for z, gram, jacobian, residual, local in zip(
+        point.regressors, point.grams, jacobians, point.residuals, point.local, strict=True
+    ):
+        locals_ = len(local)
+        across = z.T @ jacobian
+        factor = _factor(gram[:locals_, :locals_] + point.prior)
+        coupling = _forward(factor, np.hstack([gram[:locals_, locals_:-1], across[:locals_]]))
+        information -= coupling.T @ coupling
+        information[:shared, :shared] += gram[locals_:-1, locals_:-1]
+        information[:shared, shared:] += across[locals_:-1]
+        information[shared:, :shared] += across[locals_:-1].T
+        information[shared:, shared:] += jacobian.T @ jacobian
+        along = z[:, :-1].T @ residual
+        gradient[:shared] += along[locals_:]
+        gradient[shared:] += jacobian.T @ residual
         # The local parameters are at their optimum: the prior balances their gradient, which the elimination passes on.
-        balance = solve_triangular(factor, w[:, :locals_].T @ residual - prior @ local, lower=True)
-        gradient -= coupling.T @ balance
+        gradient -= coupling.T @ _forward(factor, along[:locals_] - point.prior @ local)
     return information, gradient
 
 
@@ -234,33 +328,39 @@ class Descent:
     converged: bool
 
 
-def descend(problem: Problem, theta: Floats, iterations: int, deadline: float = np.inf) -> Descent:
-    """Follow Levenberg-Marquardt steps in the poles until the cost settles.
+def descend(
+    problem: Problem, theta: Floats, iterations: int, deadline: float = np.inf, delays: Floats | None = None
+) -> Descent:
+    """Follow Levenberg-Marquardt steps in poles and delays until the cost settles.
 
     Parameters
     ----------
     problem : Problem
-    theta : ndarray, shape (groups, n)
+    theta : ndarray, shape (groups, lags)
         Start.
     iterations : int
         Most steps to take.
     deadline : float
         On `time.monotonic`; reached, the best point so far is returned as not converged.
+    delays : ndarray, shape (m,), optional
+        Start; by default the problem's.
     """
-    point = solve(problem, clip(theta, problem.band))
+    point = solve(problem, clip(theta, problem.band, _lag_orders(problem)), delays)
+    if problem.lags == 0 and not problem.delay_parameters:
+        return Descent(point, 0, True)
     damping, growth = 1e-1, 2.0
     for iteration in range(iterations):
         if time.monotonic() > deadline:
             return Descent(point, iteration, False)
-        hessian, gradient = _pole_system(problem, point)
+        hessian, gradient = _nonlinear_system(problem, point)
         while True:
-            step = _bounded_step(problem, point.theta, hessian, gradient, damping)
-            trial = solve(problem, clip(point.theta + step.reshape(point.theta.shape), problem.band))
+            step = _bounded_step(problem, point, hessian, gradient, damping)
+            trial = solve(problem, *_moved(problem, point, step))
             if trial.cost < point.cost:
                 break
             damping, growth = damping * growth, growth * 2.0
-            if damping > 1e8 or time.monotonic() > deadline:
-                return Descent(point, iteration, damping > 1e8)
+            if damping > 1e8 or time.monotonic() > deadline or not step.any():
+                return Descent(point, iteration, damping > 1e8 or not step.any())
         gain = (point.cost - trial.cost) / max(point.cost, 1e-300)
         expected = float(step @ (2.0 * gradient - hessian @ step))
         quality = (point.cost - trial.cost) / expected if expected > 0.0 else 1.0
@@ -272,27 +372,34 @@ def descend(problem: Problem, theta: Floats, iterations: int, deadline: float = 
     return Descent(point, iterations, False)
 
 
-def _pole_system(problem: Problem, point: Point) -> tuple[Floats, Floats]:
-    """Hessian and gradient of the reduced problem in the poles."""
+def _nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats]:
+    """Hessian and gradient of the reduced problem in poles and delays."""
     shared = point.numerators.size
     information, gradient = reduced_information(problem, point, sensitivities(problem, point))
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information)[:shared], 1e-300))
-    normal = (information[:shared, :shared] + point.penalty) * scale * scale[:, None]
-    normal[np.diag_indices(shared)] += 1e-13
-    factor = cholesky(normal, lower=True)
-    coupling = solve_triangular(factor, information[:shared, shared:] * scale[:, None], lower=True)
+    factor, scale = _normalised(information[:shared, :shared], point.penalty)
+    coupling = _forward(factor, information[:shared, shared:] * scale[:, None])
     # At the optimum of the numerators the penalty balances their gradient; what is left acts on the poles alone.
-    balance = solve_triangular(
-        factor, (gradient[:shared] - point.penalty @ point.numerators.ravel()) * scale, lower=True
-    )
+    balance = _forward(factor, (gradient[:shared] - point.penalty @ point.numerators.ravel()) * scale)
     return information[shared:, shared:] - coupling.T @ coupling, gradient[shared:] - coupling.T @ balance
 
 
-def _bounded_step(problem: Problem, theta: Floats, hessian: Floats, gradient: Floats, damping: float) -> Floats:
-    flat = theta.ravel()
-    outward = clip((flat + 1e-9 * np.sign(gradient)).reshape(theta.shape), problem.band).ravel()
-    free = np.flatnonzero((outward != flat) | (gradient == 0.0))
-    step = np.zeros_like(flat)
+def _moved(problem: Problem, point: Point, step: Floats) -> tuple[Floats, Floats]:
+    """Poles and delays after a step in the order of the sensitivities, kept within their bounds."""
+    groups, lags = problem.groups, problem.lags
+    theta = point.theta + step[: lags * groups].reshape(lags, groups).T
+    theta = clip(theta, problem.band, _lag_orders(problem))
+    if not problem.delay_parameters:
+        return theta, point.delays
+    return theta, np.clip(point.delays + problem.dt * step[lags * groups :], 0.0, problem.longest_delay)
+
+
+def _bounded_step(problem: Problem, point: Point, hessian: Floats, gradient: Floats, damping: float) -> Floats:
+    step = np.zeros_like(gradient)
+    theta, delays = _moved(problem, point, 1e-9 * np.sign(gradient))
+    moves = (theta != point.theta).T.ravel()
+    if problem.delay_parameters:
+        moves = np.concatenate([moves, delays != point.delays])
+    free = np.flatnonzero(moves)
     if len(free):
         block = hessian[np.ix_(free, free)]
         diagonal = np.diag(block)
@@ -301,32 +408,88 @@ def _bounded_step(problem: Problem, theta: Floats, hessian: Floats, gradient: Fl
     return np.clip(step, -LONGEST_STEP, LONGEST_STEP)
 
 
+def _by_delay(problem: Problem, point: Point, u: Floats, states: Floats) -> Floats:
+    """Differentiate by the delays in samples: minus the time derivative of each input's response; shape (N, m)."""
+    system, m = point.system, len(problem.group)
+    newer, older = delayed(u, problem.dt, point.delays), delayed(u, problem.dt, point.delays, 1)
+    _, part = whole_and_part(point.delays, problem.dt)
+    acting = np.where(part > 1e-9, older, newer) if problem.hold == "zoh" else older + (1.0 - part) * (newer - older)
+    rates = np.zeros((problem.order, m))
+    direct = np.zeros(m)
+    for j, g in enumerate(problem.group):
+        order = problem.all_orders[g]
+        for power, value in enumerate(point.numerators[:, j]):
+            if power + 1 < order:
+                rates[power + 1, j] -= value * system.unit[g]
+            elif power < order:
+                rates[:order, j] += value * system.unit[g] * system.a[g, :order]
+                direct[j] -= value * system.unit[g]
+    return problem.dt * np.asarray(np.einsum("tkm,km->tm", states[:, : problem.order], rates) + acting * direct)
+
+
 def initial_prior(problem: Problem, system: Discretised) -> Floats:
-    """Precision of a record's offset, which is free, and of its initial responses, times the residual's variance."""
+    """Precision of a record's polynomial, which is free, and of its initial responses, times residual variance."""
     precision = problem.initial * system.initial_precision()
-    prior = np.zeros((1 + len(precision), 1 + len(precision)))
-    prior[1:, 1:] = precision + np.diag(1e-9 * np.diag(precision) + 1e-12)
+    first = 1 + problem.integrators
+    prior = np.zeros((first + len(precision), first + len(precision)))
+    prior[first:, first:] = precision + np.diag(1e-9 * np.diag(precision) + 1e-12)
     return prior
 
 
-def _impulse_energy(problem: Problem, system: Discretised, energy: Floats) -> Floats:
+def _lag_orders(problem: Problem) -> tuple[int, ...]:
+    return tuple(order - problem.integrators for order in problem.orders)
+
+
+def _missing_powers(problem: Problem) -> Floats:
+    """Powers of the unit of frequency in each coefficient of a denominator; shape (groups, lags)."""
+    orders = np.array(problem.all_orders) - problem.integrators
+    return np.maximum(orders[:, None] - np.arange(problem.lags), 0).astype(np.float64)
+
+
+def _impulse_energy(problem: Problem, system: Discretised, energy: Floats, used: Floats) -> Floats:
     """Penalty matrix of the numerators: energy of each impulse response, weighed by the information on its input."""
     m = len(problem.group)
     gramians = system.gramians[:, : problem.numerators, : problem.numerators]
     per_input = energy.reshape(problem.numerators, m)
     penalty = np.zeros((problem.numerators, m, problem.numerators, m))
     for j, g in enumerate(problem.group):
-        block = gramians[g]
-        penalty[:, j, :, j] = problem.ridge * block * (per_input[:, j].sum() / np.trace(block))
+        block = gramians[g] * used[:, j] * used[:, j, None]
+        block = problem.ridge * block * (per_input[:, j].sum() / np.trace(block))
+        penalty[:, j, :, j] = block + np.diag(1.0 - used[:, j])
     return penalty.reshape(problem.numerators * m, problem.numerators * m)
 
 
-def _powers_over_square(a: Floats) -> Floats:
-    """Express ``p^q / A^2`` (q = 0 .. 2n-2) in the states ``p^k / A`` and ``p^k / A^2``; shape (2n-1, 2n)."""
-    n = len(a)
-    rows = np.zeros((2 * n - 1, 2 * n))
-    rows[np.arange(n), n + np.arange(n)] = 1.0
+def _powers_over_square(system: Discretised, g: int) -> Floats:
+    """Express ``p^q / A^2`` (q = 0 .. 2n-2) in the states ``p^k / A`` and ``p^k / A^2``; shape (2n-1, 2 size)."""
+    n, size = system.orders[g], system.order
+    rows = np.zeros((2 * size - 1, 2 * size))
+    rows[np.arange(n), size + np.arange(n)] = 1.0
     for q in range(n, 2 * n - 1):
         rows[q, q - n] = 1.0
-        rows[q] -= a @ rows[q - n : q]
+        rows[q] -= system.a[g, :n] @ rows[q - n : q]
     return rows
+
+
+def _normalised(information: Floats, penalty: Floats) -> tuple[Floats, Floats]:
+    """Factor the penalised information of the numerators, scaled to a unit diagonal; the factor and the scale."""
+    normal = information + penalty
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    normal = normal * scale * scale[:, None]
+    normal[np.diag_indices(len(scale))] += 1e-13
+    return _factor(normal), scale
+
+
+# LAPACK itself: the matrices are so small that checks and dispatch around it take as long as the work.
+def _factor(matrix: Floats) -> Floats:
+    factor, info = lapack.dpotrf(matrix, lower=1)
+    if info:
+        raise np.linalg.LinAlgError("normal equations are not positive definite")
+    return np.asarray(factor)
+
+
+def _forward(factor: Floats, rhs: Floats) -> Floats:
+    return np.asarray(lapack.dtrtrs(factor, rhs, lower=1)[0])
+
+
+def _backward(factor: Floats, rhs: Floats) -> Floats:
+    return np.asarray(lapack.dtrtrs(factor, rhs, lower=1, trans=1)[0])

@@ -31,11 +31,17 @@ class TransferFunction:
         Highest power first, monic.
     covariance : ndarray or None
         Of ``(num, den without its leading 1)``; None for a transfer function that was not estimated.
+    delay : float
+        Of the input, s: ``G(s) = exp(-delay s) num(s) / den(s)``.
+    delay_std : float
+        Its standard deviation, s; 0 when it was given.
     """
 
     num: Floats
     den: Floats
     covariance: Floats | None = None
+    delay: float = 0.0
+    delay_std: float = 0.0
 
     @cached_property
     def poles(self) -> NDArray[np.complex128]:
@@ -49,7 +55,9 @@ class TransferFunction:
 
     @property
     def gain(self) -> float:
-        """Value at s = 0: output per unit of input in the long run."""
+        """Value at s = 0: output per unit of input in the long run; infinite with an integrator."""
+        if self.den[-1] == 0.0:
+            return float(np.copysign(np.inf, self.num[-1]))
         return float(self.num[-1] / self.den[-1])
 
     @cached_property
@@ -71,12 +79,16 @@ class TransferFunction:
     @cached_property
     def determined(self) -> NDArray[np.bool_] | None:
         """Which of ``(num, den without its leading 1)`` the data determine: standard deviation below half the value."""
-        return None if self.relative_deviation is None else np.asarray(self.relative_deviation < DETERMINED)
+        if self.relative_deviation is None or self.standard_deviation is None:
+            return None
+        fixed = (self.standard_deviation == 0.0) & (np.concatenate([self.num, self.den[1:]]) == 0.0)
+        return np.asarray((self.relative_deviation < DETERMINED) | fixed)
 
     def response(self, omega: Floats) -> NDArray[np.complex128]:
         """Evaluate G(j omega) at angular frequencies in rad/s."""
         s = 1j * np.asarray(omega, dtype=np.float64)
-        return np.asarray(np.polyval(self.num, s) / np.polyval(self.den, s), dtype=np.complex128)
+        ratio = np.polyval(self.num, s) / np.polyval(self.den, s)
+        return np.asarray(ratio * np.exp(-self.delay * s), dtype=np.complex128)
 
     def to_dict(self) -> dict[str, Any]:
         """Give numbers for JSON; complex poles and zeros as ``[real, imaginary]`` in rad/s."""
@@ -90,7 +102,9 @@ class TransferFunction:
             "den_determined": None if determined is None else [True, *determined[n:].tolist()],
             "poles": [[float(p.real), float(p.imag)] for p in self.poles],
             "zeros": [[float(z.real), float(z.imag)] for z in self.zeros],
-            "gain": self.gain,
+            "gain": self.gain if np.isfinite(self.gain) else None,
+            "delay": self.delay,
+            "delay_std": self.delay_std,
             "covariance": None if self.covariance is None else [_finite(row) for row in self.covariance],
         }
 
@@ -102,6 +116,8 @@ class TransferFunction:
             num=np.asarray(values["num"], dtype=np.float64),
             den=np.asarray(values["den"], dtype=np.float64),
             covariance=None if covariance is None else np.asarray(covariance, dtype=np.float64),
+            delay=float(values.get("delay", 0.0)),
+            delay_std=float(values.get("delay_std", 0.0)),
         )
 
 
@@ -221,6 +237,7 @@ class TransferFunctionModel:
                 sigma=max(self.reports[output].rmse, 1e-9),
                 initial_energy=self.initial_energy[output],
                 initial=self.initial_states.get(experiment.name, {}).get(output),
+                delays=[row[name].delay for name in self.input_names],
             )
         return result
 
