@@ -11,7 +11,16 @@ if TYPE_CHECKING:
     from pipeline.errors import ConfigError
     from pipeline.fleet import analyze_fleet
     from pipeline.flight import analyze
-    from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, LogFacts, Prediction, Span
+    from pipeline.results import (
+        Failure,
+        FleetResult,
+        FlightResult,
+        GroupResult,
+        LogFacts,
+        ModelResult,
+        Prediction,
+        Span,
+    )
 
 __all__ = [
     "AnalysisConfig",
@@ -21,6 +30,7 @@ __all__ = [
     "FlightResult",
     "GroupResult",
     "LogFacts",
+    "ModelResult",
     "Prediction",
     "Span",
     "analyze",

@@ -22,6 +22,8 @@ class AnalysisConfig:
         One log: the part of the airborne time, from its start, that the model is fitted to; the rest judges it.
     training : tuple of str
         Several logs: names (shell patterns) of the logs to fit on; all others judge. Empty: every second flight.
+    scan_orders : bool
+        Also try other numbers of poles and zeros and recommend one; takes as long as ten more fits.
     estimation_rate : float
         Rate at which the trajectory is reported, Hz.
     time_limit : float
@@ -35,6 +37,7 @@ class AnalysisConfig:
     mass: float | None = None
     training_fraction: float = 0.7
     training: tuple[str, ...] = ()
+    scan_orders: bool = False
     estimation_rate: float = 50.0
     time_limit: float = 120.0
 

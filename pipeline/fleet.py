@@ -13,8 +13,10 @@ from pipeline.config import AnalysisConfig
 from pipeline.craft import by_craft, craft_name
 from pipeline.errors import ConfigError
 from pipeline.flight import analyze
+from pipeline.identification import identify
+from pipeline.kinds import KINDS, THRUST_KEY, Kind
 from pipeline.names import printable
-from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, Prediction
+from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, ModelResult
 from pipeline.stages import Progress, Stages, overall, silent
 
 _LOG = logging.getLogger("rotorid.pipeline")
@@ -201,42 +203,45 @@ def analyze_group(
     """
     training, held_out, split = choose_training(flights, config)
     stages = Stages(progress or silent, config.time_limit * len(flights))
-    fitted = [flight.experiment for flight in training if flight.experiment is not None]
-    judges = [flight.experiment for flight in held_out if flight.experiment is not None]
-    model = thrust = validation = None
-    predictions: tuple[Prediction, ...] = ()
-    if fitted:
-        thrust = stages.run("thrust", lambda _: sysid.fit_thrust(fitted, mass=config.mass))
-        model = stages.run(
-            "model",
-            lambda report: sysid.fit_transfer_functions(
-                fitted, poles=config.poles, zeros=config.zeros, structure=config.structure, progress=report
-            ),
+    thrust = None
+    models = []
+    for kind in KINDS:
+        records, judges = (
+            [flight.experiments[kind.key] for flight in part if kind.key in flight.experiments]
+            for part in (training, held_out)
         )
-    else:
-        stages.missing["model"] = stages.missing["thrust"] = "none of its flights was chosen for training"
-    if model is not None:
-        joint = model
-        validation = stages.run("validation", lambda _: sysid.validate(joint, [*fitted, *judges]))
-    if validation is not None:
-        predictions = tuple(
-            Prediction(experiment=record, y_hat=validation.predictions[record.name], training=number < len(fitted))
-            for number, record in enumerate((*fitted, *judges))
-        )
-    findings = [finding for part in (model, thrust) if part is not None for finding in part.findings]
+        if not records:
+            models.append(ModelResult(key=kind.key, title=kind.title, missing=_no_records(kind, training)))
+            continue
+        if kind.key == THRUST_KEY:
+            thrust = _thrust(records, config, stages)
+        models.append(identify(kind, records, judges, config, stages))
+    if thrust is None:
+        stages.missing.setdefault("thrust", models[0].missing)
+    findings = thrust.findings if thrust is not None else ()
     return GroupResult(
         name=craft_name(flights),
         vehicle=flights[0].log.vehicle,
         training=tuple(flight.name for flight in training),
         held_out=tuple(flight.name for flight in held_out),
         split=split,
-        model=model,
+        models=tuple(models),
         thrust=thrust,
-        predictions=predictions,
-        validation=validation,
         findings=(*findings, *stages.findings),
         missing=stages.missing,
     )
+
+
+def _thrust(records: Sequence[sysid.Experiment], config: AnalysisConfig, stages: Stages) -> sysid.ThrustModel | None:
+    return stages.run("thrust", lambda _: sysid.fit_thrust(records, mass=config.mass))
+
+
+def _no_records(kind: Kind, training: Sequence[FlightResult]) -> str:
+    """Say why there is nothing to fit a kind of model to."""
+    if not training:
+        return "none of its flights was chosen for training"
+    alone = (result.missing for flight in training for result in flight.models if result.key == kind.key)
+    return next((reason for reason in alone if reason), "no training flight has its inputs")
 
 
 def choose_training(

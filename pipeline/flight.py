@@ -1,7 +1,6 @@
 """One log to one result: read, estimate, identify on the first part of the flight, judge on the rest."""
 
 import hashlib
-import math
 from pathlib import Path
 
 import estimation
@@ -10,8 +9,10 @@ import sysid
 from logparse import Finding, FlightLog, MissingDataError, health
 from pipeline.config import AnalysisConfig
 from pipeline.craft import fingerprint
+from pipeline.identification import identify
+from pipeline.kinds import KINDS, THRUST_KEY, Kind
 from pipeline.names import printable
-from pipeline.results import POSITION_KNOWN, FlightResult, LogFacts, Prediction, Span, horizontal_sigma
+from pipeline.results import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, Span, horizontal_sigma
 from pipeline.stages import Progress, Stages, silent
 
 #: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
@@ -60,27 +61,31 @@ def analyze(
     if flight is None and trajectory is None:
         raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
 
-    experiment = model = thrust = validation = None
-    predictions: tuple[Prediction, ...] = ()
+    thrust = None
+    experiments: dict[str, sysid.Experiment] = {}
+    models: list[ModelResult] = []
     if flight is None or trajectory is None:
         stages.missing["experiment"] = stages.missing["flight" if flight is None else "trajectory"]
     else:
-        cut = stages.run("experiment", lambda _: _cut(log, trajectory, config, name))
-        if cut is not None:
-            experiment, fitted, held_out = cut
-    if experiment is not None:
-        thrust = stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
-        model = stages.run("model", lambda report: _fit(fitted, trajectory, flight, config, report))
-    if model is not None:
-        fit_model = model
-        validation = stages.run("validation", lambda _: sysid.validate(fit_model, [fitted, held_out]))
-    if validation is not None:
-        predictions = tuple(
-            Prediction(experiment=part, y_hat=validation.predictions[part.name], training=part is fitted)
-            for part in (fitted, held_out)
-        )
+        unfit = _unknown_position(trajectory, flight)
+        for kind in KINDS:
+            record = _record(kind, log, trajectory, config, name, stages)
+            reason = stages.missing.pop("experiment", unfit)
+            if record is not None:
+                experiments[kind.key] = record
+                fitted, held_out = record.split(config.training_fraction)
+                if kind.key == THRUST_KEY:
+                    thrust = _thrust(fitted, config, stages)
+            if record is None or reason:
+                models.append(ModelResult(key=kind.key, title=kind.title, missing=reason))
+            else:
+                models.append(identify(kind, [fitted], [held_out], config, stages))
+        if not experiments:
+            stages.missing["experiment"] = models[0].missing
+            models = []
 
-    later = (part.findings for part in (trajectory, model, thrust) if part is not None)
+    # Findings about the fits stay with their models; those of the experiments are about the log.
+    later = (part.findings for part in (trajectory, thrust, *experiments.values()) if part is not None)
     return FlightResult(
         name=name,
         log=_facts(log, path),
@@ -91,11 +96,9 @@ def analyze(
         gps=tables.gps,
         baro=tables.baro,
         trajectory=trajectory,
-        experiment=experiment,
-        model=model,
+        experiments=experiments,
+        models=tuple(models),
         thrust=thrust,
-        predictions=predictions,
-        validation=validation,
         findings=(*log.findings, *checked, *(finding for part in later for finding in part), *stages.findings),
         missing=stages.missing,
         timings=stages.timings,
@@ -110,36 +113,43 @@ def _longest_flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
     return Span(longest.start, longest.stop)
 
 
-def _cut(
-    log: FlightLog, trajectory: estimation.Trajectory, config: AnalysisConfig, name: str
-) -> tuple[sysid.Experiment, sysid.Experiment, sysid.Experiment]:
-    """Cut the whole flight, the part to fit, and the part that judges."""
-    whole = sysid.Experiment.from_flight(
-        log, trajectory, rate=config.rate, inputs="motors", outputs="position", name=name
-    )
-    if whole.duration < SHORTEST_EXPERIMENT:
-        raise MissingDataError(
-            f"only {whole.duration:.0f} s of the flight have motor outputs and positions without a gap; "
-            f"at least {SHORTEST_EXPERIMENT:.0f} s are needed to fit and judge a model"
+def _record(
+    kind: Kind, log: FlightLog, trajectory: estimation.Trajectory, config: AnalysisConfig, name: str, stages: Stages
+) -> sysid.Experiment | None:
+    """Cut the flight as a kind of model needs it."""
+
+    def cut(_: Progress) -> sysid.Experiment:
+        whole = sysid.Experiment.from_flight(
+            log,
+            trajectory,
+            rate=config.rate,
+            inputs=kind.inputs,
+            outputs="position",
+            frame=kind.frame,
+            name=name,
         )
-    return whole, *whole.split(config.training_fraction)
+        if whole.duration < SHORTEST_EXPERIMENT:
+            raise MissingDataError(
+                f"only {whole.duration:.0f} s of the flight have inputs and positions without a gap; "
+                f"at least {SHORTEST_EXPERIMENT:.0f} s are needed to fit and judge a model"
+            )
+        return whole
+
+    return stages.run("experiment", cut)
 
 
-def _fit(
-    fitted: sysid.Experiment,
-    trajectory: estimation.Trajectory | None,
-    flight: Span | None,
-    config: AnalysisConfig,
-    report: Progress,
-) -> sysid.TransferFunctionModel:
-    sigma = math.inf if trajectory is None else horizontal_sigma(trajectory, flight)
-    if not sigma <= POSITION_KNOWN:
-        raise MissingDataError(
-            f"the horizontal position is not known (its 1-sigma grows to {sigma:.0f} m), so there is no motion to fit: "
-            "the log has no usable GPS"
-        )
-    return sysid.fit_transfer_functions(
-        [fitted], poles=config.poles, zeros=config.zeros, structure=config.structure, progress=report
+def _thrust(fitted: sysid.Experiment, config: AnalysisConfig, stages: Stages) -> sysid.ThrustModel | None:
+    return stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
+
+
+def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:
+    """Say why no model of the motion can be fitted; empty when the position is known."""
+    sigma = horizontal_sigma(trajectory, flight)
+    if sigma <= POSITION_KNOWN:
+        return ""
+    return (
+        f"the horizontal position is not known (its 1-sigma grows to {sigma:.0f} m), so there is no motion to fit: "
+        "the log has no usable GPS"
     )
 
 

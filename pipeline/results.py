@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from estimation import Trajectory
     from logparse import Finding, Vehicle
-    from sysid import Experiment, ThrustModel, TransferFunctionModel, Validation
+    from sysid import Experiment, Model, OrderScan, ThrustModel, Validation
 
 
 #: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
@@ -100,11 +100,46 @@ class Prediction:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelResult:
+    """One of several models of the same motion, and what it is worth.
+
+    Attributes
+    ----------
+    key : str
+        Which kind of model, as `pipeline.kinds.KINDS` has it, such as ``"motors"``.
+    title : str
+        The kind in words, such as ``"motor PWM → position"``.
+    model : Model or None
+    validation : Validation or None
+        On the data fitted and on those held out; the column ``trained`` of its table tells them apart.
+    predictions : tuple of Prediction
+        Free runs over the same stretches.
+    orders : OrderScan or None
+        What other numbers of poles and zeros achieve, when that was asked for.
+    missing : str
+        Why there is no model, or no validation of it; empty when both are there.
+    """
+
+    key: str
+    title: str
+    model: Model | None = None
+    validation: Validation | None = None
+    predictions: tuple[Prediction, ...] = ()
+    orders: OrderScan | None = None
+    missing: str = ""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the fit, and the scan of orders, had to say."""
+        return (*(self.model.findings if self.model else ()), *(self.orders.findings if self.orders else ()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FlightResult:
     """One log, analysed as far as its content allows.
 
     A stage that could not be done leaves None here and its reason in `missing` under the stage's name:
-    ``"flight"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``, ``"model"``, ``"validation"``.
+    ``"flight"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``; a model says itself why it is not there.
 
     Attributes
     ----------
@@ -116,16 +151,12 @@ class FlightResult:
     motors, modes, gps, baro : DataFrame or None
         Canonical tables as logged, for plots.
     trajectory : Trajectory or None
-    experiment : Experiment or None
-        The airborne segment at `AnalysisConfig.rate`.
-    model : TransferFunctionModel or None
-        Fitted to the first part of the flight.
+    experiments : mapping of str to Experiment
+        The airborne segment at `AnalysisConfig.rate`, by the key of the kind of model that it serves.
+    models : tuple of ModelResult
+        Side by side, fitted to the first part of the flight and judged on the rest; empty without an experiment.
     thrust : ThrustModel or None
         Fitted to the first part of the flight.
-    predictions : tuple of Prediction
-        Of `model`: the training part, then the held-out part.
-    validation : Validation or None
-        Of `model` on both parts; the column ``trained`` of its table tells them apart.
     findings : tuple of Finding
         Of every stage, in the order of the work.
     missing : mapping of str to str
@@ -143,14 +174,17 @@ class FlightResult:
     gps: pd.DataFrame | None = None
     baro: pd.DataFrame | None = None
     trajectory: Trajectory | None = None
-    experiment: Experiment | None = None
-    model: TransferFunctionModel | None = None
+    experiments: Mapping[str, Experiment] = field(default_factory=dict)
+    models: tuple[ModelResult, ...] = ()
     thrust: ThrustModel | None = None
-    predictions: tuple[Prediction, ...] = ()
-    validation: Validation | None = None
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def experiment(self) -> Experiment | None:
+        """The airborne segment, with the inputs of the first kind of model that it can serve."""
+        return next(iter(self.experiments.values()), None)
 
     @property
     def position_known(self) -> bool:
@@ -187,15 +221,12 @@ class GroupResult:
         Names of the flights fitted and of those kept to judge.
     split : str
         How the two were chosen, in a sentence.
-    model : TransferFunctionModel or None
+    models : tuple of ModelResult
+        Side by side, fitted to the training flights and judged on the others.
     thrust : ThrustModel or None
-    predictions : tuple of Prediction
-        Of `model`, one per flight.
-    validation : Validation or None
-        Of `model` on all flights; the column ``trained`` of its table tells which it was fitted to.
     findings : tuple of Finding
     missing : mapping of str to str
-        Why there is no ``"model"`` or ``"thrust"``.
+        Why there is no ``"thrust"``.
     """
 
     name: str
@@ -203,10 +234,8 @@ class GroupResult:
     training: tuple[str, ...]
     held_out: tuple[str, ...]
     split: str
-    model: TransferFunctionModel | None = None
+    models: tuple[ModelResult, ...] = ()
     thrust: ThrustModel | None = None
-    predictions: tuple[Prediction, ...] = ()
-    validation: Validation | None = None
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
 

@@ -36,8 +36,11 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
         "trajectory": Stage("reconstructing the trajectory", 0.30),
         "experiment": Stage("resampling commands and motion", 0.02),
         "thrust": Stage("fitting thrust", 0.03),
-        "model": Stage("fitting transfer functions", 0.45),
-        "validation": Stage("judging the model on unseen flight", 0.05),
+        "motors": Stage("fitting transfer functions from motor PWM", 0.30),
+        "mixer": Stage("fitting transfer functions from mixer commands", 0.07),
+        "reference": Stage("fitting transfer functions from the position asked for", 0.03),
+        "orders": Stage("scanning numbers of poles and zeros", 0.05),
+        "validation": Stage("judging models on unseen flight", 0.05),
         "report": Stage("writing the report", 0.05),
     }
 )
@@ -46,7 +49,15 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
 def overall(progress: Progress) -> Progress:
     """Turn a stage's name and the fraction of it that is done into its title and the fraction of the whole."""
     begins = dict(zip(STAGES, accumulate((stage.share for stage in STAGES.values()), initial=0.0), strict=False))
-    return lambda name, fraction: progress(STAGES[name].title, begins[name] + STAGES[name].share * fraction)
+    furthest = 0.0
+
+    def report(name: str, fraction: float) -> None:
+        # Some stages come once for every kind of model; the bar must not go back for them.
+        nonlocal furthest
+        furthest = max(furthest, begins[name] + STAGES[name].share * fraction)
+        progress(STAGES[name].title, furthest)
+
+    return report
 
 
 class OutOfTimeError(RotoridError):

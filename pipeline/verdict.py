@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -70,10 +71,14 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     errors = ", ".join(_metres(validation.average[output]) for output in outputs)
     means = scored.groupby("output", sort=False)["rmse_mean"].mean()
     baseline = ", ".join(_metres(means[output]) for output in outputs)
+    references = scored.groupby("output", sort=False)["rmse_reference"].mean()
     measured = (
         f"its free run on {unseen} errs by {errors} m RMS in {_and(outputs)}, "
         f"where always predicting the mean errs by {baseline} m"
     )
+    if references.notna().all():
+        asked = ", ".join(_metres(references[output]) for output in outputs)
+        measured += f" and taking the position asked for by {asked} m"
     if not all(np.isfinite(validation.average[output]) for output in outputs):
         return Verdict(Trust.NO, f"Do not trust the model: its free run on {unseen} diverges.")
     follows = [output for output in beats if fit[output] >= CLOSE_PERCENT]
@@ -92,6 +97,33 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     return Verdict(Trust.NO, f"Do not trust the model: {measured}. {_hardly(validation, means, outputs)}.")
 
 
+def summarise(verdicts: Mapping[str, Verdict]) -> Verdict:
+    """Sum up several models of one motion: what the best can be trusted with, and what holds for the others.
+
+    Parameters
+    ----------
+    verdicts : mapping of str to Verdict
+        By the models' titles.
+    """
+    if not verdicts:
+        return judge(None)
+    if len(verdicts) == 1:
+        return next(iter(verdicts.values()))
+    by_trust = {trust: [title for title, each in verdicts.items() if each.trust is trust] for trust in Trust}
+    phrases = {
+        Trust.YES: "Trust {} for flights like these",
+        Trust.LIMITED: "take {} with care",
+        Trust.NO: "do not trust {}",
+        Trust.UNKNOWN: "{} could not be judged",
+    }
+    said = [phrases[trust].format(_and(titles)) for trust, titles in by_trust.items() if titles]
+    sentence = "; ".join(said)
+    best = next(trust for trust, titles in by_trust.items() if titles)
+    # One good model among bad ones must not paint all of them green.
+    mixed = best is Trust.YES and any(by_trust[trust] for trust in (Trust.LIMITED, Trust.NO))
+    return Verdict(Trust.LIMITED if mixed else best, f"{sentence[0].upper()}{sentence[1:]}.")
+
+
 def _hardly(validation: Validation, means: pd.Series[float], outputs: list[str]) -> str:
     """Say how little a model achieves on outputs that it does not follow, output by output where they differ."""
     words: dict[str, list[str]] = {}
@@ -101,12 +133,19 @@ def _hardly(validation: Validation, means: pd.Series[float], outputs: list[str])
             word = "worse than always predicting the mean"
         elif validation.trusted[output]:
             word = "hardly better than a guess without any model"
+        elif _closed_loop(validation):
+            word = "no better than taking the position that was asked for"
         else:
             word = "no better than a guess without any model"
         words.setdefault(word, []).append(output)
     if len(words) == 1:
         return f"In {_and(outputs)} that is {next(iter(words))}"
     return "That is " + _and([f"{word} in {_and(where)}" for word, where in words.items()])
+
+
+def _closed_loop(validation: Validation) -> bool:
+    """Tell whether the model's inputs are what its outputs should be, which is a guess that is hard to beat."""
+    return bool(validation.table["rmse_reference"].notna().all())
 
 
 def _metres(value: float) -> str:

@@ -1,8 +1,9 @@
 """The plots of a report, as Plotly figures in plain dicts.
 
 Colours are names such as ``"@ink"`` that the page replaces by those of its light or dark theme; the same name means the
-same thing in every plot: ``@ink`` measured, ``@own`` predicted by the flight's own model, ``@joint`` predicted by the
-joint model of the craft, ``@residual``, ``@gps``, ``@baro``. Figures whose `time` is true share one time axis.
+same thing in every plot: ``@ink`` measured, ``@gps``, ``@baro``, and for every kind of model its own (`MODEL_COLORS`),
+drawn through for joint models and dotted for those of a single flight. Figures whose `time` is true share one time
+axis.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import pymap3d
 from numpy.typing import ArrayLike, NDArray
 
 from logparse import Geodetic
-from pipeline.results import FlightResult, Prediction, Span
+from pipeline.results import FlightResult, ModelResult, Prediction, Span
 from reports.numbers import mode_spans
 
 #: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.
@@ -25,6 +26,10 @@ MOST_POINTS = 1500
 #: Samples further apart than this, s, are not joined by a line.
 LONGEST_JOIN = 1.5
 TIME_TITLE = "time on the log’s clock (s)"
+
+
+#: Colour of each kind of model, everywhere; further kinds share the last.
+MODEL_COLORS = {"motors": "@own", "mixer": "@mixer", "reference": "@joint", "rigid_body": "@body"}
 
 Trace = dict[str, Any]
 Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
@@ -56,14 +61,14 @@ class Figure:
     time: bool = True
 
 
-def flight_figures(result: FlightResult, joint: Prediction | None = None) -> list[Figure]:
+def flight_figures(result: FlightResult, joint: Sequence[ModelResult] = ()) -> list[Figure]:
     """Draw what was flown and how the models did; a plot whose data is missing is left out.
 
     Parameters
     ----------
     result : FlightResult
-    joint : Prediction, optional
-        What the joint model of the craft makes of this flight.
+    joint : sequence of ModelResult
+        Models of the craft, with their predictions of this flight only.
     """
     candidates = (track(result), altitude(result), motors(result), prediction(result, joint))
     return [figure for figure in candidates if figure is not None]
@@ -84,7 +89,7 @@ def track(result: FlightResult) -> Figure | None:
         if gps is not None:
             data.append(_dots(gps[1], gps[0], "GPS", "@gps"))
         hover = "%{x:.1f} m east<br>%{y:.1f} m north"
-        data.append(_line(east, north, "flown", "@ink", hover=hover, time=states.index.to_numpy(dtype=float)))
+        data.append(line(east, north, "flown", "@ink", hover=hover, time=states.index.to_numpy(dtype=float)))
         for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
             data.append(
                 {
@@ -102,7 +107,7 @@ def track(result: FlightResult) -> Figure | None:
         if gps is None:
             return None
         data.append(_dots(gps[1], gps[0], "GPS", "@gps"))
-    layout = _layout(
+    layout = layout_of(
         xaxis={"title": {"text": "east (m)"}, "zeroline": False, "range": _padded(data, "x")},
         yaxis={
             "title": {"text": "north (m)"},
@@ -133,14 +138,14 @@ def altitude(result: FlightResult) -> Figure | None:
         if table is not None and column in table:
             values = _within(table[column], span).dropna()
             if len(values) > 1:
-                data.append(_line(values.index, values - _start(values, result.flight), name, color, width=1.2))
+                data.append(line(values.index, values - _start(values, result.flight), name, color, width=1.2))
     if result.trajectory is not None:
         up = -_within(result.trajectory.states["p_d"], span)
         if len(up) > 1:
-            data.append(_line(up.index, up - _start(up, result.flight), "estimated", "@ink"))
+            data.append(line(up.index, up - _start(up, result.flight), "estimated", "@ink"))
     if not data:
         return None
-    layout = _layout(
+    layout = layout_of(
         xaxis=_time_axis(span),
         yaxis={"title": {"text": "height (m)"}},
         **_modes(result),
@@ -176,7 +181,7 @@ def motors(result: FlightResult) -> Figure | None:
         suffix = "" if number == 0 else str(number + 1)
         name = str(table.columns[number]).removeprefix("m")
         data.append(
-            _line(table.index, values[:, number], f"motor {name}", "@ink", width=1.0, decimals=0)
+            line(table.index, values[:, number], f"motor {name}", "@ink", width=1.0, decimals=0)
             | {"yaxis": f"y{suffix}", "showlegend": False}
         )
         top = 1.0 - number * row
@@ -202,7 +207,7 @@ def motors(result: FlightResult) -> Figure | None:
     axes["xaxis"] = _time_axis(span) | {"anchor": f"y{count}" if count > 1 else "y"}
     modes = _modes(result)
     modes["annotations"] += labels
-    layout = _layout(**axes, **modes)
+    layout = layout_of(**axes, **modes)
     caption = (
         "PWM command of every motor (µs), one row for each motor number, all to the same scale. "
         "Motors of a healthy craft in hover stay close to each other and away from their limits."
@@ -210,11 +215,12 @@ def motors(result: FlightResult) -> Figure | None:
     return Figure("motors", caption, data, layout, 70 + 58 * count)
 
 
-def prediction(result: FlightResult, joint: Prediction | None = None) -> Figure | None:
+def prediction(result: FlightResult, joint: Sequence[ModelResult] = ()) -> Figure | None:
     """Draw measured and predicted x, y and z, each with its residual below."""
-    if not result.predictions and joint is None:
+    drawn = list(_drawn(result.models, joint))
+    if not drawn:
         return None
-    whole = result.experiment or (joint.experiment if joint is not None else result.predictions[0].experiment)
+    whole = result.experiment or drawn[0].part.experiment
     outputs = whole.output_names
     block = 1.0 / len(outputs)
     data: list[Trace] = []
@@ -226,20 +232,24 @@ def prediction(result: FlightResult, joint: Prediction | None = None) -> Figure 
         first = number == 0
         measured = whole.y[:, number]
         data.append(
-            _line(whole.t, measured, "measured", "@ink", width=2.2)
+            line(whole.t, measured, "measured", "@ink", width=2.2)
             | {"yaxis": f"y{main}", "legendgroup": "measured", "showlegend": first}
         )
         shown = [measured]
-        for part, color, name in _drawn(result.predictions, joint):
+        for run in drawn:
+            part = run.part
             offset = _alignment(whole, part, number)
             y_hat = part.y_hat[:, number] + offset
             y = part.experiment.y[:, number] + offset
-            group = {"legendgroup": name, "showlegend": first and _is_first(part, result.predictions, joint)}
-            data.append(_line(part.experiment.t, y_hat, name, color, width=1.6) | {"yaxis": f"y{main}"} | group)
-            data.append(
-                _line(part.experiment.t, y - y_hat, f"residual, {name}", color, width=1.2)
-                | {"yaxis": f"y{below}", "legendgroup": name, "showlegend": False}
-            )
+            style: Trace = {"legendgroup": run.name, "visible": True if run.visible else "legendonly"}
+            for values, name, axis, width in (
+                (y_hat, run.name, main, 1.6),
+                (y - y_hat, f"residual, {run.name}", below, 1.2),
+            ):
+                run_line = line(part.experiment.t, values, name, run.color, width=width)
+                run_line["line"]["dash"] = run.dash
+                legend = first and axis == main and run.first
+                data.append(run_line | {"yaxis": f"y{axis}", "showlegend": legend} | style)
             shown.append(y_hat)
         axes[f"yaxis{main}"] = {
             "domain": [top - block * 0.60, top],
@@ -253,31 +263,51 @@ def prediction(result: FlightResult, joint: Prediction | None = None) -> Figure 
             "zeroline": True,
         }
     axes["xaxis"] = _time_axis(_margin(result.flight)) | {"anchor": f"y{2 * len(outputs)}"}
-    bands, labels = [], []
-    for part in result.predictions:
-        if part.training:
-            continue
-        bands.append(_band(part.span, "@held", 0.10))
-        labels.append(_band_label(part.span, "held out"))
-    layout = _layout(**axes, shapes=bands, annotations=labels)
+    held = next((run.part for run in drawn if run.own and not run.part.training), None)
+    bands = [] if held is None else [_band(held.span, "@held", 0.10)]
+    labels = [] if held is None else [_band_label(held.span, "held out")]
+    layout = layout_of(**axes, shapes=bands, annotations=labels)
+    layout["margin"] = layout["margin"] | {"t": 46 + 20 * (len({run.name for run in drawn}) // 3)}
     caption = (
-        "Position x (north), y (east) and z (up) as measured, and as the model predicts it from the motor commands and "
-        "the initial state alone; below each its residual."
+        "Position x (north), y (east) and z (up) as measured, and as the models predict it from their inputs and the "
+        "initial state alone; below each its residual."
     )
-    if result.predictions:
-        caption += " Judge the model by the shaded part, which the fit has not seen."
+    if held is not None:
+        caption += " Judge a flight’s own models by the shaded part, which the fit has not seen."
+    if any(not run.visible for run in drawn):
+        caption += " Click a name in the legend to show or hide it."
     return Figure("prediction", caption, data, layout, 240 * len(outputs))
 
 
-def _drawn(own: Sequence[Prediction], joint: Prediction | None) -> Iterable[tuple[Prediction, str, str]]:
-    for part in own:
-        yield part, "@own", "own model"
-    if joint is not None:
-        yield joint, "@joint", "joint model"
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """A free run as a line: `own` of this flight's model, else of the craft's joint one."""
+
+    part: Prediction
+    name: str
+    color: str
+    dash: str
+    own: bool
+    visible: bool
+    first: bool
 
 
-def _is_first(part: Prediction, own: Sequence[Prediction], joint: Prediction | None) -> bool:
-    return part is joint or (len(own) > 0 and part is own[0])
+def _drawn(own: Sequence[ModelResult], joint: Sequence[ModelResult]) -> Iterable[_Run]:
+    """Joint models stand for the craft; where there are any, a flight's own models wait in the legend."""
+    any_joint = any(result.predictions for result in joint)
+    for result in own:
+        for number, part in enumerate(result.predictions):
+            name = f"{result.title}, own" if any_joint else result.title
+            dash = "dot" if any_joint else "solid"
+            yield _Run(part, name, model_color(result.key), dash, True, not any_joint, number == 0)
+    for result in joint:
+        for part in result.predictions:
+            yield _Run(part, f"{result.title}, joint", model_color(result.key), "solid", False, True, True)
+
+
+def model_color(key: str) -> str:
+    """Give the colour that a kind of model has everywhere."""
+    return MODEL_COLORS.get(key, "@body")
 
 
 def _alignment(whole: Any, part: Prediction, column: int) -> float:
@@ -296,7 +326,8 @@ def _readable_range(measured: NDArray[np.float64], shown: Sequence[NDArray[np.fl
     return [min(low, low_all) - 0.06 * span, max(high, high_all) + 0.06 * span]
 
 
-def _layout(**parts: Any) -> dict[str, Any]:
+def layout_of(**parts: Any) -> dict[str, Any]:
+    """Lay a plot out as all of a report are: transparent, legend above, quiet grid."""
     base: dict[str, Any] = {
         "margin": {"l": 58, "r": 14, "t": 46, "b": 44},
         "paper_bgcolor": "rgba(0,0,0,0)",
@@ -369,7 +400,7 @@ def plotly_text(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
-def _line(
+def line(
     x: ArrayLike,
     y: ArrayLike,
     name: str,
@@ -404,7 +435,7 @@ def _padded(data: Iterable[Trace], axis: str) -> list[float]:
 
 
 def _dots(x: ArrayLike, y: ArrayLike, name: str, color: str) -> Trace:
-    trace = _line(x, y, name, color, time=np.arange(np.size(x), dtype=float))
+    trace = line(x, y, name, color, time=np.arange(np.size(x), dtype=float))
     del trace["line"]
     return trace | {"mode": "markers", "marker": {"color": color, "size": 4}, "hoverinfo": "skip"}
 

@@ -5,10 +5,11 @@ import json
 import logging
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from pipeline.results import FleetResult, FlightResult
+from pipeline.results import FleetResult, FlightResult, ModelResult
 from reports import html
 from reports.numbers import Numbers, models, numbers_of, rmse_rows
 
@@ -69,22 +70,24 @@ def folder_names(names: list[str]) -> dict[str, str]:
 
 
 def _write_flight_pages(result: FleetResult, numbers: Numbers, folder: Path, folders: dict[str, str]) -> None:
-    joint = {part.experiment.name: part for group in result.groups for part in group.predictions}
-    joint_rows = {row["flight"]: row for group in numbers["groups"] for row in group["rmse"]}
     for flight, flight_numbers_ in zip(result.flights, numbers["flights"], strict=True):
         path = folder / "flights" / folders[flight.name] / "report.html"
         path.parent.mkdir(parents=True, exist_ok=True)
-        _write_page(
-            path,
-            partial(
-                html.flight_page,
-                flight,
-                flight_numbers_,
-                joint=joint.get(flight.name),
-                joint_row=joint_rows.get(flight.name),
-                back="../../report.html",
-            ),
+        joint = _joint_models(result, numbers, flight.name)
+        _write_page(path, partial(html.flight_page, flight, flight_numbers_, joint=joint, back="../../report.html"))
+
+
+def _joint_models(result: FleetResult, numbers: Numbers, flight: str) -> list[tuple[ModelResult, Numbers]]:
+    """Gather the models of the craft that a flight belongs to, with what concerns this flight only."""
+    return [
+        (
+            replace(model, predictions=tuple(part for part in model.predictions if part.experiment.name == flight)),
+            facts | {"rmse": [row for row in facts["rmse"] if row["flight"] == flight]},
         )
+        for group, group_numbers in zip(result.groups, numbers["groups"], strict=True)
+        if flight in (*group.training, *group.held_out)
+        for model, facts in zip(group.models, group_numbers["models"], strict=True)
+    ]
 
 
 def _json(value: object) -> str:
@@ -98,8 +101,9 @@ def _write_rmse(rows: list[Numbers], path: Path) -> None:
     heads = [pattern.format(output) for pattern in kinds.values() for output in outputs]
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        table.writerow(["flight", "part", "model", "craft", "start_s", "duration_s", *heads])
+        names = ("flight", "part", "scope", "model", "craft", "start_s", "duration_s")
+        table.writerow([*names, *heads])
         for row in rows:
             cells = [row[kind].get(output) for kind in kinds for output in outputs]
-            facts = [row[name] for name in ("flight", "part", "model", "craft", "start_s", "duration_s")]
+            facts = [row[name] for name in names]
             table.writerow(["" if cell is None else cell for cell in (*facts, *cells)])

@@ -14,19 +14,17 @@ from urllib.parse import quote
 import jinja2
 from markupsafe import Markup, escape
 
-from pipeline.results import FleetResult, FlightResult, Prediction
+from pipeline.results import FleetResult, FlightResult, ModelResult
 from reports import summary, views
 from reports.details import details
 from reports.figures import Figure, flight_figures
+from reports.model_figures import horizon_figure, response_figures
+from reports.model_views import identified, judgements, thrust_coefficients
 from reports.numbers import Numbers
 
 
 def flight_page(
-    result: FlightResult,
-    numbers: Numbers,
-    joint: Prediction | None = None,
-    joint_row: Numbers | None = None,
-    back: str | None = None,
+    result: FlightResult, numbers: Numbers, joint: Sequence[tuple[ModelResult, Numbers]] = (), back: str | None = None
 ) -> str:
     """Render the page of one flight.
 
@@ -36,27 +34,43 @@ def flight_page(
         For the plots.
     numbers : dict
         Of the same result, for everything else.
-    joint : Prediction, optional
-        What the joint model of the craft makes of this flight.
-    joint_row : dict, optional
-        Its RMSE row.
+    joint : sequence of (ModelResult, dict)
+        The models of the craft with their numbers, both with what concerns this flight only.
     back : str, optional
         Link to the page of the fleet.
     """
-    figures = flight_figures(result, joint)
+    figures = flight_figures(result, [model for model, _ in joint])
+    ahead = horizon_figure(numbers["models"])
+    models = identified(numbers["models"])
     return _render(
         "flight.html",
-        figures,
+        [*figures, *([ahead] if ahead else []), *_attach(models, result.models)],
+        flight_figures=figures,
+        ahead=ahead,
         numbers=numbers,
         back=back,
         facts=summary.facts(numbers),
         sentences=summary.sentences(numbers),
+        verdicts=views.verdicts(numbers["models"]),
         missing=views.missing_stages(numbers),
-        rmse=views.flight_rmse(numbers, joint_row),
-        thrust=views.thrust_coefficients(numbers["thrust"], numbers["missing"]),
-        model=views.transfer_functions(numbers["model"], numbers["missing"]),
+        rmse=views.flight_rmse(numbers, [facts for _, facts in joint]),
+        horizons=views.horizons(numbers["models"]),
+        judgements=judgements(numbers["models"]),
+        thrust=thrust_coefficients(numbers["thrust"], numbers["missing"]),
+        models=models,
         details=details(numbers),
     )
+
+
+def _attach(models: Sequence[views.View], results: Sequence[ModelResult], prefix: str = "") -> list[Figure]:
+    """Put the plots of each model's outputs beside their formulae; give them all for the page."""
+    drawn = []
+    for view, result in zip(models, results, strict=True):
+        figures = response_figures(result, prefix)
+        for output in view["outputs"]:
+            output["figures"] = figures.get(output["key"], [])
+            drawn += output["figures"]
+    return drawn
 
 
 def fleet_page(result: FleetResult, numbers: Numbers, folders: dict[str, str]) -> str:
@@ -75,13 +89,20 @@ def fleet_page(result: FleetResult, numbers: Numbers, folders: dict[str, str]) -
     counts = [f"{len(flights)} log{'s' if len(flights) != 1 else ''} analysed"]
     if failures:
         counts.append(f"{len(failures)} gave nothing")
+    groups, figures = [], []
+    for number, (group, facts) in enumerate(zip(result.groups, numbers["groups"], strict=True)):
+        view = views.group(facts, links)
+        view["ahead"] = horizon_figure(facts["models"], f"horizons-{number}")
+        figures += [view["ahead"]] if view["ahead"] else []
+        figures += _attach(view["models"], group.models, f"{number}-")
+        groups.append(view)
     return _render(
         "fleet.html",
-        [],
+        figures,
         numbers=numbers,
         title=f"{len(flights)} flight logs" if len(flights) != 1 else "1 flight log",
         facts=" · ".join(counts),
-        groups=[views.group(group, links) for group in numbers["groups"]],
+        groups=groups,
         alone="No craft has two usable flights here, so there is no joint model; every flight stands for itself.",
         failures=[(failure["file"], failure["reason"]) for failure in failures],
         flights=views.flight_rows(flights, links),

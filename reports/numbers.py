@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline.names import printable
-from pipeline.results import FleetResult, FlightResult, GroupResult, Prediction, Span
-from pipeline.verdict import judge
+from pipeline.results import FleetResult, FlightResult, GroupResult, ModelResult, Span
+from pipeline.verdict import Trust, Verdict, judge, summarise
 
 if TYPE_CHECKING:
     from logparse import Finding, Vehicle
-    from sysid import Validation
+    from sysid import Model, Validation
 
 Numbers = dict[str, Any]
 
@@ -30,7 +30,9 @@ def numbers_of(result: FlightResult | FleetResult) -> Numbers:
 
 def flight_numbers(result: FlightResult) -> Numbers:
     """Gather what is known of one log; whatever is not finite becomes None."""
-    verdict = judge(result.validation, "the held-out last part of the flight")
+    models = [
+        _model_result(each, "own", "the held-out last part of the flight", flight=result.name) for each in result.models
+    ]
     return plain(
         {
             "kind": "flight",
@@ -40,10 +42,9 @@ def flight_numbers(result: FlightResult) -> Numbers:
             "vehicle": _vehicle(result.log.vehicle),
             "flight": _flight(result),
             "config": _config(result),
-            "verdict": {"trust": str(verdict.trust), "sentence": verdict.sentence},
-            "rmse": _rmse_rows(result.validation, result.predictions, "own", flight=result.name),
-            "validation": None if result.validation is None else result.validation.to_dict(),
-            "model": None if result.model is None else _model_facts(result.model),
+            "verdict": _overall(models),
+            "rmse": [row for model in models for row in model["rmse"]],
+            "models": models,
             "thrust": None if result.thrust is None else result.thrust.to_dict(),
             "trajectory": _trajectory(result),
             "findings": _findings(result.findings),
@@ -86,7 +87,7 @@ def average(rows: Sequence[Numbers], key: str = "rmse_m") -> Numbers:
 
 
 def models(result: FlightResult | FleetResult) -> Numbers:
-    """Gather the fitted models with every coefficient: what models.json holds."""
+    """Gather the fitted models with every coefficient and its covariance: what models.json holds."""
     if isinstance(result, FlightResult):
         return plain({"rotorid": version("rotorid"), "flights": [_models(result.name, result)]})
     return plain(
@@ -101,10 +102,62 @@ def models(result: FlightResult | FleetResult) -> Numbers:
 def _models(name: str, result: FlightResult | GroupResult) -> Numbers:
     return {
         "name": name,
-        "transfer_functions": None if result.model is None else result.model.to_dict(),
+        "models": {each.key: each.model.to_dict() for each in result.models if each.model is not None},
         "thrust": None if result.thrust is None else result.thrust.to_dict(),
-        "missing": {stage: reason for stage, reason in result.missing.items() if stage in ("model", "thrust")},
+        "missing": {each.key: each.missing for each in result.models if each.model is None}
+        | {stage: reason for stage, reason in result.missing.items() if stage in ("experiment", "thrust")},
     }
+
+
+def _model_result(
+    result: ModelResult, scope: str, unseen: str, flight: str | None = None, craft: str | None = None
+) -> Numbers:
+    """Gather one of several models with what it is worth; `unseen` says in words what judged it."""
+    rows = _rmse_rows(result, scope, flight, craft)
+    verdict = judge(result.validation, unseen)
+    return {
+        "key": result.key,
+        "title": result.title,
+        "verdict": {"trust": str(verdict.trust), "sentence": verdict.sentence},
+        "rmse": rows,
+        "rmse_average_m": average([row for row in rows if row["part"] == "held-out"]),
+        "horizons": _horizons(result.validation),
+        "validation": None if result.validation is None else result.validation.to_dict(),
+        "orders": None if result.orders is None else result.orders.to_dict(),
+        "model": None if result.model is None else _model_facts(result.model),
+        "findings": _findings(result.findings),
+        "missing": result.missing,
+    }
+
+
+def _overall(models: Sequence[Numbers]) -> Numbers:
+    """Sum the verdicts up over all models that there are."""
+    verdicts = {
+        model["title"]: Verdict(Trust(model["verdict"]["trust"]), model["verdict"]["sentence"])
+        for model in models
+        if model["model"] is not None
+    }
+    verdict = summarise(verdicts)
+    return {"trust": str(verdict.trust), "sentence": verdict.sentence}
+
+
+def _horizons(validation: Validation | None) -> list[Numbers]:
+    """Average the horizon curve over the records that the model has not seen; empty when it has seen all."""
+    if validation is None or not validation.unseen or validation.horizons.empty:
+        return []
+    table = validation.horizons[~validation.horizons["trained"].astype(bool)]
+    errors = ["rmse", "rmse_constant_position", "rmse_constant_velocity"]
+    means = table.groupby(["output", "horizon"], sort=False)[errors].mean().reset_index()
+    return [
+        {
+            "output": str(row["output"]),
+            "horizon_s": float(row["horizon"]),
+            "rmse_m": float(row["rmse"]),
+            "constant_position_m": float(row["rmse_constant_position"]),
+            "constant_velocity_m": float(row["rmse_constant_velocity"]),
+        }
+        for row in means.to_dict(orient="records")
+    ]
 
 
 def _log(result: FlightResult) -> Numbers:
@@ -171,25 +224,20 @@ def mode_spans(result: FlightResult) -> list[Numbers]:
     return spans
 
 
-def _rmse_rows(
-    validation: Validation | None,
-    predictions: Iterable[Prediction],
-    model: str,
-    flight: str | None = None,
-    craft: str | None = None,
-) -> list[Numbers]:
+def _rmse_rows(result: ModelResult, scope: str, flight: str | None, craft: str | None) -> list[Numbers]:
     """Turn a validation's table (a row for each record and output) into a row for each record, held-out ones first."""
-    if validation is None:
+    if result.validation is None:
         return []
-    spans = {prediction.experiment.name: prediction.span for prediction in predictions}
+    spans = {prediction.experiment.name: prediction.span for prediction in result.predictions}
     rows = []
-    for record, table in validation.table.groupby("flight", sort=False):
+    for record, table in result.validation.table.groupby("flight", sort=False):
         by_output = table.set_index("output")
         span = spans.get(str(record))
         rows.append(
             {
                 "flight": flight or str(record),
-                "model": model,
+                "scope": scope,
+                "model": result.key,
                 "craft": craft,
                 "part": "training" if bool(by_output["trained"].iloc[0]) else "held-out",
                 "start_s": None if span is None else span.start,
@@ -204,29 +252,33 @@ def _rmse_rows(
 
 
 def _group(group: GroupResult) -> Numbers:
-    verdict = judge(group.validation, "flights that it was not fitted to")
-    rows = _rmse_rows(group.validation, group.predictions, "joint", craft=group.name)
+    models = [
+        _model_result(each, "joint", "flights that it was not fitted to", craft=group.name) for each in group.models
+    ]
     return {
         "name": group.name,
         "vehicle": _vehicle(group.vehicle),
         "training": list(group.training),
         "held_out": list(group.held_out),
         "split": group.split,
-        "verdict": {"trust": str(verdict.trust), "sentence": verdict.sentence},
-        "rmse": rows,
-        "rmse_average_m": average([row for row in rows if row["part"] == "held-out"]),
-        "validation": None if group.validation is None else group.validation.to_dict(),
-        "model": None if group.model is None else _model_facts(group.model),
+        "verdict": _overall(models),
+        "rmse": [row for model in models for row in model["rmse"]],
+        "models": models,
         "thrust": None if group.thrust is None else group.thrust.to_dict(),
         "findings": _findings(group.findings),
         "missing": dict(group.missing),
     }
 
 
-def _model_facts(model: Any) -> Numbers:
-    facts: Numbers = model.to_dict()
-    facts.pop("findings", None)
-    return facts
+def _model_facts(model: Model) -> Numbers:
+    """Give a model without its findings, which stand beside it, and without covariances, which models.json has."""
+    return {key: value for key, value in _without_covariance(model.to_dict()).items() if key != "findings"}
+
+
+def _without_covariance(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_covariance(item) for key, item in value.items() if key != "covariance"}
+    return value
 
 
 def _trajectory(result: FlightResult) -> Numbers | None:

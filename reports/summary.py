@@ -1,5 +1,7 @@
 """The answer first: what a log is and what was identified from it, in sentences for the top of a report."""
 
+import math
+
 from reports.numbers import Numbers
 from reports.quantity import duration, number, size, uncertain
 
@@ -18,6 +20,15 @@ TRUST_WORDS = {"yes": "trust", "limited": "with care", "no": "do not trust", "un
 def order(model: Numbers) -> str:
     """Name the order of a model's transfer functions: ``5 poles, 3 zeros``."""
     return ", ".join(f"{model[kind]} {kind if model[kind] != 1 else kind[:-1]}" for kind in ("poles", "zeros"))
+
+
+def described(result: Numbers) -> str:
+    """Name a model with what it consists of: ``motor PWM → position (24 transfer functions, 5 poles, 3 zeros)``."""
+    model = result["model"]
+    if "transfer_functions" not in model:
+        return str(result["title"])
+    count = sum(any(function["num"]) for row in model["transfer_functions"].values() for function in row.values())
+    return f"{result['title']} ({count} transfer function{'s' if count != 1 else ''}, {order(model)})"
 
 
 def craft(vehicle: Numbers) -> str:
@@ -64,19 +75,18 @@ def _what_it_is(numbers: Numbers) -> str:
 
 
 def _what_was_identified(numbers: Numbers) -> str:
-    model, thrust = numbers["model"], numbers["thrust"]
-    parts = []
-    if model is not None:
-        count = len(model["inputs"]) * len(model["outputs"])
-        fitted = next((row for row in numbers["rmse"] if row["part"] == "training"), None)
-        fit_on = f", fitted to the first {duration(fitted['duration_s'])} of the flight" if fitted else ""
-        parts.append(f"{count} transfer functions ({order(model)}) from motor PWM to position{fit_on}")
-    coefficient = thrust_coefficient(thrust)
+    fitted = next((row for row in numbers["rmse"] if row["part"] == "training"), None)
+    text = _identified(numbers)
+    return f"{text[:-1]}, fitted to the first {duration(fitted['duration_s'])} of the flight." if fitted else text
+
+
+def _identified(numbers: Numbers) -> str:
+    parts = [described(result) for result in numbers["models"] if result["model"] is not None]
+    text = f"Identified: {_and(parts)}." if parts else ""
+    coefficient = thrust_coefficient(numbers["thrust"])
     if coefficient:
-        parts.append(f"the thrust coefficient {coefficient}")
-    if not parts:
-        return "Nothing could be identified."
-    return f"Identified: {'; '.join(parts)}."
+        text = f"Thrust: {coefficient}. {text}".strip()
+    return text or "Nothing could be identified."
 
 
 def joint_sentences(group: Numbers) -> list[str]:
@@ -84,15 +94,14 @@ def joint_sentences(group: Numbers) -> list[str]:
     count = len(group["training"]) + len(group["held_out"])
     split = f"{len(group['training'])} to fit, {len(group['held_out'])} to judge"
     text = f"{count} flights of one craft ({group['name']}): {split}."
-    model = group["model"]
-    if model is None:
-        return [text, f"No joint model: {group['missing'].get('model', 'not fitted')}."]
-    functions = len(model["inputs"]) * len(model["outputs"])
-    identified = f"Identified jointly: {functions} transfer functions ({order(model)}) from motor PWM to position"
-    coefficient = thrust_coefficient(group["thrust"])
-    if coefficient:
-        identified += f" and the thrust coefficient {coefficient}"
-    return [text, identified + "."]
+    if not any(result["model"] is not None for result in group["models"]):
+        reason = next((result["missing"] for result in group["models"] if result["missing"]), "not fitted")
+        return [text, f"No joint model: {reason}."]
+    return [text, _identified(group).replace("Identified:", "Identified jointly:")]
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def thrust_coefficient(thrust: Numbers | None) -> str:
@@ -116,7 +125,26 @@ def thrust_conditions(thrust: Numbers) -> str:
 
 def first_reason(numbers: Numbers) -> str:
     """Give the first reason why a flight has no validated model."""
-    return next(iter(numbers["missing"].values()), "no model")
+    reasons = [*numbers["missing"].values(), *(result["missing"] for result in numbers["models"])]
+    return next((str(reason) for reason in reasons if reason), "no model")
+
+
+def best(models: list[Numbers]) -> Numbers | None:
+    """Choose the model that can be trusted most, and of equals the one that errs least against the mean's error."""
+
+    def rank(result: Numbers) -> tuple[int, float]:
+        held = [row for row in result["rmse"] if row["part"] == "held-out"]
+        ratios = [
+            row["rmse_m"][output] / row["rmse_mean_m"][output]
+            if row["rmse_m"][output] is not None and row["rmse_mean_m"][output]
+            else math.inf
+            for row in held
+            for output in row["rmse_m"]
+        ]
+        return list(TRUST_WORDS).index(result["verdict"]["trust"]), sum(ratios) / len(ratios) if ratios else math.inf
+
+    judged = [result for result in models if any(row["part"] == "held-out" for row in result["rmse"])]
+    return min(judged, key=rank, default=None)
 
 
 def passed_over(numbers: Numbers) -> str:

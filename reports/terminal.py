@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from reports import summary
-from reports.numbers import Numbers
+from reports.numbers import Numbers, average
 from reports.quantity import column, number
 
 _STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
@@ -28,21 +28,29 @@ def overview(numbers: Numbers, width: int = 120) -> RenderableType:
     flights = [numbers] if numbers["kind"] == "flight" else numbers["flights"]
     parts: list[RenderableType] = []
     if flights:
-        what = "Each flight’s own model: free-run RMSE on the last part of the flight, which the fit has not seen."
+        what = (
+            "The best model of each flight: free-run RMSE on the last part of the flight, which the fit has not seen."
+        )
         parts += [Text(what, style="dim"), _flights(flights, narrow=width < 100)]
     for group in numbers.get("groups", []):
-        parts += [Text(), _joint(group)]
+        parts += [Text(), Text(" ".join(summary.joint_sentences(group))), *_models(group["models"])]
+        parts.append(_sentence(group["verdict"]))
     unused = summary.passed_over(numbers)
     if unused:
         parts.append(Text(f"\n{unused}", style="dim"))
     if numbers["kind"] == "flight":
-        verdict = numbers["verdict"]
-        parts.append(Text(verdict["sentence"], style=_STYLES[verdict["trust"]]))
+        if sum(result["model"] is not None for result in numbers["models"]) > 1:
+            parts += [Text(), *_models(numbers["models"])]
+        parts.append(_sentence(numbers["verdict"]))
     return Group(*parts)
 
 
+def _sentence(verdict: Numbers) -> Text:
+    return Text(verdict["sentence"], style=_STYLES[verdict["trust"]])
+
+
 def _flights(flights: list[Numbers], narrow: bool) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    table = _table()
     table.add_column("log", no_wrap=True)
     if not narrow:
         table.add_column("craft", no_wrap=True)
@@ -50,16 +58,12 @@ def _flights(flights: list[Numbers], narrow: bool) -> Table:
     table.add_column("k/m" if narrow else "k/m (m/s²)", justify="right", no_wrap=True)
     for output in "xyz":
         table.add_column(f"{output} (m)", justify="right", no_wrap=True)
+    table.add_column("model")
     table.add_column("verdict")
-    held = [next((row for row in flight["rmse"] if row["part"] == "held-out"), None) for flight in flights]
+    chosen = [summary.best(flight["models"]) for flight in flights]
+    held = [None if result is None else _held_out(result)[0] for result in chosen]
     errors = [column([row["rmse_m"].get(output) if row else None for row in held]) for output in "xyz"]
-    for place, (flight, row) in enumerate(zip(flights, held, strict=True)):
-        trust = flight["verdict"]["trust"]
-        verdict = (
-            Text(_first_clause(summary.first_reason(flight), flight["name"]), style="dim")
-            if row is None
-            else Text(summary.TRUST_WORDS[trust], style=_STYLES[trust])
-        )
+    for place, (flight, result) in enumerate(zip(flights, chosen, strict=True)):
         vehicle = flight["vehicle"]
         table.add_row(
             Text(_shortened(flight["name"], 18 if narrow else 28)),
@@ -67,29 +71,45 @@ def _flights(flights: list[Numbers], narrow: bool) -> Table:
             f"{flight['flight']['duration_s']:.0f} s" if flight["flight"] else "–",
             _per_mass(flight["thrust"]),
             *(cells[place] for cells in errors),
-            verdict,
+            Text("–" if result is None else result["key"].replace("_", " ")),
+            Text(_first_clause(summary.first_reason(flight), flight["name"]), style="dim")
+            if result is None
+            else _word(result),
         )
     return table
 
 
-def _joint(group: Numbers) -> RenderableType:
-    verdict = group["verdict"]
-    sentences = [*summary.joint_sentences(group)]
-    lines: list[RenderableType] = [Text(" ".join(sentences))]
-    held = [row for row in group["rmse"] if row["part"] == "held-out"]
-    if held:
-        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-        table.add_column("held-out flight", overflow="fold")
-        outputs = list(group["rmse_average_m"])
-        for output in outputs:
-            table.add_column(f"{output} (m)", justify="right", no_wrap=True)
-        rows = [*(row["rmse_m"] for row in held), group["rmse_average_m"]]
-        columns = [column([row[output] for row in rows]) for output in outputs]
-        for place, name in enumerate([*(row["flight"] for row in held), "average"]):
-            table.add_row(Text(name), *(cells[place] for cells in columns), style="bold" if name == "average" else "")
-        lines.append(table)
-    lines.append(Text(verdict["sentence"], style=_STYLES[verdict["trust"]]))
-    return Group(*lines)
+def _models(models: list[Numbers]) -> list[RenderableType]:
+    """Set models side by side with their errors on held-out flight, averaged, and the guess that they must beat."""
+    judged = [result for result in models if _held_out(result)]
+    if not judged:
+        return []
+    table = _table()
+    table.add_column("model, on flight time held out", overflow="fold")
+    outputs = list(judged[0]["rmse_average_m"])
+    for output in outputs:
+        table.add_column(f"{output} (m)", justify="right", no_wrap=True)
+    table.add_column("verdict")
+    mean = average(_held_out(judged[0]), "rmse_mean_m")
+    rows = [*(result["rmse_average_m"] for result in judged), mean]
+    columns = [column([row[output] for row in rows]) for output in outputs]
+    for place, result in enumerate(judged):
+        table.add_row(Text(result["title"]), *(cells[place] for cells in columns), _word(result))
+    table.add_row("always predicting the mean", *(cells[-1] for cells in columns), "", style="dim")
+    return [table]
+
+
+def _held_out(result: Numbers) -> list[Numbers]:
+    return [row for row in result["rmse"] if row["part"] == "held-out"]
+
+
+def _word(result: Numbers) -> Text:
+    trust = result["verdict"]["trust"]
+    return Text(summary.TRUST_WORDS[trust], style=_STYLES[trust])
+
+
+def _table() -> Table:
+    return Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
 
 
 def _per_mass(thrust: Numbers | None) -> str:
@@ -125,6 +145,8 @@ def no_model(numbers: Numbers) -> str:
     """Say that logs were analysed but none gave a model, and why; empty where one did or all failed anyway."""
     flights = [numbers] if numbers["kind"] == "flight" else numbers["flights"]
     every = [*flights, *numbers.get("groups", [])]
-    if not flights or any(each[kind] is not None for each in every for kind in ("model", "thrust")):
+    if not flights or any(
+        each["thrust"] is not None or any(result["model"] is not None for result in each["models"]) for each in every
+    ):
         return ""
     return f"no model could be identified: {summary.first_reason(flights[0])}"

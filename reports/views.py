@@ -6,63 +6,127 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from reports import summary
-from reports.formula import transfer_function
+from reports.model_views import PLACES, identified, judgements, thrust_coefficients
 from reports.numbers import PAPER_AVERAGE, Numbers, average
-from reports.quantity import column, complex_numbers, duration, number, uncertain
+from reports.quantity import column, duration, number
 
 View = dict[str, Any]
 
 
 def missing_stages(numbers: Numbers) -> list[tuple[str, str]]:
-    """Name each stage that gave nothing with its reason; one reason stands once, at the first stage it stopped."""
+    """Name each stage and model that gave nothing with its reason; one reason stands once, where it came first."""
     names = {
         "tables": "Tables",
         "flight": "Flight",
         "trajectory": "Trajectory",
         "experiment": "Identification",
         "thrust": "Thrust coefficients",
-        "model": "Transfer functions",
-        "validation": "Validation",
     }
-    seen: set[str] = set()
+    reasons = [(names.get(stage, stage), reason) for stage, reason in numbers["missing"].items()]
+    reasons += [(summary.sentence(result["title"])[:-1], result["missing"]) for result in numbers["models"]]
+    seen: set[str] = {""}
     rows = []
-    for stage, reason in numbers["missing"].items():
+    for name, reason in reasons:
         if reason not in seen:
-            rows.append((names.get(stage, stage), reason))
+            rows.append((name, reason))
         seen.add(reason)
     return rows
+
+
+def verdicts(models: Sequence[Numbers]) -> list[View]:
+    """Give every model's verdict for the top of a page; none for a single model, whose verdict stands there anyway."""
+    there = [result for result in models if result["model"] is not None]
+    if len(there) < 2:
+        return []
+    return [
+        {
+            "title": result["title"],
+            "trust": result["verdict"]["trust"],
+            "word": summary.TRUST_WORDS[result["verdict"]["trust"]],
+            "sentence": result["verdict"]["sentence"],
+        }
+        for result in there
+    ]
 
 
 def _rmse_lines(rows: Iterable[Numbers]) -> list[list[str]]:
     """Write the cells of RMSE rows with aligned decimal points, one list for each row."""
     rows = list(rows)
     outputs = list(rows[0]["rmse_m"]) if rows else []
-    columns = [column([row["rmse_m"][output] for row in rows]) for output in outputs]
+    columns = [column([row["rmse_m"].get(output) for row in rows]) for output in outputs]
     return [list(cells) for cells in zip(*columns, strict=True)]
 
 
-def flight_rmse(numbers: Numbers, joint_row: Numbers | None) -> View | None:
-    """Lay out what the flight's own model and the joint one achieve on it, beside guesses without a model."""
-    rows = list(numbers["rmse"])
-    if not rows and joint_row is None:
+def flight_rmse(numbers: Numbers, joint: Sequence[Numbers]) -> View | None:
+    """Lay out what the flight's own models and the joint ones achieve on it, beside guesses without a model.
+
+    Parameters
+    ----------
+    numbers : dict
+        Of the flight.
+    joint : sequence of dict
+        Models of the craft, with their RMSE rows of this flight only.
+    """
+    lines: list[tuple[str, str, Numbers | None]] = []
+    own = [(result["title"], row) for result in numbers["models"] for row in result["rmse"]]
+    parts = {"held-out": "Last {}: held out, not used in the fit", "training": "First {}: fitted"}
+    for part in parts:
+        rows = [(title, row) for title, row in own if row["part"] == part]
+        if rows:
+            lines.append(("part", parts[part].format(duration(rows[0][1]["duration_s"])), None))
+            lines += [("", title, row) for title, row in rows]
+            if part == "held-out":
+                lines += _guesses(rows[0][1])
+    judged = [(result["title"], row) for result in joint for row in result["rmse"]]
+    for part, said in (("held-out", "which have not seen it"), ("training", "which were fitted to it too")):
+        rows = [(title, row) for title, row in judged if row["part"] == part]
+        if rows:
+            lines.append(("part", f"Whole flight, by the joint models of the craft, {said}", None))
+            lines += [("", title, row) for title, row in rows]
+            lines += _guesses(rows[0][1])
+    if not lines:
         return None
-    lines: list[tuple[str, str, Numbers]] = []
-    for row in rows:
-        part = "Last" if row["part"] == "held-out" else "First"
-        seen = "held out, not used in the fit" if row["part"] == "held-out" else "fitted"
-        lines.append(("", f"{part} {duration(row['duration_s'])}: {seen}", row))
-        if row["part"] == "held-out":
-            lines.append(("baseline", "… always predicting its mean", row | {"rmse_m": row["rmse_mean_m"]}))
-            lines.append(("baseline", "… standing still", row | {"rmse_m": row["rmse_constant_position_m"]}))
-    if joint_row is not None:
-        seen = "which was fitted to it too" if joint_row["part"] == "training" else "which has not seen it"
-        lines.append(("", f"Whole flight by the joint model, {seen}", joint_row))
-    cells = _rmse_lines(row for _, _, row in lines)
+    cells = iter(_rmse_lines(row for _, _, row in lines if row is not None))
+    outputs = next(list(row["rmse_m"]) for _, _, row in lines if row is not None)
     return {
-        "caption": "Root-mean-square error of the free run: position predicted from motor commands and the initial "
-        "state alone.",
-        "label": "Part of the flight",
-        "outputs": list(lines[0][2]["rmse_m"]),
+        "caption": "Root-mean-square error of the free run: position predicted from the inputs and the initial state "
+        "alone.",
+        "label": "Model",
+        "outputs": outputs,
+        "rows": [
+            {"kind": kind, "label": label, "link": None, "cells": [] if row is None else next(cells)}
+            for kind, label, row in lines
+        ],
+    }
+
+
+def _guesses(row: Numbers) -> list[tuple[str, str, Numbers]]:
+    return [
+        ("baseline", "… always predicting its mean", row | {"rmse_m": row["rmse_mean_m"]}),
+        ("baseline", "… standing still", row | {"rmse_m": row["rmse_constant_position_m"]}),
+    ]
+
+
+def group_average(group: Numbers) -> View | None:
+    """Set the models side by side with their average errors over the flights held out: the last line of Table 4."""
+    judged = [result for result in group["models"] if result["rmse_average_m"]]
+    if not judged:
+        return None
+    outputs = list(judged[0]["rmse_average_m"])
+    lines = [("", result["title"], {"rmse_m": result["rmse_average_m"]}) for result in judged]
+    held = [row for row in judged[0]["rmse"] if row["part"] == "held-out"]
+    lines.append(("baseline", "Always predicting the mean", {"rmse_m": average(held, "rmse_mean_m")}))
+    lines.append(("baseline", "Standing still", {"rmse_m": average(held, "rmse_constant_position_m")}))
+    if outputs == list(PAPER_AVERAGE):
+        lines.append(("baseline", "Elhesasy 2024, average of nine flights of its own craft", {"rmse_m": PAPER_AVERAGE}))
+    cells = _rmse_lines(row for _, _, row in lines)
+    count = len(held)
+    return {
+        "caption": "Root-mean-square error of the joint models’ free run over whole flights, from the inputs and the "
+        f"initial state alone, averaged over the {count} flight{'s' if count != 1 else ''} held out. "
+        f"{group['split'][0].upper()}{group['split'][1:]}.",
+        "label": "Model",
+        "outputs": outputs,
         "rows": [
             {"kind": kind, "label": label, "link": None, "cells": line}
             for (kind, label, _), line in zip(lines, cells, strict=True)
@@ -71,37 +135,78 @@ def flight_rmse(numbers: Numbers, joint_row: Numbers | None) -> View | None:
 
 
 def group_rmse(group: Numbers, links: dict[str, str]) -> View | None:
-    """Lay the joint model's errors out as Table 4 of Elhesasy 2024: a line per held-out flight, and their average."""
-    if not group["rmse"]:
+    """Lay the joint models' errors out as Table 4 of Elhesasy 2024: a line per held-out flight, and their average."""
+    judged = [result for result in group["models"] if result["rmse"]]
+    if not judged:
         return None
-    held = [row for row in group["rmse"] if row["part"] == "held-out"]
-    fitted = [row for row in group["rmse"] if row["part"] == "training"]
-    outputs = list(group["rmse"][0]["rmse_m"])
-    lines: list[tuple[str, str | None, Numbers]] = [("", row["flight"], row) for row in held]
-    if held:
-        lines.append(("average", "Average", {"rmse_m": group["rmse_average_m"]}))
-        lines.append(("baseline", "Average, always predicting the mean", {"rmse_m": average(held, "rmse_mean_m")}))
-        if outputs == list(PAPER_AVERAGE):
-            lines.append(
-                ("baseline", "Elhesasy 2024, average of nine flights of its own craft", {"rmse_m": PAPER_AVERAGE})
-            )
-    lines += [("", row["flight"], row) for row in fitted]
-    cells = _rmse_lines(row for _, _, row in lines)
+    outputs = list(judged[0]["rmse"][0]["rmse_m"])
+    flights = {
+        part: list(dict.fromkeys(row["flight"] for result in judged for row in result["rmse"] if row["part"] == part))
+        for part in ("held-out", "training")
+    }
+    lines: list[tuple[str, str, str | None, list[Numbers]]] = []
+    for part, names in flights.items():
+        for name in names:
+            lines.append((part, name, links.get(name), [_row(result, name) for result in judged]))
+        if part == "held-out" and names:
+            lines.append(("average", "Average", None, [result["rmse_average_m"] or {} for result in judged]))
+    columns = [
+        column([cells[number].get(output) for _, _, _, cells in lines])
+        for number in range(len(judged))
+        for output in outputs
+    ]
+    said = {
+        "held-out": "Held out: these flights judge the models",
+        "training": "Fitted: these flights show only how closely the models can follow",
+    }
     rows: list[View] = []
-    for number_, ((kind, label, row), line) in enumerate(zip(lines, cells, strict=True)):
-        if number_ == 0 and held:
-            rows.append({"kind": "part", "label": "Held out: these flights judge the model"})
-        if number_ == len(lines) - len(fitted) and fitted:
-            rows.append({"kind": "part", "label": "Fitted: these flights show only how closely the model can follow"})
-        link = links.get(str(label)) if "part" in row else None
-        rows.append({"kind": kind, "label": label, "link": link, "cells": line})
+    for place, (part, label, link, _) in enumerate(lines):
+        if part in said and (place == 0 or lines[place - 1][0] != part):
+            rows.append({"kind": "part", "label": said[part]})
+        kind = "average" if part == "average" else ""
+        rows.append({"kind": kind, "label": label, "link": link, "cells": [cells[place] for cells in columns]})
     return {
-        "caption": "Root-mean-square error of the joint model’s free run over whole flights, from motor commands and "
-        f"the initial state alone. {group['split'][0].upper()}{group['split'][1:]}.",
+        "caption": "The same flight by flight, RMSE in metres.",
         "label": "Flight",
+        "models": [result["title"] for result in judged],
         "outputs": outputs,
         "rows": rows,
     }
+
+
+def _row(result: Numbers, flight: str) -> Numbers:
+    return next((dict(row["rmse_m"]) for row in result["rmse"] if row["flight"] == flight), {})
+
+
+def horizons(models: Sequence[Numbers]) -> View | None:
+    """Tabulate how far each model errs so many seconds ahead of what was measured, beside guesses without a model."""
+    judged = [result for result in models if result["horizons"]]
+    if not judged:
+        return None
+    seconds = sorted({row["horizon_s"] for result in judged for row in result["horizons"]})
+    outputs = list(dict.fromkeys(row["output"] for result in judged for row in result["horizons"]))
+    rows: list[View] = []
+    for output in outputs:
+        guesses = (("constant position", "constant_position_m"), ("constant velocity", "constant_velocity_m"))
+        lines = [("", result["title"], _curve(result, output, "rmse_m")) for result in judged]
+        lines += [("baseline", label, _curve(judged[0], output, key)) for label, key in guesses]
+        columns = [column([curve.get(horizon) for _, _, curve in lines]) for horizon in seconds]
+        rows.append({"kind": "part", "label": PLACES.get(output, output)})
+        rows += [
+            {"kind": kind, "label": label, "link": None, "cells": [cells[place] for cells in columns]}
+            for place, (kind, label, _) in enumerate(lines)
+        ]
+    return {
+        "caption": "RMSE in metres of predictions so many seconds ahead, restarted from the measured motion at every "
+        "sample, on flight time that the models have not seen; inputs are taken as known.",
+        "label": "Model",
+        "heads": [f"{number(horizon, 3)} s" for horizon in seconds],
+        "rows": rows,
+    }
+
+
+def _curve(result: Numbers, output: str, key: str) -> dict[float, float]:
+    return {row["horizon_s"]: row[key] for row in result["horizons"] if row["output"] == output}
 
 
 def group(group: Numbers, links: dict[str, str]) -> View:
@@ -109,113 +214,43 @@ def group(group: Numbers, links: dict[str, str]) -> View:
     return {
         "name": group["name"],
         "verdict": group["verdict"],
+        "verdicts": verdicts(group["models"]),
         "sentences": summary.joint_sentences(group),
-        "rmse": group_rmse(group, links),
+        "missing": missing_stages(group),
+        "rmse": group_average(group),
+        "flights": group_rmse(group, links),
+        "horizons": horizons(group["models"]),
+        "judgements": judgements(group["models"]),
         "thrust": thrust_coefficients(group["thrust"], group["missing"]),
-        "model": transfer_functions(group["model"], group["missing"]),
+        "models": identified(group["models"]),
         "findings": group["findings"],
     }
 
 
 def flight_rows(flights: Sequence[Numbers], links: dict[str, str]) -> list[View]:
-    """List every flight with what its own model achieves, or why there is none."""
-    held = [next((row for row in flight["rmse"] if row["part"] == "held-out"), None) for flight in flights]
+    """List every flight with what the best of its own models achieves, or why there is none."""
+    chosen = [summary.best(flight["models"]) for flight in flights]
+    held = [None if result is None else _held_out(result) for result in chosen]
     cells = iter(_rmse_lines(row for row in held if row is not None))
     views = []
-    for flight, row in zip(flights, held, strict=True):
+    for flight, result, row in zip(flights, chosen, held, strict=True):
         airborne = flight["flight"]["duration_s"] if flight["flight"] else None
+        trust = "unknown" if result is None else result["verdict"]["trust"]
         views.append(
             {
                 "name": flight["name"],
                 "link": links[flight["name"]],
                 "craft": summary.frame(flight["vehicle"]),
                 "airborne": "–" if airborne is None else duration(airborne),
+                "model": "" if result is None else result["title"],
                 "cells": [] if row is None else next(cells),
                 "reason": "" if row is not None else summary.first_reason(flight),
-                "trust": flight["verdict"]["trust"],
-                "word": summary.TRUST_WORDS[flight["verdict"]["trust"]],
+                "trust": trust,
+                "word": summary.TRUST_WORDS[trust],
             }
         )
     return views
 
 
-def transfer_functions(model: Numbers | None, missing: Numbers) -> View:
-    """Write every transfer function as a formula with poles and zeros, by output; or why there are none."""
-    if model is None:
-        return {"outputs": [], "reason": missing.get("model") or missing.get("experiment", "")}
-    places = {"x": "x, north", "y": "y, east", "z": "z, up"}
-    outputs = []
-    for output, row in model["transfer_functions"].items():
-        functions = []
-        for source, function in row.items():
-            functions.append(
-                {
-                    "formula": transfer_function(
-                        output,
-                        source,
-                        function["num"],
-                        function["den"],
-                        function["num_determined"],
-                        function["den_determined"],
-                    ),
-                    "poles": ", ".join(complex_numbers(function["poles"])) or "none",
-                    "zeros": ", ".join(complex_numbers(function["zeros"])) or "none",
-                }
-            )
-        fit = model["fits"][output]
-        title = f"Position {places.get(output, output)}: {len(functions)} transfer functions"
-        if fit["undetermined"]:
-            title += f" ({fit['undetermined']} of {fit['parameters']} coefficients not determined by the data)"
-        outputs.append({"title": title, "functions": functions})
-    return {
-        "outputs": outputs,
-        "intro": "Position (m) from the PWM of each motor (µs about its mean), s in rad/s; position is the sum over "
-        "the motors. Pale coefficients have a standard deviation of more than half their value: the data do not "
-        "determine them.",
-    }
-
-
-def thrust_coefficients(thrust: Numbers | None, missing: Numbers) -> View:
-    """Tabulate thrust coefficients with their uncertainty; or why there are none."""
-    if thrust is None:
-        return {"rows": [], "reason": missing.get("thrust") or missing.get("experiment", "")}
-    common, motors = thrust["common"], thrust["per_motor"]
-    heads = ["k/m (m/s²)", "k (N)"] if thrust["mass"] else ["k/m (m/s²)"]
-    rows = []
-    single = any(value["determined"] for value in motors.values())
-    for label, value in (
-        ("All motors alike", common),
-        *((f"Motor {name.removeprefix('m')}", motors[name]) for name in motors if single),
-    ):
-        cells = [uncertain(value["per_mass"], value["sigma"])]
-        if thrust["mass"]:
-            cells.append(uncertain(value["newton"], value["newton_sigma"]))
-        rows.append({"label": label, "cells": cells})
-    reasons = []
-    if common["reason"]:
-        reasons.append(f"All motors alike: not determined, {common['reason']}.")
-    if not single:
-        why = "; ".join(dict.fromkeys(value["reason"] for value in motors.values() if value["reason"]))
-        reasons.append(f"Single motors: not determined, {why or 'the data do not tell them apart'}.")
-    else:
-        reasons += [
-            f"Motor {name.removeprefix('m')}: not determined, {value['reason']}."
-            for name, value in motors.items()
-            if value["reason"]
-        ]
-    mass = (
-        f"k from the given mass of {thrust['mass']:g} kg."
-        if thrust["mass"]
-        else "Motion alone gives only k/m; give the take-off mass (--mass) to have k in newtons."
-    )
-    return {
-        "rows": rows,
-        "head": heads,
-        "caption": f"Thrust of one motor at full command {summary.thrust_conditions(thrust)}, from the accelerometer. "
-        f"The uncertainty includes {number(100 * thrust['air_sigma'], 2)} % for the density of the air, "
-        f"which all motors, and flights at one place, have in common. {mass}",
-        "reasons": reasons,
-        "facts": f"The craft hovers at {number(thrust['hover_pwm'], 4)} µs, "
-        f"{number(100 * thrust['hover_command'], 2)} % of full command; "
-        f"the model leaves {number(thrust['rmse'], 2)} m/s² of the specific force unexplained.",
-    }
+def _held_out(result: Numbers) -> Numbers:
+    return next(row for row in result["rmse"] if row["part"] == "held-out")

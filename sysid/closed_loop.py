@@ -137,6 +137,31 @@ class ClosedLoopModel:
             ],
         }
 
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> ClosedLoopModel:
+        """Read what `to_dict` gave, all but the findings."""
+        names = tuple(values["outputs"])
+        nothing = TransferFunction(np.zeros(1), np.ones(1))
+        functions = {name: TransferFunction.from_dict(values["transfer_functions"][name][name]) for name in names}
+        return cls(
+            name=values["name"],
+            transfer_functions={
+                output: {name: functions[output] if name == output else nothing for name in names} for output in names
+            },
+            input_names=tuple(values["inputs"]),
+            output_names=names,
+            units=dict(values["units"]),
+            poles=values["poles"],
+            zeros=values["zeros"],
+            rate=values["rate_hz"],
+            disturbance={
+                name: Disturbance(each["alpha"], each["beta"]) for name, each in values["disturbance"].items()
+            },
+            reports={name: FitReport(**report) for name, report in values["fits"].items()},
+            following=dict(values["following_rms"]),
+            training=tuple(values["training"]),
+        )
+
     def _require(self, experiment: Experiment) -> None:
         if experiment.input_names != self.input_names or experiment.output_names != self.output_names:
             raise ExperimentError(

@@ -11,17 +11,22 @@ import pandas as pd
 from scipy.io import savemat
 
 from logparse import RotoridError
+from sysid.closed_loop import ClosedLoopModel
 from sysid.transfer_function import TransferFunctionModel
 
 if TYPE_CHECKING:
     import control
 
 
+#: Models that are a matrix of transfer functions.
+TransferMatrix = TransferFunctionModel | ClosedLoopModel
+
+
 class ExportError(RotoridError):
     """A model cannot be given in the form that was asked for; the message says what is missing."""
 
 
-def matlab_struct(model: TransferFunctionModel) -> dict[str, Any]:
+def matlab_struct(model: TransferMatrix) -> dict[str, Any]:
     """Arrange a model as `scipy.io.savemat` writes it: one struct with cell arrays for every pair of output and input.
 
     In MATLAB (Control System Toolbox) and Octave (control package) it opens with::
@@ -64,7 +69,7 @@ def matlab_struct(model: TransferFunctionModel) -> dict[str, Any]:
     }
 
 
-def write_mat(models: Mapping[str, TransferFunctionModel], path: str | Path) -> None:
+def write_mat(models: Mapping[str, TransferMatrix], path: str | Path) -> None:
     """Write models as structs of a ``.mat`` file, by name (see `matlab_struct`).
 
     Names must be MATLAB's: letters, digits and underscores, a letter first.
@@ -76,7 +81,7 @@ def write_mat(models: Mapping[str, TransferFunctionModel], path: str | Path) -> 
     savemat(path, structs, long_field_names=True, oned_as="row")
 
 
-def to_control(model: TransferFunctionModel) -> control.TransferFunction:
+def to_control(model: TransferMatrix) -> control.TransferFunction:
     """Give a model to python-control, as one system with named inputs and outputs.
 
     Raises
@@ -98,7 +103,7 @@ def to_control(model: TransferFunctionModel) -> control.TransferFunction:
     )
 
 
-def coefficients(model: TransferFunctionModel) -> pd.DataFrame:
+def coefficients(model: TransferMatrix) -> pd.DataFrame:
     """Tabulate every coefficient, a row each.
 
     Returns

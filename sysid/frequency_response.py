@@ -62,7 +62,8 @@ class FrequencyResponse:
 
     def band(self, level: float = 0.95) -> tuple[Floats, Floats]:
         """Give the lower and upper limit of the gain at each frequency."""
-        reach = np.sqrt(chi2.ppf(level, 1)) * self.sigma_gain
+        # Beyond e^50 a band says nothing more.
+        reach = np.minimum(np.sqrt(chi2.ppf(level, 1)) * self.sigma_gain, 50.0)
         return self.gain * np.exp(-reach), self.gain * np.exp(reach)
 
 

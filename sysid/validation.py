@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import pandas as pd
 
+from logparse import Finding
 from sysid.experiment import Experiment, Floats, require_alike
 from sysid.residuals import ResidualTest, examine_residuals
 from sysid.response import INITIAL_SECONDS
@@ -34,11 +35,18 @@ class Model(Protocol):
     def training(self) -> tuple[str, ...]:
         """Names of the records it was fitted to."""
 
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the fit had to say."""
+
     def simulate(self, experiment: Experiment) -> Floats:
         """Run freely from the initial state; shape (N, p)."""
 
     def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
         """Predict every sample from measurements up to `horizon` seconds before it; shape (N, p)."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON, its ``kind`` among them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,10 +59,11 @@ class Validation:
         Its name.
     table : DataFrame
         One row per flight and output of the free run: ``flight output unit trained duration rmse fit_percent rmse_mean
-        rmse_constant_position rmse_constant_velocity``. ``trained`` says whether the model has seen the record;
-        ``fit_percent`` is ``100 (1 - |y - y_hat| / |y - mean y|)``. The first three seconds, from which the initial
+        rmse_constant_position rmse_constant_velocity rmse_reference``. ``trained`` says whether the model has seen the
+        record; ``fit_percent`` is ``100 (1 - |y - y_hat| / |y - mean y|)``. The first three seconds, from which the initial
         state is found, are not scored. ``rmse_mean`` is the record's own mean, known only afterwards; the other two
-        baselines carry on position, or position and velocity, from the third second.
+        baselines carry on position, or position and velocity, from the third second. Where inputs are the references of
+        the outputs, ``rmse_reference`` is what taking each output for its reference errs; NaN otherwise.
     horizons : DataFrame
         One row per flight, output and horizon [s]: ``flight output trained horizon rmse rmse_constant_position
         rmse_constant_velocity``.
@@ -217,6 +226,9 @@ def _free_run_rows(record: Experiment, simulated: Floats, trained: bool) -> list
                 "rmse_mean": mean,
                 "rmse_constant_position": _rms(late - late[0]),
                 "rmse_constant_velocity": _rms(late - late[0] - velocity * since),
+                "rmse_reference": _rms(late - record.u[first:, column])
+                if record.input_names == record.output_names
+                else float("nan"),
             }
         )
     return rows
@@ -254,6 +266,8 @@ def _verdict(output: str, rows: pd.DataFrame, ahead: pd.DataFrame, unit: str, un
         "constant position": float(rows["rmse_constant_position"].mean()),
         "constant velocity": float(rows["rmse_constant_velocity"].mean()),
     }
+    if rows["rmse_reference"].notna().all():
+        baselines["the reference itself"] = float(rows["rmse_reference"].mean())
     best = min(baselines, key=lambda name: baselines[name])
     good = rmse < (1.0 - MARGIN) * baselines[best]
     flights = len(rows)

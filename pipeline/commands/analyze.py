@@ -46,6 +46,13 @@ def analyze(
     training_fraction: Annotated[
         float, typer.Option(help="Of a single flight, the part to fit on; the rest judges.")
     ] = _DEFAULT.training_fraction,
+    scan_orders: Annotated[
+        bool,
+        typer.Option(
+            "--scan-orders",
+            help="Also try other numbers of poles and zeros, and recommend one. Takes as long as ten more fits.",
+        ),
+    ] = _DEFAULT.scan_orders,
     time_limit: Annotated[
         float, typer.Option(help="Seconds after which a fit of one log is given up.")
     ] = _DEFAULT.time_limit,
@@ -68,6 +75,7 @@ def analyze(
         mass=mass,
         training=tuple(training or ()),
         training_fraction=training_fraction,
+        scan_orders=scan_orders,
         time_limit=time_limit,
     )
     from concurrent.futures import Executor

@@ -7,7 +7,7 @@
   let following = false;
 
   function themed(value) {
-    if (typeof value === "string" && /^@[a-z]+$/.test(value)) {
+    if (typeof value === "string" && /^@[a-z]+[0-9]?$/.test(value)) {
       return getComputedStyle(document.documentElement).getPropertyValue("--" + value.slice(1)).trim();
     }
     if (Array.isArray(value)) return typeof value[0] === "number" ? value : value.map(themed);
@@ -52,7 +52,10 @@
         : { "xaxis.range": figure.layout.xaxis.range.slice() }))).finally(() => { following = false; });
   }
 
-  function drawAll() { figures.forEach(draw); }
+  // What is folded away is not printed, and has no size to be drawn at.
+  function drawAll() {
+    figures.filter((figure) => document.getElementById("plot-" + figure.id).offsetParent).forEach(draw);
+  }
 
   function start() {
     const watcher = new IntersectionObserver((entries) => {

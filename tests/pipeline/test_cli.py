@@ -156,13 +156,18 @@ def test_one_log_from_file_to_report(tmp_path):
     for stage in ("reading", "trajectory", "transfer functions", "report"):
         assert stage in run.stderr
     assert numbers["missing"] == {}
-    assert [row["part"] for row in numbers["rmse"]] == ["held-out", "training"]
+    keys = [model["key"] for model in numbers["models"]]
+    assert keys[0] == "motors"
+    judged = [model for model in numbers["models"] if model["model"] is not None]
+    assert len(judged) > 1
+    assert [row["part"] for row in numbers["rmse"]] == ["held-out", "training"] * len(judged)
     truth = json.loads((SAMPLES / "octa01_zurich_calm.json").read_text("utf-8"))
     airborne = truth["time_s"]["airborne"]
     assert numbers["flight"]["start_s"] == pytest.approx(airborne[0], abs=2.0)
     assert numbers["flight"]["stop_s"] == pytest.approx(airborne[1], abs=2.0)
-    assert len(numbers["model"]["transfer_functions"]) == 3
-    assert all(len(row) == 8 for row in numbers["model"]["transfer_functions"].values())
+    motors = judged[0]["model"]
+    assert len(motors["transfer_functions"]) == 3
+    assert all(len(row) == 8 for row in motors["transfer_functions"].values())
     assert numbers["thrust"]["common"]["newton"] > 0.0
     assert {path.name for path in tmp_path.iterdir()} == {"report.html", "report.json", "models.json", "rmse.csv"}
     assert time.perf_counter() - started < 120.0
@@ -188,11 +193,11 @@ def test_a_folder_with_good_and_bad_logs(tmp_path):
     numbers = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
     flights = {flight["name"]: flight for flight in numbers["flights"]}
     assert set(flights) == {"cut", "octa01_zurich_calm", "octa02_alain_breeze.bin", "octa02_alain_breeze.tlog"}
-    assert flights["octa02_alain_breeze.bin"]["model"] is not None
+    assert flights["octa02_alain_breeze.bin"]["models"][0]["model"] is not None
     (group,) = numbers["groups"]
     assert (group["training"], group["held_out"]) == (["octa01_zurich_calm"], ["octa02_alain_breeze.bin"])
     assert group["rmse"][0]["part"] == "held-out"
-    assert "held-out flight" in run.stdout
+    assert "on flight time held out" in run.stdout
     assert all((tmp_path / "out" / "flights" / name / "report.html").is_file() for name in flights)
 
 

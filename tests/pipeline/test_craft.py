@@ -51,7 +51,7 @@ def flown(
         config=AnalysisConfig(),
         flight=Span(5.0, 55.0),
         trajectory=trajectory,
-        experiment=sysid.Experiment.from_arrays(t, np.ones(len(t)), np.ones(len(t)), name=name),
+        experiments={"motors": sysid.Experiment.from_arrays(t, np.ones(len(t)), np.ones(len(t)), name=name)},
     )
 
 
@@ -77,7 +77,7 @@ def test_the_next_flight_is_another():
 
 
 def test_crafts_are_kept_apart_and_flights_without_motors_left_out():
-    bare = dataclasses.replace(flown("d", lat=0.3), experiment=None)
+    bare = dataclasses.replace(flown("d", lat=0.3), experiments={})
     crafts = by_craft([flown("c", craft="quad", lat=0.1), flown("b"), flown("a", lat=0.2), bare])
     assert [[flight.name for flight in craft] for craft in crafts] == [["c"], ["a", "b"]]
 

@@ -3,16 +3,23 @@
 import pandas as pd
 import pytest
 
-from pipeline.verdict import Trust, judge
+from pipeline.verdict import Trust, Verdict, judge, summarise
 from sysid import Validation
 
 
 def validation(
-    fit: dict[str, float], trusted: dict[str, bool], *, mean=1.0, duration: float = 40.0, unseen=True, flights="ab"
+    fit: dict[str, float],
+    trusted: dict[str, bool],
+    *,
+    mean=1.0,
+    duration: float = 40.0,
+    unseen=True,
+    flights="ab",
+    reference=float("nan"),
 ):
     rows = [
         {"flight": f, "output": output, "trained": trained, "duration": duration, "rmse": 1.0, "fit_percent": percent}
-        | {"rmse_mean": mean}
+        | {"rmse_mean": mean, "rmse_reference": reference}
         for output, percent in fit.items()
         for trained in ((False, True) if unseen else (True,))
         for f in flights
@@ -21,6 +28,7 @@ def validation(
         model="m",
         table=pd.DataFrame(rows),
         horizons=pd.DataFrame(),
+        residuals={},
         average=dict.fromkeys(fit, 1.0),
         verdicts=(),
         trusted=trusted,
@@ -84,3 +92,19 @@ def test_axes_that_differ_are_told_apart():
     assert sentence.endswith(
         "That is worse than always predicting the mean in x and hardly better than a guess without any model in z."
     )
+
+
+def test_a_closed_loop_must_beat_the_position_that_was_asked_for():
+    verdict = judge(validation({"x": 95.0, "z": 96.0}, {"x": True, "z": False}, reference=0.9))
+    assert verdict.trust is Trust.LIMITED
+    assert "and taking the position asked for by 0.900, 0.900 m" in verdict.sentence
+    assert "In z that is no better than taking the position that was asked for." in verdict.sentence
+
+
+def test_one_good_model_does_not_speak_for_a_bad_one():
+    good, bad = Verdict(Trust.YES, "good"), Verdict(Trust.NO, "bad")
+    assert summarise({"a": good}) == good
+    assert summarise({}).trust is Trust.UNKNOWN
+    both = summarise({"motors": bad, "reference": good, "mixer": bad})
+    assert both == Verdict(Trust.LIMITED, "Trust reference for flights like these; do not trust motors and mixer.")
+    assert summarise({"motors": bad, "mixer": bad}) == Verdict(Trust.NO, "Do not trust motors and mixer.")

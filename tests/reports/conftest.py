@@ -10,8 +10,32 @@ import pytest
 import sysid
 from estimation import Trajectory
 from logparse import Finding, Geodetic, Motor, Severity, Vehicle
-from pipeline import AnalysisConfig, FleetResult, FlightResult, GroupResult, LogFacts, Prediction, Span
+from pipeline import AnalysisConfig, FleetResult, FlightResult, GroupResult, LogFacts, ModelResult, Prediction, Span
 from pipeline.results import Failure
+
+#: A kind of model that the log could not give.
+WITHOUT_REFERENCE = ModelResult(
+    key="reference",
+    title="position asked for → position (closed loop)",
+    missing="no position targets; set NTUN (bit 5) in LOG_BITMASK",
+)
+
+
+def judged(model, fitted, judges, key="motors", title="motor PWM → position") -> ModelResult:
+    """Validate a model as the pipeline does."""
+    validation = sysid.validate(model, [*fitted, *judges])
+    return ModelResult(
+        key=key,
+        title=title,
+        model=model,
+        validation=validation,
+        predictions=tuple(
+            Prediction(
+                experiment=part, y_hat=validation.predictions[part.name], training=any(part is each for each in fitted)
+            )
+            for part in (*fitted, *judges)
+        ),
+    )
 
 
 def made_flight(
@@ -75,16 +99,11 @@ def made_flight(
     lon = 0.1 + (states["p_e"] + rng.normal(0, 0.4, len(wide))) / 6.371e6 / np.cos(0.8)
     gps = pd.DataFrame({"lat": lat, "lon": lon, "alt": 200.0 - states["p_d"] + rng.normal(0, 0.6, len(wide))}).iloc[::4]
     baro = pd.DataFrame({"alt": -states["p_d"] + rng.normal(0, 0.15, len(wide))}).iloc[::2]
-    model = validation = None
-    predictions: tuple[Prediction, ...] = ()
+    models = (ModelResult(key="motors", title="motor PWM → position", missing="the fit was not asked for"),)
     if fit:
         fitted, held_out = record.split(0.7)
         model = sysid.fit_transfer_functions([fitted], poles=poles, zeros=zeros)
-        validation = sysid.validate(model, [fitted, held_out])
-        predictions = tuple(
-            Prediction(experiment=part, y_hat=validation.predictions[part.name], training=part is fitted)
-            for part in (fitted, held_out)
-        )
+        models = (judged(model, [fitted], [held_out]), WITHOUT_REFERENCE)
     flight = Span(float(t[0]), float(t[-1]))
     return FlightResult(
         name=name,
@@ -107,10 +126,8 @@ def made_flight(
         gps=gps,
         baro=baro,
         trajectory=trajectory,
-        experiment=record,
-        model=model,
-        validation=validation,
-        predictions=predictions,
+        experiments={"motors": record},
+        models=models,
         findings=(
             Finding(
                 "gps-lag",
@@ -137,19 +154,17 @@ def fleet(flight: FlightResult) -> FleetResult:
     assert flight.experiment is not None
     assert other.experiment is not None
     model = sysid.fit_transfer_functions([flight.experiment], poles=2, zeros=1)
-    validation = sysid.validate(model, [flight.experiment, other.experiment])
+    plain = sysid.fit_transfer_functions([flight.experiment], poles=1, zeros=0, structure="common")
     group = GroupResult(
         name="ArduCopter quad plus",
         vehicle=flight.log.vehicle,
         training=("flight01",),
         held_out=("flight02",),
         split="every second flight in order of name trains, the others judge",
-        model=model,
-        validation=validation,
-        predictions=tuple(
-            Prediction(experiment=one.experiment, y_hat=validation.predictions[one.name], training=one is flight)
-            for one in (flight, other)
-            if one.experiment is not None
+        models=(
+            judged(model, [flight.experiment], [other.experiment]),
+            judged(plain, [flight.experiment], [other.experiment], "mixer", "mixer commands → position"),
+            WITHOUT_REFERENCE,
         ),
         missing={"thrust": "no accelerometer"},
     )

@@ -63,7 +63,7 @@ def test_held_out_part_is_marked(flight):
 def test_a_missing_table_costs_only_its_own_plot(flight, missing):
     changed = {missing: None}
     if missing == "experiment":
-        changed["predictions"] = ()
+        changed = {"experiments": {}, "models": ()}
     figures = flight_figures(dataclasses.replace(flight, **changed))
     assert len(figures) >= 3
 
@@ -77,7 +77,7 @@ def test_nothing_known_gives_no_plots(flight):
         motors=None,
         modes=None,
         flight=None,
-        experiment=None,
-        predictions=(),
+        experiments={},
+        models=(),
     )
     assert flight_figures(empty) == []

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from markupsafe import escape
 
 import reports
 from logparse import Finding, Severity
@@ -55,6 +56,10 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def html_escaped(text: str) -> str:
+    return str(escape(text))
+
+
 def visible(cell: str) -> str:
     return cell.strip("\N{FIGURE SPACE}\N{PUNCTUATION SPACE} ")
 
@@ -65,25 +70,28 @@ def test_json_csv_and_html_carry_the_same_numbers(flight, tmp_path):
     numbers = strict((tmp_path / "report.json").read_text("utf-8"))
     html = page.read_text("utf-8")
     assert len(numbers["rmse"]) == 2
+    assert [(row["scope"], row["model"]) for row in numbers["rmse"]] == [("own", "motors")] * 2
     for row, line in zip(numbers["rmse"], rows_of(tmp_path / "rmse.csv"), strict=True):
         assert line["flight"] == row["flight"] == "flight01"
         assert line["part"] == row["part"]
         for output, value in row["rmse_m"].items():
             assert float(line[f"rmse_{output}_m"]) == value
             assert visible(column([value])[0]) in html
-    table = flight.validation.table.set_index(["trained", "output"])
+    table = flight.models[0].validation.table.set_index(["trained", "output"])
     assert numbers["rmse"][0]["rmse_m"]["x"] == table.loc[(False, "x"), "rmse"]
 
 
 def test_models_hold_every_coefficient(flight, tmp_path):
     reports.write(flight, tmp_path)
     models = strict((tmp_path / "models.json").read_text("utf-8"))
-    stored = models["flights"][0]["transfer_functions"]["transfer_functions"]["y"]["m2"]
-    fitted = flight.model.transfer_functions["y"]["m2"]
+    stored = models["flights"][0]["models"]["motors"]["transfer_functions"]["y"]["m2"]
+    fitted = flight.models[0].model.transfer_functions["y"]["m2"]
     assert stored["num"] == fitted.num.tolist()
     assert stored["den"] == fitted.den.tolist()
     assert models["flights"][0]["thrust"] is None
+    assert stored["covariance"] == fitted.covariance.tolist()
     assert "voltage" in models["flights"][0]["missing"]["thrust"]
+    assert "LOG_BITMASK" in models["flights"][0]["missing"]["reference"]
 
 
 def test_the_answer_comes_before_tables_and_plots(flight, tmp_path):
@@ -146,11 +154,11 @@ def test_mode_names_are_text_for_plotly_too(flight, tmp_path):
 
 
 def test_what_is_not_finite_becomes_null(flight, tmp_path):
-    table = flight.validation.table.copy()
+    own = flight.models[0]
+    table = own.validation.table.copy()
     table.loc[table["output"] == "x", ["rmse", "fit_percent"]] = [math.inf, math.nan]
-    broken = dataclasses.replace(
-        flight, validation=dataclasses.replace(flight.validation, table=table), timings={"read": math.nan}
-    )
+    own = dataclasses.replace(own, validation=dataclasses.replace(own.validation, table=table))
+    broken = dataclasses.replace(flight, models=(own,), timings={"read": math.nan})
     page = reports.write(broken, tmp_path)
     numbers = strict((tmp_path / "report.json").read_text("utf-8"))
     assert numbers["rmse"][0]["rmse_m"]["x"] is None
@@ -176,14 +184,28 @@ def test_fleet_has_a_page_for_each_flight_and_names_failures(fleet, tmp_path):
 def test_fleet_table_is_the_papers_table_4(fleet, tmp_path):
     """Held-out flights first, then their average, then those that were fitted."""
     page = reports.write(fleet, tmp_path).read_text("utf-8")
-    table = page[page.index("<table") : page.index("</table>")]
+    table = page[page.index('<table class="side">') :]
+    table = table[: table.index("</table>")]
+    assert table.index("motor PWM") < table.index("mixer commands")
     order = [table.index(mark) for mark in ("Held out", "flight02", "Average", "Fitted", "flight01")]
     assert order == sorted(order)
     numbers = fleet_numbers(fleet)
-    held_out = [row for row in numbers["groups"][0]["rmse"] if row["part"] == "held-out"]
-    assert numbers["groups"][0]["rmse_average_m"] == held_out[0]["rmse_m"]
-    joint = [line for line in rows_of(tmp_path / "rmse.csv") if line["model"] == "joint"]
-    assert [(line["flight"], line["part"]) for line in joint] == [("flight02", "held-out"), ("flight01", "training")]
+    joint = numbers["groups"][0]["models"][0]
+    held_out = [row for row in joint["rmse"] if row["part"] == "held-out"]
+    assert joint["rmse_average_m"] == held_out[0]["rmse_m"]
+    lines = [line for line in rows_of(tmp_path / "rmse.csv") if line["scope"] == "joint" and line["model"] == "motors"]
+    assert [(line["flight"], line["part"]) for line in lines] == [("flight02", "held-out"), ("flight01", "training")]
+
+
+def test_models_stand_side_by_side_on_the_first_screen(fleet, tmp_path):
+    """Every model has its own verdict before the first table, and one good model does not speak for a bad one."""
+    page = reports.write(fleet, tmp_path).read_text("utf-8")
+    answer = page[page.index('class="answer') : page.index("<table")]
+    numbers = fleet_numbers(fleet)
+    for model in numbers["groups"][0]["models"][:2]:
+        assert html_escaped(model["verdict"]["sentence"]) in answer
+    assert "no position targets; set NTUN (bit 5) in LOG_BITMASK" in page
+    assert "Always predicting the mean" in page
 
 
 def test_a_flight_without_anything_says_why(flight, tmp_path):
@@ -191,10 +213,8 @@ def test_a_flight_without_anything_says_why(flight, tmp_path):
         flight,
         flight=None,
         trajectory=None,
-        experiment=None,
-        model=None,
-        validation=None,
-        predictions=(),
+        experiments={},
+        models=(),
         motors=None,
         modes=None,
         gps=None,
@@ -204,7 +224,7 @@ def test_a_flight_without_anything_says_why(flight, tmp_path):
     page = reports.write(bare, tmp_path).read_text("utf-8")
     assert "What could not be done" in page
     assert "set bit 2 of LOG_BITMASK" in page
-    assert "Transfer functions: not determined" in page
+    assert "Nothing could be identified." in page
     assert flight_numbers(bare)["verdict"]["trust"] == "unknown"
 
 

@@ -28,8 +28,14 @@ def test_all_zero_is_zero():
 
 
 def test_coefficients_that_the_data_do_not_determine_are_marked():
-    markup = str(polynomial([1.0, 2.0, 3.0], [True, False, True]))
-    assert markup.count('class="vague"') == 1
+    markup = polynomial([1.0, 2.347, 3.019, 8.1e-5], [0.0, 1.9, 0.004, None])
+    assert str(markup).count('class="vague"') == 2
+    # One digit of what is not known; of 3.019 ± 0.004 all four; nothing invented of what has no deviation at all.
+    assert text_of(markup) == "s3+2s2+3.019s+8×10−5"
+
+
+def test_digits_end_where_the_deviation_begins():
+    assert text_of(polynomial([123.456, 0.98765, 0.5], [4.0, 0.013, 0.2])) == "123s2+0.988s+0.5"
 
 
 def test_names_are_escaped():

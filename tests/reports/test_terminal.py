@@ -41,7 +41,10 @@ def test_coefficients_in_a_cell_have_no_more_than_four_digits(flight, value, sig
 
 
 def test_a_reason_that_begins_with_the_flights_name_is_a_reason(flight):
-    numbers = flight_numbers(flight) | {"rmse": [], "missing": {"experiment": "flight01: no motor outputs; set RCOUT"}}
+    numbers = flight_numbers(flight) | {
+        "models": [],
+        "missing": {"experiment": "flight01: no motor outputs; set RCOUT"},
+    }
     assert shown(terminal.overview(numbers), 120).splitlines()[2].rstrip().endswith("no motor outputs")
 
 
@@ -85,7 +88,7 @@ def test_inspection_puts_what_is_wrong_before_what_is_there():
 
 def test_no_model_from_any_log_is_said_with_the_reason(flight):
     numbers = flight_numbers(flight)
-    bare = numbers | {"model": None, "thrust": None, "missing": {"experiment": "no motor outputs"}}
+    bare = numbers | {"models": [], "thrust": None, "missing": {"experiment": "no motor outputs"}}
     assert terminal.no_model(numbers) == ""
     assert terminal.no_model(bare) == "no model could be identified: no motor outputs"
     assert terminal.no_model({"kind": "fleet", "flights": [bare, numbers], "groups": []}) == ""

@@ -1,0 +1,64 @@
+"""Fit one kind of model to some records and judge it on others: the same for one flight and for several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import sysid
+from pipeline.config import AnalysisConfig
+from pipeline.kinds import Kind
+from pipeline.results import ModelResult, Prediction
+from pipeline.stages import Stages
+
+#: Part of the time limit of a stage after which a scan of orders ends with what it has.
+SCAN_PART = 0.8
+
+
+def identify(
+    kind: Kind,
+    fitted: Sequence[sysid.Experiment],
+    judges: Sequence[sysid.Experiment],
+    config: AnalysisConfig,
+    stages: Stages,
+) -> ModelResult:
+    """Fit, judge, and scan orders where that was asked for; what could not be done leaves its reason in the result.
+
+    Parameters
+    ----------
+    kind : Kind
+    fitted, judges : sequence of Experiment
+        Records to fit to and records to judge on; orders are scanned within the former, so that no choice is made with
+        the latter.
+    config : AnalysisConfig
+    stages : Stages
+        Times the work and reports progress; its `missing` is not touched.
+    """
+    model = stages.run(kind.key, lambda report: kind.fit(fitted, config, report))
+    if model is None:
+        return ModelResult(key=kind.key, title=kind.title, missing=stages.missing.pop(kind.key))
+    validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *judges]))
+    predictions: tuple[Prediction, ...] = ()
+    if validation is not None:
+        predictions = tuple(
+            Prediction(experiment=record, y_hat=validation.predictions[record.name], training=number < len(fitted))
+            for number, record in enumerate((*fitted, *judges))
+        )
+    orders, missing = None, stages.missing.pop("validation", "")
+    if config.scan_orders and kind.scans:
+        orders = stages.run(
+            "orders",
+            lambda report: sysid.scan_orders(
+                fitted, structure=config.structure, time_limit=SCAN_PART * config.time_limit, progress=report
+            ),
+        )
+        reason = stages.missing.pop("orders", "")
+        missing = "; ".join(part for part in (missing, reason and f"orders were not scanned: {reason}") if part)
+    return ModelResult(
+        key=kind.key,
+        title=kind.title,
+        model=model,
+        validation=validation,
+        predictions=predictions,
+        orders=orders,
+        missing=missing,
+    )
