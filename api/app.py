@@ -3,6 +3,7 @@
 import logging
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from datetime import timedelta
 from pathlib import Path
 
 from fastapi import FastAPI
@@ -14,10 +15,13 @@ from api.catalog import Catalog
 from api.database import Database
 from api.dependencies import Parts
 from api.headers import SafeHeaders
+from api.housekeeping import Housekeeping
 from api.incoming import Incoming
 from api.jobs import Runner
+from api.metrics import Measured, Metrics
 from api.objects import Objects
-from api.routes import analyses, health, logs, pages
+from api.rates import Rates
+from api.routes import analyses, health, logs, pages, shares
 from api.settings import Settings
 from api.watch import PRELOAD, Workplace
 from api.worker import Analyze, analyze_logs
@@ -54,11 +58,13 @@ def create_app(
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         parts.runner.open()
+        parts.housekeeping.open()
         _log.info("logs and reports are kept in %s", settings.storage_url)
         try:
             yield
         finally:
             parts.runner.close()
+            parts.housekeeping.close()
             parts.database.close()
 
     app = FastAPI(
@@ -72,7 +78,9 @@ def create_app(
     app.state.parts = parts
     problems.install(app)
     app.add_middleware(SafeHeaders)
+    app.add_middleware(Measured, metrics=parts.metrics)
     app.include_router(logs.router, prefix="/api/v1")
+    app.include_router(shares.router, prefix="/api/v1")
     app.include_router(analyses.router, prefix="/api/v1")
     app.include_router(health.router)
     app.include_router(pages.router)
@@ -88,6 +96,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
     objects.prepare()
     database = Database(settings.database_url)
     database.migrate()
+    catalog = Catalog(database, objects)
     workplace = Workplace(
         database=settings.database_url,
         objects=settings.storage_url,
@@ -104,9 +113,18 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         settings=settings,
         database=database,
         objects=objects,
-        catalog=Catalog(database, objects),
+        catalog=catalog,
         incoming=incoming,
         runner=Runner(database, workplace, workers=settings.workers, scheduler=settings.scheduler or None),
         tokens=Tokens(database),
         shares=Shares(database),
+        rates=Rates(settings.upload_rate),
+        metrics=Metrics(database),
+        housekeeping=Housekeeping(
+            database,
+            objects,
+            catalog,
+            settings.data / "cache",
+            timedelta(days=settings.retention) if settings.retention else None,
+        ),
     )

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
-from sqlalchemy import delete, select, tuple_
+from sqlalchemy import delete, func, select, tuple_
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -78,6 +78,11 @@ class Catalog:
         with self._database.read() as session:
             found = session.get(LogRecord, log_id) if is_id(log_id) else None
             return _log(found) if found is not None and found.owner == owner else None
+
+    def count_logs(self, owner: str) -> int:
+        """Count the logs of an owner."""
+        with self._database.read() as session:
+            return session.scalar(select(func.count()).where(LogRecord.owner == owner)) or 0
 
     def list_logs(self, owner: str, *, limit: int, after: str | None = None, name: str = "") -> list[Log]:
         """List the newest logs, or those after a log of this list, whose names contain `name`."""

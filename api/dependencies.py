@@ -9,10 +9,13 @@ from fastapi import Depends, Request
 from api.access import EVERYBODY, Shares, Tokens, bearer, unauthorized
 from api.catalog import Catalog
 from api.database import Database
+from api.housekeeping import Housekeeping
 from api.incoming import Incoming
 from api.jobs import Runner
+from api.metrics import Metrics
 from api.objects import Objects
 from api.problems import Problem, ProblemError
+from api.rates import Rates
 from api.settings import Access, Settings
 
 
@@ -28,6 +31,9 @@ class Parts:
     runner: Runner
     tokens: Tokens
     shares: Shares
+    rates: Rates
+    metrics: Metrics
+    housekeeping: Housekeeping
 
 
 def _parts(request: Request) -> Parts:

@@ -55,9 +55,10 @@ class Problem(BaseModel):
 class ProblemError(Exception):
     """Raised where a request cannot be answered as asked; the service answers with `problem`."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, headers: Mapping[str, str] | None = None) -> None:
         super().__init__(problem.detail)
         self.problem = problem
+        self.headers = headers
 
 
 #: For a route's `responses`: errors have one shape whatever their status.
@@ -76,7 +77,7 @@ def respond(request: Request, problem: Problem, headers: Mapping[str, str] | Non
 
 async def _on_problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, ProblemError)
-    return respond(request, error.problem)
+    return respond(request, error.problem, error.headers)
 
 
 async def _on_http_error(request: Request, error: Exception) -> Response:

@@ -30,6 +30,12 @@ class UploadedLog(Log):
     )
 
 
+class UploadedLogs(BaseModel):
+    """Logs uploaded in one form."""
+
+    logs: list[UploadedLog]
+
+
 class State(StrEnum):
     """How far an analysis is."""
 

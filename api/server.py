@@ -4,7 +4,8 @@ import copy
 import logging
 import logging.config
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from socket import socket
 
 import uvicorn
@@ -13,7 +14,9 @@ from pydantic import ValidationError
 from sqlalchemy.exc import SQLAlchemyError
 from uvicorn.config import LOGGING_CONFIG
 
+from api.access import Tokens
 from api.app import create_app
+from api.database import Database
 from api.jobs import Runner
 from api.settings import Access, Settings
 
@@ -25,13 +28,15 @@ _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 _log = logging.getLogger("rotorid.api")
 
 
-def serve(host: str = "127.0.0.1", port: int = 8000) -> None:
+def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None) -> None:
     """Run the service until it is told to stop (Ctrl-C, SIGTERM); its other settings come from the environment.
 
     Ends the program with a message when a setting is wrong, the data folder cannot be written or the address is taken.
     """
     _log_to_stderr()
     settings = _settings()
+    if workers is not None:
+        settings = settings.model_copy(update={"workers": workers})
     if settings.access is Access.AUTO:
         settings = settings.model_copy(update={"access": Access.OPEN if host in _LOOPBACK else Access.TOKENS})
     try:
@@ -66,6 +71,22 @@ class Server(uvicorn.Server):
         """Stop the service in order."""
         await run_in_threadpool(self._runner.close)
         await super().shutdown(sockets)
+
+
+@contextmanager
+def open_tokens() -> Iterator[Tokens]:
+    """Open the tokens of the service that the environment describes; it may be running or not."""
+    settings = _settings()
+    try:
+        settings.data.mkdir(parents=True, exist_ok=True)
+        database = Database(settings.database_url)
+        try:
+            database.migrate()
+            yield Tokens(database)
+        finally:
+            database.close()
+    except (OSError, SQLAlchemyError) as error:
+        sys.exit(f"rotorid cannot use its database: {error}. Check ROTORID_DATABASE and ROTORID_DATA.")
 
 
 def _settings() -> Settings:

@@ -4,7 +4,7 @@ import os
 from enum import StrEnum
 from pathlib import Path
 
-from pydantic import ByteSize, Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import ByteSize, Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
@@ -50,6 +50,11 @@ class Settings(BaseSettings):
     upload_stall: PositiveFloat = Field(
         default=60.0, description="An upload that brings no byte for so long is given up [s]."
     )
+    upload_rate: str = Field(
+        default="300/minute",
+        description="Uploads taken from one client in a time, such as 300/minute or 5000/day; empty for any number.",
+    )
+    logs_limit: NonNegativeInt = Field(default=0, description="Most logs kept for one owner; 0 for any number.")
     workers: PositiveInt = Field(default_factory=_spare_cores, description="Analyses that run at the same time.")
     scheduler: str = Field(
         default="",

@@ -1,9 +1,10 @@
-"""Receiving a log: a multipart form whose file goes straight to the disk, whatever its size."""
+"""Receiving logs: a multipart form whose files go straight to the disk, whatever their size."""
 
 import asyncio
 import errno
 import re
 from collections.abc import AsyncIterator
+from contextlib import ExitStack
 from http import HTTPStatus
 
 from fastapi import Request
@@ -14,7 +15,7 @@ from starlette.requests import ClientDisconnect
 
 from api import sizes
 from api.catalog import Catalog, Kept
-from api.incoming import Incoming
+from api.incoming import Incoming, Upload
 from api.problems import Problem, ProblemError
 
 #: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
@@ -24,6 +25,9 @@ _BATCH = 1 << 20
 _FORM_OVERHEAD = 64 << 10
 
 _NAME_LENGTH = 200
+
+#: Most files of one form.
+_FILES = 100
 
 #: For a route's `openapi_extra`: the form cannot be declared as a parameter, which would read it into memory.
 FORM = {
@@ -36,9 +40,12 @@ FORM = {
                     "required": ["file"],
                     "properties": {
                         "file": {
-                            "type": "string",
-                            "format": "binary",
-                            "description": "A flight log: DataFlash (.bin, .log), telemetry (.tlog) or PX4 (.ulg).",
+                            "type": "array",
+                            "items": {"type": "string", "format": "binary"},
+                            "minItems": 1,
+                            "maxItems": _FILES,
+                            "description": "Flight logs: DataFlash (.bin, .log), telemetry (.tlog) or PX4 (.ulg); the "
+                            "field may come several times.",
                         }
                     },
                 }
@@ -49,13 +56,14 @@ FORM = {
 
 
 class _Form:
-    """Follows the parser through a form, gathering the bytes of the part called ``file``."""
+    """Follows the parser through a form, gathering the bytes of the parts called ``file``."""
 
     def __init__(self, boundary: bytes) -> None:
-        self.filename: str | None = None
-        self.batch = bytearray()
+        #: What each file is called, in the order of the form.
+        self.filenames: list[str] = []
+        #: Bytes not yet taken: (number of the file, bytes).
+        self.pending: list[tuple[int, bytearray]] = []
         self.complete = False
-        self.files = 0
         self._in_file = False
         self._header = bytearray()
         self._value = bytearray()
@@ -77,10 +85,14 @@ class _Form:
         """Take the next bytes of the request's body."""
         self._parser.write(chunk)
 
-    def take_batch(self) -> bytearray:
+    def waiting(self) -> int:
+        """Count the bytes not yet taken."""
+        return sum(len(data) for _, data in self.pending)
+
+    def take(self) -> list[tuple[int, bytearray]]:
         """Hand over what was gathered."""
-        batch, self.batch = self.batch, bytearray()
-        return batch
+        pending, self.pending = self.pending, []
+        return pending
 
     def _on_part_begin(self) -> None:
         self._disposition = b""
@@ -101,50 +113,69 @@ class _Form:
         _, options = parse_options_header(self._disposition)
         self._in_file = options.get(b"name") == b"file" and b"filename" in options
         if self._in_file:
-            self.files += 1
-            self.filename = options[b"filename"].decode("utf-8", "replace")
+            self.filenames.append(options[b"filename"].decode("utf-8", "replace"))
+            self.pending.append((len(self.filenames) - 1, bytearray()))
 
     def _on_part_data(self, data: bytes, start: int, end: int) -> None:
         if self._in_file:
-            self.batch += memoryview(data)[start:end]
+            number = len(self.filenames) - 1
+            if not self.pending:
+                self.pending.append((number, bytearray()))
+            self.pending[-1][1].extend(memoryview(data)[start:end])
 
     def _on_end(self) -> None:
         self.complete = True
 
 
-async def receive_log(
-    request: Request, incoming: Incoming, catalog: Catalog, owner: str, *, limit: int, stall: float
-) -> Kept:
-    """Take the log out of an upload and keep it.
+async def receive_logs(
+    request: Request, incoming: Incoming, catalog: Catalog, owner: str, *, limit: int, stall: float, logs_limit: int
+) -> list[Kept]:
+    """Take the logs out of an upload and keep them: all, or none when something is wrong with one.
 
     Raises
     ------
     ProblemError
-        When the request is no upload of one file, ends early, stalls for `stall` seconds or is larger than `limit`.
+        When the request is no upload of files, ends early, stalls for `stall` seconds or is larger than `limit`, or
+        when the owner has `logs_limit` logs already.
     """
     form = _Form(_boundary(request))
     if int(request.headers.get("content-length", 0)) > limit + _FORM_OVERHEAD:
         raise _too_large(limit)
+    if 0 < logs_limit <= await run_in_threadpool(catalog.count_logs, owner):
+        raise _too_many(logs_limit)
     received = 0
     try:
-        with incoming.receive() as upload:
+        with ExitStack() as stack:
+            uploads: list[Upload] = []
+
+            def write() -> None:
+                for number, data in form.take():
+                    if number == len(uploads):
+                        uploads.append(stack.enter_context(incoming.receive()))
+                    uploads[number].write(data)
+
             async for chunk in _body(request, stall):
                 received += len(chunk)
                 if received > limit + _FORM_OVERHEAD:
                     raise _too_large(limit)
                 form.feed(chunk)
-                if form.files > 1:
-                    raise _bad_form("The form has more than one file. Upload one log at a time.")
-                if len(form.batch) >= _BATCH:
-                    await run_in_threadpool(upload.write, form.take_batch())
+                if len(form.filenames) > _FILES:
+                    raise _bad_form(f"The form has more than {_FILES} files. Upload them in several parts.")
+                if form.waiting() >= _BATCH:
+                    await run_in_threadpool(write)
             if not form.complete:
                 raise _bad_form("The upload ended before the file did. Try again.")
-            if form.filename is None:
+            if not form.filenames:
                 raise _bad_form("The form has no file called `file`. With curl: curl -F file=@FLIGHT.bin ADDRESS.")
-            await run_in_threadpool(upload.write, form.take_batch())
-            if upload.size == 0:
-                raise _empty(_display_name(form.filename))
-            return await run_in_threadpool(catalog.keep_log, upload, _display_name(form.filename), owner)
+            await run_in_threadpool(write)
+            names = [_display_name(name) for name in form.filenames]
+            for upload, name in zip(uploads, names, strict=True):
+                if upload.size == 0:
+                    raise _empty(name)
+            return [
+                await run_in_threadpool(catalog.keep_log, upload, name, owner)
+                for upload, name in zip(uploads, names, strict=True)
+            ]
     except FormParserError as error:
         raise _bad_form(f"The multipart form is damaged: {error}.") from error
     except ClientDisconnect as error:
@@ -208,10 +239,15 @@ def _empty(name: str) -> ProblemError:
 
 
 def _too_large(limit: int) -> ProblemError:
-    detail = f"The log is larger than the {sizes.in_words(limit)} that this service takes."
+    detail = f"The upload is larger than the {sizes.in_words(limit)} that this service takes."
     return ProblemError(
         Problem.named("log-too-large", "The log is too large", HTTPStatus.REQUEST_ENTITY_TOO_LARGE, detail)
     )
+
+
+def _too_many(limit: int) -> ProblemError:
+    detail = f"You have the {limit} logs that this service keeps for one user. Delete one, then try again."
+    return ProblemError(Problem.named("too-many-logs", "Too many logs", HTTPStatus.FORBIDDEN, detail))
 
 
 def _disk_full() -> ProblemError:

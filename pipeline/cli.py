@@ -17,6 +17,7 @@ from pipeline.commands.export import export
 from pipeline.commands.inspect import inspect
 from pipeline.commands.serve import serve
 from pipeline.commands.simulate import simulate
+from pipeline.commands.token import tokens
 
 app = typer.Typer(
     name="rotorid",
@@ -29,6 +30,7 @@ app = typer.Typer(
 # In the order in which people use them, which is the order of the help.
 for _command in (analyze, inspect, export, simulate, serve):
     app.command()(_command)
+app.add_typer(tokens)
 
 
 def main() -> NoReturn:

@@ -8,13 +8,14 @@ from fastapi.concurrency import run_in_threadpool
 
 from api import problems
 from api.access import bearer
+from api.catalog import Kept
 from api.dependencies import Owner, Parts, PartsOf, from_our_pages, owner_of
 from api.following import ended
 from api.problems import Problem, ProblemError
-from api.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog
+from api.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
 from api.results import answer
 from api.routes.paging import After, Limit, page
-from api.uploads import FORM, receive_log
+from api.uploads import FORM, receive_logs
 
 router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
 
@@ -22,7 +23,7 @@ router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
 @router.post(
     "",
     status_code=HTTPStatus.CREATED,
-    summary="Upload a log, and analyse it in the same call if wanted",
+    summary="Upload logs, and analyse them in the same call if wanted",
     openapi_extra=FORM,
     dependencies=[from_our_pages],
 )
@@ -32,20 +33,21 @@ async def upload_log(
     parts: PartsOf,
     owner: Owner,
     analyze: Annotated[bool, Query(description="Wait for the analysis and answer with its models and report.")] = False,
-) -> UploadedLog | AnalysisAnswer:
-    """Keep the file of the form field `file`; the same content uploaded again is the same log.
+) -> UploadedLog | UploadedLogs | AnalysisAnswer:
+    """Keep the files of the form field `file`; the same content uploaded again is the same log.
 
+    One file is answered with its log, several with a list of theirs.
     With `analyze=true` the answer comes when the analysis is done and holds the fitted models and the RMSE report;
     without, it comes at once and `POST /api/v1/analyses` starts an analysis.
     """
-    settings = parts.settings
-    kept = await receive_log(
-        request, parts.incoming, parts.catalog, owner, limit=settings.upload_limit, stall=settings.upload_stall
-    )
+    kept = await take_upload(request, parts, owner)
     if not analyze:
-        response.headers["Location"] = f"/api/v1/logs/{kept.log.id}"
-        return UploadedLog(**dict(kept.log), delete_token=kept.delete_token)
-    ordered = await run_in_threadpool(parts.catalog.order, [kept.log.id], {}, owner)
+        logs = [UploadedLog(**dict(each.log), delete_token=each.delete_token) for each in kept]
+        if len(logs) > 1:
+            return UploadedLogs(logs=logs)
+        response.headers["Location"] = f"/api/v1/logs/{logs[0].id}"
+        return logs[0]
+    ordered = await run_in_threadpool(parts.catalog.order, [each.log.id for each in kept], {}, owner)
     parts.runner.wake()
     analysis = await ended(parts.catalog, ordered, parts.runner.stopping)
     response.headers["Location"] = f"/api/v1/analyses/{analysis.id}"
@@ -54,6 +56,21 @@ async def upload_log(
     if analysis.state is not State.DONE:
         raise _unfinished(analysis)
     return await run_in_threadpool(answer, analysis, parts)
+
+
+async def take_upload(request: Request, parts: Parts, owner: str) -> list[Kept]:
+    """Keep the files that a request brings."""
+    parts.rates.count_upload(request, owner)
+    settings = parts.settings
+    return await receive_logs(
+        request,
+        parts.incoming,
+        parts.catalog,
+        owner,
+        limit=settings.upload_limit,
+        stall=settings.upload_stall,
+        logs_limit=settings.logs_limit,
+    )
 
 
 def _unfinished(analysis: Analysis) -> ProblemError:

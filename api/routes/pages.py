@@ -11,7 +11,7 @@ from api.page_templates import render
 from api.resources import State
 from api.results import links_of
 from api.routes.analyses import find_analysis
-from api.uploads import receive_log
+from api.routes.logs import take_upload
 
 router = APIRouter(include_in_schema=False)
 
@@ -26,11 +26,8 @@ def home(request: Request, parts: PartsOf) -> Response:
 @router.post("/", dependencies=[from_our_pages])
 async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Response:
     """Take the form of a browser that runs no scripts, and lead it to the analysis."""
-    settings = parts.settings
-    kept = await receive_log(
-        request, parts.incoming, parts.catalog, owner, limit=settings.upload_limit, stall=settings.upload_stall
-    )
-    analysis = await run_in_threadpool(parts.catalog.order, [kept.log.id], {}, owner)
+    kept = await take_upload(request, parts, owner)
+    analysis = await run_in_threadpool(parts.catalog.order, [each.log.id for each in kept], {}, owner)
     parts.runner.wake()
     return RedirectResponse(f"/analyses/{analysis.id}", HTTPStatus.SEE_OTHER)
 

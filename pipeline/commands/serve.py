@@ -10,8 +10,16 @@ def serve(
         str, typer.Option(help="Address to listen on; 0.0.0.0 lets others on the network in.")
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = 8000,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Analyses at the same time. Default: ROTORID_WORKERS, or all processors but one."),
+    ] = None,
 ) -> None:
-    """Start the web service: a page to drop logs on, and the HTTP interface behind it."""
+    """Start the web service: a page to drop logs on, and the HTTP interface behind it.
+
+    On this computer it is open; with another --host it asks for tokens (see `rotorid token --help`). Everything else
+    is set by environment variables that begin with ROTORID_; docs/service.md lists them.
+    """
     import api
 
-    api.serve(host, port)
+    api.serve(host, port, workers)

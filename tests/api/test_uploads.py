@@ -1,5 +1,6 @@
 """What arrives, arrives whole or not at all, and no upload of any kind upsets the service."""
 
+import hashlib
 import re
 import socket
 from pathlib import Path
@@ -69,7 +70,8 @@ def test_a_name_is_only_for_people(service: httpx.Client, folder: Path, sent: st
         (form((disposition("file"), b"data")), 400, "no file called `file`"),
         (form(), 400, "no file called `file`"),
         (form(("X-Other: 1", b"data")), 400, "no file called `file`"),
-        (form((disposition("file", "a.bin"), b"1"), (disposition("file", "b.bin"), b"2")), 400, "more than one file"),
+        (form((disposition("file", "a.bin"), b"1"), (disposition("file", "b.bin"), b"")), 422, "b.bin is empty"),
+        (form(*[(disposition("file", "a.bin"), b"1")] * 101), 400, "more than 100 files"),
         (form((disposition("file", "a.bin"), b"")), 422, "a.bin is empty"),
         (form((disposition("file", "a.bin"), bytes(5 << 20))), 413, "larger than the 4 MB"),
         (form(("X: " + "x" * 10_000, b"data")), 400, "damaged"),
@@ -121,3 +123,20 @@ def test_other_sites_cannot_upload_through_a_visitors_browser(service: httpx.Cli
     for site, status in (("cross-site", 403), ("same-site", 403), ("same-origin", 201), ("none", 201)):
         response = service.post("/api/v1/logs", files={"file": ("a.bin", b"data")}, headers={"Sec-Fetch-Site": site})
         assert response.status_code == status
+
+
+def test_several_files_of_one_form_are_kept_in_their_order(service: httpx.Client, folder: Path) -> None:
+    contents = [b"first of three", b"second " * 300_000, b"third"]
+    answer = service.post("/api/v1/logs", files=[("file", (f"{k}.bin", data)) for k, data in enumerate(contents)])
+    assert answer.status_code == 201
+    logs = answer.json()["logs"]
+    assert [log["name"] for log in logs] == ["0.bin", "1.bin", "2.bin"]
+    assert [(folder / "objects" / "logs" / log["id"]).read_bytes() for log in logs] == contents
+
+
+def test_the_same_content_uploaded_again_is_the_same_log(service: httpx.Client) -> None:
+    first = service.post("/api/v1/logs", files={"file": ("a.bin", b"one and the same")}).json()
+    again = service.post("/api/v1/logs", files={"file": ("b.bin", b"one and the same")})
+    assert again.status_code == 201
+    assert again.json() == {**first, "delete_token": None}
+    assert first["sha256"] == hashlib.sha256(b"one and the same").hexdigest()

@@ -1,0 +1,83 @@
+"""Links that let whoever has them read one analysis, without a token."""
+
+from datetime import datetime
+from http import HTTPStatus
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import FileResponse
+from pydantic import BaseModel, Field
+
+from api import problems
+from api.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.problems import Problem, ProblemError
+from api.resources import Analysis, AnalysisAnswer
+from api.results import answer, file_of
+from api.routes.analyses import find_analysis
+
+router = APIRouter(tags=["sharing"], responses=problems.RESPONSES)
+
+
+class Share(BaseModel):
+    """A link to one analysis."""
+
+    url: str = Field(description="Address of the report for people.")
+    api: str = Field(description="Address of the analysis for programs.")
+    expires: datetime | None
+
+
+@router.post(
+    "/analyses/{analysis_id}/shares",
+    status_code=HTTPStatus.CREATED,
+    summary="Make a link that lets others read an analysis",
+    dependencies=[from_our_pages],
+)
+def share_analysis(
+    analysis_id: str,
+    parts: PartsOf,
+    owner: Owner,
+    days: Annotated[float | None, Query(gt=0, le=3650, description="Days until the link expires.")] = None,
+) -> Share:
+    """Make a link; whoever has it can read the report and its files, and nothing else."""
+    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    secret, expires = parts.shares.create(analysis.id, days)
+    return Share(url=f"/shared/{secret}", api=f"/api/v1/shared/{secret}", expires=expires)
+
+
+@router.delete(
+    "/analyses/{analysis_id}/shares",
+    status_code=HTTPStatus.NO_CONTENT,
+    summary="Make all links to an analysis worthless",
+    dependencies=[from_our_pages],
+)
+def unshare_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
+    """Take all links to an analysis back."""
+    parts.shares.revoke_all(find_analysis(analysis_id, parts.catalog, owner).id)
+
+
+@router.get("/shared/{secret}", summary="The analysis that a link is to")
+def show_shared(secret: str, parts: PartsOf) -> AnalysisAnswer:
+    """Show a shared analysis."""
+    found = answer(find_shared(secret, parts), parts)
+    here = f"/api/v1/shared/{secret}"
+    links = {"self": here, "page": f"/shared/{secret}"} | {name: f"{here}/{name}" for name in found.files}
+    return found.model_copy(update={"links": links})
+
+
+@router.get("/shared/{secret}/{name:path}", response_class=FileResponse, summary="A file of a shared analysis")
+def fetch_shared(secret: str, name: str, parts: PartsOf) -> Response:
+    """Fetch a file of a shared analysis."""
+    response = file_of(find_shared(secret, parts), name, parts)
+    if response is None:
+        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, f"This analysis has no {name}."))
+    return response
+
+
+def find_shared(secret: str, parts: Parts) -> Analysis:
+    """Look up what a link is to; a problem when it is to nothing."""
+    analysis_id = parts.shares.analysis_of(secret)
+    analysis = None if analysis_id is None else parts.catalog.find_analysis(analysis_id, None)
+    if analysis is None:
+        detail = "There is nothing behind this link; it may have expired or been taken back."
+        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, detail))
+    return analysis
