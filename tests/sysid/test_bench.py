@@ -1,0 +1,243 @@
+"""Thrust stand and pendulum: the paper's tables and formulae, layouts of other stands, and tables with faults."""
+
+import math
+
+import numpy as np
+import pytest
+
+from logparse import Vehicle
+from simulation import kim2017
+from sysid.bench import analyse_bench
+from sysid.bench_table import BenchError, read_bench
+from sysid.bifilar import Threads, bifilar, check_thread
+
+PWM = np.arange(1000.0, 2001.0, 100.0)
+WEIGHT = 2.6 * 9.80665
+
+
+def rotor_speed(pwm):
+    """Any rising curve will do."""
+    return 900.0 * np.sqrt(np.clip((pwm - 1000.0) / 1000.0, 0.0, None))
+
+
+def kim_table(folder, noise=0.0, seed=0):
+    """Write what a stand measures where Table 3 of Kim 2017 holds, in the paper's layout."""
+    rng = np.random.default_rng(seed)
+    lines = ["Motor,PWM (us),Voltage (V),Thrust (N),Torque (N m),RPM,Current (A)"]
+    for motor in range(4):
+        for row, voltage in enumerate(kim2017.VOLTAGES):
+            for pwm in PWM:
+                w = rotor_speed(pwm)
+                thrust = kim2017.THRUST_COEFFICIENTS[row, motor] * w**2 * (1.0 + noise * rng.standard_normal())
+                torque = kim2017.TORQUE_COEFFICIENTS[row, motor] * w**2
+                rpm, current = w * 30.0 / math.pi, torque * w
+                lines.append(f"{motor + 1},{pwm:.0f},{voltage},{thrust:.8f},{torque:.9f},{rpm:.6f},{current:.3f}")
+    path = folder / "kim.csv"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def sweep(folder, name="stand.csv", head="ESC signal (µs),Thrust (N),Voltage (V)", rows=None):
+    path = folder / name
+    full = [f"{pwm:.0f},{12.0 * ((pwm - 1000.0) / 1000.0) ** 1.5:.4f},15.8" for pwm in PWM] if rows is None else rows
+    path.write_text("\n".join([head, *full]), encoding="utf-8")
+    return path
+
+
+def test_coefficients_of_table_3(tmp_path):
+    """Algorithm 2 at the tested voltages gives Table 3; between them it interpolates, as the paper's lines do."""
+    bench = analyse_bench(read_bench([kim_table(tmp_path)]), density=1.225)
+    assert bench.motors == ("m1", "m2", "m3", "m4")
+    assert bench.voltages == pytest.approx(tuple(kim2017.VOLTAGES))
+    table = bench.coefficient_table()
+    # Table 3 follows the voltage by straight lines to its last printed digit only, and lines are what the method fits.
+    printed = kim2017.THRUST_COEFFICIENTS
+    assert table["k"].to_numpy() == pytest.approx(printed, rel=0.005)
+    assert table["b"].to_numpy() == pytest.approx(kim2017.TORQUE_COEFFICIENTS, rel=0.01)
+    halfway = bench.coefficients("m1", 14.5).thrust.value
+    assert halfway == pytest.approx(0.5 * (printed[1, 0] + printed[2, 0]), rel=0.005)
+
+
+def test_trim_carries_the_weight(tmp_path):
+    """Algorithm 1: at the trim PWM the motor gives a quarter of the weight; a lower battery asks for more PWM."""
+    bench = analyse_bench(read_bench([kim_table(tmp_path)]), density=1.225)
+    trims = {voltage: bench.trim("m1", WEIGHT, voltage) for voltage in (16.0, 14.5, 13.0)}
+    for voltage, trim in trims.items():
+        curve = bench.at_voltage("m1", voltage)
+        assert np.interp(trim.pwm, curve.index, curve["thrust"]) == pytest.approx(WEIGHT / 4.0, rel=1e-6)
+        assert trim.speed == pytest.approx(np.interp(trim.pwm, curve.index, curve["speed"]))
+    assert trims[16.0].pwm < trims[14.5].pwm < trims[13.0].pwm
+
+
+def test_standard_errors_are_those_of_repetition(tmp_path):
+    """Forty noisy stands: k scatters as claimed, to a factor of 1.6 (chi-square, 39 degrees of freedom)."""
+    values = [
+        analyse_bench(read_bench([kim_table(tmp_path, 0.02, seed)]), 1.225).coefficients("m1", 14.5).thrust
+        for seed in range(40)
+    ]
+    assert np.mean([each.value for each in values]) == pytest.approx(2.315e-5, rel=0.01)
+    spread = np.std([each.value for each in values])
+    claimed = np.sqrt(np.mean([each.sigma**2 for each in values]))
+    assert claimed / 1.6 < spread < 1.6 * claimed
+
+
+def test_layouts_of_other_stands(tmp_path):
+    """Tyto/RCbenchmark columns in grams and kilograms, semicolons, negative torque: one thrust curve in newtons."""
+    plain = sweep(tmp_path)
+    grams = [
+        f"{k};{pwm:.0f};0;{1000 / 9.80665 * 12.0 * ((pwm - 1000) / 1000) ** 1.5:.4f};-0.1;15.8;{pwm};;"
+        for k, pwm in enumerate(PWM)
+    ]
+    other = sweep(
+        tmp_path,
+        "tyto.csv",
+        "Time (s);ESC signal (µs);Servo 1 (µs);Thrust (gf);Torque (N·m);Voltage (V);Motor Electrical Speed (RPM);"
+        "Motor Efficiency (%);App message",
+        grams,
+    )
+    kilos = [f"{pwm:.0f},{12.0 / 9.80665 * ((pwm - 1000) / 1000) ** 1.5:.6f},15.8" for pwm in PWM]
+    third = sweep(tmp_path, "kgf.csv", "ESC signal (us),Thrust (kgf),Voltage (V)", kilos)
+    curves = [analyse_bench(read_bench([path]), 1.225).at_voltage("m1") for path in (plain, other, third)]
+    for curve in curves[1:]:
+        assert curve["thrust"].to_numpy() == pytest.approx(curves[0]["thrust"].to_numpy(), abs=1e-3)
+    assert curves[1]["speed"].iloc[-1] == pytest.approx(2000.0 * math.pi / 30.0)
+    assert curves[1]["torque"].iloc[-1] == pytest.approx(0.1)
+
+
+def test_thrust_curve_and_prior(tmp_path):
+    """A stand that follows the autopilot's curve gives back its curvature; the prior is per unit of mass."""
+    craft = Vehicle(pwm_min=1000.0, pwm_max=2000.0, spin_min=0.15, spin_max=0.95, thrust_expo=0.65)
+    c = (PWM - 1150.0) / 800.0
+    rows = [
+        f"{p:.0f},{8.0 * (0.4 * x + 0.6 * x * x) if x > 0 else 0.0:.6f},15.8"
+        for p, x in zip(PWM, c, strict=True)
+        if x <= 1
+    ]
+    bench = analyse_bench(read_bench([sweep(tmp_path, rows=rows)]), density=1.1)
+    curve = bench.command_curve(craft)
+    assert curve.expo.value == pytest.approx(0.6, abs=1e-4)
+    assert curve.full_thrust.value == pytest.approx(8.0 * 1.225 / 1.1, rel=1e-4)
+    priors = bench.priors(2.0, craft)
+    assert priors["thrust"][0] == pytest.approx(4.0 * 1.225 / 1.1, rel=1e-4)
+    assert priors["thrust"][1] >= 0.03 * priors["thrust"][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "finding"),
+    [
+        ({5: "1500,-3.0,15.8"}, "bench-negative-thrust"),
+        ({5: "1500,9.5,15.8"}, "bench-outlier"),
+        ({6: "1600,568.7,15.8"}, "bench-mixed-units"),
+        ({3: "13,2.0,15.8"}, "bench-pwm-implausible"),
+    ],
+)
+def test_implausible_rows_are_named_and_left_out(tmp_path, change, finding):
+    rows = [f"{pwm:.0f},{12.0 * ((pwm - 1000.0) / 1000.0) ** 1.5:.4f},15.8" for pwm in PWM]
+    clean = analyse_bench(read_bench([sweep(tmp_path)]), 1.225)
+    for at, row in change.items():
+        rows[at] = row
+    faulty = analyse_bench(read_bench([sweep(tmp_path, "faulty.csv", rows=rows)]), 1.225)
+    assert finding in {f.id for f in faulty.findings}
+    assert finding not in {f.id for f in clean.findings}
+    assert faulty.trim("m1", 16.0).pwm == pytest.approx(clean.trim("m1", 16.0).pwm, abs=15.0)
+
+
+def test_pwm_out_of_order_and_negative_thrust_throughout(tmp_path):
+    rows = [
+        f"{pwm:.0f},{-12.0 * ((pwm - 1000.0) / 1000.0) ** 1.5:.4f},15.8"
+        for pwm in np.random.default_rng(1).permutation(PWM)
+    ]
+    bench = analyse_bench(read_bench([sweep(tmp_path, rows=rows)]), 1.225)
+    assert {"bench-pwm-order", "bench-thrust-sign"} <= {f.id for f in bench.findings}
+    assert bench.at_voltage("m1").index.is_monotonic_increasing
+    assert bench.at_voltage("m1")["thrust"].iloc[-1] == pytest.approx(12.0)
+
+
+def test_what_was_not_measured_is_said(tmp_path):
+    bare = [f"{pwm:.0f},{12.0 * ((pwm - 1000.0) / 1000.0) ** 1.5:.4f}" for pwm in PWM]
+    bench = analyse_bench(read_bench([sweep(tmp_path, head="PWM,Thrust", rows=bare)]))
+    ids = {f.id for f in bench.findings}
+    assert {"bench-unit-assumed", "bench-voltage-missing", "bench-speed-missing", "bench-density-assumed"} <= ids
+    k = bench.coefficients("m1").thrust
+    assert k.value is None
+    assert "rotor speed was not measured" in k.reason
+    with pytest.raises(BenchError, match="no voltages"):
+        bench.coefficients("m1", 15.0)
+
+
+@pytest.mark.parametrize(
+    ("head", "rows", "words"),
+    [
+        ("Time (s),Voltage (V)", ["1,2", "2,3"], "no PWM .* and no thrust"),
+        ("PWM (us),Thrust (furlong)", ["1100,1", "1200,2"], "unit 'furlong'"),
+        ("PWM (us),Thrust (N)", ["a,b"], "no row has both"),
+        ("PWM (us),Thrust (N)", ["1100,1", "1200,2"], "three or more"),
+    ],
+)
+def test_unusable_tables_are_refused(tmp_path, head, rows, words):
+    with pytest.raises(BenchError, match=words):
+        analyse_bench(read_bench([sweep(tmp_path, head=head, rows=rows)]))
+
+
+def test_what_the_motors_cannot_do_is_refused(tmp_path):
+    bench = analyse_bench(read_bench([kim_table(tmp_path)]), 1.225)
+    with pytest.raises(BenchError, match="its share of the weight is 250"):
+        bench.trim("m1", 1000.0, 16.0)
+    with pytest.raises(BenchError, match="outside the voltages tested"):
+        bench.trim("m1", WEIGHT, 11.1)
+    with pytest.raises(BenchError, match="m9 was not tested"):
+        bench.coefficients("m9")
+
+
+def test_weak_motor_shows(tmp_path):
+    good = [sweep(tmp_path, f"{k}.csv") for k in range(3)]
+    weak = sweep(tmp_path, "weak.csv", rows=[f"{p:.0f},{9.0 * ((p - 1000) / 1000) ** 1.5:.4f},15.8" for p in PWM])
+    findings = analyse_bench(read_bench([*good, weak]), 1.225).findings
+    assert [f.evidence["motor"] for f in findings if f.id == "weak-motor"] == ["m4"]
+
+
+def test_inertia_is_the_formula_and_its_spread_that_of_the_times():
+    """Eq. 19 with L and b of the paper; sigma is repetition, mass, lengths and gravity together."""
+    truth, threads = 0.0363, Threads(1.96, 0.2)
+    period = math.sqrt(truth * 4.0 * math.pi**2 * 1.96 / (2.6 * 9.80665 * 0.2**2))
+    times = 10.0 * period * (1.0 + 0.01 * np.random.default_rng(2).standard_normal(20))
+    result = bifilar(list(times), 2.6, threads, axis="x")
+    assert abs(result.inertia - truth) < 2.0 * result.sigma
+    assert result.std == pytest.approx(0.02 * truth, rel=0.4)
+    assert result.variance == pytest.approx(result.std**2)
+    assert result.sigma > result.std / math.sqrt(20.0)
+
+
+def test_uncertainty_of_inertia_agrees_with_monte_carlo():
+    """All inputs drawn from their uncertainties, 2000 times: the spread is what is claimed, to 10 %."""
+    rng, truth = np.random.default_rng(3), 0.03
+    spread = []
+    for _ in range(2000):
+        length, distance, mass = 1.96 + 0.002 * rng.standard_normal(), 0.2 + 0.001 * rng.standard_normal(), 2.6
+        g = 9.80665 * (1.0 + 0.001 * rng.standard_normal())
+        period = math.sqrt(
+            truth * 4.0 * math.pi**2 * length / ((mass + 0.005 * rng.standard_normal()) * g * distance**2)
+        )
+        times = 10.0 * period * (1.0 + 0.005 * rng.standard_normal(8))
+        spread.append(bifilar(list(times), mass, Threads(1.96, 0.2)))
+    claimed = np.sqrt(np.mean([each.sigma**2 for each in spread]))
+    assert np.std([each.inertia for each in spread]) == pytest.approx(claimed, rel=0.1)
+
+
+def test_gravity_of_the_paper_s_simple_pendulum():
+    """28.19, 27.55 and 28.58 s for ten swings on 1.96 m: 9.46 to 10.2 m/s^2; the paper prints 9.46, 9.91, 9.45."""
+    found = [check_thread([time], 1.96) for time in (28.19, 27.55, 28.58)]
+    assert found[0].gravity == pytest.approx(9.737, abs=0.01)
+    assert found[1].gravity == pytest.approx(10.19, abs=0.01)
+    assert [bool(each.findings) for each in found] == [False, True, True]
+    assert found[1].length == pytest.approx(9.80665 * (2.755 / (2.0 * math.pi)) ** 2)
+
+
+def test_miscounted_swings_and_bad_numbers():
+    result = bifilar([30.1, 30.0, 33.1, 29.9, 30.05], 2.6, Threads(1.96, 0.2))
+    assert result.repetitions == 4
+    assert [f.id for f in result.findings] == ["bifilar-miscounted"]
+    assert "bifilar-implausible" in {f.id for f in bifilar([300.0, 301.0], 2.6, Threads(1.96, 0.2)).findings}
+    for times, mass in (([30.0], 2.6), ([30.0, -1.0], 2.6), ([30.0, 30.0], 0.0)):
+        with pytest.raises(BenchError):
+            bifilar(times, mass, Threads(1.96, 0.2))
