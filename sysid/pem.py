@@ -26,6 +26,8 @@ from sysid.separable import Problem, reduced_information, sensitivities
 from sysid.transfer_function import FitReport, TransferFunction, TransferFunctionModel
 from sysid.uncertainty import parameter_covariance
 
+__all__ = ["Progress", "fit_transfer_functions"]
+
 Integers = NDArray[np.int64]
 
 
