@@ -29,8 +29,9 @@ from scipy.signal import lsim
 from logparse import Finding, Severity
 from sysid.disturbance import Disturbance, fit_disturbance
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
-from sysid.pem import Progress, fit_transfer_functions
+from sysid.pem import fit_transfer_functions
 from sysid.response import INITIAL_SECONDS
+from sysid.search import Progress
 from sysid.transfer_function import FitReport, TransferFunction
 
 #: Outputs that share a transfer function, by the last letter of their names.
