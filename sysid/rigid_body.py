@@ -7,30 +7,35 @@ Translation, with attitude as an input (NED world, FRD body; R from body to worl
     u  = R^T (v - wind(h)),   wind(h) = wind_10 (h / 10 m)^wind_exponent
     a_b = t (tilt_x, tilt_y, -1) - L drag_linear u - s drag_quadratic |u| u + (0, 0, s climb_loss max(0, -u_z)^2)
 
-with c_k the command of motor k between idle and full spin, and L = sqrt(s t / g) where drag is that of the rotors, which
-goes with their speed, or L = s where it is not. Rotation, with unit arms s_k = -sin(angle_k), p_k = cos(angle_k), and
-y_k = -spin_k (a rotor turning clockwise pushes the craft anticlockwise)::
+with c_k the command of motor k between idle and full spin, and L = sqrt(s t / g) where drag is that of the rotors,
+which goes with their speed, or L = s where it is not; quadratic drag may go with the speed along its axis, |u_i| for
+|u|.
 
-    w_x' = roll_gain  s sum_k (s_k + cg_y) T_k - roll_damping w_x
-    w_y' = pitch_gain s sum_k (p_k - cg_x) T_k - pitch_damping w_y
-    w_z' = yaw_gain   s sum_k y_k T_k          - yaw_damping w_z,     T_k = (1 - e) c_k + e c_k^2
+Rotation, with levers l_k = -sin(angle_k) for roll and cos(angle_k) for pitch, in arms, and l_k = -spin_k for yaw (a
+rotor turning clockwise pushes the craft anticlockwise), and T_k = s (V / V_ref)^2 [(1 - e) c_k + e c_k^2]::
+
+    w' = gain sum_k l_k T_k - damping w          for each axis
 
 so that inertia over arm is ``I_xx / l = m thrust / roll_gain``. Motion alone gives everything per unit of mass.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from logparse import Finding, Vehicle
-from sysid.experiment import Floats
+from sysid._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
+from sysid.body_motion import LAG, THETA, Motion, motion
+from sysid.experiment import Experiment, Floats
+from sysid.trim import fit_trim
+from sysid.wind import WIND_HEIGHT, FlightTrim
 
-#: Height to which winds refer, m (the meteorologists').
-WIND_HEIGHT = 10.0
+#: From how much of a flight that the model has not seen wind and thrust scale are found, s.
+TRIM_SECONDS = 30.0
 
 #: Parameters in the order in which they are estimated, with their units; the first group from translation, the second
 #: from rotation.
@@ -96,34 +101,6 @@ class BodyParameter:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
-@dataclass(frozen=True, slots=True)
-class FlightTrim:
-    """What differs between flights of one craft.
-
-    Attributes
-    ----------
-    wind_n, wind_e : float
-        Velocity of the air 10 m above the place of take-off, towards north and east, m/s.
-    wind_sigma : float
-        Standard error of each, m/s.
-    thrust_scale, thrust_scale_sigma : float
-        Thrust of this flight over the model's: temperature of the air, battery, mass taken on.
-    source : str
-        From what: ``"fit"``, ``"whole flight"``, ``"first 30 s"``.
-    """
-
-    wind_n: float
-    wind_e: float
-    wind_sigma: float
-    thrust_scale: float
-    thrust_scale_sigma: float
-    source: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigidBodyModel:
     """A craft as physics sees it.
@@ -140,7 +117,9 @@ class RigidBodyModel:
     condition : float
         Condition number of the information on the translational parameters, scaled to unit diagonal.
     rotor_drag : bool
-        Whether linear drag goes with the rotors' speed.
+        Whether linear drag goes with the rotors' speed; else with the air's density.
+    axis_drag : bool
+        Whether quadratic drag along an axis goes with the square of the speed along it; else with the whole speed.
     mass : float or None
         As given, kg.
     vehicle : Vehicle
@@ -165,6 +144,7 @@ class RigidBodyModel:
     covariance: Floats
     condition: float
     rotor_drag: bool
+    axis_drag: bool
     mass: float | None
     vehicle: Vehicle
     reference_density: float
@@ -175,6 +155,11 @@ class RigidBodyModel:
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
 
+    @property
+    def law(self) -> int:
+        """Law of drag as the kernels number it."""
+        return (ROTOR_DRAG if self.rotor_drag else 0) | (AXIS_DRAG if self.axis_drag else 0)
+
     def value(self, name: str) -> float:
         """Give the number that the model computes with."""
         return self.parameters[name].used
@@ -182,6 +167,140 @@ class RigidBodyModel:
     @property
     def correlation(self) -> Floats:
         """Correlations of the estimated parameters, in the order of `estimated`."""
-        sigma = np.sqrt(np.diag(self.covariance))
+        sigma: Floats = np.sqrt(np.diag(self.covariance))
         sigma = np.where(sigma > 0.0, sigma, 1.0)
         return np.asarray(self.covariance / np.outer(sigma, sigma))
+
+    def simulate(self, experiment: Experiment) -> Floats:
+        """Run freely from the measured initial state, with PWM and measured attitude as inputs.
+
+        Wind and thrust scale are those in `flights`; of a flight that is not there they are found from its first 30 s
+        (`trim`).
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Inputs PWM of the motors, outputs x, y, z; with context.
+
+        Returns
+        -------
+        ndarray, shape (N, 3)
+            x, y, z, m.
+        """
+        flight = self._motion(experiment)
+        theta, shapes = self._theta(flight, self._trim_of(experiment))
+        return self._outputs(experiment, flight.run(theta, shapes, self.law)[:, :3])
+
+    def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
+        """Predict every sample from the state `horizon` seconds before it; wind and thrust scale as in `simulate`.
+
+        Parameters
+        ----------
+        experiment : Experiment
+        horizon : float
+            s.
+
+        Returns
+        -------
+        ndarray, shape (N, 3)
+            x, y, z, m; samples before the first horizon are those of the free run.
+        """
+        flight = self._motion(experiment)
+        theta, shapes = self._theta(flight, self._trim_of(experiment))
+        steps = min(max(round(horizon / flight.dt), 1), len(flight.t) - 1)
+        out = np.empty((len(flight.t), 3))
+        signals, initial = flight.signals(theta[LAG]), np.hstack([flight.position, flight.velocity])
+        ahead(theta, signals, shapes, flight.dt, flight.ground, self.law, initial, steps, out)
+        return self._outputs(experiment, out)
+
+    def trim(
+        self, experiment: Experiment, seconds: float | None = None, wind_spacing: float | None = None
+    ) -> FlightTrim:
+        """Find wind and thrust scale of a flight, so that the free run from its initial state fits best.
+
+        Parameters
+        ----------
+        experiment : Experiment
+        seconds : float, optional
+            Use the beginning of the flight only, s; default: all of it.
+        wind_spacing : float, optional
+            Let the wind vary, with this time between the points of a broken line, s; default: constant wind.
+        """
+        flight = self._motion(experiment)
+        source = "whole flight"
+        if seconds is not None and seconds < flight.t[-1] - flight.t[0]:
+            flight, source = flight.cut(0, max(round(seconds / flight.dt), 2)), f"first {seconds:g} s"
+        return fit_trim(flight, np.array([self.value(name) for name in THETA]), self.law, source, wind_spacing)
+
+    def trimmed(
+        self, experiments: Sequence[Experiment], seconds: float | None = None, wind_spacing: float | None = None
+    ) -> RigidBodyModel:
+        """Give the model with wind and thrust scale of these flights as `trim` finds them, and say so in its name."""
+        flights = {record.name: self.trim(record, seconds, wind_spacing) for record in experiments}
+        how = "each whole flight" if seconds is None else f"the first {seconds:g} s of each flight"
+        return replace(
+            self,
+            name=f"{self.name.split(',')[0]}, wind and thrust scale trimmed on {how}",
+            flights={**self.flights, **flights},
+        )
+
+    def drag(self, axis: str, speed: float) -> tuple[float, float]:
+        """Deceleration [m/s^2] by drag at a speed [m/s] along a body axis in sea-level air at hover, and its sigma.
+
+        Linear and quadratic drag are often known together much better than apart.
+
+        Parameters
+        ----------
+        axis : str
+            ``"x"``, ``"y"`` or ``"z"``.
+        speed : float
+            m/s.
+        """
+        names = (f"drag_linear_{axis}", f"drag_quadratic_{axis}")
+        weights = np.zeros(len(self.estimated))
+        for name, part in zip(names, (speed, speed * abs(speed)), strict=True):
+            if name in self.estimated:
+                weights[self.estimated.index(name)] = part
+        total = self.value(names[0]) * speed + self.value(names[1]) * speed * abs(speed)
+        return total, float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON."""
+        return {
+            "kind": "rigid_body",
+            "name": self.name,
+            "parameters": {name: parameter.to_dict() for name, parameter in self.parameters.items()},
+            "estimated": list(self.estimated),
+            "covariance": self.covariance.tolist(),
+            "correlation": self.correlation.tolist(),
+            "condition": self.condition if np.isfinite(self.condition) else None,
+            "rotor_drag": self.rotor_drag,
+            "axis_drag": self.axis_drag,
+            "mass": self.mass,
+            "reference_density": self.reference_density,
+            "reference_voltage": self.reference_voltage,
+            "wind_height": WIND_HEIGHT,
+            "flights": {name: trim.to_dict() for name, trim in self.flights.items()},
+            "rotation_fit": dict(self.rotation_fit),
+            "rmse": self.rmse,
+            "training": list(self.training),
+            "findings": [
+                {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
+            ],
+        }
+
+    def _motion(self, experiment: Experiment) -> Motion:
+        return motion(experiment, self.vehicle, self.reference_voltage)
+
+    def _trim_of(self, experiment: Experiment) -> FlightTrim:
+        known = self.flights.get(experiment.name)
+        return known if known is not None else self.trim(experiment, TRIM_SECONDS)
+
+    def _theta(self, flight: Motion, trim: FlightTrim) -> tuple[Floats, Floats]:
+        """Parameters and wind for the kernels: the winds north and east are shapes of their own."""
+        shared = [self.value(name) for name in THETA]
+        return np.array([*shared, trim.thrust_scale, 1.0, 0.0, 0.0, 1.0]), np.ascontiguousarray(trim.wind(flight.t))
+
+    @staticmethod
+    def _outputs(experiment: Experiment, position: Floats) -> Floats:
+        return np.asarray(position * np.array([1.0, 1.0, -1.0]) + experiment.y[0])

@@ -1,0 +1,428 @@
+"""From flights to a rigid body: equation error, output error, rotation, and what of it all is determined."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from logparse import Finding, Severity, Vehicle
+from sysid._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
+from sysid.body_motion import SHARED, THETA, Motion, motion, reference_voltage
+from sysid.equation_error import fit_equation_error
+from sysid.excitation import examine
+from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice
+from sysid.rigid_body import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
+from sysid.rotation import COHERENT, RotationFit, centre_of_gravity, fit_rotation, logged_motors
+from sysid.thrust_curve import REFERENCE_DENSITY
+from sysid.trim import trim_prior
+from sysid.wind import WIND_EXPONENT, FlightTrim, wind_knots, wind_shapes
+
+#: What is known of any multirotor before it flies: mean, standard deviation, limits. The spreads are wide, so that they
+#: only hold what a flight does not excite. The curve's mean is the autopilot's setting; nothing is known of thrust.
+PRIORS: Mapping[str, tuple[float, float, float, float]] = {
+    "thrust": (0.0, np.inf, 1e-3, 1e4),
+    "thrust_expo": (0.65, 0.1, 0.0, 1.0),
+    "drag_linear_x": (0.25, 0.5, 0.0, 5.0),
+    "drag_linear_y": (0.25, 0.5, 0.0, 5.0),
+    "drag_linear_z": (0.25, 0.5, 0.0, 5.0),
+    "drag_quadratic_x": (0.02, 0.1, 0.0, 1.0),
+    "drag_quadratic_y": (0.02, 0.1, 0.0, 1.0),
+    "drag_quadratic_z": (0.02, 0.1, 0.0, 1.0),
+    "climb_loss": (0.0, 0.05, 0.0, 1.0),
+    "tilt_x": (0.0, 0.01, -0.1, 0.1),
+    "tilt_y": (0.0, 0.01, -0.1, 0.1),
+    "wind_exponent": (*WIND_EXPONENT, 0.0, 1.0),
+    "motor_lag": (0.03, 0.03, 0.0, 0.3),
+}
+
+#: Largest standard error of what is called determined: a part of the estimate; absolute where zero is a proper value.
+RELATIVE = {"thrust": 0.15, "roll_gain": 0.2, "pitch_gain": 0.2, "yaw_gain": 0.2}
+ABSOLUTE = {
+    "thrust_expo": 0.05,
+    "climb_loss": 0.02,
+    "tilt_x": 0.004,
+    "tilt_y": 0.004,
+    "wind_exponent": 0.08,
+    "motor_lag": 0.015,
+    "roll_damping": 1.0,
+    "pitch_damping": 1.0,
+    "yaw_damping": 1.0,
+    "cg_x": 0.03,
+    "cg_y": 0.03,
+}
+_DRAG_RELATIVE = 0.5
+_NOTHING = 1e-6
+
+#: Speed below which drag is not worth telling, m/s.
+_SLOW = 0.5
+
+#: What to fly so that a parameter can be had.
+ADVICE = {
+    "thrust": "fly longer, or in one place so that gusts do not hide thrust",
+    "thrust_expo": "climb and descend with vigour, or fly with different loads or at different altitudes",
+    "drag_linear": "fly back and forth at several speeds along this axis",
+    "drag_quadratic": "fly back and forth at several speeds, the highest included, along this axis",
+    "climb_loss": "climb fast and descend fast",
+    "tilt": "turn in the wind, so that wind and a leaning thrust can be told apart",
+    "wind_exponent": "fly low and high in wind",
+    "motor_lag": "log motor outputs faster, and move the throttle briskly",
+}
+
+
+def fit_rigid_body(
+    experiments: Sequence[Experiment],
+    mass: float | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    wind_spacing: float | None = None,
+) -> RigidBodyModel:
+    """Identify thrust, drag, wind and effectiveness of one craft from one or more flights.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Inputs PWM of the motors, outputs x, y, z, with context; best at 50 samples a second.
+    mass : float, optional
+        kg; without it everything is per unit of mass.
+    priors : mapping of str to (mean, sigma), optional
+        What is known beforehand of parameters of `TRANSLATION_UNITS`, in their units, such as the thrust from a bench
+        over the mass. Sigma 0 holds a parameter.
+    wind_spacing : float, optional
+        Let each flight's wind vary, with this time between the points of a broken line, s; default: constant winds.
+
+    Raises
+    ------
+    ExperimentError
+        When the records are not alike or not of the kind, or too short, or a prior is none of the parameters'.
+    MissingDataError
+        Without attitude.
+    """
+    records = require_alike(experiments)
+    if mass is not None and not mass > 0.0:
+        raise ExperimentError(f"mass must be positive, not {mass} kg")
+    unknown = set(priors or {}) - set(THETA)
+    if unknown:
+        raise ExperimentError(f"no such parameter: {', '.join(sorted(unknown))}; there are {', '.join(THETA)}")
+    findings = [f for f in examine(records).findings if f.id in ("constant-input", "saturated-input")]
+    vehicle, more = _vehicle(records)
+    voltage = reference_voltage(records)
+    findings += more + _gaps(records, vehicle, mass, voltage)
+    motions = [motion(record, vehicle, voltage) for record in records]
+    knots = [wind_knots(flight.t, wind_spacing) for flight in motions]
+    if wind_spacing is not None and len({len(k) for k in knots}) > 1:
+        # Shapes must be alike in number: the longest flight decides.
+        most = max(len(k) for k in knots)
+        knots = [np.linspace(flight.t[0], flight.t[-1], most) for flight in motions]
+    shapes = [wind_shapes(flight.t, k) for flight, k in zip(motions, knots, strict=True)]
+    prior, start = _prior(motions, vehicle, priors or {}, shapes[0].shape[1])
+    rough = fit_equation_error(motions, shapes, start, prior)
+    fine = fit_output_error(motions, shapes, rough.values, prior, law=rough.law)
+    if not fine.converged:
+        findings.append(
+            Finding(
+                "not-converged",
+                Severity.WARNING,
+                f"output error had not settled after {fine.iterations} steps; its standard errors mean little",
+                "use longer flights, or leave out flights in which the craft was disturbed",
+            )
+        )
+    turning = _rotation(records, vehicle, voltage)
+    parameters, covariance, estimated = _parameters(fine, prior, motions, records, vehicle, voltage, turning)
+    findings += _undetermined(parameters) + _drag_apart(parameters, motions, fine, rough.law)
+    return RigidBodyModel(
+        name="rigid body, thrust and drag from PWM and attitude",
+        parameters={name: _in_si(parameter, parameters, mass) for name, parameter in parameters.items()},
+        estimated=estimated,
+        covariance=covariance,
+        condition=_condition(fine.information[:SHARED, :SHARED]),
+        rotor_drag=bool(rough.law & ROTOR_DRAG),
+        axis_drag=bool(rough.law & AXIS_DRAG),
+        mass=mass,
+        vehicle=vehicle,
+        reference_density=REFERENCE_DENSITY,
+        reference_voltage=voltage,
+        flights={flight.name: _trim(fine, i, knots[i]) for i, flight in enumerate(motions)},
+        rotation_fit={} if turning is None else {axis: fit.coherent for axis, fit in turning.axes.items()},
+        rmse=fine.rmse,
+        training=tuple(record.name for record in records),
+        findings=tuple(findings),
+    )
+
+
+def _vehicle(records: Sequence[Experiment]) -> tuple[Vehicle, list[Finding]]:
+    vehicle = records[0].vehicle
+    if vehicle is not None:
+        return vehicle, []
+    vehicle = Vehicle()
+    return vehicle, [
+        Finding(
+            "assumed-thrust-curve",
+            Severity.WARNING,
+            "the log does not tell the motors' PWM range and thrust curve; ArduPilot's defaults are assumed "
+            f"({vehicle.pwm_min:.0f}-{vehicle.pwm_max:.0f} us, MOT_THST_EXPO {vehicle.thrust_expo})",
+            "log parameters",
+        )
+    ]
+
+
+def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, voltage: float | None) -> list[Finding]:
+    """Say what the logs lack and what that means."""
+    findings = []
+    count, flown = len(records[0].input_names), len(vehicle.motors)
+    if count < flown:
+        findings.append(
+            Finding(
+                "motors-not-logged",
+                Severity.WARNING,
+                f"only {count} of {flown} motors are logged; the others carry an unknown part of the weight, so that "
+                "thrust per motor and effectiveness are not determined; drag and wind are",
+                "log the outputs of all motors and all SERVOn_FUNCTION parameters",
+                {"logged": count, "motors": flown},
+            )
+        )
+    if voltage is None:
+        findings.append(
+            Finding(
+                "voltage-missing",
+                Severity.WARNING,
+                "voltage was not logged in every record: thrust is taken not to depend on it, which makes the thrust "
+                "scale of a flight an average over its discharge",
+                "set up the battery monitor (BATT_MONITOR)",
+            )
+        )
+    lacking = [r.name for r in records if r.context is not None and not r.context["density"].notna().all()]
+    if lacking:
+        findings.append(
+            Finding(
+                "density-unknown",
+                Severity.WARNING,
+                f"neither pressure nor altitude in {', '.join(lacking)}: sea-level air is assumed",
+                "log the barometer or GPS",
+            )
+        )
+    if mass is None:
+        findings.append(
+            Finding(
+                "mass-unknown",
+                Severity.INFO,
+                "motion gives forces per unit of mass only; the take-off mass gives newtons and kg m^2",
+                "give the take-off mass (--mass)",
+            )
+        )
+    return findings
+
+
+def _prior(
+    motions: Sequence[Motion], vehicle: Vehicle, given: Mapping[str, tuple[float, float]], shapes: int
+) -> tuple[Prior, Floats]:
+    """Prior knowledge and where to start; thrust starts where it carries the weight."""
+    shared = np.array([PRIORS[name] for name in THETA])
+    shared[THETA.index("thrust_expo"), 0] = np.clip(vehicle.thrust_expo, 0.0, 1.0)
+    for name, (mean, sigma) in given.items():
+        low, high = PRIORS[name][2:]
+        if not (np.isfinite(mean) and sigma >= 0.0 and low <= mean <= high):
+            raise ExperimentError(
+                f"{name} cannot be {mean} with a standard deviation of {sigma}: it lies between {low} and {high}"
+            )
+        shared[THETA.index(name), :2] = mean, sigma
+    own = np.array(trim_prior(shapes, 0.0)).T
+    table = np.vstack([shared, *([own] * len(motions))])
+    prior = Prior(*np.ascontiguousarray(table.T))
+    start = prior.mean.copy()
+    expo = start[1]
+    pulls = np.concatenate([m.density * ((1.0 - expo) * m.linear + expo * m.square) for m in motions])
+    if not pulls.mean() > 0.0:
+        raise ExperimentError("no motor turns in flight: all motor outputs are at or below idle")
+    if not start[0] > 0.0:
+        start[0] = GRAVITY / pulls.mean()
+    return prior, start
+
+
+def _rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None) -> RotationFit | None:
+    if not logged_motors(records[0], vehicle) or len(records[0].input_names) < len(vehicle.motors):
+        return None
+    return fit_rotation(records, vehicle, voltage)
+
+
+def _trim(fine: OutputErrorFit, flight: int, knots: Floats) -> FlightTrim:
+    own = flight_slice(flight, 1 + len(knots))
+    scale, north, east = fine.values[own][:3]
+    sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[own], 0.0))
+    parts = fine.values[own][3:].reshape(-1, 2)
+    return FlightTrim(
+        wind_n=float(north),
+        wind_e=float(east),
+        wind_sigma=float(max(sigma[1:3])),
+        thrust_scale=float(scale),
+        thrust_scale_sigma=float(sigma[0]),
+        source="fit",
+        variation=tuple((float(t), float(n), float(e)) for t, (n, e) in zip(knots, parts, strict=True)),
+    )
+
+
+def _parameters(
+    fine: OutputErrorFit,
+    prior: Prior,
+    motions: Sequence[Motion],
+    records: Sequence[Experiment],
+    vehicle: Vehicle,
+    voltage: float | None,
+    turning: RotationFit | None,
+) -> tuple[dict[str, BodyParameter], Floats, tuple[str, ...]]:
+    """Judge every parameter; give them with the covariance of those that were estimated."""
+    result: dict[str, BodyParameter] = {}
+    sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
+    unlogged = len(records[0].input_names) < len(vehicle.motors)
+    for k, name in enumerate(THETA):
+        value, reason = float(fine.values[k]), ""
+        if prior.sigma[k] == 0.0:
+            reason = "held at the value given"
+        elif name == "thrust" and unlogged:
+            reason = f"only {len(records[0].input_names)} of {len(vehicle.motors)} motors are logged"
+        else:
+            reason = _doubt(name, value, float(sigma[k]))
+            if not reason and name != "motor_lag" and value in (prior.low[k], prior.high[k]):
+                reason = f"the estimate ran into its limit of {value:g}"
+        result[name] = _parameter(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason)
+    size = len(THETA) + len(ROTATION_UNITS)
+    covariance = np.zeros((size, size))
+    covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
+    numbers: dict[str, tuple[float, float, str]] = {}
+    if turning is None:
+        why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
+        why = "not all motors are logged" if unlogged else why
+        numbers = dict.fromkeys(ROTATION_UNITS, (0.0, float("inf"), why))
+    else:
+        for axis, fit in turning.axes.items():
+            reason = "" if fit.coherent >= COHERENT else _incoherent(axis, fit.coherent, turning.source)
+            # Noise in the command makes the gain too small by up to what is not coherent.
+            spread = float(np.hypot(fit.gain_sigma, (1.0 - fit.coherent) * fit.gain))
+            numbers[f"{axis}_gain"] = (fit.gain, spread, reason)
+            numbers[f"{axis}_damping"] = (fit.damping, fit.damping_sigma, reason)
+        for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, vehicle, voltage), strict=True):
+            numbers[name] = (value, spread, "")
+    for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):
+        value, spread, reason = numbers[name]
+        reason = reason or _doubt(name, value, spread)
+        result[name] = _parameter(name, unit, value, spread, reason)
+        covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
+    return result, covariance, (*THETA, *ROTATION_UNITS)
+
+
+def _incoherent(axis: str, coherent: float, source: str) -> str:
+    text = f"the {source} explain only {100.0 * max(coherent, 0.0):.0f} % of the angular acceleration in {axis}"
+    slow = "they are logged too slowly, or " if source == "motor outputs" else ""
+    log = "log RATE and " if source == "motor outputs" else ""
+    return f"{text}: {slow}the axis was hardly moved; {log}fly sticks or SYSTEMID on it"
+
+
+def _doubt(name: str, value: float, sigma: float) -> str:
+    """Why a parameter is not determined; empty when it is."""
+    group = name.rsplit("_", 1)[0] if name.startswith(("drag", "tilt")) else name
+    advice = f"; {ADVICE[group]}" if group in ADVICE else ""
+    if not np.isfinite(sigma):
+        return f"the flight does not tell it{advice}"
+    if name in ABSOLUTE:
+        limit = ABSOLUTE[name]
+        return "" if sigma <= limit else f"the standard error of {sigma:.2g} exceeds {limit:g}{advice}"
+    limit = RELATIVE.get(name, _DRAG_RELATIVE)
+    if value > 0.0 and sigma <= limit * value:
+        return ""
+    if value < _NOTHING or sigma > value:
+        return f"the estimate does not differ from zero (standard error {sigma:.2g}){advice}"
+    return f"the standard error is {100.0 * sigma / value:.0f} % of the estimate{advice}"
+
+
+def _parameter(name: str, unit: str, value: float, sigma: float, reason: str) -> BodyParameter:
+    known = not reason
+    return BodyParameter(
+        name=name,
+        unit=unit,
+        value=value if known else None,
+        sigma=sigma if known else None,
+        determined=known,
+        reason=reason,
+        used=value,
+    )
+
+
+def _in_si(parameter: BodyParameter, all_of_them: Mapping[str, BodyParameter], mass: float | None) -> BodyParameter:
+    """Add what the mass turns a parameter into."""
+    name, value, sigma = parameter.name, parameter.value, parameter.sigma
+    if mass is None or value is None or sigma is None:
+        return parameter
+    factor, unit = 0.0, ""
+    if name == "thrust":
+        factor, unit = mass, "N at full command"
+    elif name.startswith("drag_linear"):
+        factor, unit = mass, "N s/m"
+    elif name.startswith("drag_quadratic"):
+        factor, unit = 2.0 * mass / REFERENCE_DENSITY, "m^2 (drag coefficient times area)"
+    elif name == "climb_loss":
+        factor, unit = mass, "N s^2/m^2"
+    if unit:
+        return replace(parameter, si_value=factor * value, si_sigma=factor * sigma, si_unit=unit)
+    thrust = all_of_them["thrust"]
+    if name in ("roll_gain", "pitch_gain") and thrust.value is not None and thrust.sigma is not None:
+        over_arm = mass * thrust.value / value
+        part = float(np.hypot(thrust.sigma / thrust.value, sigma / value))
+        return replace(parameter, si_value=over_arm, si_sigma=over_arm * part, si_unit="kg m (inertia over arm)")
+    return parameter
+
+
+def _undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:
+    missing = [p for p in parameters.values() if not p.determined and p.reason != "held at the value given"]
+    if not missing:
+        return []
+    return [
+        Finding(
+            "not-determined",
+            Severity.INFO,
+            "not determined: " + "; ".join(f"{p.name} ({p.reason})" for p in missing),
+            "",
+            {"parameters": ", ".join(p.name for p in missing)},
+        )
+    ]
+
+
+def _drag_apart(
+    parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: OutputErrorFit, law: int
+) -> list[Finding]:
+    """Give the whole drag at the speed flown where its linear and quadratic parts cannot be told apart."""
+    findings = []
+    for place, axis in enumerate("xyz"):
+        names = (f"drag_linear_{axis}", f"drag_quadratic_{axis}")
+        if all(parameters[name].determined for name in names):
+            continue
+        speeds = np.concatenate(
+            [np.einsum("ni,ni->n", m.rotation.reshape(-1, 3, 3)[:, :, place], m.velocity) for m in motions]
+        )
+        speed = float(np.sqrt(np.mean(speeds**2)))
+        weights = np.zeros(len(fine.values))
+        weights[[THETA.index(name) for name in names]] = speed, speed**2
+        drag = float(weights @ fine.values)
+        sigma = float(np.sqrt(max(float(weights @ fine.covariance @ weights), 0.0)))
+        if speed > _SLOW and sigma < _DRAG_RELATIVE * drag:
+            findings.append(
+                Finding(
+                    "drag-together",
+                    Severity.INFO,
+                    f"linear and quadratic drag along {axis} cannot be told apart, but together they slow the craft "
+                    f"by {drag:.3g} +- {sigma:.1g} m/s^2 at {speed:.1f} m/s",
+                    ADVICE["drag_quadratic"],
+                    {"axis": axis, "speed": speed, "drag": drag, "sigma": sigma},
+                )
+            )
+    return findings
+
+
+def _condition(information: Floats) -> float:
+    """Condition number of an information matrix with unit diagonal; infinite where a parameter has none."""
+    diagonal = np.diag(information)
+    if not (diagonal > 0.0).all():
+        return float("inf")
+    scale = np.sqrt(diagonal)
+    return float(np.linalg.cond(information / np.outer(scale, scale)))

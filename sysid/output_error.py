@@ -1,0 +1,323 @@
+"""Output error over windows: paths restarted from free initial states are matched to measured positions.
+
+A free run over a whole flight sums up every gust; windows of some seconds, each with an initial state of its own
+(multiple shooting; Bock 1983), do not, and remain sensitive to every parameter. Gauss-Newton steps with exact
+sensitivities; the initial states are projected out of each window's equations, so that the system to be solved has the
+size of the parameters alone. Gusts and what the inputs' sampling hides colour the residuals: standard errors come from
+the scatter of the windows' scores (the sandwich with windows as clusters; White 1982, Liang and Zeger 1986), and the
+weight of prior knowledge against data is balanced by the information that the coloured residuals really carry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sysid._rigid_kernels import path_sensitivities
+from sysid.body_motion import LAG, SHARED, Motion
+from sysid.experiment import Floats
+
+#: Length of a window, s: long against the sampling of the motor outputs, short against a flight.
+WINDOW_SECONDS = 10.0
+
+#: Time between residuals, s: positions between them carry nothing new.
+RESIDUAL_SECONDS = 0.1
+
+#: Smallest standard deviation that a residual is weighted with, m: positions are not known better.
+SMALLEST_SIGMA = 1e-4
+
+#: Residuals beyond this many robust standard deviations pull with constant force (Huber).
+HUBER = 3.0
+
+_MOST_STEPS = 30
+_CONVERGED = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known beforehand: independent normal distributions, and the range in which values make sense.
+
+    Attributes
+    ----------
+    mean, sigma, low, high : ndarray, shape (n,)
+        Of all parameters in the order of `pack`; sigma may be infinite, or 0 for what is held.
+    """
+
+    mean: Floats
+    sigma: Floats
+    low: Floats
+    high: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputErrorFit:
+    """Estimates by output error.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,)
+        Shared parameters (`body_motion.THETA`), then thrust scale and wind coefficients of each flight.
+    covariance : ndarray, shape (n, n)
+        For coloured residuals, prior knowledge included; zero for what is held.
+    information : ndarray, shape (n, n)
+        What the data alone say, scaled to the residuals' real information.
+    rmse : float
+        Of position over all windows and axes, m.
+    windows, iterations : int
+    converged : bool
+    """
+
+    values: Floats
+    covariance: Floats
+    information: Floats
+    rmse: float
+    windows: int
+    iterations: int
+    converged: bool
+
+
+@dataclass(slots=True)
+class _Window:
+    flight: int
+    start: int
+    stop: int
+    rows: slice
+    initial: Floats
+
+
+@dataclass(slots=True)
+class _Linearised:
+    """Normal equations with initial states projected out, per-window scores, and how each window's state follows."""
+
+    cost: float
+    hessian: Floats
+    gradient: Floats
+    scores: Floats
+    back: list[tuple[Floats, Floats]]
+    residuals: list[Floats]
+    spread: Floats
+
+
+def flight_slice(flight: int, shapes: int) -> slice:
+    """Where scale and wind coefficients of a flight stand among the parameters."""
+    width = 1 + 2 * shapes
+    return slice(SHARED + flight * width, SHARED + (flight + 1) * width)
+
+
+def fit_output_error(
+    motions: Sequence[Motion],
+    shapes: Sequence[Floats],
+    start: Floats,
+    prior: Prior,
+    *,
+    law: int,
+    window_seconds: float | None = WINDOW_SECONDS,
+) -> OutputErrorFit:
+    """Match the paths of one craft in several flights.
+
+    Parameters
+    ----------
+    motions : sequence of Motion
+    shapes : sequence of ndarray, shape (N, w)
+        How the wind of each flight may vary with time; w alike for all.
+    start : ndarray, shape (n,)
+        Shared parameters, then thrust scale and wind of each flight.
+    prior : Prior
+    law : int
+        Of drag (`_rigid_kernels`).
+    window_seconds : float or None
+        None runs freely through each record from its measured first state, which then is not estimated.
+    """
+    windows = _windows(motions, window_seconds)
+    free = np.flatnonzero(prior.sigma > 0.0)
+    weight = np.where(np.isfinite(prior.sigma[free]), 1.0 / np.maximum(prior.sigma[free], 1e-300) ** 2, 0.0)
+    values = np.clip(start, prior.low, prior.high)
+    sigma = np.full((len(motions), 3), np.nan)
+    balance, converged, iteration = 1.0, False, 0
+    estimate_states = window_seconds is not None
+    now = _linearise(motions, shapes, windows, values, sigma, law, free, estimate_states)
+    damping, reweighted = 1e-6, 0
+    while iteration < _MOST_STEPS:
+        iteration += 1
+        if reweighted < 4:
+            # The residuals' spread belongs to the estimates: weights follow it until it has settled.
+            sigma, reweighted = np.maximum(now.spread, SMALLEST_SIGMA), reweighted + 1
+            now = _linearise(motions, shapes, windows, values, sigma, law, free, estimate_states)
+            balance = _balance(now)
+        pull = balance * weight * (values[free] - prior.mean[free])
+        total = now.cost + 0.5 * float(balance * weight @ (values[free] - prior.mean[free]) ** 2)
+        uphill = now.gradient - pull
+        # What stands at its limit and pulls outward stays there for this step.
+        pinned = ((values[free] <= prior.low[free]) & (uphill < 0.0)) | (
+            (values[free] >= prior.high[free]) & (uphill > 0.0)
+        )
+        uphill = np.where(pinned, 0.0, uphill)
+        hessian = now.hessian + np.diag(balance * weight)
+        hessian[pinned, :] = hessian[:, pinned] = 0.0
+        hessian[pinned, pinned] = 1.0
+        scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+        normal = hessian / np.outer(scale, scale)
+        accepted = False
+        while not accepted and damping < 1e6:
+            step = np.linalg.lstsq(normal + damping * np.eye(len(free)), uphill / scale, rcond=1e-13)[0]
+            trial = values.copy()
+            trial[free] = np.clip(values[free] + step / scale, prior.low[free], prior.high[free])
+            moved = trial[free] - values[free]
+            before = [window.initial for window in windows]
+            for window, (direct, by_theta) in zip(windows, now.back, strict=True):
+                if estimate_states:
+                    window.initial = window.initial + direct - by_theta @ moved
+            then = _linearise(motions, shapes, windows, trial, sigma, law, free, estimate_states)
+            cost = then.cost + 0.5 * float(balance * weight @ (trial[free] - prior.mean[free]) ** 2)
+            if np.isfinite(cost) and cost <= total * (1.0 + 1e-9) + 1e-12:
+                accepted, damping = True, max(damping * 0.1, 1e-9)
+            else:
+                damping *= 10.0
+                for window, initial in zip(windows, before, strict=True):
+                    window.initial = initial
+        if not accepted:
+            break
+        gain = total - cost
+        values, now = trial, then
+        if reweighted >= 4 and gain < _CONVERGED * max(abs(total), 1.0):
+            converged = True
+            break
+    return _result(now, values, free, balance, weight, len(windows), iteration, converged)
+
+
+def _windows(motions: Sequence[Motion], seconds: float | None) -> list[_Window]:
+    """Cut each flight into windows of equal length near `seconds`."""
+    windows = []
+    for flight, motion in enumerate(motions):
+        stride = max(round(RESIDUAL_SECONDS / motion.dt), 1)
+        samples = len(motion.t)
+        count = 1 if seconds is None else max(round(samples * motion.dt / seconds), 1)
+        edges = np.linspace(0, samples, count + 1).round().astype(int)
+        for start, stop in pairwise(edges):
+            initial = np.concatenate([motion.position[start], motion.velocity[start]])
+            windows.append(_Window(flight, int(start), int(stop), slice(0, None, stride), initial))
+    return windows
+
+
+def _linearise(
+    motions: Sequence[Motion],
+    shapes: Sequence[Floats],
+    windows: Sequence[_Window],
+    values: Floats,
+    sigma: Floats,
+    law: int,
+    free: np.ndarray,
+    estimate_states: bool,
+) -> _Linearised:
+    count = shapes[0].shape[1]
+    n = len(values)
+    hessian, gradient = np.zeros((n, n)), np.zeros(n)
+    scores = np.zeros((len(windows), n))
+    back: list[tuple[Floats, Floats]] = []
+    residuals: list[Floats] = []
+    signals = [motion.signals(values[LAG]) for motion in motions]
+    cost = 0.0
+    for index, window in enumerate(windows):
+        motion, own = motions[window.flight], flight_slice(window.flight, count)
+        theta = np.concatenate([values[:SHARED], values[own]])
+        size = window.stop - window.start
+        out, jacobian = np.empty((size, 3)), np.empty((size, 3, len(theta) + 6))
+        path_sensitivities(
+            theta,
+            signals[window.flight],
+            shapes[window.flight],
+            motion.dt,
+            motion.ground,
+            law,
+            window.start,
+            window.initial,
+            out,
+            jacobian,
+        )
+        residual = (motion.position[window.start : window.stop] - out)[window.rows]
+        residuals.append(residual)
+        noise = sigma[window.flight]
+        noise = np.where(np.isfinite(noise), noise, 1.0)
+        scaled = residual / noise
+        size_of = np.abs(scaled)
+        robust = np.where(size_of > HUBER, HUBER / np.maximum(size_of, 1e-300), 1.0)
+        cost += float(np.sum(np.where(size_of > HUBER, HUBER * (size_of - 0.5 * HUBER), 0.5 * size_of**2)))
+        root = np.sqrt(robust).ravel()
+        rows = jacobian[window.rows] / noise[None, :, None]
+        flat = rows.reshape(-1, rows.shape[2]) * root[:, None]
+        target = scaled.ravel() * root
+        of_theta, of_state = flat[:, : len(theta)], flat[:, len(theta) :]
+        if estimate_states:
+            q, r = np.linalg.qr(of_state)
+            back.append((np.linalg.solve(r, q.T @ target), np.linalg.solve(r, q.T @ of_theta)))
+            of_theta = of_theta - q @ (q.T @ of_theta)
+            target = target - q @ (q.T @ target)
+        else:
+            back.append((np.zeros(6), np.zeros((6, len(theta)))))
+        places = np.r_[np.arange(SHARED), np.arange(own.start, own.stop)]
+        hessian[np.ix_(places, places)] += of_theta.T @ of_theta
+        score = of_theta.T @ target
+        scores[index, places] = score
+        gradient[places] += score
+    spread = np.zeros((len(motions), 3))
+    for flight in range(len(motions)):
+        together = np.concatenate([r for r, w in zip(residuals, windows, strict=True) if w.flight == flight])
+        # From the median, so that a few bad windows do not spoil the weight of the rest.
+        spread[flight] = np.sqrt(np.median(together**2, axis=0) / 0.4549)
+    wide = []
+    for window, (direct, by_theta) in zip(windows, back, strict=True):
+        own = flight_slice(window.flight, count)
+        full = np.zeros((6, n))
+        full[:, :SHARED] = by_theta[:, :SHARED]
+        full[:, own] = by_theta[:, SHARED:]
+        wide.append((direct, full[:, free]))
+    return _Linearised(cost, hessian[np.ix_(free, free)], gradient[free], scores[:, free], wide, residuals, spread)
+
+
+def _meat(scores: Floats) -> Floats:
+    """Covariance of the summed scores from the scatter of the windows."""
+    count = len(scores)
+    return np.asarray(scores.T @ scores * (count / max(count - 1, 1)))
+
+
+def _balance(now: _Linearised) -> float:
+    """Variance of the scores over that of white residuals: by how much coloured data overstate what they know."""
+    inverse = np.linalg.pinv(now.hessian, rcond=1e-10, hermitian=True)
+    rank = max(round(float(np.trace(inverse @ now.hessian))), 1)
+    return max(float(np.trace(inverse @ _meat(now.scores))) / rank, 1.0)
+
+
+def _result(
+    now: _Linearised,
+    values: Floats,
+    free: np.ndarray,
+    balance: float,
+    weight: Floats,
+    windows: int,
+    iterations: int,
+    converged: bool,
+) -> OutputErrorFit:
+    scale = np.sqrt(np.maximum(np.diag(now.hessian) + balance * weight, 1e-300))
+    bread = np.linalg.pinv((now.hessian + np.diag(balance * weight)) / np.outer(scale, scale), rcond=1e-13)
+    bread = bread / np.outer(scale, scale)
+    # Windows beyond those that the parameters use up tell the scatter.
+    used = float(np.trace(bread @ now.hessian))
+    dof = windows / max(windows - min(used, 0.75 * windows), 1.0)
+    part = bread @ (dof * _meat(now.scores) + balance**2 * np.diag(weight)) @ bread
+    covariance = np.zeros((len(values), len(values)))
+    covariance[np.ix_(free, free)] = 0.5 * (part + part.T)
+    information = np.zeros_like(covariance)
+    information[np.ix_(free, free)] = now.hessian / balance
+    everything = np.concatenate([r.ravel() for r in now.residuals])
+    return OutputErrorFit(
+        values=values,
+        covariance=covariance,
+        information=information,
+        rmse=float(np.sqrt(np.mean(everything**2))),
+        windows=windows,
+        iterations=iterations,
+        converged=converged,
+    )
