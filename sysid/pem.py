@@ -37,7 +37,7 @@ def fit_transfer_functions(
     zeros: ArrayLike = 3,
     structure: str = "per_input",
     *,
-    integrators: int = 0,
+    integrators: ArrayLike = 0,
     delays: ArrayLike | None = 0.0,
     longest_delay: float = 1.0,
     hold: str = "zoh",
@@ -58,9 +58,10 @@ def fit_transfer_functions(
         by construction. Where poles is 0 the input has no effect on the output.
     structure : {"per_input", "common"}
         A denominator for each input, as in the paper, or one for all inputs of an output.
-    integrators : int
-        How many of the poles of every transfer function lie at zero exactly, such as 2 from thrust to height. Each
-        record then has a polynomial of time of its own beside its initial state, of this degree.
+    integrators : int, or array_like of shape (p,)
+        How many of the poles of every transfer function, or of those to each output, lie at zero exactly, such as 2
+        from thrust to height. Each record then has a polynomial of time of its own beside its initial state, of this
+        degree.
     delays : float, array_like of shape (m,) or (p, m), or None
         Of the inputs, s; parts of a sample are exact. None estimates one for each input and output.
     longest_delay : float
@@ -87,7 +88,8 @@ def fit_transfer_functions(
     """
     records = require_alike(experiments)
     shape = (len(records[0].output_names), len(records[0].input_names))
-    orders, counts = _channels(poles, zeros, integrators, structure, shape)
+    fixed = np.broadcast_to(np.asarray(integrators, dtype=np.int64), shape[:1])
+    orders, counts = _channels(poles, zeros, fixed, structure, shape)
     late = np.zeros(shape) if delays is None else _spread(delays, shape, "delays").astype(np.float64)
     if not np.all((late >= 0.0) & (late < min(record.duration for record in records))):
         raise ValueError("delays must be at least 0 and shorter than the records")
@@ -110,7 +112,7 @@ def fit_transfer_functions(
             tuple(int(orders[column, j]) for j in active),
             tuple(int(counts[column, j]) for j in active),
             late[column, list(active)],
-            integrators,
+            int(fixed[column]),
             longest_delay if delays is None else 0.0,
             structure,
             hold,
@@ -133,7 +135,7 @@ def fit_transfer_functions(
     report("fitted", 1.0)
     findings += _judge(records, {output: fit.report for output, fit in fits.items()}, fits)
     return TransferFunctionModel(
-        name=_name(outputs, orders, counts, structure, integrators),
+        name=_name(outputs, orders, counts, structure, fixed),
         transfer_functions={output: fit.functions for output, fit in fits.items()},
         input_names=records[0].input_names,
         output_names=outputs,
@@ -194,7 +196,7 @@ def _spread(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.
 
 
 def _channels(
-    poles: ArrayLike, zeros: ArrayLike, integrators: int, structure: str, shape: tuple[int, int]
+    poles: ArrayLike, zeros: ArrayLike, integrators: Integers, structure: str, shape: tuple[int, int]
 ) -> tuple[Integers, Integers]:
     """Poles and numerator coefficients of every output and input, checked."""
     orders = _spread(poles, shape, "poles").astype(np.int64)
@@ -207,8 +209,8 @@ def _channels(
     if wrong.any():
         i, j = np.argwhere(wrong)[0]
         raise ValueError(f"zeros must be at least 0 and fewer than poles, not {given[i, j]} for {orders[i, j]} poles")
-    if np.any((orders > 0) & (orders < integrators)) or integrators < 0:
-        raise ValueError(f"integrators must be at least 0 and no more than poles, not {integrators}")
+    if np.any((orders > 0) & (orders < integrators[:, None])) or np.any(integrators < 0):
+        raise ValueError(f"integrators must be at least 0 and no more than poles, not {integrators.tolist()}")
     if structure not in ("per_input", "common"):
         raise ValueError(f"structure must be 'per_input' or 'common', not {structure!r}")
     if structure == "common" and any(len(set(row[row > 0])) > 1 for row in orders):
@@ -216,12 +218,13 @@ def _channels(
     return orders, np.where(orders > 0, given + 1, 0)
 
 
-def _name(outputs: Sequence[str], orders: Integers, counts: Integers, structure: str, integrators: int) -> str:
+def _name(outputs: Sequence[str], orders: Integers, counts: Integers, structure: str, integrators: Integers) -> str:
     used = orders > 0
     poles = " or ".join(map(str, sorted(set(orders[used].tolist()))))
     zeros = " or ".join(map(str, sorted(set((counts[used] - 1).tolist()))))
     denominator = "own denominators" if structure == "per_input" else "a common denominator"
-    fixed = f" ({integrators} at zero)" if integrators else ""
+    at_zero = " or ".join(map(str, sorted(set(integrators.tolist()))))
+    fixed = f" ({at_zero} at zero)" if integrators.any() else ""
     return f"inputs -> {', '.join(outputs)}, {poles} poles{fixed} {zeros} zeros, {denominator}"
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.experiment import Floats
-from sysid.regularisation import RIDGES, TIE, Division, choose_ridge, divide
+from sysid.regularisation import RIDGES, Division, choose_ridge, divide
 from sysid.sections import Band, take
 from sysid.separable import Descent, Point, Problem, descend, solve
 from sysid.srivc import srivc
@@ -27,6 +27,10 @@ FIRST_RESIDUAL = 0.1
 
 #: Steps for comparing starts, and steps at most for the one that is followed to the end.
 SCOUT_STEPS, MOST_STEPS = 10, 60
+
+#: Regularisation is not looked for where the errors of the parameters cost less than this part of the squared residual:
+#: it could not win more than that whole cost.
+COSTLY = 0.01
 
 #: Delays that are tried at first when they are to be estimated, spread evenly from none to the longest.
 MOST_TRIED_DELAYS = 9
@@ -105,7 +109,7 @@ def search(common: Problem, plan: Plan, rng: np.random.Generator, deadline: floa
             report("first fit", 0.0)
             first = _fit_all(replace(common, ridge=RIDGES[0]), plan, rng, deadline)
             # Regularisation cannot win more than the whole of what the parameters' errors cost.
-            if effective_parameters(first.problem, first.descent.point) < TIE * common.samples:
+            if effective_parameters(first.problem, first.descent.point) < COSTLY * common.samples:
                 return first
             steps = first.steps
         division = divide(common)
