@@ -1,4 +1,4 @@
-"""The command line: ``rotorid analyze | inspect | export | simulate | serve``.
+"""The command line: ``rotorid analyze | inspect | export | bench | bifilar | simulate | serve``.
 
 Each command is a file in `pipeline.commands`; heavy rooms are imported inside the commands, so that help and usage
 errors come at once.
@@ -12,6 +12,8 @@ from typing import Annotated, NoReturn
 import typer
 
 from pipeline.commands.analyze import analyze
+from pipeline.commands.bench import bench
+from pipeline.commands.bifilar import bifilar
 from pipeline.commands.exits import OK, SOME_FAILED, WRONG_USAGE, fail
 from pipeline.commands.export import export
 from pipeline.commands.inspect import inspect
@@ -28,7 +30,7 @@ app = typer.Typer(
 )
 
 # In the order in which people use them, which is the order of the help.
-for _command in (analyze, inspect, export, simulate, serve):
+for _command in (analyze, inspect, export, bench, bifilar, simulate, serve):
     app.command()(_command)
 app.add_typer(tokens)
 

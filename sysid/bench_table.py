@@ -271,7 +271,8 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
             )
             rows = rows[~bad]
 
-    outside = ~rows["pwm"].between(*PWM_RANGE)
+    pwm = rows["pwm"].to_numpy()
+    outside = (pwm < PWM_RANGE[0]) | (pwm > PWM_RANGE[1])
     leave_out(
         outside, "bench-pwm-implausible", lambda n: f"{n} row(s) with a PWM no ESC takes", "check the unit of PWM"
     )

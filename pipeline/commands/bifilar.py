@@ -1,0 +1,49 @@
+"""``rotorid bifilar``: moment of inertia from a bifilar pendulum."""
+
+import json
+from typing import Annotated
+
+import typer
+
+
+def bifilar(
+    times: Annotated[
+        list[float], typer.Argument(min=0.0, help="Time of so many swings in each repetition, s; two times or more.")
+    ],
+    mass: Annotated[float, typer.Option(min=0.0, help="Mass of the craft, kg.")],
+    length: Annotated[float, typer.Option(min=0.0, help="Length of the threads, m.")],
+    distance: Annotated[float, typer.Option(min=0.0, help="Distance from the axis to each thread, m.")],
+    swings: Annotated[int, typer.Option(min=1, help="Swings in each time.")] = 10,
+    mass_sigma: Annotated[float, typer.Option(min=0.0, help="Standard uncertainty of the mass, kg.")] = 0.005,
+    length_sigma: Annotated[float, typer.Option(min=0.0, help="Of the length, m.")] = 0.002,
+    distance_sigma: Annotated[float, typer.Option(min=0.0, help="Of the distance, m.")] = 0.001,
+    pendulum: Annotated[
+        list[float] | None,
+        typer.Option(help="Time of as many swings as a simple pendulum on the same threads, s: checks the length."),
+    ] = None,
+    axis: Annotated[str, typer.Option(help="Name of the axis, for the answer.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="Write the numbers as JSON to stdout.")] = False,
+) -> None:
+    """Compute a moment of inertia, its spread and its uncertainty from timed swings."""
+    from reports.quantity import uncertain
+    from sysid.bifilar import Threads, check_thread
+    from sysid.bifilar import bifilar as weigh
+
+    threads = Threads(length, distance, length_sigma, distance_sigma)
+    result = weigh(times, mass, threads, oscillations=swings, mass_sigma=mass_sigma, axis=axis)
+    check = check_thread(pendulum, length, oscillations=swings) if pendulum else None
+    if as_json:
+        numbers = result.to_dict() | ({"thread_check": check.to_dict()} if check else {})
+        typer.echo(json.dumps(numbers, indent=1, allow_nan=False))
+        return
+    name = f"I{axis}" if axis else "I"
+    typer.echo(f"{name} = {uncertain(result.inertia, result.sigma, 'kg m^2')}")
+    typer.echo(
+        f"{result.repetitions} repetitions: period {result.period:.4f} s, standard deviation {result.std:.3g} kg m^2"
+    )
+    shares = ", ".join(f"{part} {100.0 * share:.2f} %" for part, share in result.parts.items())
+    typer.echo(f"uncertainty from {shares}")
+    if check:
+        typer.echo(f"simple pendulum: g = {check.gravity:.3f} m/s^2, so that the threads are {check.length:.3f} m long")
+    for finding in (*result.findings, *(check.findings if check else ())):
+        typer.echo(f"{finding.severity}: {finding.reason}")
