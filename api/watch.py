@@ -26,6 +26,7 @@ from api.database import Database
 from api.objects import Objects
 from api.problems import Problem
 from api.queue import Claim, Queue
+from pipeline.names import folder_names
 
 _log = logging.getLogger("rotorid.api")
 
@@ -140,8 +141,6 @@ class _DiedError(Exception):
 
 def _fetch(claim: Claim, objects: Objects, folder: Path) -> list[tuple[Path, str]]:
     """Bring the logs to this computer, under names of which nothing is taken on trust."""
-    from reports.folder import folder_names
-
     (folder / "logs").mkdir()
     safe = folder_names([name for _, name in claim.logs])
     logs = []

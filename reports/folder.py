@@ -3,12 +3,12 @@
 import csv
 import json
 import logging
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from pipeline.names import folder_names
 from pipeline.results import FleetResult, FlightResult, ModelResult
 from reports import html
 from reports.numbers import Numbers, models, numbers_of, rmse_rows
@@ -54,19 +54,6 @@ def _write_page(path: Path, render: Callable[[], str]) -> None:
         _LOG.exception("drawing %s failed", path)
         page = html.failed_page(error)
     path.write_text(page, encoding="utf-8")
-
-
-def folder_names(names: list[str]) -> dict[str, str]:
-    """Give every flight a folder name that any file system takes, unique without regard to case."""
-    folders: dict[str, str] = {}
-    for name in names:
-        base = re.sub(r"[^\w.()+-]+", "_", name).strip("._")[:100] or "flight"
-        folder, number = base, 1
-        while folder.casefold() in (other.casefold() for other in folders.values()):
-            number += 1
-            folder = f"{base}_{number}"
-        folders[name] = folder
-    return folders
 
 
 def _write_flight_pages(result: FleetResult, numbers: Numbers, folder: Path, folders: dict[str, str]) -> None:

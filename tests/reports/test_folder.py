@@ -17,9 +17,9 @@ from markupsafe import escape
 import reports
 from logparse import Finding, Severity
 from pipeline import FleetResult
+from pipeline.names import folder_names
 from pipeline.results import Failure
 from reports import html, summary
-from reports.folder import folder_names
 from reports.numbers import fleet_numbers, flight_numbers, plain
 from reports.quantity import column
 
