@@ -11,6 +11,9 @@ from estimation.timing import TICK, InertialSignal
 
 #: Nodes are never further apart than this, s: the error state's transition is of first order in time.
 LONGEST_STEP = 0.04
+#: White noise of a sensor is believed to be no less and no more than these times that of its class or its report: what
+#: innovations do not show (rounding, errors that last) is there all the same, and averaging does not take it away.
+QUIETEST, LOUDEST = 0.2, 5.0
 #: A sensor refused for so long is believed again, s.
 PATIENCE = 10.0
 
@@ -224,7 +227,7 @@ def matched_scale(problem: Problem, result: ForwardPass) -> np.ndarray:
     """Scale each sensor's white variance so that innovations are as large as the filter expects (Mehra 1970).
 
     Medians stand for means, so that neither outliers nor the first seconds count. The scale is the same for a sensor
-    throughout the log, and its root is between 1/10 and 5.
+    throughout the log, and its root is between `QUIETEST` and `LOUDEST`.
 
     Returns
     -------
@@ -245,5 +248,5 @@ def matched_scale(problem: Problem, result: ForwardPass) -> np.ndarray:
         state = np.median(1.0 / result.inverse_variance[mine] - problem.white_scale[kind] * nominal)
         # 0.4549 is the median of chi-square with one degree of freedom.
         wanted = np.median(result.innovation[mine] ** 2) / 0.4549 - state
-        scale[kind] = min(max(wanted / np.median(nominal), 0.01), 25.0)
+        scale[kind] = min(max(wanted / np.median(nominal), QUIETEST**2), LOUDEST**2)
     return scale

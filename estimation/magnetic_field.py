@@ -14,11 +14,17 @@ from logparse import Geodetic
 _MODEL_YEARS = (2010.0, 2029.9)
 #: Year assumed for a log without a date; declination moves by up to 0.2 degrees a year.
 _DEFAULT_YEAR = 2020.0
+#: Spacing of the autopilot's tables of declination, inclination and intensity, deg, and the year that those of firmware
+#: 4.x were made for (AP_Declination).
+_TABLE_STEP, _TABLE_YEAR = 10.0, 2023.0
 
 
 @dataclass(frozen=True, slots=True)
 class MagneticField:
-    """The field in NED, T, shape (3,), and where its declination came from: ``"WMM"`` or ``"COMPASS_DEC"``."""
+    """The field in NED, T, shape (3,), and where its declination came from.
+
+    The source is ``"WMM"``, ``"COMPASS_DEC"`` or, of a simulated flight, ``"autopilot table"``.
+    """
 
     ned: np.ndarray
     declination_source: str
@@ -27,22 +33,43 @@ class MagneticField:
 def world_field(place: Geodetic, parameters: Mapping[str, float], date: datetime | None) -> MagneticField:
     """Give the World Magnetic Model's field, with the autopilot's declination where the date is not known.
 
-    A simulated flight takes the autopilot's declination even if dated: its world is made with the autopilot's tables.
+    The world of the firmware's simulator has the field of the autopilot's tables, which differs from the model's by up
+    to 0.5 uT and, where declination changes fast, a degree.
     """
-    year = _DEFAULT_YEAR
-    if date is not None:
-        year = date.year + (date.timetuple().tm_yday - 1) / 365.25
-    year = min(max(year, _MODEL_YEARS[0]), _MODEL_YEARS[1])
-    model = GeoMag(base_year=int(year)).calculate(
-        glat=np.degrees(place.lat),
-        glon=np.degrees(place.lon),
-        alt=place.alt / 1000.0,
-        time=year,
-        allow_date_outside_lifespan=True,
-    )
-    declination, source = np.radians(model.d), "WMM"
     logged = parameters.get("COMPASS_DEC", 0.0)
+    if is_simulated(parameters):
+        elements, source = _table(place), "autopilot table"
+    else:
+        year = _DEFAULT_YEAR
+        if date is not None:
+            year = date.year + (date.timetuple().tm_yday - 1) / 365.25
+        year = min(max(year, _MODEL_YEARS[0]), _MODEL_YEARS[1])
+        elements, source = _elements(np.degrees(place.lat), np.degrees(place.lon), place.alt, year), "WMM"
+    declination, inclination, intensity = elements
     if logged != 0.0 and (date is None or is_simulated(parameters)):
         declination, source = logged, "COMPASS_DEC"
-    ned = 1e-9 * np.array([model.h * np.cos(declination), model.h * np.sin(declination), model.z])
+    level = intensity * np.cos(inclination)
+    ned = np.array([level * np.cos(declination), level * np.sin(declination), intensity * np.sin(inclination)])
     return MagneticField(ned, source)
+
+
+def _elements(lat: float, lon: float, alt: float, year: float) -> np.ndarray:
+    """Give the model's declination and inclination [rad] and intensity [T] at a place [deg, m]."""
+    model = GeoMag(base_year=int(year)).calculate(
+        glat=lat, glon=lon, alt=alt / 1000.0, time=year, allow_date_outside_lifespan=True
+    )
+    return np.array([np.radians(model.d), np.radians(model.i), 1e-9 * model.f])
+
+
+def _table(place: Geodetic) -> np.ndarray:
+    """Give the elements as the autopilot looks them up: linear between the corners of a grid of ten degrees."""
+    lat, lon = np.degrees(place.lat), np.degrees(place.lon)
+    south = min(np.floor(lat / _TABLE_STEP), 90.0 / _TABLE_STEP - 1.0) * _TABLE_STEP
+    west = np.floor(lon / _TABLE_STEP) * _TABLE_STEP
+    up, right = (lat - south) / _TABLE_STEP, (lon - west) / _TABLE_STEP
+    total = np.zeros(3)
+    for dlat, row in ((0.0, 1.0 - up), (_TABLE_STEP, up)):
+        for dlon, column in ((0.0, 1.0 - right), (_TABLE_STEP, right)):
+            corner = _elements(south + dlat, np.mod(west + dlon + 180.0, 360.0) - 180.0, 0.0, _TABLE_YEAR)
+            total += row * column * corner
+    return total

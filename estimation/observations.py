@@ -173,13 +173,26 @@ def observe(tables: Tables, frame: LocalFrame | None, noise: SensorNoise) -> Obs
     mag = usable_field(tables.mag)
     if mag is not None:
         field = mag[["mag_x", "mag_y", "mag_z"]].to_numpy(float)
-        blocks.append((_kernels.MAG, mag.index.to_numpy(float), field, np.full_like(field, noise.mag**2)))
+        blocks.append((_kernels.MAG, mag.index.to_numpy(float), field, noise.mag**2 * run_lengths(field)))
     ranges = usable_ranges(tables.rangefinder)
     if ranges is not None:
         distance = ranges[["distance"]].to_numpy(float)
         variance = np.full_like(distance, noise.range_finder**2)
         blocks.append((_kernels.RANGE, ranges.index.to_numpy(float), distance, variance))
     return Observations.merge(blocks)
+
+
+def run_lengths(values: np.ndarray) -> np.ndarray:
+    """Count for each value the equal ones in a row that it is one of, column by column, shape (n, c).
+
+    Readings that repeat to the last digit share one rounding error: together they tell as much as one.
+    """
+    lengths = np.empty_like(values)
+    for k, column in enumerate(values.T):
+        edges = np.flatnonzero(np.concatenate([[True], np.diff(column) != 0.0, [True]]))
+        count = np.diff(edges)
+        lengths[:, k] = np.repeat(count, count)
+    return lengths
 
 
 def usable_ranges(rangefinder: pd.DataFrame | None) -> pd.DataFrame | None:

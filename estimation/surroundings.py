@@ -30,6 +30,9 @@ class Surroundings:
         origin = find_origin(tables)
         if origin is None:
             return cls(None, None, None, World(STANDARD_GRAVITY, np.zeros(3)))
-        frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))
+        simulated = is_simulated(tables.parameters)
+        frame = LocalFrame.at(origin, spherical=simulated)
         field = world_field(origin, tables.parameters, date)
-        return cls(origin, frame, field, World(frame.gravity, frame.earth_rate))
+        # The world of the firmware's simulator does not turn and has one gravity everywhere (GRAVITY_MSS).
+        world = World(STANDARD_GRAVITY, np.zeros(3)) if simulated else World(frame.gravity, frame.earth_rate)
+        return cls(origin, frame, field, world)

@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline, PPoly
-from scipy.ndimage import uniform_filter1d
 
 GYRO = ["gyro_x", "gyro_y", "gyro_z"]
 ACCEL = ["accel_x", "accel_y", "accel_z"]
@@ -162,6 +161,10 @@ def _regular(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 #: What is left of a sample after its neighbours two and one before and after have predicted it by a cubic.
 MISFIT = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
+#: Time over which the noise of an IMU is averaged, and from one such span to the next, s.
+NOISE_SPAN, NOISE_STEP = 4.0, 1.0
+#: Median of the mean of three squares of unit normal numbers (chi-square with three degrees of freedom, over three).
+MEDIAN_OF_THREE = 0.78866
 
 
 def noise_density(
@@ -171,8 +174,11 @@ def noise_density(
 
     Each sample is predicted by the cubic through its two neighbours on either side; of white noise with variance s^2
     the misfit has 70/36 s^2, less where a low-pass filter took away the high frequencies that it looks at. What is left
-    of vibration, aliasing and movement too fast for the sampling counts as noise, which is what it is to the integral.
-    Averaged over four seconds and the three axes.
+    of vibration and aliasing counts as noise, which is what it is to the integral.
+
+    Movement misfits too, but in an instant, and only what of it lies about the sampling frequency disturbs the
+    integral. So the noise is the median over four seconds; what a sample misfits beyond three sigma of that is a step
+    of the rate or force, and counts by the share of a step's power at the sampling frequency (`_aliased_share`).
 
     Parameters
     ----------
@@ -196,17 +202,40 @@ def noise_density(
         # Neighbours are taken so far apart that the filter leaves noise for the misfit to see.
         stride = max(1, round(1.0 / (step * 2.5 * cutoff))) if cutoff > 0.0 else 1
         block = values[:, 3 * column : 3 * column + 3]
-        misfit = np.zeros_like(block)
+        power = np.zeros(len(t))
         inside = slice(2 * stride, len(t) - 2 * stride)
         if len(t) > 4 * stride:
-            misfit[inside] = sum(
-                weight * block[k * stride : len(t) - (4 - k) * stride] for k, weight in enumerate(MISFIT)
-            )
-        window = max(3, round(4.0 / step))
-        local = uniform_filter1d((misfit**2).mean(axis=1), window, mode="nearest")
+            misfit = sum(weight * block[k * stride : len(t) - (4 - k) * stride] for k, weight in enumerate(MISFIT))
+            power[inside] = (misfit**2).mean(axis=1)
+        level = _level(power[inside] if len(t) > 4 * stride else power, len(t), 2 * stride, step)
+        beyond = np.where(power > 9.0 * level, power - level, 0.0)
+        level += _aliased_share(cutoff, step, stride) * beyond
         spacing = stride * step
-        density[:, column] = np.maximum(local * spacing / _misfit_of_white(cutoff * spacing), floor[column] ** 2)
+        density[:, column] = np.maximum(level * spacing / _misfit_of_white(cutoff * spacing), floor[column] ** 2)
     return density
+
+
+def _level(power: np.ndarray, rows: int, first: int, step: float) -> np.ndarray:
+    """Give the running median of the misfit's power, as a mean of normal noise, at all `rows` of the signal.
+
+    `power` begins at row `first`.
+    """
+    span = min(len(power), max(3, round(NOISE_SPAN / step)))
+    hop = max(1, round(NOISE_STEP / step))
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(power, span)[::hop], axis=1)
+    middle = first + 0.5 * (span - 1) + hop * np.arange(len(medians))
+    return np.asarray(np.interp(np.arange(rows), middle, medians) / MEDIAN_OF_THREE)
+
+
+def _aliased_share(cutoff: float, step: float, stride: int) -> float:
+    """Power of a step at the sampling frequency, over that at the frequency that the misfit looks at.
+
+    A step's spectrum falls with 1/f, and a second-order Butterworth filter takes its part; the sampling folds what lies
+    about its own frequency down to where the integral takes it for movement.
+    """
+    seen, folded = 0.5 / (stride * step), 1.0 / step
+    filtered = (1.0 + (seen / cutoff) ** 4) / (1.0 + (folded / cutoff) ** 4) if cutoff > 0.0 else 1.0
+    return float(filtered * (seen / folded) ** 2)
 
 
 def _misfit_of_white(cutoff: float) -> float:

@@ -23,6 +23,9 @@ from estimation.timing import GYRO_MOVING, InertialSignal
 WINDOW = 180.0
 #: Gain in log-likelihood that a lag other than the documented one must bring.
 DECISIVE = 10.0
+#: Gain that a noise setting must bring to be believed quieter than its class: very strong evidence on the scale of
+#: Kass & Raftery (1995), ``2 ln B > 10``.
+STRONG = 5.0
 #: Steps of the GPS lag about the documented one, s.
 GPS_LAGS = (-0.12, -0.08, -0.04, 0.0, 0.04, 0.08, 0.12)
 #: Sensors whose lag is looked for, and their kinds of measurement.
@@ -40,6 +43,7 @@ LADDERS: Mapping[str, tuple[float, ...]] = {
     "accel_bias": (0.1, 0.3, 1.0),
     "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3),
 }
+PRIORS = ("hard_iron", "accel_bias")
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
 GPS_WHITE_SCALES = (0.01, 0.0625, 0.25, 1.0, 4.0, 16.0)
@@ -133,7 +137,7 @@ def _find_lag(
 
 
 def _set_noise(problem: Problem, setting: str, ladder: Sequence[float]) -> Problem:
-    """Put one noise setting on its likeliest rung; to be quieter than its class it must be decisively likelier.
+    """Put one noise setting on its likeliest rung; to be quieter than its class it must gain `STRONG`.
 
     A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little.
     """
@@ -146,7 +150,9 @@ def _set_noise(problem: Problem, setting: str, ladder: Sequence[float]) -> Probl
     documented = _nearest(ladder, getattr(problem.noise, setting))
     likelihoods, likeliest = _climb(at, ladder, documented)
     quieter = getattr(likeliest.noise, setting) < documented
-    return at(documented) if quieter and max(likelihoods.values()) - likelihoods[documented] < DECISIVE else likeliest
+    if (quieter or setting in PRIORS) and max(likelihoods.values()) - likelihoods[documented] < STRONG:
+        return at(documented)
+    return likeliest
 
 
 def _split_gps_error(problem: Problem) -> Problem:
@@ -178,7 +184,10 @@ def _scale_imu(problem: Problem, column: int) -> tuple[float, Problem]:
         return replace(problem, sub_noise=problem.sub_noise * factors)
 
     likelihoods, likeliest = _climb(at, IMU_SCALES, 1.0)
-    return max(likelihoods, key=likelihoods.__getitem__), likeliest
+    best = max(likelihoods, key=likelihoods.__getitem__)
+    if best < 1.0 and likelihoods[best] - likelihoods[1.0] < STRONG:
+        return 1.0, at(1.0)
+    return best, likeliest
 
 
 def _nearest(ladder: Sequence[float], value: float) -> float:

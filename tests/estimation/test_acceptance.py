@@ -34,14 +34,13 @@ def test_velocity_and_attitude(judged):
     assert horizontal_velocity < 0.065
     assert vertical_velocity < 0.03
     assert np.degrees(tilt) < 0.085
-    # The goal is 0.105 degrees, which these twenty flights miss by a little: measured 0.109.
-    assert np.degrees(yaw) < 0.12
+    # Half of it is what GPS leaves open of the declination, the same all through a flight (docs/estimation.md).
+    assert np.degrees(yaw) < 0.105
 
 
 @pytest.mark.parametrize("group", ["position", "velocity", "attitude"])
 def test_errors_are_as_large_as_the_covariance_says(judged, group):
-    # The goal is 1.2 for all; attitude misses it by a little: measured 1.23.
-    assert 0.8 < judged[1][group] < (1.3 if group == "attitude" else 1.2)
+    assert 0.8 < judged[1][group] < 1.2
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +52,11 @@ def flight():
 def test_an_outage_of_twenty_seconds(flight, start):
     gps = flight.tables.gps
     cut = estimate(replace(flight.tables, gps=gps[(gps.index < start) | (gps.index > start + 20.0)]))
-    whole = errors(estimate(flight.tables), flight.truth).loc[start : start + 20.0]
     inside = errors(cut, flight.truth).loc[start : start + 20.0]
-    assert np.hypot(inside["p_n"], inside["p_e"]).max() < max(3.0, 1.1 * np.hypot(whole["p_n"], whole["p_e"]).max())
+    assert np.hypot(inside["p_n"], inside["p_e"]).max() < 3.0
+    # Most of that is the wander of the GPS, which is there without an outage too.
+    whole = errors(estimate(flight.tables), flight.truth).loc[start : start + 20.0]
+    assert np.hypot(inside["p_n"] - whole["p_n"], inside["p_e"] - whole["p_e"]).max() < 1.5
     assert [f.id for f in cut.findings] == ["gps-outage"]
 
 

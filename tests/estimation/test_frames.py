@@ -1,5 +1,7 @@
 """Attitude arithmetic and the local frame against other people's code."""
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pymap3d
 import pytest
@@ -67,11 +69,26 @@ def test_gravity_and_longitude_across_the_date_line():
 
 def test_world_field_has_the_published_value():
     """WMM2020 test value of NOAA: 80 N, 0 E, sea level, 2020.0: X 6570.4, Y -146.3, Z 54606.0 nT."""
-    from datetime import UTC, datetime
-
     field = world_field(Geodetic(np.radians(80.0), 0.0, 0.0), {}, datetime(2020, 1, 1, tzinfo=UTC))
     np.testing.assert_allclose(field.ned * 1e9, [6570.4, -146.3, 54606.0], atol=1.0)
     assert field.declination_source == "WMM"
     told = world_field(ZURICH, {"COMPASS_DEC": 0.05}, None)
     assert np.arctan2(told.ned[1], told.ned[0]) == pytest.approx(0.05)
     assert told.declination_source == "COMPASS_DEC"
+
+
+def test_the_simulator_of_the_firmware_has_the_field_of_the_autopilots_tables():
+    """On a grid point the table is the model of its year; between, it is linear, and declination is what was logged."""
+    corner = Geodetic(np.radians(40.0), np.radians(10.0), 0.0)
+    simulated = {"SIM_WIND_SPD": 0.0}
+    exact = world_field(corner, {}, datetime(2023, 1, 1, tzinfo=UTC))
+    table = world_field(corner, simulated, datetime(2026, 1, 1, tzinfo=UTC))
+    np.testing.assert_allclose(table.ned, exact.ned, atol=2e-8)
+    assert table.declination_source == "autopilot table"
+    sides = [world_field(Geodetic(corner.lat, np.radians(lon), 0.0), simulated, None).ned for lon in (10.0, 20.0)]
+    middle = world_field(Geodetic(corner.lat, np.radians(15.0), 0.0), simulated, None).ned
+    assert np.linalg.norm(middle) == pytest.approx(np.mean([np.linalg.norm(side) for side in sides]), rel=1e-6)
+    told = world_field(ZURICH, {**simulated, "COMPASS_DEC": 0.05}, datetime(2026, 1, 1, tzinfo=UTC))
+    assert np.arctan2(told.ned[1], told.ned[0]) == pytest.approx(0.05)
+    for pole in (-90.0, 90.0):
+        assert np.isfinite(world_field(Geodetic(np.radians(pole), np.pi, 0.0), simulated, None).ned).all()

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.signal import bessel, butter, group_delay, lfilter  # noqa: F401
+from scipy.signal import butter, group_delay, lfilter
 
 from estimation.timing import ACCEL, GYRO, InertialSignal, filter_delay, imu_delays, noise_density, segments, usable
 
@@ -77,3 +77,17 @@ def test_rows_that_say_nothing_are_left_out_and_holes_split():
     assert [round(float(piece.index[-1]), 2) for piece in segments(kept)] == [4.98, 11.98]
     assert usable(table.iloc[10:20], GYRO) is None
     assert usable(None, GYRO) is None
+
+
+def test_movement_that_is_too_fast_for_the_sampling_does_not_count_as_lasting_noise():
+    """Steps of the rate every five seconds, through the autopilot's filter: the noise between them stays what it is."""
+    rng = np.random.default_rng(3)
+    fine, rate = 4000.0, 50.0
+    density = np.array([6e-4, 0.02])
+    noise = rng.normal(size=(int(100 * fine), 6)) * np.repeat(density, 3) * np.sqrt(fine)
+    steps = np.repeat(rng.uniform(-1.0, 1.0, (20, 6)) * np.repeat([1.0, 5.0], 3), int(5 * fine), axis=0)
+    b, a = butter(2, 20.0, fs=fine)
+    values = lfilter(b, a, noise + steps, axis=0)[:: round(fine / rate)]
+    found = noise_density(np.arange(len(values)) / rate, values, (20.0, 20.0), (1e-6, 1e-6))
+    # In power: the steps' aliases add a little.
+    np.testing.assert_allclose(found.mean(axis=0), density**2, rtol=0.4)
