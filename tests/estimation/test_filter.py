@@ -11,7 +11,7 @@ from estimation.alignment import align
 from estimation.filter import World, assemble, matched_scale, run
 from estimation.local_frame import LocalFrame
 from estimation.magnetic_field import world_field
-from estimation.observations import observe
+from estimation.observations import observe, run_lengths
 from estimation.smoother import smooth
 from estimation.states import SIZE, SensorNoise
 from estimation.timing import InertialSignal
@@ -129,3 +129,8 @@ def test_matched_scale_finds_how_noisy_a_sensor_is(problem):
     scale = matched_scale(told, run(told))[_kernels.GPS_VELOCITY]
     # 24 s hold 360 innovations: the median of their squares is known to a tenth or so.
     assert 10.0 < scale < 25.0
+
+
+def test_readings_that_repeat_count_as_one():
+    values = np.array([[1.0, 5.0], [1.0, 6.0], [1.0, 6.0], [2.0, 6.0], [1.0, 7.0]])
+    np.testing.assert_array_equal(run_lengths(values).T, [[3, 3, 3, 1, 1], [1, 3, 3, 3, 1]])

@@ -89,5 +89,6 @@ def test_movement_that_is_too_fast_for_the_sampling_does_not_count_as_lasting_no
     b, a = butter(2, 20.0, fs=fine)
     values = lfilter(b, a, noise + steps, axis=0)[:: round(fine / rate)]
     found = noise_density(np.arange(len(values)) / rate, values, (20.0, 20.0), (1e-6, 1e-6))
-    # In power: the steps' aliases add a little.
-    np.testing.assert_allclose(found.mean(axis=0), density**2, rtol=0.4)
+    np.testing.assert_allclose(np.median(found, axis=0), density**2, rtol=0.2)
+    # What the steps alias to is added where they are; all of their misfit would be ten times as much.
+    assert (found.mean(axis=0) < 2.5 * density**2).all()
