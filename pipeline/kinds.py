@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import sysid
 from pipeline.config import AnalysisConfig
@@ -16,6 +16,7 @@ FIT_PART = 0.5
 THRUST_KEY = "motors"
 
 Fit = Callable[[Sequence[sysid.Experiment], AnalysisConfig, Progress], sysid.Model]
+CarryOver = Callable[[sysid.Model, sysid.Experiment, sysid.Experiment], sysid.Model]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +33,15 @@ class Kind:
         Inputs of its experiments and their frame, as `Experiment.from_flight` takes them.
     fit : callable
         ``fit(experiments, config, progress)``.
+    note : str
+        What the model describes, and what it cannot tell, for people who have to choose.
     scans : bool
         Whether its number of poles and zeros can be scanned.
+    rate : float or None
+        Samples per second that it needs; those of the configuration when None.
+    carry_over : callable or None
+        ``carry_over(model, fitted, judge)`` tells the model what it learned of the flight that both parts are of, such
+        as the wind.
     """
 
     key: str
@@ -41,7 +49,10 @@ class Kind:
     inputs: str
     frame: str
     fit: Fit
-    scans: bool = True
+    note: str
+    scans: bool = False
+    rate: float | None = None
+    carry_over: CarryOver | None = None
 
 
 def _transfer_functions(
@@ -60,19 +71,58 @@ def _transfer_functions(
 def _closed_loop(
     experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
 ) -> sysid.ClosedLoopModel:
-    # One of the zeros belongs to integral action: there is no closed loop without it.
-    zeros = max(config.zeros, 1)
-    return sysid.fit_closed_loop(
-        experiments,
-        poles=max(config.poles, zeros + 1),
-        zeros=zeros,
-        time_limit=FIT_PART * config.time_limit,
-        progress=progress,
-    )
+    # The order is that of the position controller with drag, whatever is asked of the black boxes.
+    return sysid.fit_closed_loop(experiments, time_limit=FIT_PART * config.time_limit, progress=progress)
+
+
+def _rigid_body(
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
+) -> sysid.RigidBodyModel:
+    return sysid.fit_rigid_body(experiments, mass=config.mass)
+
+
+def _same_wind(model: sysid.Model, fitted: sysid.Experiment, judge: sysid.Experiment) -> sysid.Model:
+    """Take wind and thrust scale of the part fitted for the rest of its flight, whose outputs stay unseen."""
+    assert isinstance(model, sysid.RigidBodyModel)
+    known = model.flights.get(fitted.name)
+    return model if known is None else replace(model, flights={**model.flights, judge.name: known})
 
 
 KINDS = (
-    Kind("motors", "motor PWM → position", "motors", "earth", _transfer_functions),
-    Kind("mixer", "mixer commands → position", "mixer", "heading", _transfer_functions),
-    Kind("reference", "position asked for → position (closed loop)", "reference", "earth", _closed_loop, scans=False),
+    Kind(
+        "motors",
+        "motor PWM → position",
+        "motors",
+        "earth",
+        _transfer_functions,
+        "A black box with a transfer function for every motor, as in Elhesasy 2024.",
+        scans=True,
+    ),
+    Kind(
+        "mixer",
+        "mixer commands → position",
+        "mixer",
+        "heading",
+        _transfer_functions,
+        "The same from thrust, roll, pitch and yaw, which the motors’ commands amount to: fewer coefficients.",
+        scans=True,
+    ),
+    Kind(
+        "reference",
+        "position target → position",
+        "reference",
+        "earth",
+        _closed_loop,
+        "Craft and autopilot together: where the craft goes when it is told to, nothing of the craft alone.",
+    ),
+    Kind(
+        "rigid_body",
+        "rigid body",
+        "motors",
+        "earth",
+        _rigid_body,
+        "Physics: position from motor PWM and measured attitude, with thrust, drag and the wind of each flight.",
+        rate=50.0,
+        carry_over=_same_wind,
+    ),
 )

@@ -1,15 +1,17 @@
 """From where the craft was told to be to where it was: models of the closed position loop.
 
-A controller with integral action keeps its craft at a target that rests, so the response to the reference r is one in
-the long run, and everything worth fitting is the error on the way. The model is therefore ::
+A controller with integral action keeps its craft at a target that rests or moves steadily, so that in the long run the
+response to the reference r is r, and everything worth fitting is the error on the way. The model is therefore ::
 
-    y = r + H(s) r,    H(s) = s B(s) / A(s)
+    y = r + H(s) r,    H(s) = s^2 B(s) / A(s)
 
-with stable A. The closed loop's transfer function is ``G = 1 + H = (A + s B) / A``: its gain is exactly one, and
+with stable A. The closed loop's transfer function is ``G = 1 + H = (A + s^2 B) / A``: its gain is exactly one, and
 regularisation shrinks it towards perfect following instead of towards nothing. H is fitted by the prediction-error
-method (`sysid.pem`) to the error ``y - r`` with the rate of r as input. Drag that the feed-forward does not know of
-gives three poles and two zeros: for drag d v, position gain p and velocity gains k and i (loop of ArduPilot's
-AC_PosControl, attitude taken as immediate) ``H = -(d/m) s^2 / (s^3 + k s^2 + (k p + i) s + i p)``.
+method (`sysid.pem`) to the error ``y - r`` with the reference's acceleration as input.
+
+The default order is that of the cause: drag d v, of which the feed-forward does not know, against position gain p and
+velocity gains k and i (ArduPilot's AC_PosControl, attitude taken as immediate) gives
+``H = -(d/m) s^2 / (s^3 + k s^2 + (k p + i) s + i p)``: three poles, and two zeros at s = 0.
 
 The loop works in the earth frame with one set of gains, so north and east share one transfer function, which both
 determine. Nothing of a record's outputs is used in a free run: neither offset nor initial state, as the loop starts
@@ -53,7 +55,7 @@ class ClosedLoopModel:
     structure : str
         ``"closed_loop"``.
     poles, zeros : int
-        Of H.
+        Of H; two of its zeros are at s = 0.
     hold : str
         ``"foh"``: references run straight between samples.
     rate : float
@@ -173,8 +175,8 @@ class ClosedLoopModel:
 
 def fit_closed_loop(
     experiments: Sequence[Experiment],
-    poles: int = 5,
-    zeros: int = 3,
+    poles: int = 3,
+    zeros: int = 2,
     *,
     ridge: float | None = None,
     starts: int = 4,
@@ -190,7 +192,7 @@ def fit_closed_loop(
         Of ``inputs="reference"``, or ``"velocity_reference"`` with velocities as outputs: inputs and outputs have the
         same names.
     poles, zeros : int
-        Of H; 1 <= zeros < poles. One of the zeros is at s = 0.
+        Of H; 2 <= zeros < poles. Two of the zeros are at s = 0.
     ridge, starts, seed, time_limit, progress
         As for `fit_transfer_functions`.
 
@@ -200,8 +202,8 @@ def fit_closed_loop(
         When the inputs are not the references of the outputs, the records differ in kind, no reference moves, or there
         are fewer samples than parameters.
     """
-    if not 1 <= zeros < poles:
-        raise ValueError(f"zeros must be at least 1 and fewer than poles, not {zeros} for {poles} poles")
+    if not 2 <= zeros < poles:
+        raise ValueError(f"zeros must be at least 2 and fewer than poles, not {zeros} for {poles} poles")
     records = require_alike(experiments)
     first = records[0]
     if first.input_names != first.output_names:
@@ -223,7 +225,7 @@ def fit_closed_loop(
         fitted = fit_transfer_functions(
             [_error_record(record, column, group) for record in records for column in columns],
             poles,
-            zeros - 1,
+            zeros - 2,
             "common",
             hold="foh",
             ridge=ridge,
@@ -290,11 +292,11 @@ def _model(
 
 
 def _error_record(record: Experiment, column: int, group: str) -> Experiment:
-    """Make a record of one axis: rate of the reference as input, error as output, both about zero."""
+    """Make a record of one axis: acceleration of the reference as input, error as output, both about zero."""
     reference = record.u[:, column]
     return Experiment.from_arrays(
         record.t,
-        np.gradient(reference, record.dt),
+        np.gradient(np.gradient(reference, record.dt), record.dt),
         record.y[:, column] - reference,
         name=f"{record.name}, {record.output_names[column]}",
         input_names=(group,),
@@ -306,15 +308,16 @@ def _error_record(record: Experiment, column: int, group: str) -> Experiment:
 
 
 def _closed(error: TransferFunction) -> TransferFunction:
-    """Turn B / A, from the rate of the reference to the error, into ``G = 1 + s B / A`` with its covariance."""
+    """Turn B / A, from the reference's acceleration to the error, into ``G = 1 + s^2 B / A`` with its covariance."""
     n, nb = len(error.den) - 1, len(error.num)
+    rows = slice(n - 1 - nb, n - 1)  # of s^2 B among the powers n .. 0
     num = error.den.copy()
-    num[n - nb : n] += error.num
+    num[rows] += error.num
     covariance = None
     if error.covariance is not None:
         # Rows (num of G, den); columns (B, A), highest power first. The leading coefficient of G is 1.
         jacobian = np.zeros((2 * n + 1, nb + n))
-        jacobian[n - nb : n, :nb] = np.eye(nb)
+        jacobian[rows, :nb] = np.eye(nb)
         jacobian[1 : n + 1, nb:] += np.eye(n)
         jacobian[n + 1 :, nb:] = np.eye(n)
         covariance = jacobian @ error.covariance @ jacobian.T
