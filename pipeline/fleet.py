@@ -211,7 +211,9 @@ def analyze_group(
             for part in (training, held_out)
         )
         if not records:
-            models.append(ModelResult(key=kind.key, title=kind.title, missing=_no_records(kind, training)))
+            models.append(
+                ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=_no_records(kind, training))
+            )
             continue
         if kind.key == THRUST_KEY:
             thrust = _thrust(records, config, stages)

@@ -77,9 +77,9 @@ def analyze(
                 if kind.key == THRUST_KEY:
                     thrust = _thrust(fitted, config, stages)
             if record is None or reason:
-                models.append(ModelResult(key=kind.key, title=kind.title, missing=reason))
+                models.append(ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=reason))
             else:
-                models.append(identify(kind, [fitted], [held_out], config, stages))
+                models.append(identify(kind, [fitted], [held_out], config, stages, same_flight=True))
         if not experiments:
             stages.missing["experiment"] = models[0].missing
             models = []
@@ -122,7 +122,7 @@ def _record(
         whole = sysid.Experiment.from_flight(
             log,
             trajectory,
-            rate=config.rate,
+            rate=kind.rate or config.rate,
             inputs=kind.inputs,
             outputs="position",
             frame=kind.frame,

@@ -20,6 +20,8 @@ def identify(
     judges: Sequence[sysid.Experiment],
     config: AnalysisConfig,
     stages: Stages,
+    *,
+    same_flight: bool = False,
 ) -> ModelResult:
     """Fit, judge, and scan orders where that was asked for; what could not be done leaves its reason in the result.
 
@@ -32,10 +34,14 @@ def identify(
     config : AnalysisConfig
     stages : Stages
         Times the work and reports progress; its `missing` is not touched.
+    same_flight : bool
+        The one record to judge on is the rest of the one flight fitted.
     """
     model = stages.run(kind.key, lambda report: kind.fit(fitted, config, report))
     if model is None:
-        return ModelResult(key=kind.key, title=kind.title, missing=stages.missing.pop(kind.key))
+        return ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=stages.missing.pop(kind.key))
+    if same_flight and kind.carry_over is not None:
+        model = kind.carry_over(model, fitted[0], judges[0])
     validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *judges]))
     predictions: tuple[Prediction, ...] = ()
     if validation is not None:
@@ -56,6 +62,7 @@ def identify(
     return ModelResult(
         key=kind.key,
         title=kind.title,
+        note=kind.note,
         model=model,
         validation=validation,
         predictions=predictions,

@@ -109,6 +109,8 @@ class ModelResult:
         Which kind of model, as `pipeline.kinds.KINDS` has it, such as ``"motors"``.
     title : str
         The kind in words, such as ``"motor PWM → position"``.
+    note : str
+        What the model describes, and what it cannot tell.
     model : Model or None
     validation : Validation or None
         On the data fitted and on those held out; the column ``trained`` of its table tells them apart.
@@ -122,6 +124,7 @@ class ModelResult:
 
     key: str
     title: str
+    note: str = ""
     model: Model | None = None
     validation: Validation | None = None
     predictions: tuple[Prediction, ...] = ()

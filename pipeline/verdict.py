@@ -78,7 +78,7 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     )
     if references.notna().all():
         asked = ", ".join(_metres(references[output]) for output in outputs)
-        measured += f" and taking the position asked for by {asked} m"
+        measured += f" and taking the target itself by {asked} m"
     if not all(np.isfinite(validation.average[output]) for output in outputs):
         return Verdict(Trust.NO, f"Do not trust the model: its free run on {unseen} diverges.")
     follows = [output for output in beats if fit[output] >= CLOSE_PERCENT]
@@ -134,7 +134,7 @@ def _hardly(validation: Validation, means: pd.Series[float], outputs: list[str])
         elif validation.trusted[output]:
             word = "hardly better than a guess without any model"
         elif _closed_loop(validation):
-            word = "no better than taking the position that was asked for"
+            word = "no better than taking the target itself"
         else:
             word = "no better than a guess without any model"
         words.setdefault(word, []).append(output)

@@ -22,6 +22,7 @@ def identified(models: Sequence[Numbers]) -> list[View]:
         {
             "key": result["key"],
             "title": summary.sentence(result["title"])[:-1],
+            "note": result["note"],
             "missing": result["missing"],
             "outputs": [],
             "intro": "",

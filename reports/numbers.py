@@ -118,6 +118,7 @@ def _model_result(
     return {
         "key": result.key,
         "title": result.title,
+        "note": result.note,
         "verdict": {"trust": str(verdict.trust), "sentence": verdict.sentence},
         "rmse": rows,
         "rmse_average_m": average([row for row in rows if row["part"] == "held-out"]),
@@ -246,6 +247,7 @@ def _rmse_rows(result: ModelResult, scope: str, flight: str | None, craft: str |
                 "fit_percent": by_output["fit_percent"].to_dict(),
                 "rmse_mean_m": by_output["rmse_mean"].to_dict(),
                 "rmse_constant_position_m": by_output["rmse_constant_position"].to_dict(),
+                "scored_from_s": float(by_output["scored_from"].iloc[0]),
             }
         )
     return sorted(rows, key=lambda row: row["part"] == "training")

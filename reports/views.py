@@ -41,6 +41,7 @@ def verdicts(models: Sequence[Numbers]) -> list[View]:
     return [
         {
             "title": result["title"],
+            "note": result["note"],
             "trust": result["verdict"]["trust"],
             "word": summary.TRUST_WORDS[result["verdict"]["trust"]],
             "sentence": result["verdict"]["sentence"],

@@ -12,11 +12,14 @@ from scipy.io import savemat
 
 from logparse import RotoridError
 from sysid.closed_loop import ClosedLoopModel
-from sysid.transfer_function import TransferFunctionModel
+from sysid.transfer_function import DETERMINED, TransferFunctionModel
 
 if TYPE_CHECKING:
     import control
 
+
+#: Order of the approximation of delays for tools that have none.
+PADE_ORDER = 3
 
 #: Models that are a matrix of transfer functions.
 TransferMatrix = TransferFunctionModel | ClosedLoopModel
@@ -32,7 +35,8 @@ def matlab_struct(model: TransferMatrix) -> dict[str, Any]:
     In MATLAB (Control System Toolbox) and Octave (control package) it opens with::
 
         load models.mat
-        G = tf(motors.num, motors.den, 'InputName', motors.inputs, 'OutputName', motors.outputs)
+        G = tf(motors.num, motors.den, 'IODelay', motors.delay)
+        G.InputName = motors.inputs; G.OutputName = motors.outputs;
 
     ``num`` and ``den`` are p x m cells of row vectors, highest power first, time in seconds; ``num_std`` and
     ``den_std`` the standard deviations of the same coefficients, NaN where there is none.
@@ -41,10 +45,12 @@ def matlab_struct(model: TransferMatrix) -> dict[str, Any]:
     cells: dict[str, Any] = {
         name: np.empty(shape, dtype=object) for name in ("num", "den", "num_std", "den_std", "covariance")
     }
+    delay = np.zeros(shape)
     for row, output in enumerate(model.output_names):
         for column, source in enumerate(model.input_names):
             function = model.transfer_functions[output][source]
             count = len(function.num)
+            delay[row, column] = function.delay
             deviation = function.standard_deviation
             if deviation is None:
                 deviation = np.full(count + len(function.den) - 1, np.nan)
@@ -58,6 +64,7 @@ def matlab_struct(model: TransferMatrix) -> dict[str, Any]:
                 else function.covariance
             )
     return cells | {
+        "delay": delay,
         "name": model.name,
         "inputs": _cell(model.input_names),
         "outputs": _cell(model.output_names),
@@ -69,20 +76,27 @@ def matlab_struct(model: TransferMatrix) -> dict[str, Any]:
     }
 
 
-def write_mat(models: Mapping[str, TransferMatrix], path: str | Path) -> None:
-    """Write models as structs of a ``.mat`` file, by name (see `matlab_struct`).
+def write_mat(models: Mapping[str, TransferMatrix | Mapping[str, TransferMatrix]], path: str | Path) -> None:
+    """Write models as structs of a ``.mat`` file, by name (see `matlab_struct`); a mapping becomes a struct of them.
 
     Names must be MATLAB's: letters, digits and underscores, a letter first.
     """
+    savemat(path, _structs(models), long_field_names=True, oned_as="row")
+
+
+def _structs(models: Mapping[str, TransferMatrix | Mapping[str, TransferMatrix]]) -> dict[str, Any]:
     wrong = [name for name in models if not (name.isascii() and name.isidentifier() and name[0].isalpha())]
     if wrong:
         raise ExportError(f"{wrong[0]!r} cannot name a variable in MATLAB; use letters, digits and underscores")
-    structs = {name: matlab_struct(model) for name, model in models.items()}
-    savemat(path, structs, long_field_names=True, oned_as="row")
+    return {
+        name: _structs(model) if isinstance(model, Mapping) else matlab_struct(model) for name, model in models.items()
+    }
 
 
 def to_control(model: TransferMatrix) -> control.TransferFunction:
     """Give a model to python-control, as one system with named inputs and outputs.
+
+    That package has no delays in continuous time; they become Padé approximations of order `PADE_ORDER`.
 
     Raises
     ------
@@ -94,9 +108,16 @@ def to_control(model: TransferMatrix) -> control.TransferFunction:
     except ImportError as error:
         raise ExportError("python-control is not installed; install it with: pip install 'rotorid[control]'") from error
     rows = [[model.transfer_functions[o][i] for i in model.input_names] for o in model.output_names]
+    late = [[control.pade(function.delay, PADE_ORDER if function.delay else 0) for function in row] for row in rows]
     return control.TransferFunction(
-        [[function.num for function in row] for row in rows],
-        [[function.den for function in row] for row in rows],
+        [
+            [np.polymul(f.num, num) for f, (num, _) in zip(row, d, strict=True)]
+            for row, d in zip(rows, late, strict=True)
+        ],
+        [
+            [np.polymul(f.den, den) for f, (_, den) in zip(row, d, strict=True)]
+            for row, d in zip(rows, late, strict=True)
+        ],
         inputs=list(model.input_names),
         outputs=list(model.output_names),
         name=_identifier(model.name),
@@ -109,8 +130,8 @@ def coefficients(model: TransferMatrix) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``output input part power value std relative determined``; ``part`` is num or den, ``power`` that of s, ``std``
-        empty for the leading 1 of a denominator, which is no estimate, and where there is no uncertainty.
+        ``output input part power value std relative determined``; ``part`` is num, den or delay [s], ``power`` that of
+        s, ``std`` empty for the leading 1 of a denominator, which is no estimate, and where there is no uncertainty.
     """
     rows: list[dict[str, object]] = []
     for output, row in model.transfer_functions.items():
@@ -132,6 +153,13 @@ def coefficients(model: TransferMatrix) -> pd.DataFrame:
                             "determined": None if k is None or known is None else bool(known[k]),
                         }
                     )
+            if function.delay:
+                relative_delay = function.delay_std / function.delay
+                rows.append(
+                    {"output": output, "input": source, "part": "delay", "power": 0, "value": function.delay}
+                    | {"std": function.delay_std, "relative": relative_delay}
+                    | {"determined": relative_delay < DETERMINED}
+                )
     return pd.DataFrame(rows)
 
 

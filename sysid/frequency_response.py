@@ -80,13 +80,14 @@ def frequency_response(function: TransferFunction, omega: Floats) -> FrequencyRe
     Notes
     -----
     With G = B / A, ``d ln G / d b_k = s^k / B`` and ``d ln G / d a_k = -s^k / A``; the real part of ln G is the
-    logarithm of the gain, the imaginary part the phase (Ljung 1999, section 9.4).
+    logarithm of the gain, the imaginary part the phase (Ljung 1999, section 9.4). An uncertain delay adds to the phase.
     """
     omega = np.asarray(omega, dtype=np.float64)
     response = function.response(omega)
     none = np.zeros_like(omega)
+    late = function.delay_std * omega
     if function.covariance is None or not np.any(function.num):
-        return FrequencyResponse(omega, response, none, none)
+        return FrequencyResponse(omega, response, none, late)
     s = 1j * omega[:, None]
     num, den = function.num, function.den
     above = s ** np.arange(len(num) - 1, -1, -1) / np.polyval(num, s)
@@ -94,7 +95,7 @@ def frequency_response(function: TransferFunction, omega: Floats) -> FrequencyRe
     slope = np.hstack([above, below])
     variances = [np.einsum("ki,ij,kj->k", part, function.covariance, part) for part in (slope.real, slope.imag)]
     gain, phase = (np.sqrt(np.maximum(variance, 0.0)) for variance in variances)
-    return FrequencyResponse(omega, response, gain, phase)
+    return FrequencyResponse(omega, response, gain, np.hypot(phase, late))
 
 
 @dataclass(frozen=True, slots=True)

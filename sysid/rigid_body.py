@@ -213,6 +213,10 @@ class RigidBodyModel:
         ahead(theta, signals, shapes, flight.dt, flight.ground, self.law, initial, steps, out)
         return self._outputs(experiment, out)
 
+    def initial_seconds(self, experiment: Experiment) -> float:
+        """How much of a record's outputs a free run looks at, s: for wind and thrust scale, where they are not known."""
+        return 0.0 if experiment.name in self.flights else TRIM_SECONDS
+
     def trim(
         self, experiment: Experiment, seconds: float | None = None, wind_spacing: float | None = None
     ) -> FlightTrim:

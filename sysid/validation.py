@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding
-from sysid.experiment import Experiment, Floats, require_alike
+from sysid.experiment import MIN_SAMPLES, Experiment, ExperimentError, Floats, require_alike
 from sysid.residuals import ResidualTest, examine_residuals
 from sysid.response import INITIAL_SECONDS
 
@@ -58,12 +58,14 @@ class Validation:
     model : str
         Its name.
     table : DataFrame
-        One row per flight and output of the free run: ``flight output unit trained duration rmse fit_percent rmse_mean
-        rmse_constant_position rmse_constant_velocity rmse_reference``. ``trained`` says whether the model has seen the
-        record; ``fit_percent`` is ``100 (1 - |y - y_hat| / |y - mean y|)``. The first three seconds, from which the initial
-        state is found, are not scored. ``rmse_mean`` is the record's own mean, known only afterwards; the other two
-        baselines carry on position, or position and velocity, from the third second. Where inputs are the references of
-        the outputs, ``rmse_reference`` is what taking each output for its reference errs; NaN otherwise.
+        One row per flight and output of the free run: ``flight output unit trained duration scored_from rmse
+        fit_percent rmse_mean rmse_constant_position rmse_constant_velocity rmse_reference``. ``trained`` says whether
+        the model has seen the record; ``fit_percent`` is ``100 (1 - |y - y_hat| / |y - mean y|)``. What the model has
+        looked at is not scored: the first three seconds, from which the initial state is found, or more where the model
+        has a method ``initial_seconds(experiment)`` that says so; ``scored_from`` has it. A record that is not longer
+        is left out. ``rmse_mean`` is the record's own mean, known only afterwards; the other two baselines carry on
+        position, or position and velocity, from where the score begins. Where inputs are the references of the outputs,
+        ``rmse_reference`` is what taking each output for its reference errs; NaN otherwise.
     horizons : DataFrame
         One row per flight, output and horizon [s]: ``flight output trained horizon rmse rmse_constant_position
         rmse_constant_velocity``.
@@ -96,7 +98,6 @@ class Validation:
         """Give tables, averages and verdicts for JSON."""
         return {
             "model": self.model,
-            "scored_from_seconds": INITIAL_SECONDS,
             "table": plain_records(self.table),
             "horizons": plain_records(self.horizons),
             "residuals": {output: test.to_dict() for output, test in self.residuals.items()},
@@ -123,18 +124,28 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
     ahead: list[dict[str, object]] = []
     predictions: dict[str, Floats] = {}
     errors: dict[str, Floats] = {}
+    start = {record.name: _scored_from(model, record) for record in records}
     for record in records:
         simulated = model.simulate(record)
         predictions[record.name] = simulated
+        first = start[record.name]
+        if first > len(record.t) - MIN_SAMPLES:
+            continue
         trained = record.name in model.training
-        rows += _free_run_rows(record, simulated, trained)
+        rows += _free_run_rows(record, simulated, trained, first)
         for horizon in horizons:
             steps = max(round(horizon / record.dt), 1)
             if steps * record.dt < 0.5 * record.duration:
                 predicted = model.predict(record, horizon)
-                ahead += _horizon_rows(record, predicted, steps, trained)
+                ahead += _horizon_rows(record, predicted, steps, trained, first + steps)
                 if steps == 1:
                     errors[record.name] = record.y - predicted
+    if not rows:
+        longest, looked = max(record.duration for record in records), max(start.values()) * records[0].dt
+        raise ExperimentError(
+            f"no record is long enough to judge the model: it looks at the first {looked:.0f} s of a record, "
+            f"and the longest has {longest:.0f} s"
+        )
     table, curve = pd.DataFrame(rows), pd.DataFrame(ahead, columns=_HORIZON_COLUMNS)
     unseen = bool((~table["trained"]).any())
     judges = [r for r in records if r.name in errors and not (unseen and r.name in model.training)]
@@ -156,7 +167,7 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
         model=model.name,
         table=table,
         horizons=curve,
-        residuals=_examine(judges, errors),
+        residuals=_examine(judges, errors, start),
         average=average,
         verdicts=tuple(verdicts),
         trusted=trusted,
@@ -176,10 +187,19 @@ _HORIZON_COLUMNS = [
 ]
 
 
-def _examine(records: Sequence[Experiment], errors: Mapping[str, Floats]) -> dict[str, ResidualTest]:
+def _scored_from(model: Model, record: Experiment) -> int:
+    """First sample that is scored: what a model has looked at judges nothing."""
+    looks_at = getattr(model, "initial_seconds", None)
+    seconds = INITIAL_SECONDS if looks_at is None else max(INITIAL_SECONDS, float(looks_at(record)))
+    return round(seconds / record.dt)
+
+
+def _examine(
+    records: Sequence[Experiment], errors: Mapping[str, Floats], start: Mapping[str, int]
+) -> dict[str, ResidualTest]:
     """Test errors one sample ahead, from the moment at which the initial state is known."""
     tests = {}
-    first = [round(INITIAL_SECONDS / record.dt) for record in records]
+    first = [start[record.name] for record in records]
     for column, output in enumerate(records[0].output_names if records else ()):
         test = examine_residuals(
             output,
@@ -205,8 +225,7 @@ def _slopes(y: Floats, dt: float) -> Floats:
     return np.asarray(np.convolve(padded, weights, mode="valid"))
 
 
-def _free_run_rows(record: Experiment, simulated: Floats, trained: bool) -> list[dict[str, object]]:
-    first = min(round(INITIAL_SECONDS / record.dt), len(record.t) - 2)
+def _free_run_rows(record: Experiment, simulated: Floats, trained: bool, first: int) -> list[dict[str, object]]:
     since = record.t[first:] - record.t[first]
     rows: list[dict[str, object]] = []
     for column, output in enumerate(record.output_names):
@@ -221,6 +240,7 @@ def _free_run_rows(record: Experiment, simulated: Floats, trained: bool) -> list
                 "unit": record.units.get(output, ""),
                 "trained": trained,
                 "duration": record.duration,
+                "scored_from": first * record.dt,
                 "rmse": rmse,
                 "fit_percent": 100.0 * (1.0 - rmse / mean) if mean > 0.0 else float("nan"),
                 "rmse_mean": mean,
@@ -234,8 +254,9 @@ def _free_run_rows(record: Experiment, simulated: Floats, trained: bool) -> list
     return rows
 
 
-def _horizon_rows(record: Experiment, predicted: Floats, steps: int, trained: bool) -> list[dict[str, object]]:
-    first = round(INITIAL_SECONDS / record.dt) + steps
+def _horizon_rows(
+    record: Experiment, predicted: Floats, steps: int, trained: bool, first: int
+) -> list[dict[str, object]]:
     if first >= len(record.t):
         return []
     rows: list[dict[str, object]] = []

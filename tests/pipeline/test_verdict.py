@@ -94,11 +94,11 @@ def test_axes_that_differ_are_told_apart():
     )
 
 
-def test_a_closed_loop_must_beat_the_position_that_was_asked_for():
+def test_a_closed_loop_must_beat_the_target_itself():
     verdict = judge(validation({"x": 95.0, "z": 96.0}, {"x": True, "z": False}, reference=0.9))
     assert verdict.trust is Trust.LIMITED
-    assert "and taking the position asked for by 0.900, 0.900 m" in verdict.sentence
-    assert "In z that is no better than taking the position that was asked for." in verdict.sentence
+    assert "and taking the target itself by 0.900, 0.900 m" in verdict.sentence
+    assert "In z that is no better than taking the target itself." in verdict.sentence
 
 
 def test_one_good_model_does_not_speak_for_a_bad_one():

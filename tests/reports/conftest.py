@@ -16,7 +16,7 @@ from pipeline.results import Failure
 #: A kind of model that the log could not give.
 WITHOUT_REFERENCE = ModelResult(
     key="reference",
-    title="position asked for → position (closed loop)",
+    title="position target → position",
     missing="no position targets; set NTUN (bit 5) in LOG_BITMASK",
 )
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from sysid import Experiment, validate
+from sysid import Experiment, ExperimentError, validate
 
 
 @dataclass(frozen=True)
@@ -80,3 +80,50 @@ def test_a_craft_that_stands_still_and_short_records():
     assert validation.horizons["horizon"].max() <= 2.0
     assert not validation.trusted["x"]
     json.dumps(validation.to_dict(), allow_nan=False)
+
+
+@dataclass(frozen=True)
+class Patient(Known):
+    """A model that looks at the first 20 s of records that it does not know."""
+
+    def initial_seconds(self, experiment):
+        return 20.0
+
+
+def test_what_a_model_has_looked_at_is_not_scored():
+    y = np.zeros((400, 2))
+    y[:200] = 7.0
+    # Right from the 20th second on; before, the answer was looked at.
+    validation = validate(Patient(0.25), [record("long", y)])
+    assert validation.table["scored_from"].tolist() == pytest.approx([20.0, 20.0])
+    assert validation.table["rmse_mean"].tolist() == [0.0, 0.0]
+    assert validation.horizons["rmse_constant_position"].max() == 0.0
+    short = record("short", np.zeros((150, 2)), samples=150)
+    assert validate(Patient(0.25), [record("long", y), short]).table["flight"].unique().tolist() == ["long"]
+    with pytest.raises(ExperimentError, match="looks at the first 20 s of a record, and the longest has 15 s"):
+        validate(Patient(0.25), [short])
+
+
+def test_a_closed_loop_is_held_against_its_reference():
+    t = np.arange(400) * 0.1
+    reference = np.column_stack([np.sin(0.3 * t), 0.1 * t])
+    one = Experiment.from_arrays(
+        t, reference, reference + 0.2, name="unseen", input_names=["x", "z"], output_names=["x", "z"]
+    )
+    validation = validate(Known(0.3), [one])
+    assert validation.table["rmse_reference"].tolist() == pytest.approx([0.2, 0.2])
+    assert "against 0.2 for the reference itself" in validation.verdicts[0]
+    assert not validation.trusted["x"]
+
+
+def test_residuals_are_tested_on_unseen_records_only():
+    rng = np.random.default_rng(0)
+
+    @dataclass(frozen=True)
+    class Noisy(Known):
+        def predict(self, experiment, horizon=1.0):
+            return experiment.y + rng.standard_normal(experiment.y.shape)
+
+    validation = validate(Noisy(0.1), [record("seen"), record("unseen")])
+    assert validation.residuals["x"].samples == 370
+    assert set(validation.to_dict()["residuals"]) == {"x", "z"}
