@@ -65,18 +65,33 @@ def srivc(problem: Problem, bandwidth: float, deadline: float = np.inf) -> Start
     change = np.inf
     for iteration in range(MOST_ITERATIONS):
         point = solve(problem, theta)
-        if iteration > 0 and point.cost < best[0]:
+        if point.cost < best[0]:
             best = (point.cost, theta)
         if change < NEAR or time.monotonic() > deadline:
             return Start(best[1], best[0], iteration, change < NEAR)
-        following = clip(_refined(problem, point, noisy=iteration == 0)[None], problem.band)
+        following = clip(refine(problem, point, noisy=iteration == 0)[None], problem.band)
         change = float(np.max(np.abs(following - theta)))
         theta = following
     return Start(best[1], best[0], MOST_ITERATIONS, False)
 
 
-def _refined(problem: Problem, point: Point, *, noisy: bool) -> Floats:
-    """One iteration: coefficients of A by instrumental variables; with `noisy` the output is its own instrument."""
+def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats:
+    """Take one iteration: the coefficients of A by instrumental variables.
+
+    Parameters
+    ----------
+    problem : Problem
+        With one denominator.
+    point : Point
+        The last model, whose denominator filters and whose output makes the instruments.
+    noisy : bool
+        Let the output be its own instrument: least squares, for the first iteration.
+
+    Returns
+    -------
+    ndarray, shape (lags,)
+        Parameters of the denominator.
+    """
     lags, shared = problem.lags, point.numerators.size
     a, _ = denominators(point.theta)
     system = discretise(a, problem.dt, "foh")

@@ -1,0 +1,141 @@
+"""Poles without a start: from any bandwidth, without the bias of least squares, for systems drawn at random."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter, lsim, max_len_seq
+
+from sysid import Experiment, fit_transfer_functions
+from sysid.sections import denominators, from_poles, resolvable_band, take
+from sysid.separable import Problem, descend, solve
+from sysid.srivc import refine, srivc
+
+#: Rao and Garnier 2002.
+NUM, DEN, STEP, SAMPLES = [-6400.0, 1600.0], [1.0, 5.0, 408.0, 416.0, 1600.0], 0.01, 7161
+
+
+def rao_garnier(seed, noise=0.1**0.5):
+    u = np.repeat(max_len_seq(10)[0] * 2.0 - 1.0, 7)[:SAMPLES]
+    y = lsim((NUM, DEN), u, np.arange(SAMPLES) * STEP, interp=False)[1]
+    return u, y + noise * y.std() * np.random.default_rng(seed).standard_normal(SAMPLES)
+
+
+def problem_of(u, y, order, numerators, dt):
+    duration = len(y) * dt
+    return Problem(
+        inputs=(np.ascontiguousarray(u.reshape(len(y), -1) / u.std()),),
+        outputs=(y / y.std(),),
+        group=(0,) * u.reshape(len(y), -1).shape[1],
+        order=order,
+        numerators=numerators,
+        dt=dt,
+        hold="zoh",
+        band=resolvable_band(duration, dt),
+        ridge=1e-6,
+        initial=1.0 / duration,
+    )
+
+
+@pytest.mark.parametrize("bandwidth", [0.5, 2.0, 10.0, 40.0, 100.0])
+def test_rao_garnier_from_every_bandwidth(bandwidth):
+    """Poles of 2 and 20 rad/s, found from filters far below, between and above; a last few steps change nothing."""
+    problem = problem_of(*rao_garnier(3), 4, 2, STEP)
+    start = srivc(problem, bandwidth)
+    assert start.settled
+    frequencies = np.sort(np.abs(np.roots([1.0, *denominators(start.theta)[0][0, ::-1]])))
+    np.testing.assert_allclose(frequencies, [2.0, 2.0, 20.0, 20.0], rtol=0.01)
+    assert start.cost < 1.001 * descend(problem, start.theta, 20).point.cost
+
+
+def test_instruments_take_the_bias_of_least_squares_away():
+    """Half as much noise as signal through a filter five times too wide: what each makes of the damping, 0.8."""
+    den, dt = [1.0, 0.8, 4.0], 0.1
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(4000)
+    y = lsim(([4.0], den), u, np.arange(4000) * dt, interp=False)[1]
+    problem = problem_of(u, y + 0.5 * y.std() * rng.standard_normal(4000), 2, 1, dt)
+    filtered = solve(problem, from_poles(np.full(2, -10.0 + 0.0j))[None])
+    biased, refined = (refine(problem, filtered, noisy=noisy)[None] for noisy in (True, False))
+    settled = srivc(problem, 10.0).theta
+    least_squares, once, last = (denominators(theta)[0][0, 1] for theta in (biased, refined, settled))
+    assert abs(least_squares - 0.8) > 1.0
+    assert abs(once - 0.8) < 0.5  # unbiased, but through this filter far from efficient
+    assert abs(last - 0.8) < 0.05
+
+
+def test_random_systems_reach_the_noise_without_scattered_starts():
+    """Order 2 to 5, poles over two decades, damping down to 0.02, one to three inputs, noise from 1 to 50 %."""
+    for seed in range(16):
+        rng = np.random.default_rng([17, seed])
+        order, inputs, samples, dt = 2 + seed % 4, 1 + seed // 4 % 3, 2000, 0.1
+        den = np.array([1.0])
+        for _ in range(order // 2):
+            w, zeta = np.exp(rng.uniform(np.log(0.15), np.log(10.0))), np.exp(rng.uniform(np.log(0.02), 0.0))
+            den = np.convolve(den, [1.0, 2.0 * zeta * w, w * w])
+        if order % 2:
+            den = np.convolve(den, [1.0, np.exp(rng.uniform(np.log(0.1), np.log(8.0)))])
+        u = lfilter([1.0], [1.0, -0.8], rng.standard_normal((samples, inputs)), axis=0)
+        zeros, unit, y = int(rng.integers(0, order)), den[-1] ** (1.0 / order), np.zeros(samples)
+        for j in range(inputs):
+            num = rng.standard_normal(zeros + 1) * unit ** np.arange(zeros + 1)
+            response = lsim((num, den), u[:, j], np.arange(samples) * dt, interp=False)[1]
+            y += response / response.std()
+        sigma = float(np.exp(rng.uniform(np.log(0.01), np.log(0.5)))) * y.std()
+        noisy = y + sigma * rng.standard_normal(samples)
+        record = Experiment.from_arrays(np.arange(samples) * dt, u, noisy, input_trim=np.zeros(inputs))
+        model = fit_transfer_functions([record], order, zeros, "common", starts=0)
+        # Sampling scatter of a standard deviation from 2000 samples: 1.6 %.
+        assert model.reports["y1"].rmse < 1.05 * sigma, seed
+
+
+def test_sections_are_made_of_any_poles():
+    rng = np.random.default_rng(1)
+    for order in range(1, 7):
+        for _ in range(20):
+            roots = -np.exp(rng.uniform(-3.0, 3.0, order)).astype(complex)
+            for k in range(0, order - 1, 2):
+                if rng.random() < 0.5:
+                    roots[k] += 1j * abs(rng.standard_normal())
+                    roots[k + 1] = roots[k].conjugate()
+            a, _ = denominators(from_poles(roots)[None])
+            np.testing.assert_allclose([1.0, *a[0, ::-1]], np.real(np.poly(roots)), rtol=1e-9)
+    unstable = from_poles(np.array([0.5 + 2.0j, 0.5 - 2.0j]))
+    np.testing.assert_allclose(np.roots([1.0, *denominators(unstable[None])[0][0, ::-1]]).real, -0.5)
+
+
+def test_lower_orders_keep_the_slowest_poles():
+    theta = from_poles(np.array([-0.1, -1.0 + 1.0j, -1.0 - 1.0j, -5.0 + 9.0j, -5.0 - 9.0j]))
+    np.testing.assert_allclose(take(theta, 3), from_poles(np.array([-0.1, -1.0 + 1.0j, -1.0 - 1.0j])))
+    np.testing.assert_allclose(take(theta, 2), from_poles(np.array([-1.0 + 1.0j, -1.0 - 1.0j])))
+    assert [len(take(theta, order)) for order in range(6)] == list(range(6))
+
+
+@pytest.mark.slow
+def test_rao_garnier_meets_the_cramer_rao_bound():
+    """Twenty seeds: no failure, 99 % on clean fresh data, and errors as small as theory allows.
+
+    The root mean square of 20 normal errors scatters by 16 % about 1; the worst of six parameters stays below 1.25 for
+    these seeds and in 9 of 10 other sets.
+    """
+    u, y = rao_garnier(0, noise=0.0)
+    t = np.arange(SAMPLES) * STEP
+    columns = [lsim(([1.0] + [0.0] * k, DEN), u, t, interp=False)[1] for k in (1, 0)]
+    for k in (3, 2, 1, 0):
+        numerator = np.convolve(NUM, [1.0] + [0.0] * k)
+        columns.append(-lsim((numerator, np.convolve(DEN, DEN)), u, t, interp=False)[1])
+    psi = np.column_stack(columns)
+    bound = np.sqrt(y.var() / 10.0 * np.diag(np.linalg.inv(psi.T @ psi)))
+    fresh = np.repeat(max_len_seq(10)[0] * 2.0 - 1.0, 8)[:SAMPLES]
+    clean = lsim((NUM, DEN), fresh, t, interp=False)[1]
+    errors, fits = [], []
+    for seed in range(20):
+        record = Experiment.from_arrays(t, u, rao_garnier(seed)[1], input_trim=[0.0], output_trim=[0.0])
+        model = fit_transfer_functions([record], 4, 1)
+        function = model.transfer_functions["y1"]["u1"]
+        errors.append(np.concatenate([function.num, function.den[1:]]) - [*NUM, *DEN[1:]])
+        test = Experiment.from_arrays(t, fresh, clean, name="clean", input_trim=[0.0], output_trim=[0.0])
+        fits.append(
+            100.0 * (1.0 - np.linalg.norm(model.simulate(test)[:, 0] - clean) / np.linalg.norm(clean - clean.mean()))
+        )
+    assert np.mean(fits) >= 99.0
+    assert min(fits) > 98.0
+    assert np.max(np.sqrt(np.mean(np.square(errors), axis=0)) / bound) <= 1.25
