@@ -128,13 +128,16 @@ def _under_way(tables: Tables, start: float, stop: float) -> bool:
     """Tell whether motors or GPS speak against standing still: a hover on a calm day can be as steady as the ground."""
     if tables.motors is not None:
         running = tables.motors.loc[start:stop].to_numpy(float)
-        if running.size and np.nanmedian(running) > RUNNING_PWM:
+        running = running[np.isfinite(running)]
+        if running.size and np.median(running) > RUNNING_PWM:
             return True
     fixes = usable_fixes(tables.gps)
     if fixes is None:
         return False
-    speed = fixes.loc[start:stop, ["v_n", "v_e"]].to_numpy(float)
-    return bool(speed.size and np.nanmedian(np.hypot(speed[:, 0], speed[:, 1])) > GROUND_SPEED)
+    velocity = fixes.loc[start:stop, ["v_n", "v_e"]].to_numpy(float)
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    speed = speed[np.isfinite(speed)]
+    return bool(speed.size and np.median(speed) > GROUND_SPEED)
 
 
 def turned(aligned: Alignment, yaw: float, yaw_sigma: float) -> Alignment:

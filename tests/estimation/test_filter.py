@@ -1,5 +1,6 @@
 """The compiled filter and smoother against filterpy on the same matrices."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -134,3 +135,32 @@ def test_matched_scale_finds_how_noisy_a_sensor_is(problem):
 def test_readings_that_repeat_count_as_one():
     values = np.array([[1.0, 5.0], [1.0, 6.0], [1.0, 6.0], [2.0, 6.0], [1.0, 7.0]])
     np.testing.assert_array_equal(run_lengths(values).T, [[3, 3, 3, 1, 1], [1, 3, 3, 3, 1]])
+
+
+def test_memory_does_not_hold_the_covariance_of_every_imu_sample():
+    """Ten times the IMU samples with the same rows out cost what the samples themselves take, not their covariances."""
+
+    def peak(imu_rate):
+        flight = fly(3, duration=30.0, sensors=Sensors(imu_rate=imu_rate))
+        frame = LocalFrame.at(PLACE)
+        signal = InertialSignal.of(flight.tables.imu, flight.tables.parameters, (NOISE.gyro, NOISE.accel))
+        start = align(flight.tables, flight.tables.imu, frame, world_field(PLACE, {}, None).ned, NOISE)
+        observations = observe(flight.tables, frame, NOISE)
+        tracemalloc.start()
+        problem = assemble(
+            signal,
+            observations,
+            np.arange(1.0, 29.0, 0.1),
+            start.x,
+            start.P,
+            World(frame.gravity, frame.earth_rate),
+            NOISE,
+        )
+        smooth(problem, run(problem))
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return most, len(flight.tables.imu)
+
+    (slow, few), (fast, many) = peak(50.0), peak(500.0)
+    covariance = 8 * SIZE**2
+    assert (fast - slow) / (many - few) < 0.1 * covariance
