@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any, Protocol
 
-import numpy as np
 import pandas as pd
 
 from reports.figures import Figure, layout_of, line
@@ -117,7 +116,7 @@ def _figure(number: int, plot: Plot) -> Figure:
 
 
 def _table(table: Table) -> dict[str, Any]:
-    numeric = [bool(np.issubdtype(table.frame[column].dtype, np.number)) for column in table.frame.columns]
+    numeric = [pd.api.types.is_numeric_dtype(table.frame[column]) for column in table.frame.columns]
     rows = [
         [f"{value:.5g}" if number else str(value) for value, number in zip(row, numeric, strict=True)]
         for row in table.frame.itertuples(index=False)

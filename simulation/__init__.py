@@ -5,21 +5,31 @@ shifts to its boot clock. All noise comes from one seed, and a seed gives the sa
 any Linux machine with an x86-64 processor; elsewhere another mathematical library may round differently.
 """
 
-from simulation.cases import CASES, Case, find, write_case, write_sample_logs
+from simulation.cases import CASES, GROUPS, Case, find
 from simulation.errors import ArrivalError, DivergenceError, ParameterError
 from simulation.fly import Flight, Setup, fly, propagate
+from simulation.outcome import Outcome, write
+from simulation.sample_flights import FLIGHTS
+from simulation.sample_logs import write_sample_logs
+from simulation.settings import parse as parse_settings
+from simulation.settings import read as read_settings
 
 __all__ = [
     "CASES",
+    "FLIGHTS",
+    "GROUPS",
     "ArrivalError",
     "Case",
     "DivergenceError",
     "Flight",
+    "Outcome",
     "ParameterError",
     "Setup",
     "find",
     "fly",
+    "parse_settings",
     "propagate",
-    "write_case",
+    "read_settings",
+    "write",
     "write_sample_logs",
 ]

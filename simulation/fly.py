@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-import pymap3d
 
 from simulation import _kernels
 from simulation.atmosphere import GRAVITY, Atmosphere
@@ -192,13 +191,6 @@ class Flight:
     hover_thrust: float
     airborne: tuple[float, float]
     disarm: float
-
-    def geodetic(self, rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Latitude [deg], longitude [deg] and altitude [m] of the positions p_n, p_e, p_d in `rows`."""
-        place = self.setup.place
-        north, east, down = (rows[name].to_numpy() for name in ("p_n", "p_e", "p_d"))
-        lat, lon, alt = pymap3d.ned2geodetic(north, east, down, place.lat_deg, place.lon_deg, place.alt)
-        return lat, lon, alt
 
 
 def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:

@@ -6,9 +6,13 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+import pymap3d
 
 from simulation.atmosphere import LAPSE_RATE, PRESSURE_EXPONENT, SEA_LEVEL_PRESSURE, SEA_LEVEL_TEMPERATURE
 from simulation.fly import Flight
+from simulation.place import Place
+from simulation.sensors import Sensors
+from simulation.vehicle import Multirotor
 
 #: What the logs say in place of a firmware version.
 FIRMWARE = "ArduCopter V4.7.0-sim (simulated by rotorid)"
@@ -19,8 +23,136 @@ _LEAP_SECONDS = 18
 Column = npt.NDArray[np.float64]
 
 
-class InstrumentedFlight:
-    """A flight with the samples of its instruments, from which the on-board log and the telemetry log are written.
+class Instruments:
+    """A simulated craft with the samples of its instruments.
+
+    Parameters
+    ----------
+    truth : DataFrame
+        Index `t` [s]; columns as in `simulation.fly.RECORD_COLUMNS` as far as they are known, then w1 ... and m1 ...
+    vehicle : Multirotor
+    place : Place
+        Origin of the truth.
+    sensors : Sensors
+    seed : int
+        Of the sensors' noise.
+    start_utc : datetime
+        UTC at the start of the simulation.
+    boot : float
+        Time since boot at the start of the simulation, s.
+    filter_frequency : float
+        Corner of the low-pass behind gyro and accelerometer, Hz.
+    imu_rate : float
+        Samples per second before that low-pass.
+    """
+
+    def __init__(
+        self,
+        truth: pd.DataFrame,
+        vehicle: Multirotor,
+        place: Place,
+        sensors: Sensors,
+        *,
+        seed: int,
+        start_utc: dt.datetime,
+        boot: float,
+        filter_frequency: float,
+        imu_rate: float,
+    ):
+        self.truth, self.vehicle, self.place, self.sensors = truth, vehicle, place, sensors
+        self.seed, self.start_utc, self.boot = seed, start_utc, boot
+        self.filter_frequency, self.imu_rate = filter_frequency, imu_rate
+        # A stream of its own for each instrument: changing one leaves the others as they are.
+        seeds = [np.random.RandomState(seed * 10 + k) for k in range(1, 5)]
+        self.gps = sensors.gps.sample(truth, place, seeds[0])
+        self.baro = sensors.barometer.sample(truth, place, seeds[1])
+        field_n = np.round(place.magnetic_field(start_utc), 9)
+        self.mag = sensors.magnetometer.sample(truth, field_n, seeds[2])
+        self.battery = self.rows(10.0)[["voltage", "current", "charge"]].copy()
+        self.battery["voltage"] += 0.015 * seeds[3].standard_normal(len(self.battery))
+        self.battery["current"] += 0.2 * seeds[3].standard_normal(len(self.battery))
+
+    def rows(self, rate: float) -> pd.DataFrame:
+        """Give the records of the flight at `rate` [Hz]."""
+        truth = self.truth
+        step = round(1.0 / rate / (truth.index[1] - truth.index[0]))
+        return truth.iloc[::step]
+
+    def geodetic(self, rows: pd.DataFrame) -> tuple[Column, Column, Column]:
+        """Latitude [deg], longitude [deg] and altitude [m] of the positions p_n, p_e, p_d in `rows`."""
+        north, east, down = (rows[name].to_numpy() for name in ("p_n", "p_e", "p_d"))
+        lat, lon, alt = pymap3d.ned2geodetic(north, east, down, self.place.lat_deg, self.place.lon_deg, self.place.alt)
+        return lat, lon, alt
+
+    def messages(self) -> list[tuple[float, str]]:
+        """Texts of the autopilot with their times on the simulation's clock."""
+        return [
+            (0.0, FIRMWARE),
+            (0.0, f"simulated, not flown: {self.place.name}, seed {self.seed}"),
+            (0.0, f"Frame: {self.vehicle.frame}"),
+        ]
+
+    def parameters(self) -> dict[str, float]:
+        """Parameters of the autopilot that describe this craft, by ArduPilot's names."""
+        vehicle, drive, sensors = self.vehicle, self.vehicle.drive, self.sensors
+        parameters: dict[str, float] = {
+            "FORMAT_VERSION": 120,
+            "FRAME_CLASS": vehicle.frame_class,
+            "FRAME_TYPE": vehicle.frame_type,
+            "MOT_PWM_TYPE": 0,
+            "MOT_PWM_MIN": drive.pwm_min,
+            "MOT_PWM_MAX": drive.pwm_max,
+            "MOT_SPIN_ARM": drive.spin_arm,
+            "MOT_SPIN_MIN": drive.spin_min,
+            "MOT_SPIN_MAX": drive.spin_max,
+            "MOT_THST_EXPO": drive.expo,
+            "MOT_BAT_VOLT_MAX": 0,
+            "MOT_BAT_VOLT_MIN": 0,
+            "INS_GYRO_FILTER": self.filter_frequency,
+            "INS_ACCEL_FILTER": self.filter_frequency,
+            "GPS1_TYPE": 1,
+            "GPS1_RATE_MS": round(1000.0 / sensors.gps.rate),
+            "GPS1_DELAY_MS": round(1000.0 * sensors.gps.lag),
+            "GPS1_POS_X": 0,
+            "GPS1_POS_Y": 0,
+            "GPS1_POS_Z": 0,
+            "COMPASS_ENABLE": 1,
+            "COMPASS_USE": 1,
+            "COMPASS_AUTODEC": 1,
+            "COMPASS_ORIENT": 0,
+            "COMPASS_OFS_X": 0,
+            "COMPASS_OFS_Y": 0,
+            "COMPASS_OFS_Z": 0,
+            "AHRS_ORIENTATION": 0,
+            "AHRS_TRIM_X": 0,
+            "AHRS_TRIM_Y": 0,
+            "BATT_MONITOR": 4,
+            "BATT_CAPACITY": round(1000.0 * vehicle.battery.capacity),
+            "BARO1_GND_PRESS": round(float(self.baro["pressure"].iloc[0]), 1),
+            "SCHED_LOOP_RATE": 400,
+            "LOG_DISARMED": 1,
+        }
+        for number in range(1, 17):
+            parameters[f"SERVO{number}_FUNCTION"] = 32 + number if number <= len(vehicle.rotors) else 0
+        return parameters
+
+    def gps_time(self, t: Column) -> tuple[Column, npt.NDArray[np.int64]]:
+        """Second of the GPS week and GPS week at times on the simulation's clock."""
+        offset = (self.start_utc - _GPS_EPOCH).total_seconds() + _LEAP_SECONDS
+        week = ((offset + t) // 604800.0).astype(np.int64)
+        return offset + t - 604800.0 * week, week
+
+    def pressure_altitude(self) -> Column:
+        """Height that the barometer tells above where it was calibrated, m."""
+        pressure = self.baro["pressure"].to_numpy()
+        ratio = np.array([math.pow(p / SEA_LEVEL_PRESSURE, 1.0 / PRESSURE_EXPONENT) for p in pressure])
+        altitude: Column = SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - ratio)
+        altitude -= altitude[:10].mean()
+        return altitude
+
+
+class InstrumentedFlight(Instruments):
+    """A mission flown under the cascade, with the samples of its instruments.
 
     Parameters
     ----------
@@ -33,24 +165,18 @@ class InstrumentedFlight:
 
     def __init__(self, flight: Flight, start_utc: dt.datetime, boot: float):
         setup = flight.setup
+        super().__init__(
+            flight.truth,
+            setup.vehicle,
+            setup.place,
+            setup.sensors,
+            seed=setup.seed,
+            start_utc=start_utc,
+            boot=boot,
+            filter_frequency=setup.cascade.filter_frequency,
+            imu_rate=1.0 / setup.step,
+        )
         self.flight = flight
-        self.start_utc = start_utc
-        self.boot = boot
-        # A stream of its own for each instrument: changing one leaves the others as they are.
-        seeds = [np.random.RandomState(setup.seed * 10 + k) for k in range(1, 5)]
-        self.gps = setup.sensors.gps.sample(flight.truth, setup.place, seeds[0])
-        self.baro = setup.sensors.barometer.sample(flight.truth, setup.place, seeds[1])
-        field_n = np.round(setup.place.magnetic_field(start_utc), 9)
-        self.mag = setup.sensors.magnetometer.sample(flight.truth, field_n, seeds[2])
-        self.battery = self.rows(10.0)[["voltage", "current", "charge"]].copy()
-        self.battery["voltage"] += 0.015 * seeds[3].standard_normal(len(self.battery))
-        self.battery["current"] += 0.2 * seeds[3].standard_normal(len(self.battery))
-
-    def rows(self, rate: float) -> pd.DataFrame:
-        """Give the records of the flight at `rate` [Hz]."""
-        truth = self.flight.truth
-        step = round(1.0 / rate / (truth.index[1] - truth.index[0]))
-        return truth.iloc[::step]
 
     def navigated(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Position and velocity as the autopilot believes them, on the times of `rows`."""
@@ -74,9 +200,7 @@ class InstrumentedFlight:
         """Texts of the autopilot with their times on the simulation's clock."""
         flight = self.flight
         texts = [
-            (0.0, FIRMWARE),
-            (0.0, f"simulated, not flown: {flight.setup.place.name}, seed {flight.setup.seed}"),
-            (0.0, f"Frame: {flight.setup.vehicle.frame}"),
+            *super().messages(),
             (flight.reference.arm, "Arming motors"),
             (flight.reference.takeoff, "Mission: 1 Takeoff"),
         ]
@@ -86,67 +210,13 @@ class InstrumentedFlight:
         return texts
 
     def parameters(self) -> dict[str, float]:
-        """Parameters of the autopilot that describe this craft, by ArduPilot's names."""
-        setup = self.flight.setup
-        vehicle, cascade, drive = setup.vehicle, setup.cascade, setup.vehicle.drive
-        parameters: dict[str, float] = {
-            "FORMAT_VERSION": 120,
-            "FRAME_CLASS": vehicle.frame_class,
-            "FRAME_TYPE": vehicle.frame_type,
-            "MOT_PWM_TYPE": 0,
-            "MOT_PWM_MIN": drive.pwm_min,
-            "MOT_PWM_MAX": drive.pwm_max,
-            "MOT_SPIN_ARM": drive.spin_arm,
-            "MOT_SPIN_MIN": drive.spin_min,
-            "MOT_SPIN_MAX": drive.spin_max,
-            "MOT_THST_EXPO": drive.expo,
-            "MOT_THST_HOVER": round(self.flight.hover_thrust, 4),
-            "MOT_BAT_VOLT_MAX": 0,
-            "MOT_BAT_VOLT_MIN": 0,
-            "INS_GYRO_FILTER": cascade.filter_frequency,
-            "INS_ACCEL_FILTER": cascade.filter_frequency,
-            "GPS1_TYPE": 1,
-            "GPS1_RATE_MS": round(1000.0 / setup.sensors.gps.rate),
-            "GPS1_DELAY_MS": round(1000.0 * setup.sensors.gps.lag),
-            "GPS1_POS_X": 0,
-            "GPS1_POS_Y": 0,
-            "GPS1_POS_Z": 0,
-            "COMPASS_ENABLE": 1,
-            "COMPASS_USE": 1,
-            "COMPASS_AUTODEC": 1,
-            "COMPASS_ORIENT": 0,
-            "COMPASS_OFS_X": 0,
-            "COMPASS_OFS_Y": 0,
-            "COMPASS_OFS_Z": 0,
-            "AHRS_ORIENTATION": 0,
-            "AHRS_TRIM_X": 0,
-            "AHRS_TRIM_Y": 0,
-            "BATT_MONITOR": 4,
-            "BATT_CAPACITY": round(1000.0 * vehicle.battery.capacity),
-            "BARO1_GND_PRESS": round(float(self.baro["pressure"].iloc[0]), 1),
-            "SCHED_LOOP_RATE": 400,
-            "LOG_DISARMED": 1,
-            "ATC_ANG_RLL_P": cascade.angle_p[0],
-            "ATC_ANG_PIT_P": cascade.angle_p[1],
-            "ATC_ANG_YAW_P": cascade.angle_p[2],
-        }
+        """Parameters of the autopilot that describe this craft and its controller, by ArduPilot's names."""
+        cascade = self.flight.setup.cascade
+        parameters = super().parameters()
+        parameters["MOT_THST_HOVER"] = round(self.flight.hover_thrust, 4)
+        for axis, gain in zip(("RLL", "PIT", "YAW"), cascade.angle_p, strict=True):
+            parameters[f"ATC_ANG_{axis}_P"] = gain
         for axis, gains in (("RLL", cascade.roll_rate), ("PIT", cascade.pitch_rate), ("YAW", cascade.yaw_rate)):
             for letter, gain in zip("PID", gains, strict=True):
                 parameters[f"ATC_RAT_{axis}_{letter}"] = gain
-        for number in range(1, 17):
-            parameters[f"SERVO{number}_FUNCTION"] = 32 + number if number <= len(vehicle.rotors) else 0
         return parameters
-
-    def gps_time(self, t: Column) -> tuple[Column, npt.NDArray[np.int64]]:
-        """Second of the GPS week and GPS week at times on the simulation's clock."""
-        offset = (self.start_utc - _GPS_EPOCH).total_seconds() + _LEAP_SECONDS
-        week = ((offset + t) // 604800.0).astype(np.int64)
-        return offset + t - 604800.0 * week, week
-
-    def pressure_altitude(self) -> Column:
-        """Height that the barometer tells above where it was calibrated, m."""
-        pressure = self.baro["pressure"].to_numpy()
-        ratio = np.array([math.pow(p / SEA_LEVEL_PRESSURE, 1.0 / PRESSURE_EXPONENT) for p in pressure])
-        altitude: Column = SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - ratio)
-        altitude -= altitude[:10].mean()
-        return altitude

@@ -115,7 +115,7 @@ def quadcopter(voltage: float = 16.0) -> Multirotor:
         mass=MASS,
         inertia=INERTIA,
         rotors=mounts,
-        drive=Drive(speed_max=900.0, response=FirstOrder(0.02)),
+        drive=Drive(speed_max=1400.0, response=FirstOrder(0.02)),
         frame_class=1,
         frame_type=1,
     )

@@ -39,7 +39,7 @@ def _messages(log: InstrumentedFlight) -> list[tuple[str, pd.DataFrame]]:
     t = rows.index
     boot_ms = np.rint((t.to_numpy() + log.boot) * 1e3)
     nav = log.navigated(rows)
-    lat, lon, alt = flight.geodetic(nav)
+    lat, lon, alt = log.geodetic(nav)
     motors = {f"servo{k}_raw": rows[f"m{k}"] for k in range(1, len(flight.setup.vehicle.rotors) + 1)}
     mag = log.mag.reindex(t, method="nearest")
     bias = flight.setup.sensors.inertial.gyro_bias
@@ -193,7 +193,7 @@ def _gps(log: InstrumentedFlight) -> pd.DataFrame:
         {
             # The receiver's own time of the sample; the row comes later by the receiver's lag.
             "time_usec": np.rint((gps["t_valid"] + log.boot) * 1e6),
-            "fix_type": 3,
+            "fix_type": np.where(gps["fix"], 3, 1),
             "lat": gps["lat_deg"] * 1e7,
             "lon": gps["lon_deg"] * 1e7,
             "alt": gps["alt"] * 1e3,
@@ -214,7 +214,7 @@ def _gps(log: InstrumentedFlight) -> pd.DataFrame:
 def _truth(log: InstrumentedFlight) -> pd.DataFrame:
     rows = log.rows(10.0)
     w, x, y, z = (rows[name] for name in ("q_w", "q_x", "q_y", "q_z"))
-    lat, lon, _ = log.flight.geodetic(rows)
+    lat, lon, _ = log.geodetic(rows)
     columns = {
         "roll": np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
         "pitch": np.arcsin(2 * (w * y - x * z)),

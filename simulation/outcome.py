@@ -1,0 +1,108 @@
+"""What a simulated case gives: figures in words, plots, tables, a history and a log."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pandas as pd
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """One characteristic of a flight, such as ``Fact("largest speed", 4.93, "m/s")``."""
+
+    name: str
+    value: float | str
+    unit: str = ""
+
+    @property
+    def text(self) -> str:
+        """Value with its unit, to four digits."""
+        value = self.value if isinstance(self.value, str) else f"{self.value:.4g}"
+        return f"{value} {self.unit}".strip()
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """Lines over time.
+
+    Attributes
+    ----------
+    caption : str
+        What to see.
+    axis : str
+        Title of the vertical axis, with the unit.
+    lines : DataFrame
+        Index `t` [s]; a column for each line, named as in the legend.
+    """
+
+    caption: str
+    axis: str
+    lines: pd.DataFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows to read; `frame` holds text and numbers, its columns are named as they shall be read."""
+
+    caption: str
+    frame: pd.DataFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """A simulated case.
+
+    Attributes
+    ----------
+    name, summary : str
+    facts : tuple of Fact
+        Characteristics of the flight.
+    notes : tuple of str
+        Where this differs from what the paper prints, and why.
+    plots : tuple of Plot
+    tables : tuple of Table
+    history : DataFrame
+        Index `t` [s]; names of columns carry their units.
+    write_log : callable
+        Writes the flight's log and its truth into a folder and gives the files.
+    """
+
+    name: str
+    summary: str
+    facts: tuple[Fact, ...]
+    plots: tuple[Plot, ...]
+    history: pd.DataFrame
+    write_log: Callable[[Path], list[Path]]
+    notes: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = field(default=())
+
+
+def write(outcome: Outcome, folder: Path) -> list[Path]:
+    """Write NAME.txt (characteristics), NAME.csv (history), a CSV for each table, the log and its truth.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{outcome.name}.txt", folder / f"{outcome.name}.csv"]
+    paths[0].write_text(characteristics(outcome), encoding="utf-8")
+    outcome.history.to_csv(paths[1], float_format="%.6g")
+    for number, table in enumerate(outcome.tables, start=1):
+        paths.append(folder / f"{outcome.name}_table{number}.csv")
+        table.frame.to_csv(paths[-1], index=False, float_format="%.6g")
+    return paths + outcome.write_log(folder)
+
+
+def characteristics(outcome: Outcome) -> str:
+    """Give the characteristics of the flight as text."""
+    width = max(len(fact.name) for fact in outcome.facts) + 2
+    lines = [f"{outcome.name}: {outcome.summary}", "simulated by rotorid, not flown", ""]
+    lines += [f"{fact.name:{width}}{fact.text}" for fact in outcome.facts]
+    for table in outcome.tables:
+        lines += ["", table.caption, table.frame.to_string(index=False, float_format=lambda value: f"{value:.4g}")]
+    if outcome.notes:
+        lines += ["", "Where the paper prints something else:", *(f"- {note}" for note in outcome.notes)]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,209 @@
+"""Logs of the papers' open-loop and point-to-point flights, which no ArduPilot cascade flew.
+
+Such a log holds instruments, motors and truth, and of the autopilot only the attitude, which is the true one.
+"""
+
+import dataclasses
+import datetime as dt
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.signal import butter, lfilter, lfilter_zi
+
+from logparse.dataflash.writer import write_dataflash
+from simulation._kernels import actuator
+from simulation.dataflash_tables import columns_of, sensor_tables, speed_controller_tables, table, truth_tables
+from simulation.instruments import Instruments
+from simulation.place import Place
+from simulation.sensors import Sensors
+from simulation.truth import describe_place, describe_sensors, describe_vehicle
+from simulation.vehicle import Multirotor, Vector
+
+#: Where the papers' flights are logged: at sea level, with standard gravity.
+FIELD = Place(name="sea level", lat_deg=45.5, lon_deg=8.0, alt=0.0)
+
+_GUIDED = 4
+_START = dt.datetime(2025, 1, 15, 12, 0, 0, tzinfo=dt.UTC)
+_BOOT = 20.0
+_FILTER = 20.0
+#: Angle [deg clockwise from the nose] and spin of ArduPilot's motors 1 to 4, by FRAME_TYPE of a quadcopter.
+_QUADS = {0: ((90, -1), (-90, -1), (0, 1), (180, 1)), 1: ((45, -1), (-135, -1), (-45, 1), (135, 1))}
+
+
+def write_paper_log(
+    path: pd.DataFrame,
+    vehicle: Multirotor,
+    folder: Path,
+    name: str,
+    summary: str,
+    *,
+    gravity: float,
+    wind: Vector = (0.0, 0.0, 0.0),
+    seed: int = 1,
+) -> list[Path]:
+    """Write the log (`.bin`) and the truth (`.json`) of a flight.
+
+    Parameters
+    ----------
+    path : DataFrame
+        As `simulation.fly.propagate` gives it, 100 rows a second or a multiple of that.
+    vehicle : Multirotor
+        A quadcopter; its motors are written in the autopilot's order.
+    folder : Path
+    name, summary : str
+        Of the log.
+    gravity : float
+        With which the flight was computed, m/s^2.
+    wind : tuple of 3 float
+        Velocity of the air, NED, m/s.
+    seed : int
+        Of the sensors' noise.
+
+    Returns
+    -------
+    list of Path
+        The two files.
+    """
+    order = motor_order(vehicle)
+    renamed = {f"w{k + 1}": f"w{number}" for number, k in enumerate(order, start=1)}
+    craft = dataclasses.replace(vehicle, rotors=tuple(vehicle.rotors[k] for k in order))
+    sensors = Sensors()
+    log = Instruments(
+        _truth(path.rename(columns=renamed), craft, sensors, gravity, wind, seed),
+        craft,
+        FIELD,
+        sensors,
+        seed=seed,
+        start_utc=_START,
+        boot=_BOOT,
+        filter_frequency=_FILTER,
+        imu_rate=1.0 / (path.index[1] - path.index[0]),
+    )
+    files = [folder / f"{name}.bin", folder / f"{name}.json"]
+    write_dataflash(files[0], [*_descriptive(log), *sensor_tables(log, 50.0), *_motors(log), *truth_tables(log)])
+    truth = {
+        "name": name,
+        "what": f"simulated by rotorid, not flown: {summary}",
+        "time_s": {"log_start": _BOOT, "airborne": [_BOOT, round(_BOOT + path.index[-1], 3)]},
+        "place": describe_place(FIELD) | {"gravity_m_s2": gravity},
+        "wind": {"mean_ned_m_s": list(wind)},
+        "vehicle": describe_vehicle(craft, float(log.truth["voltage"].mean())),
+        "number_of_each_motor_in_the_paper": [k + 1 for k in order],
+        "sensors": describe_sensors(log, 50.0),
+    }
+    files[1].write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+    return files
+
+
+def motor_order(vehicle: Multirotor) -> list[int]:
+    """Index of the rotor that is ArduPilot's motor 1, 2, 3 and 4 of this quadcopter's frame."""
+    order = []
+    for angle, spin in _QUADS[vehicle.frame_type]:
+        for k, mount in enumerate(vehicle.rotors):
+            bearing = math.degrees(math.atan2(mount.position[1], mount.position[0]))
+            if abs(math.remainder(bearing - angle, 360.0)) < 1.0 and mount.spin == spin:
+                order.append(k)
+    return order
+
+
+def _truth(
+    path: pd.DataFrame, craft: Multirotor, sensors: Sensors, gravity: float, wind: Vector, seed: int
+) -> pd.DataFrame:
+    """Complete the state by what instruments feel, at 100 Hz."""
+    t = path.index.to_numpy()
+    dt_path = t[1] - t[0]
+    w, x, y, z = columns_of(path, "q_w", "q_x", "q_y", "q_z")
+    acceleration = np.gradient(path[["v_n", "v_e", "v_d"]].to_numpy(), dt_path, axis=0)
+    an, ae, ad = acceleration.T
+    ad = ad - gravity
+    force = {
+        "f_x": (1 - 2 * (y * y + z * z)) * an + 2 * (x * y + w * z) * ae + 2 * (x * z - w * y) * ad,
+        "f_y": 2 * (x * y - w * z) * an + (1 - 2 * (x * x + z * z)) * ae + 2 * (y * z + w * x) * ad,
+        "f_z": 2 * (x * z + w * y) * an + 2 * (y * z - w * x) * ae + (1 - 2 * (x * x + y * y)) * ad,
+    }
+    raw = np.column_stack([*columns_of(path, "w_x", "w_y", "w_z"), *force.values()])
+    inertial, density = sensors.inertial, math.sqrt(0.5 / dt_path)
+    noise = np.random.RandomState(seed * 10).standard_normal(raw.shape) * density
+    noise[:, :3] *= inertial.gyro_noise + inertial.gyro_vibration
+    noise[:, 3:] *= inertial.accel_noise + inertial.accel_vibration
+    b, a = butter(2, _FILTER, fs=1.0 / dt_path)
+    measured, _ = lfilter(b, a, raw + noise, axis=0, zi=np.outer(lfilter_zi(b, a), raw[0]))
+    n = len(craft.rotors)
+    speeds = path[[f"w{k}" for k in range(1, n + 1)]].to_numpy()
+    power = np.zeros(len(t))
+    for mount, speed in zip(craft.rotors, speeds.T, strict=True):
+        # Both kinds of rotor take torque as the square of the speed at rest in the air.
+        power += mount.rotor.torque(100.0) / 100.0**2 * speed**3
+    drive, battery = craft.drive, craft.battery
+    current = (battery.avionics_power + power / drive.efficiency) / drive.voltage_reference
+    voltage = drive.voltage_reference - battery.resistance * current
+    shares = (speeds / drive.speed_max * (drive.voltage_reference / voltage)[:, None]) ** 2
+    span = drive.pwm_at_full_thrust - drive.pwm_at_zero_thrust
+    pwm = [[int(drive.pwm_at_zero_thrust + span * actuator(share, drive.expo)) for share in row] for row in shares]
+    names = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+    truth = path.assign(
+        **force,
+        **dict(zip(("a_n", "a_e", "a_d"), acceleration.T, strict=True)),
+        **dict(zip(("wind_n", "wind_e", "wind_d"), wind, strict=True)),
+        **dict(zip(names, measured.T, strict=True)),
+        roll=np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        pitch=np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0)),
+        yaw=np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)),
+        voltage=voltage,
+        current=current,
+        charge=np.cumsum(current) * dt_path,
+        clips=0,
+        **{f"m{k}": column for k, column in enumerate(np.array(pwm, dtype=float).T, start=1)},
+    )
+    return truth.iloc[:: round(0.01 / dt_path)]
+
+
+def _descriptive(log: Instruments) -> list[tuple[str, str, str, str, pd.DataFrame]]:
+    texts, parameters, place = log.messages(), log.parameters(), log.place
+    values = list(map(float, parameters.values()))
+    return [
+        table(log, "MSG", "QZ", "s-", "F-", [t for t, _ in texts], {"Message": [text for _, text in texts]}),
+        table(
+            log,
+            "PARM",
+            "QNff",
+            "s---",
+            "F---",
+            np.zeros(len(values)),
+            {"Name": list(parameters), "Value": values, "Default": values},
+        ),
+        table(
+            log,
+            "ORGN",
+            "QBLLe",
+            "s#DUm",
+            "F-GGB",
+            [0.0, 0.0],
+            {"Type": [0, 1], "Lat": place.lat_deg, "Lng": place.lon_deg, "Alt": place.alt},
+        ),
+        table(log, "MODE", "QMBB", "s---", "F---", [0.0], {"Mode": _GUIDED, "ModeNum": _GUIDED, "Rsn": 1}),
+        table(log, "ARM", "QBIBB", "s----", "F----", [0.0], {"ArmState": 1, "ArmChecks": 0, "Forced": 0, "Method": 2}),
+    ]
+
+
+def _motors(log: Instruments) -> list[tuple[str, str, str, str, pd.DataFrame]]:
+    rows = log.rows(10.0)
+    roll, pitch, yaw = (np.degrees(column) for column in columns_of(rows, "roll", "pitch", "yaw"))
+    n = len(log.vehicle.rotors)
+    attitude = {"DesRoll": roll, "Roll": roll, "DesPitch": pitch, "Pitch": pitch, "DesYaw": yaw % 360.0}
+    return [
+        table(log, "ATT", "QffffffB", "sddddhh-", "F000000-", rows.index, attitude | {"Yaw": yaw % 360.0, "AEKF": 0}),
+        table(
+            log,
+            "RCOU",
+            "QHHHHHHHHHHHHHH",
+            "sYYYYYYYYYYYYYY",
+            "F--------------",
+            rows.index,
+            {f"C{k}": rows[f"m{k}"].to_numpy() if k <= n else 0 for k in range(1, 15)},
+        ),
+        *speed_controller_tables(log, 50.0),
+    ]
