@@ -14,8 +14,10 @@ velocity gains k and i (ArduPilot's AC_PosControl, attitude taken as immediate) 
 ``H = -(d/m) s^2 / (s^3 + k s^2 + (k p + i) s + i p)``: three poles, and two zeros at s = 0.
 
 The loop works in the earth frame with one set of gains, so north and east share one transfer function, which both
-determine. Nothing of a record's outputs is used in a free run: neither offset nor initial state, as the loop starts
-from its target.
+determine. A free run starts at rest at its target, with no initial state to be found. Reference and position may lie a
+constant apart where the autopilot's and our idea of the origin differ; of that a free run takes the part
+``tau^2 / (tau^2 + sigma^2)`` of the mean error of its first three seconds, tau being the mean and sigma the wandering of
+the errors that the model left of the training records. Where the error wanders but is not constant that is nothing.
 """
 
 from __future__ import annotations
@@ -64,6 +66,8 @@ class ClosedLoopModel:
         Per output, how unexplained error is carried on by `predict`.
     reports : mapping of str to FitReport
         Per output, of the error; north and east have the same.
+    offset_trust : mapping of str to float
+        Per output the part of the first three seconds' mean error that is taken for constant.
     following : mapping of str to float
         Per output the root mean square of ``y - r`` on the training records: what the model is to improve on.
     training : tuple of str
@@ -82,19 +86,21 @@ class ClosedLoopModel:
     rate: float
     disturbance: Mapping[str, Disturbance]
     reports: Mapping[str, FitReport]
+    offset_trust: Mapping[str, float]
     following: Mapping[str, float]
     training: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
 
     def simulate(self, experiment: Experiment) -> Floats:
-        """Run freely from the references alone; shape (N, p)."""
+        """Run freely from the references and the mean error of the first three seconds; shape (N, p)."""
         self._require(experiment)
-        return np.column_stack(
-            [
-                _respond(self.transfer_functions[name][name], experiment.u[:, column], experiment.dt)
-                for column, name in enumerate(self.output_names)
-            ]
-        )
+        result = np.empty_like(experiment.y)
+        early = slice(0, _scored(experiment) + 1)
+        for column, name in enumerate(self.output_names):
+            answer = _respond(self.transfer_functions[name][name], experiment.u[:, column], experiment.dt)
+            apart = float(np.mean((experiment.y[:, column] - answer)[early]))
+            result[:, column] = answer + self.offset_trust[name] * apart
+        return result
 
     def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
         """Predict every sample from what was measured up to `horizon` seconds before it; shape (N, p).
@@ -125,6 +131,7 @@ class ClosedLoopModel:
             "transfer_functions": {
                 name: {name: self.transfer_functions[name][name].to_dict()} for name in self.output_names
             },
+            "offset_trust": dict(self.offset_trust),
             "following_rms": dict(self.following),
             "disturbance": {name: value.to_dict() for name, value in self.disturbance.items()},
             "fits": {name: report.to_dict() for name, report in self.reports.items()},
@@ -161,6 +168,7 @@ class ClosedLoopModel:
                 name: Disturbance(each["alpha"], each["beta"]) for name, each in values["disturbance"].items()
             },
             reports={name: FitReport(**report) for name, report in values["fits"].items()},
+            offset_trust=dict(values["offset_trust"]),
             following=dict(values["following_rms"]),
             training=tuple(values["training"]),
         )
@@ -252,15 +260,21 @@ def _model(
 ) -> ClosedLoopModel:
     names = records[0].output_names
     nothing = TransferFunction(np.zeros(1), np.ones(1))
-    disturbance, following, remaining = {}, {}, {}
-    for column, name in enumerate(names):
-        residuals = [
+    residuals = {
+        name: [
             (record.y[:, column] - _respond(functions[name], record.u[:, column], record.dt))[_scored(record) :]
             for record in records
         ]
-        disturbance[name] = fit_disturbance(residuals, records[0].dt)
+        for column, name in enumerate(names)
+    }
+    following, remaining, trust = {}, {}, {}
+    for column, name in enumerate(names):
         following[name] = _rms([(record.y - record.u)[_scored(record) :, column] for record in records])
-        remaining[name] = _rms(residuals)
+        remaining[name] = _rms(residuals[name])
+        # Outputs that share a loop share what is known of its errors.
+        alike = [part for other in names if functions[other] is functions[name] for part in residuals[other]]
+        apart = float(np.mean([np.mean(part) ** 2 for part in alike]))
+        trust[name] = apart / max(apart + float(np.mean([np.var(part) for part in alike])), 1e-300)
     unit = records[0].units.get(names[0], "")
     summary = Finding(
         "closed-loop-following",
@@ -283,8 +297,9 @@ def _model(
         poles=poles,
         zeros=zeros,
         rate=records[0].rate,
-        disturbance=disturbance,
+        disturbance={name: fit_disturbance(residuals[name], records[0].dt) for name in names},
         reports=reports,
+        offset_trust=trust,
         following=following,
         training=tuple(record.name for record in records),
         findings=(*findings, summary),

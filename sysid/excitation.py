@@ -106,7 +106,7 @@ def examine(experiments: Sequence[Experiment]) -> Excitation:
     if not active:
         raise ExperimentError(
             f"every input is constant ({', '.join(names)}): there is nothing to identify; "
-            "was the craft flying, and were motor outputs logged?"
+            "fly with inputs that move, and check that they were logged"
         )
     findings = [*_constant(names, raw, varying), *_saturated(experiments)]
     condition, independent, more = _collinear([names[j] for j in active], u[:, active], len(experiments))

@@ -45,7 +45,8 @@ class Experiment:
         Unit of each input and output by name; absent where unknown.
     input_trim : ndarray, shape (m,)
         Input about which linear models work; the record's own mean unless given. Inputs are known in advance in every
-        simulation, so that taking their mean from a held-out record reveals nothing of its outputs.
+        simulation, but their mean over a flight from rest to rest says what hovering takes in its air, and a free run
+        of the height stands and falls with it (docs/transfer-functions.md).
     output_trim : ndarray, shape (p,)
         Output from which linear models count; the record's first sample unless given.
     context : DataFrame or None

@@ -287,7 +287,7 @@ def _no_reference(tables: Tables, kind: str, messages: str) -> str:
         )
     return (
         f"no {kind} targets (no {messages}; NTUN of firmware before 4.0, POSITION_TARGET_LOCAL_NED in telemetry); "
-        "set NTUN (bit 32) in LOG_BITMASK, or SR0_POSITION for telemetry"
+        "set NTUN (bit 32) in LOG_BITMASK; for telemetry set SR0_EXT_STAT, or request that message"
     )
 
 

@@ -61,12 +61,37 @@ def test_another_flight_is_foretold_down_to_the_noise(fitted):
     assert result.trusted == {"x": True, "y": True}
 
 
-def test_a_free_run_looks_at_no_output(fitted):
+def test_a_free_run_looks_at_no_output_after_three_seconds(fitted):
     other = flown(4)
     blind = Experiment.from_arrays(
-        other.t, other.u, np.zeros_like(other.y), input_names=other.input_names, output_names=other.output_names
+        other.t,
+        other.u,
+        np.where(other.t[:, None] > 3.05, 0.0, other.y),
+        input_names=other.input_names,
+        output_names=other.output_names,
     )
     np.testing.assert_array_equal(fitted.simulate(other), fitted.simulate(blind))
+
+
+def test_an_apartness_is_believed_as_far_as_the_training_records_were_apart(fitted):
+    """Two origins 0.3 m apart on every flight against noise of 0.01 m; and none."""
+
+    def beside(seed):
+        record = flown(seed)
+        return Experiment.from_arrays(
+            record.t,
+            record.u,
+            record.y + 0.3,
+            name=record.name,
+            input_names=record.input_names,
+            output_names=record.output_names,
+        )
+
+    model = fit_closed_loop([beside(8), beside(9)])
+    assert model.offset_trust["x"] > 0.99
+    other = beside(10)
+    assert np.sqrt(np.mean((model.simulate(other) - other.y) ** 2)) < 0.012
+    assert fitted.offset_trust["x"] < 0.05
 
 
 def test_predictions_carry_on_what_the_reference_does_not_explain(fitted):
