@@ -28,7 +28,8 @@ JUDGED = ("paper04", "paper05", "paper06")
 
 #: Missions and stick flights of the same airframe family; the last is gusty and is told, not counted.
 MISSION = "octa01_auto_calm"
-OTHERS = ("octa02_auto_wind2", "octa05_auto_quito", "octa07_loiter_sticks", "octa09_systemid_mixer", *FITTED, *JUDGED)
+OCTAS = ("octa02_auto_wind2", "octa05_auto_quito", "octa07_loiter_sticks", "octa09_systemid_mixer")
+OTHERS = (*OCTAS, *FITTED, *JUDGED)
 GUSTY = "octa03_auto_wind5"
 
 #: Input set and frame of each table; references have one frame only.
@@ -54,14 +55,15 @@ def record(name: str, inputs: str, frame: str = "earth") -> Experiment:
     return Experiment.from_flight(*flight(name), inputs=inputs, frame=frame, name=name)
 
 
-def protocol(inputs: str, frame: str, structure: str, time_limit: float = 120.0) -> tuple[Validation, float]:
-    """Fit paper01-03 with 5 poles and 3 zeros and judge on all six; gives CPU seconds of the fit too."""
-    fitted = [record(name, inputs, frame) for name in FITTED]
-    judged = [record(name, inputs, frame) for name in JUDGED]
+def black_box(
+    inputs: str, frame: str, structure: str, fitted: Sequence[str] = FITTED, judged: Sequence[str] = JUDGED
+) -> tuple[Validation, float]:
+    """Fit some flights jointly with 5 poles and 3 zeros and judge on all; gives CPU seconds of the fit too."""
+    seen = [record(name, inputs, frame) for name in fitted]
     begun = time.process_time()
-    model = fit_transfer_functions(fitted, 5, 3, structure, time_limit=time_limit)
+    model = fit_transfer_functions(seen, 5, 3, structure, time_limit=120.0)
     seconds = time.process_time() - begun
-    return validate(model, [*fitted, *judged]), seconds
+    return validate(model, [*seen, *(record(name, inputs, frame) for name in judged)]), seconds
 
 
 def closed_loop(fitted: Sequence[str], judged: Sequence[str]) -> Validation:
@@ -134,6 +136,20 @@ def coherences() -> pd.DataFrame:
     return pd.DataFrame(rows).T
 
 
+def against_truth(validation: Validation, names: Sequence[str]) -> pd.DataFrame:
+    """RMSE of the free runs against the simulator's truth, whose origin is a constant from the autopilot's."""
+    rows = {}
+    for name in names:
+        exp, truth = record(name, "reference"), flight(name)[0].tables.truth
+        assert truth is not None
+        axes = (("p_n", 1.0), ("p_e", 1.0), ("p_d", -1.0))
+        path = [sign * np.interp(exp.t, truth.index.to_numpy(), truth[axis].to_numpy()) for axis, sign in axes]
+        apart = exp.y - np.array(path).T
+        error = validation.predictions[name] - np.array(path).T - apart.mean(axis=0)
+        rows[name] = _rms(error[30:])
+    return pd.DataFrame(rows, index=["x", "y", "z"]).T
+
+
 def own_error(name: str) -> np.ndarray:
     """RMS of the autopilot's own position estimate about the simulator's truth, after its mean: no loop knows it."""
     log, _ = flight(name)
@@ -153,7 +169,7 @@ def run() -> list[tuple[str, str, str, str, str]]:
         return [("flights of firmware in the loop", "shared logs are not here", "-", "-", "-")]
     rows = []
     for inputs, frame in SETS:
-        validation, seconds = protocol(inputs, frame, "common")
+        validation, seconds = black_box(inputs, frame, "common")
         means, best = (table_4(validation).loc[row].to_numpy() for row in ("mean of unseen", "best baseline"))
         rows.append(
             (
@@ -209,12 +225,17 @@ def tables() -> None:
     """Print every table in Markdown."""
     for inputs, frame in SETS:
         for structure in STRUCTURES:
-            validation, seconds = protocol(inputs, frame, structure)
+            validation, seconds = black_box(inputs, frame, structure)
             print(f"\n### {inputs}, {frame} frame, {structure.replace('_', ' ')} denominators ({seconds:.1f} s)\n")
             print(_markdown(table_4(validation), 2))
             print(*(f"\n- {sentence}" for sentence in validation.verdicts))
         excitation = examine([record(name, inputs, frame) for name in FITTED])
         print(f"\ncondition {excitation.condition:.3g}; {'; '.join(f.reason for f in excitation.findings)}")
+    for inputs, frame in SETS:
+        validation, _ = black_box(inputs, frame, "common", [MISSION], OCTAS)
+        print(f"\n### {inputs}, {frame} frame, common denominators, {MISSION} fitted\n")
+        print(_markdown(table_4(validation), 2))
+        print(*(f"\n- {sentence}" for sentence in validation.verdicts))
     print("\n### z from mixer commands\n")
     print(_markdown(altitude_evidence(), 2))
     print("\nthrust gain {:.2f}, gravity over hover {:.2f} m/s^2".format(*thrust_gain()))
@@ -228,7 +249,9 @@ def tables() -> None:
     print(f"\n### closed loop, {MISSION} fitted\n")
     plain = following([*form.index[:-2]])
     errors = pd.DataFrame({name: own_error(name) for name in form.index[:-2]}, index=["x", "y", "z"]).T
-    print(_markdown(form.join(plain, rsuffix=" reference").join(errors, rsuffix=" own error"), 3))
+    truth = against_truth(validation, [*form.index[:-2]])
+    beside = (plain.add_suffix(" reference"), truth.add_suffix(" to truth"), errors.add_suffix(" own error"))
+    print(_markdown(form.join(list(beside)), 3))
     print(*(f"\n- {sentence}" for sentence in validation.verdicts))
 
 

@@ -16,8 +16,8 @@ velocity gains k and i (ArduPilot's AC_PosControl, attitude taken as immediate) 
 The loop works in the earth frame with one set of gains, so north and east share one transfer function, which both
 determine. A free run starts at rest at its target, with no initial state to be found. Reference and position may lie a
 constant apart where the autopilot's and our idea of the origin differ; of that a free run takes the part
-``tau^2 / (tau^2 + sigma^2)`` of the mean error of its first three seconds, tau being the mean and sigma the wandering of
-the errors that the model left of the training records. Where the error wanders but is not constant that is nothing.
+``tau^2 / (tau^2 + sigma^2)`` of the mean error of its first three seconds, tau being the mean and sigma the wandering
+of the errors that the model left of the training records: nothing where the error wanders and is not constant.
 """
 
 from __future__ import annotations

@@ -1,15 +1,23 @@
 """Input sets and frames: what each holds, where it may be used, and what is said when it is missing."""
 
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from logparse import Geodetic, MissingDataError, Tables, Vehicle
+from estimation import estimate
+from logparse import Geodetic, MissingDataError, Tables, Vehicle, read_log
 from logparse.tables import COLUMNS
 from sysid import Experiment
+from sysid.excitation import coherence
 from tests.sysid.flights import frame, made
 
 T = np.arange(0.0, 60.0, 0.1)
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
 
 
 def rates(t=T, **columns):
@@ -203,3 +211,65 @@ def test_what_is_missing_is_named_with_the_way_to_log_it(tables, inputs, words):
 def test_unknown_words_are_refused(arguments):
     with pytest.raises(ValueError, match="must be one of"):
         Experiment.from_flight(*made(), **arguments)
+
+
+@cache
+def flown(path):
+    log = read_log(path)
+    return log, estimate(log.tables)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.is_dir(), reason="shared logs are not here")
+@pytest.mark.parametrize("name", ["octa01_auto_calm", "octa07_loiter_sticks", "octaquad01_auto_callisto", "y6_01_auto"])
+def test_projected_motors_are_what_the_autopilot_asked_of_its_mixer(name):
+    """RATE has the commands as the firmware computed them; motor outputs, ten times slower and rounded, give them back.
+
+    Thrust and yaw move the motors by tens of microseconds. Roll and pitch move them by less than the microsecond to
+    which they are rounded, so that no more than a relation can be expected of them.
+    """
+    mixer, rate = (
+        Experiment.from_flight(*flown(SHARED / "sitl" / f"{name}.BIN"), inputs=kind)
+        for kind in ("mixer", "rate_outputs")
+    )
+    for command, logged, least in (("thrust", "throttle", 0.98), ("yaw", "yaw", 0.99), ("pitch", "pitch", 0.4)):
+        ours = mixer.select(inputs=[command]).u[:, 0]
+        theirs = rate.select(inputs=[logged]).u[:, 0]
+        n = min(len(ours), len(theirs))
+        assert np.corrcoef(ours[:n], theirs[:n])[0, 1] > least
+        if least > 0.9:
+            assert np.polyfit(theirs[:n], ours[:n], 1)[0] == pytest.approx(1.0, abs=0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.is_dir(), reason="shared logs are not here")
+def test_a_turning_craft_answers_to_tilt_commands_and_not_to_roll_and_pitch():
+    """230 s of random sticks on all axes: turned by the heading roll and pitch explain the motion, as they are not."""
+    median = {}
+    for frame_ in ("earth", "heading"):
+        path_ = SHARED / "sitl" / "octa07_loiter_sticks.BIN"
+        found = coherence([Experiment.from_flight(*flown(path_), inputs="rate_outputs", frame=frame_)])
+        band = (found.frequency > 0.5) & (found.frequency < 5.0)
+        median[frame_] = np.median(found.multiple[band], axis=0)
+    assert (median["heading"][:2] > 0.9).all()
+    assert (median["earth"][:2] < 0.5).all()
+    assert (np.array(list(median.values()))[:, 2] > 0.95).all()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.is_dir(), reason="shared logs are not here")
+def test_a_flight_through_several_modes_keeps_the_longest_time_with_a_position_held():
+    record = Experiment.from_flight(*flown(SHARED / "sitl" / "octa09_systemid_mixer.BIN"), inputs="reference")
+    assert record.duration == pytest.approx(88.9, abs=0.5)
+    assert "position-target-gaps" in {finding.id for finding in record.findings}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("inputs", ["motors", "mixer", "rate_outputs", "reference", "velocity_reference"])
+def test_sample_flights_have_every_input_set(inputs):
+    path_ = sorted(SAMPLES.glob("octa01*.bin"))[0]
+    outputs = "velocity" if inputs.startswith("velocity") else "position"
+    record = Experiment.from_flight(*flown(path_), inputs=inputs, outputs=outputs)
+    assert record.duration > 30.0
+    assert np.isfinite(record.u).all()
+    assert set(record.input_names) <= set(record.units)
