@@ -315,6 +315,39 @@ def _fuse(x: Array, P: Array, nu: float, variance: float, index: Array, value: A
 
 
 @njit(cache=True, nogil=True)
+def _doubt_state(P: Array, kind: int, axis: int, nu: float) -> None:
+    """Widen what a scalar measures by its innovation, so that it can pull the state back.
+
+    It was refused for so long that the state is the likelier culprit. Unmodelled movement is process noise, which the
+    smoother need not be told.
+    """
+    if kind == MAG:
+        for i in range(6, 9):
+            P[i, i] += 0.1
+    elif kind == BARO:
+        P[15, 15] += nu * nu
+    elif kind == RANGE:
+        P[25, 25] += nu * nu
+    else:
+        row = axis + (0 if kind in (GPS_POSITION, GPS2_POSITION) else 3)
+        P[row, row] += nu * nu
+
+
+@njit(cache=True, nogil=True)
+def _write_row(x: Array, P: Array, out: int, out_x: Array, out_P: Array, slow_P: Array) -> None:
+    """Keep state and covariance for one row of the output, that of the sensor errors in every eighth."""
+    for i in range(x.size):
+        out_x[out, i] = x[i]
+    for i in range(SLOW):
+        for j in range(N):
+            out_P[out, i, j] = P[i, j]
+    if out % SLOW_EVERY == 0:
+        for i in range(SLOW, N):
+            for j in range(N):
+                slow_P[out // SLOW_EVERY, i - SLOW, j] = P[i, j]
+
+
+@njit(cache=True, nogil=True)
 def forward(
     x: Array,
     P: Array,
@@ -433,19 +466,8 @@ def forward(
                 if refused[kind] < patience:
                     likelihood -= 0.5 * (spread + gate * gate)
                     continue
-                # Refused for so long that the state is the likelier culprit: let the measurement pull it back.
-                # Unmodelled movement is process noise, which the smoother need not be told.
                 for m in range(first, last):
-                    if kind == MAG:
-                        for i in range(6, 9):
-                            P[i, i] += 0.1
-                    elif kind == BARO:
-                        P[15, 15] += scalar_nu[m] ** 2
-                    elif kind == RANGE:
-                        P[25, 25] += scalar_nu[m] ** 2
-                    else:
-                        row = scalar_axis[m] + (0 if kind in (GPS_POSITION, GPS2_POSITION) else 3)
-                        P[row, row] += scalar_nu[m] ** 2
+                    _doubt_state(P, kind, scalar_axis[m], scalar_nu[m])
             refused[kind] = 0.0
             for m in range(first, last):
                 z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, heading, field, index, value)
@@ -467,16 +489,34 @@ def forward(
                         scalar_value[m, j] = value[j] if j < count else 0.0
         out = node_out[node]
         if out >= 0:
-            for i in range(x.size):
-                out_x[out, i] = x[i]
-            for i in range(SLOW):
-                for j in range(N):
-                    out_P[out, i, j] = P[i, j]
-            if out % SLOW_EVERY == 0:
-                for i in range(SLOW, N):
-                    for j in range(N):
-                        slow_P[out // SLOW_EVERY, i - SLOW, j] = P[i, j]
+            _write_row(x, P, out, out_x, out_P, slow_P)
     return likelihood
+
+
+@njit(cache=True, nogil=True, fastmath=_FLAGS)
+def _unfuse(lam: Array, Lam: Array, nu: float, inv: float, K: Array, index: Array, value: Array, u: Array) -> None:
+    """Take the adjoint back over one scalar measurement with gain K, in place; u (26,) is scratch."""
+    c = nu * inv
+    s = inv
+    for i in range(N):
+        total = 0.0
+        for j in range(N):
+            total += Lam[i, j] * K[j]
+        u[i] = total
+    for i in range(N):
+        c += K[i] * lam[i]
+        s += K[i] * u[i]
+    for a in range(ENTRIES):
+        h = value[a]
+        if h == 0.0:
+            continue
+        i = index[a]
+        lam[i] -= h * c
+        for j in range(N):
+            Lam[i, j] -= h * u[j]
+            Lam[j, i] -= h * u[j]
+        for b in range(ENTRIES):
+            Lam[i, index[b]] += h * value[b] * s
 
 
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
@@ -535,31 +575,8 @@ def backward(
             _inject(out_x[out], dx)
         for group in range(node_group[node + 1] - 1, node_group[node] - 1, -1):
             for m in range(group_start[group + 1] - 1, group_start[group] - 1, -1):
-                inv = scalar_inv[m]
-                if inv == 0.0:
-                    continue
-                K = scalar_K[m]
-                c = scalar_nu[m] * inv
-                s = inv
-                for i in range(N):
-                    total = 0.0
-                    for j in range(N):
-                        total += Lam[i, j] * K[j]
-                    u[i] = total
-                for i in range(N):
-                    c += K[i] * lam[i]
-                    s += K[i] * u[i]
-                for a in range(ENTRIES):
-                    h = scalar_value[m, a]
-                    if h == 0.0:
-                        continue
-                    i = scalar_index[m, a]
-                    lam[i] -= h * c
-                    for j in range(N):
-                        Lam[i, j] -= h * u[j]
-                        Lam[j, i] -= h * u[j]
-                    for b in range(ENTRIES):
-                        Lam[i, scalar_index[m, b]] += h * scalar_value[m, b] * s
+                if scalar_inv[m] > 0.0:
+                    _unfuse(lam, Lam, scalar_nu[m], scalar_inv[m], scalar_K[m], scalar_index[m], scalar_value[m], u)
         T = node_T[node]
         if T > 0.0:
             _propagate_adjoint(lam, Lam, T, node_S[node], node_C[node], np.exp(-T / gps_error_time))
