@@ -106,7 +106,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         time_limit=settings.time_limit,
         memory_limit=settings.memory_limit,
         lease=settings.lease,
-        attempts=settings.attempts,
+        deaths=settings.deaths,
         preload=preload,
     )
     return Parts(

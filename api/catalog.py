@@ -134,6 +134,7 @@ class Catalog:
                 stage="",
                 progress=0.0,
                 attempts=0,
+                deaths=0,
                 files={},
                 members=[AnalysedLog(position=position, log=log) for position, log in enumerate(logs)],
             )

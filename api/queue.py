@@ -32,17 +32,21 @@ class Claim:
         Its id.
     lease : str
         Names this claim, and the place of its results.
-    attempt : int
-        1 at the first try.
+    deaths : int
+        How many processes that worked on it have died already.
     logs : tuple of (id, name)
     configuration : mapping
     """
 
     analysis: str
     lease: str
-    attempt: int
+    deaths: int
     logs: tuple[tuple[str, str], ...]
     configuration: Mapping[str, Any]
+
+
+#: How often the worker of an analysis may be lost with its whole computer or server, which is rarely the log's fault.
+_LOST = 20
 
 
 class Queue:
@@ -53,14 +57,14 @@ class Queue:
     database : Database
     lease : float
         Seconds without a sign of life after which a worker is taken for dead.
-    attempts : int
-        How often an analysis may be begun.
+    deaths : int
+        How many processes may die of one analysis.
     """
 
-    def __init__(self, database: Database, *, lease: float, attempts: int) -> None:
+    def __init__(self, database: Database, *, lease: float, deaths: int) -> None:
         self._database = database
         self._lease = timedelta(seconds=lease)
-        self._attempts = attempts
+        self._deaths = deaths
 
     def claim(self) -> Claim | None:
         """Take the oldest analysis that waits or whose worker has died; None when there is none."""
@@ -69,8 +73,8 @@ class Queue:
         with self._database.write() as session:
             session.execute(
                 update(AnalysisRecord)
-                .where(left, AnalysisRecord.attempts >= self._attempts)
-                .values(**_end(State.FAILED), problem=abandoned(self._attempts).model_dump(mode="json"))
+                .where(left, AnalysisRecord.attempts - AnalysisRecord.deaths >= _LOST)
+                .values(**_end(State.FAILED), problem=abandoned(_LOST).model_dump(mode="json"))
             )
             found = session.scalar(
                 select(AnalysisRecord)
@@ -89,7 +93,7 @@ class Queue:
             return Claim(
                 analysis=found.id,
                 lease=found.lease,
-                attempt=found.attempts,
+                deaths=found.deaths,
                 logs=tuple((member.log.id, member.log.name) for member in found.members),
                 configuration=found.configuration,
             )
@@ -110,13 +114,17 @@ class Queue:
         with self._database.write() as session:
             return _change(session, claim, **_end(State.FAILED), problem=problem.model_dump(mode="json"))
 
-    def give_back(self, claim: Claim, *, counts: bool) -> bool:
-        """Let others try: at once after an orderly stop, or, when the attempt `counts`, unless it was the last."""
-        if counts and claim.attempt >= self._attempts:
-            return self.fail(claim, abandoned(self._attempts))
-        attempts = claim.attempt if counts else claim.attempt - 1
+    def give_back(self, claim: Claim) -> bool:
+        """Let others do the work after an orderly stop, as if it had not been begun."""
         with self._database.write() as session:
-            return _change(session, claim, state=State.QUEUED, lease=None, lease_until=None, attempts=attempts)
+            return _change(session, claim, **_WAITING, attempts=AnalysisRecord.attempts - 1)
+
+    def retry(self, claim: Claim) -> bool:
+        """Let others try after the process has died; False when too many have, or the lease is lost."""
+        if claim.deaths + 1 >= self._deaths:
+            return False
+        with self._database.write() as session:
+            return _change(session, claim, **_WAITING, deaths=claim.deaths + 1)
 
 
 def cancel(session: Session, analysis: str) -> bool:
@@ -129,7 +137,7 @@ def cancel(session: Session, analysis: str) -> bool:
 
 
 def abandoned(attempts: int) -> Problem:
-    """Say that an analysis took its worker down as often as it may."""
+    """Say that an analysis lost its worker as often as it may."""
     return Problem.named(
         "analysis-crashed",
         "The analysis crashed",
@@ -137,6 +145,10 @@ def abandoned(attempts: int) -> Problem:
         f"The analysis was begun {attempts} times and each time ended without a word, most likely because it needed "
         "more memory than the computer has. Analyse a shorter log, or run `rotorid analyze` yourself.",
     )
+
+
+#: What a row says that waits for a worker.
+_WAITING: dict[str, Any] = {"state": State.QUEUED, "stage": "", "progress": 0.0, "lease": None, "lease_until": None}
 
 
 def _end(state: State) -> dict[str, Any]:

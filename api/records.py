@@ -77,6 +77,7 @@ class AnalysisRecord(Record):
     stage: Mapped[str] = mapped_column(String(100), default="")
     progress: Mapped[float] = mapped_column(default=0.0)
     attempts: Mapped[int] = mapped_column(default=0)
+    deaths: Mapped[int] = mapped_column(default=0)
     created: Mapped[datetime]
     started: Mapped[datetime | None]
     ended: Mapped[datetime | None]

@@ -65,8 +65,8 @@ class Settings(BaseSettings):
     memory_limit: ByteSize = Field(
         default=ByteSize(4 * 10**9), gt=0, description="Most memory one analysis may use, in bytes."
     )
-    attempts: PositiveInt = Field(
-        default=3, description="How often an analysis is begun when the process that does it dies."
+    deaths: PositiveInt = Field(
+        default=5, description="How many processes may die of one analysis before it is given up."
     )
     lease: PositiveFloat = Field(
         default=15.0, description="A worker that gives no sign of life for so long is taken for dead [s]."

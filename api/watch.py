@@ -60,8 +60,8 @@ class Workplace:
         Most memory of one analysis, bytes.
     lease : float
         Seconds without a sign of life after which a worker is taken for dead.
-    attempts : int
-        How often an analysis may be begun.
+    deaths : int
+        How many processes may die of one analysis.
     preload : sequence of str
         Modules that `analyze` uses and that are worth importing once for all analyses.
     """
@@ -73,12 +73,12 @@ class Workplace:
     time_limit: float
     memory_limit: int
     lease: float
-    attempts: int
+    deaths: int
     preload: Sequence[str] = PRELOAD
 
     def queue(self, database: Database) -> Queue:
         """Give the queue as this workplace's rules are."""
-        return Queue(database, lease=self.lease, attempts=self.attempts)
+        return Queue(database, lease=self.lease, deaths=self.deaths)
 
     def warm_up(self) -> None:
         """Start the process that analyses are forked from; it imports the pipeline meanwhile."""
@@ -117,9 +117,11 @@ def _work(workplace: Workplace, claim: Claim, database: Database, stopping: Call
             if not _persist(lambda: queue.finish(claim, files)):
                 objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
         except _StoppedError:
-            queue.give_back(claim, counts=False)
-        except _DiedError:
-            queue.give_back(claim, counts=True)
+            queue.give_back(claim)
+        except _DiedError as death:
+            if not _persist(lambda: queue.retry(claim)):
+                given_up = _judge_exit(workplace, claim, death.exit_code)
+                _persist(lambda: queue.fail(claim, given_up))
         except LostError:
             _log.info("analysis %s was cancelled, or given to another worker", claim.analysis)
         except FileNotFoundError:
@@ -137,6 +139,10 @@ class _StoppedError(Exception):
 
 class _DiedError(Exception):
     """The process died without a word, and not by our hand."""
+
+    def __init__(self, exit_code: int | None) -> None:
+        super().__init__(f"exit code {exit_code}")
+        self.exit_code = exit_code
 
 
 def _fetch(claim: Claim, objects: Objects, folder: Path) -> list[tuple[Path, str]]:
@@ -185,7 +191,8 @@ def _analyse(
                 report = receiver.recv()
             except (EOFError, OSError):
                 process.join()
-                return _judge_exit(workplace, claim, process.exitcode)
+                _log.error("analysis %s: its process died with exit code %s", claim.analysis, process.exitcode)
+                raise _DiedError(process.exitcode) from None
             if not isinstance(report, worker.Advanced):
                 return _judge(workplace, claim, report)
             if report.stage != last.stage or report.progress >= last.progress + 0.02:
@@ -251,10 +258,7 @@ def _judge(workplace: Workplace, claim: Claim, report: worker.Report) -> Problem
 
 
 def _judge_exit(workplace: Workplace, claim: Claim, exit_code: int | None) -> Problem:
-    """Say what the silent death of a process means; one that may not happen again is worth another attempt."""
-    _log.error("analysis %s died with exit code %s at attempt %d", claim.analysis, exit_code, claim.attempt)
-    if claim.attempt < workplace.attempts:
-        raise _DiedError
+    """Say what the silent death of one process after the other means for the user."""
     # Not killed by us, so by the kernel when memory ran out.
     return _too_large(workplace.memory_limit) if exit_code == -signal.SIGKILL else _bug(claim)
 

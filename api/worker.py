@@ -115,20 +115,28 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, time_limit: float,
         nonlocal last
         if stage != last.stage or fraction >= last.progress + 0.01:
             last = Advanced(stage, min(max(fraction, last.progress, 0.0), 1.0))
-            reports_to.send(last)
+            _tell(reports_to, last)
 
     from logparse import RotoridError
 
     try:
         analyze(task, progress)
     except RotoridError as error:
-        reports_to.send(Refused(_in_users_words(str(error), task)))
+        _tell(reports_to, Refused(_in_users_words(str(error), task)))
     except MemoryError:
-        reports_to.send(OutOfMemory())
+        _tell(reports_to, OutOfMemory())
     except Exception:
-        reports_to.send(Crashed(traceback.format_exc()))
+        _tell(reports_to, Crashed(traceback.format_exc()))
     else:
-        reports_to.send(Finished())
+        _tell(reports_to, Finished())
+
+
+def _tell(watcher: Connection, report: Report) -> None:
+    """Tell the watcher something; when it is dead, somebody else does this analysis, and we are in the way."""
+    try:
+        watcher.send(report)
+    except BrokenPipeError:
+        os._exit(1)
 
 
 def _in_users_words(reason: str, task: Task) -> str:

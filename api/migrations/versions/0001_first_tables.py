@@ -30,6 +30,7 @@ def upgrade() -> None:
         sa.Column("stage", sa.String(100), nullable=False),
         sa.Column("progress", sa.Double, nullable=False),
         sa.Column("attempts", sa.Integer, nullable=False),
+        sa.Column("deaths", sa.Integer, nullable=False),
         sa.Column("created", sa.DateTime, nullable=False),
         sa.Column("started", sa.DateTime),
         sa.Column("ended", sa.DateTime),
