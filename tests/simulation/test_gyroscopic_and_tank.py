@@ -1,0 +1,173 @@
+"""Rotors with inertia and tanks that empty: conservation laws, closed forms and an independent integrator."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from simulation import ParameterError, elhesasy2024, guntur2019, propagate, survey_quadcopter
+from simulation.drive import Drive, FirstOrder
+from simulation.guntur2019 import MOTORS
+from simulation.rotor import QuadraticRotor
+from simulation.vehicle import Multirotor, RotorMount, Tank
+
+#: Rotors that weigh something and push nothing: only their inertia is felt.
+WHEELS = (
+    RotorMount(QuadraticRotor(thrust_coefficient=1e-30, torque_coefficient=1e-30), (0.2, 0.1, -0.05), 1, inertia=3e-4),
+    RotorMount(QuadraticRotor(thrust_coefficient=1e-30, torque_coefficient=1e-30), (-0.2, 0.1, 0.0), 1, inertia=2e-4),
+    RotorMount(QuadraticRotor(thrust_coefficient=1e-30, torque_coefficient=1e-30), (0.0, -0.2, 0.0), -1, inertia=1e-4),
+)
+BODY = Multirotor(
+    name="body with three wheels",
+    mass=2.0,
+    inertia=np.array([[0.02, 0.002, -0.001], [0.002, 0.03, 0.001], [-0.001, 0.001, 0.04]]),
+    rotors=WHEELS,
+    drive=Drive(speed_max=1000.0, response=FirstOrder(0.05)),
+)
+WHEEL_OF_NOTHING = dataclasses.replace(WHEELS[0], inertia=-1.0)
+
+
+def momentum(craft, flight):
+    """Angular momentum of body and rotors in the world; a clockwise rotor turns about the body's z axis."""
+    wheels = sum(
+        mount.spin * mount.inertia * flight[f"w{k}"].to_numpy() for k, mount in enumerate(craft.rotors, start=1)
+    )
+    body = flight[["w_x", "w_y", "w_z"]].to_numpy() @ craft.inertia
+    body[:, 2] += wheels
+    return Rotation.from_quat(flight[["q_x", "q_y", "q_z", "q_w"]].to_numpy()).apply(body)
+
+
+def test_wheels_that_speed_up_take_no_angular_momentum_from_nowhere():
+    """Gyroscopic sum and the kick of accelerating rotors together: the whole keeps its momentum while it tumbles."""
+    start = BODY.state(np.array([100.0, 700.0, 300.0]), rate=(1.0, -2.0, 3.0))
+    flight = propagate(BODY, start, lambda t, x: np.array([800.0, 50.0, 900.0]), 3.0, dt=5e-4, gravity=0.0)
+    whole = momentum(BODY, flight)
+    assert np.ptp(flight["w1"]) > 600.0
+    assert np.abs(whole - whole[0]).max() < 1e-8 * np.linalg.norm(whole[0])
+
+
+def test_steady_wheels_keep_the_energy_of_the_body():
+    """Rotors at constant speed relative to the body do work on it only through their bearings, which is none."""
+    speeds = np.array([500.0, 500.0, 200.0])
+    flight = propagate(BODY, BODY.state(speeds, rate=(2.0, 1.0, -1.0)), lambda t, x: speeds, 5.0, dt=5e-4, gravity=0.0)
+    rate = flight[["w_x", "w_y", "w_z"]].to_numpy()
+    energy = 0.5 * np.einsum("ti,ij,tj->t", rate, BODY.inertia, rate)
+    assert np.abs(energy / energy[0] - 1.0).max() < 1e-8
+    assert np.ptp(rate[:, 0]) > 1.0
+
+
+def test_a_gyroscope_precesses_and_nutates_at_its_frequency():
+    """A symmetric body with a fast wheel nutates at h / J about the transverse axes."""
+    wheel = RotorMount(QuadraticRotor(thrust_coefficient=1e-30, torque_coefficient=1e-30), (0, 0, 0), 1, inertia=4e-4)
+    craft = dataclasses.replace(BODY, rotors=(wheel,), inertia=np.diag((0.02, 0.02, 0.03)))
+    speeds = np.array([900.0])
+    flight = propagate(craft, craft.state(speeds, rate=(0.1, 0.0, 0.0)), lambda t, x: speeds, 2.0, gravity=0.0)
+    frequency = 4e-4 * 900.0 / 0.02
+    t = flight.index.to_numpy()
+    assert flight["w_x"].to_numpy() == pytest.approx(0.1 * np.cos(frequency * t), abs=1e-6)
+    assert flight["w_y"].to_numpy() == pytest.approx(0.1 * np.sin(frequency * t), abs=1e-6)
+
+
+def test_quadcopter_with_heavy_rotors_agrees_with_solve_ivp():
+    """Newton-Euler with the rotors' momentum, written with vectors and integrated by DOP853."""
+    craft = survey_quadcopter.quadcopter()
+    speeds, command = np.array([500.0, 560.0, 620.0, 540.0]), np.array([640.0, 520.0, 500.0, 600.0])
+    start = craft.state(speeds, position=(0, 0, -50), velocity=(2, 1, 0), rate=(1.0, -0.7, 0.5))
+    positions = np.array([mount.position for mount in craft.rotors])
+    spins = np.array([mount.spin for mount in craft.rotors])
+    inertia = np.array([mount.inertia for mount in craft.rotors])
+    down = np.array([0.0, 0.0, 1.0])
+
+    def rhs(t, x):
+        v, q, w, speed = x[3:6], x[6:10], x[10:13], x[13:]
+        C = Rotation.from_quat([q[1], q[2], q[3], q[0]]).as_matrix()
+        density = 1.225 * (1.0 + 0.0065 * x[2] / 288.15) ** 4.2558797
+        change = (command - speed) / 0.03
+        force = np.outer(1.2e-5 * density / 1.225 * speed**2, -down)
+        moment = np.cross(positions, force).sum(axis=0) - down * (spins * 1.9e-7 * density / 1.225 * speed**2).sum()
+        air = C.T @ v
+        drag = np.array(craft.drag_linear) * density / 1.225
+        drag = drag + 0.5 * density * np.array(craft.drag_area) * np.linalg.norm(air)
+        h = down * (spins * inertia * speed).sum()
+        h_dot = down * (spins * inertia * change).sum()
+        w_dot = np.linalg.solve(craft.inertia, moment - h_dot - np.cross(w, craft.inertia @ w + h))
+        v_dot = C @ (force.sum(axis=0) - drag * air) / craft.mass + 9.80665 * down
+        W = np.array([[0, *-w], [w[0], 0, w[2], -w[1]], [w[1], -w[2], 0, w[0]], [w[2], w[1], -w[0], 0]])
+        return np.concatenate((v, v_dot, 0.5 * W @ q, w_dot, change))
+
+    solution = solve_ivp(rhs, (0.0, 1.0), start, method="DOP853", rtol=1e-12, atol=1e-12)
+    flight = propagate(craft, start, lambda t, x: command, 1.0, dt=2.5e-4)
+    assert flight.iloc[-1].to_numpy() == pytest.approx(solution.y[:, -1], rel=1e-6, abs=1e-6)
+
+
+def test_an_emptying_tank_follows_its_closed_form():
+    """Constant thrust on a falling mass: v = g t - (T / r) ln(m0 / (m0 - r t)), and x its integral."""
+    craft = elhesasy2024.octocopter()
+    rate, m0 = 0.2, craft.mass
+    craft = dataclasses.replace(
+        craft,
+        drag_linear=(0.0, 0.0, 0.0),
+        drag_area=(0.0, 0.0, 0.0),
+        tank=Tank(time=(0.0, 10.0), mass=(m0, m0 - 10.0 * rate), inertia=(craft.inertia, 0.8 * craft.inertia)),
+    )
+    # Air of one density: the height changes the thrust by a ten thousandth per metre, so two seconds are flown.
+    speeds = np.full(8, 600.0)
+    flight = propagate(craft, craft.state(speeds), lambda t, x: speeds, 2.0, dt=1e-3)
+    thrust = 8 * 1.105e-5 * 600.0**2
+    t = flight.index.to_numpy()
+    mass = m0 - rate * t
+    fall = 9.80665 * t - thrust / rate * np.log(m0 / mass)
+    assert np.abs(flight["v_d"] - fall).max() < 2e-3
+
+
+def test_inertia_follows_the_tank():
+    """The yaw acceleration of one motor pair grows as the inertia shrinks."""
+    craft = elhesasy2024.octocopter()
+    tank = Tank(time=(0.0, 1.0), mass=(craft.mass, craft.mass), inertia=(craft.inertia, 0.5 * craft.inertia))
+    craft = dataclasses.replace(craft, tank=tank, drag_linear=(0.0,) * 3, drag_area=(0.0,) * 3)
+    speeds = np.array([700.0, 700.0, 0, 0, 0, 0, 0, 0])
+    flight = propagate(craft, craft.state(speeds), lambda t, x: speeds, 2.0, dt=1e-3, gravity=0.0)
+    slope = np.gradient(flight["w_z"], flight.index)
+    assert slope[1500] / slope[1] == pytest.approx(2.0, rel=2e-3)
+    assert slope[500] / slope[1] == pytest.approx(1.0 / 0.75, rel=2e-3)
+
+
+def test_discharge_of_guntur_starts_full_and_ends_empty():
+    """Mass properties of the thesis at each quarter of the tank, linear between."""
+    motor = MOTORS[1]
+    craft = guntur2019.quadcopter(motor, 1.0, discharge=0.1, discharge_start=2.0)
+    assert craft.tank is not None
+    assert craft.tank.time == pytest.approx((2.0, 4.5, 7.0, 9.5, 12.0))
+    assert craft.tank.mass == motor.masses
+    mass, inertia = guntur2019.mass_properties(motor, 0.6)
+    assert mass == pytest.approx(1.50295248 + 0.4 * (1.75281317 - 1.50295248))
+    assert inertia[2, 2] == pytest.approx((6.10 + 0.4 * 0.04) * 1e-2)
+    part = guntur2019.quadcopter(motor, 0.6, discharge=0.1)
+    assert part.tank is not None
+    assert part.tank.time == pytest.approx((0.0, 1.0, 3.5, 6.0))
+
+
+def test_a_craft_that_empties_climbs():
+    """Open loop about the hover of the full tank, every kilogram that leaves lifts."""
+    steady = guntur2019.fly_profile(MOTORS[1], 1.0, duration=12.0)
+    emptying = guntur2019.fly_profile(MOTORS[1], 1.0, duration=12.0, discharge=0.05, discharge_start=2.0)
+    assert np.abs(emptying["p_d"] - steady["p_d"])[:2.0].max() < 1e-12
+    assert emptying["p_d"].iloc[-1] < steady["p_d"].iloc[-1] - 3.0
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Tank(time=(0.0,), mass=(1.0,), inertia=(np.eye(3),)), "at least two times"),
+        (lambda: Tank(time=(1.0, 0.0), mass=(1.0, 0.5), inertia=(np.eye(3),) * 2), "times must increase"),
+        (lambda: Tank(time=(0.0, 1.0), mass=(1.0, 0.0), inertia=(np.eye(3),) * 2), "masses must be positive"),
+        (lambda: Tank(time=(0.0, 1.0), mass=(1.0, 0.5), inertia=(np.eye(3), -np.eye(3))), "not positive definite"),
+        (lambda: guntur2019.quadcopter(MOTORS[0], 0.0, discharge=0.1), "payload 0 must be positive"),
+        (lambda: dataclasses.replace(BODY, rotors=(WHEEL_OF_NOTHING,)), "inertia of rotor 1"),
+    ],
+)
+def test_tanks_and_rotors_that_cannot_exist_are_refused(make, message):
+    with pytest.raises(ParameterError, match=message):
+        make()

@@ -1,0 +1,146 @@
+"""Errors of the instruments: drift, clipping, outages, speed controllers; chirps."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from simulation import ParameterError, elhesasy2024, fly
+from simulation.fly import Setup
+from simulation.mission import CHIRP_AXES, Chirp, GoTo, Mission, Wait
+from simulation.place import Place
+from simulation.sensors import Gps, Inertial, Navigation, Sensors, SpeedControllers
+
+SEA = Place(name="sea", lat_deg=45.0, lon_deg=0.0, alt=0.0)
+OCTA = elhesasy2024.octocopter()
+
+
+def setup(*steps, **changes):
+    mission = Mission(takeoff=3.0, steps=steps, disarmed=0.5, armed=0.5)
+    return dataclasses.replace(Setup(mission=mission, place=SEA, vehicle=OCTA), **changes)
+
+
+def still(seconds, rate=100.0):
+    """Truth of a craft that stands."""
+    t = pd.Index(np.arange(0.0, seconds, 1.0 / rate), name="t")
+    columns = ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d")
+    return pd.DataFrame(0.0, index=t, columns=list(columns))
+
+
+def test_bias_drift_is_gauss_markov_from_zero():
+    inertial = Inertial(gyro_instability=2e-4, accel_instability=0.02, instability_time=50.0)
+    drift = inertial.drift(400_000, 0.05, np.random.RandomState(3))
+    assert np.array_equal(drift[0], np.zeros(6))
+    # 20 000 s hold 200 spans of two correlation times: variances come out to 10 %, means to 7 % of a sigma.
+    wander = drift - drift.mean(axis=0)
+    assert wander[:, :3].std() == pytest.approx(2e-4, rel=0.1)
+    assert wander[:, 3:].std() == pytest.approx(0.02, rel=0.1)
+    lag = round(50.0 / 0.05)
+    correlation = np.mean(wander[lag:] * wander[:-lag], axis=0) / wander.var(axis=0)
+    assert correlation.mean() == pytest.approx(math.exp(-1.0), abs=0.1)
+    assert not Inertial().drift(10, 0.05, np.random.RandomState(3)).any()
+
+
+def test_drift_shows_in_the_gyro_and_not_in_the_flight():
+    drifting = Sensors(inertial=Inertial(gyro_instability=5e-3))
+    flight = fly(setup(Wait(20), sensors=drifting, seed=5))
+    error = (flight.truth["gyro_x"] - flight.truth["w_x"]).rolling(300).mean()
+    assert np.ptp(error.dropna()) > 1e-3
+    assert flight.truth.loc[: flight.reference.land, "p_n"].abs().max() < 3.0
+
+
+def test_accelerometer_clips_at_its_range_and_counts():
+    """At 1.5 g a craft in the air clips under its own vibration, at 16 g it does not."""
+    narrow = Sensors(inertial=Inertial(accel_range=1.5 * 9.81, accel_vibration=0.15))
+    clipped = fly(setup(Wait(2), sensors=narrow)).truth
+    assert clipped["clips"].iloc[-1] > 10
+    assert (np.diff(clipped["clips"]) >= 0.0).all()
+    assert clipped["accel_z"].min() > -1.5 * 9.81 - 1.5
+    assert fly(setup(Wait(2))).truth["clips"].iloc[-1] == 0
+
+
+def test_receiver_holds_its_last_place_during_an_outage():
+    rows = Gps(outages=((3.0, 5.0),), lag=0.2).sample(still(10.0), SEA, np.random.RandomState(1))
+    out = ~rows["fix"].to_numpy()
+    assert out.sum() == 10
+    assert rows["t_valid"][out].between(3.0, 5.0 - 1e-9).all()
+    assert rows["lat_deg"][out].nunique() == 1
+    assert (rows.loc[out, ["v_n", "v_e", "v_d"]] == 0.0).all().all()
+    assert rows["lat_deg"][~out].nunique() > 30
+
+
+def test_errors_of_one_instrument_leave_the_others_as_they_are():
+    """An outage changes no draw: the rows outside it are the same numbers."""
+    whole = Gps().sample(still(10.0), SEA, np.random.RandomState(1))
+    holed = Gps(outages=((3.0, 5.0),)).sample(still(10.0), SEA, np.random.RandomState(1))
+    pd.testing.assert_frame_equal(whole[holed["fix"]], holed[holed["fix"]])
+
+
+def test_speed_controllers_report_speed_and_share_the_current():
+    t = pd.Index(np.arange(0.0, 2.0, 0.01), name="t")
+    truth = pd.DataFrame({"w1": 500.0, "w2": 400.0, "current": 10.0}, index=t)
+    rows = SpeedControllers(rate=50.0, resolution=10.0).sample(truth, 2)
+    assert len(rows) == 100
+    assert rows["rpm1"].iloc[0] == round(500.0 * 60.0 / (2.0 * math.pi) / 10.0) * 10.0
+    assert rows["current1"].iloc[0] / rows["current2"].iloc[0] == pytest.approx((500.0 / 400.0) ** 3)
+    assert rows[["current1", "current2"]].sum(axis=1).to_numpy() == pytest.approx(np.full(100, 10.0))
+
+
+def test_chirp_sweeps_between_its_frequencies():
+    """The phase's derivative is the stated frequency; the sine starts and ends at nothing."""
+    chirp = Chirp("pitch", 0.1, start_hz=0.5, stop_hz=10.0, seconds=20.0, fade=2.0)
+    t = np.linspace(0.0, chirp.duration, 200_001)
+    signal = chirp.signal(t)
+    assert chirp.hold == 4.0
+    assert (chirp.frequency(t[:1])[0], chirp.frequency(t[-1:])[0]) == pytest.approx((0.5, 10.0))
+    assert np.abs(signal).max() == pytest.approx(0.1, rel=1e-3)
+    assert signal[[0, -1]] == pytest.approx([0.0, 0.0])
+    crossings = t[1:][(signal[:-1] < 0.0) & (signal[1:] >= 0.0)]
+    middle = 0.5 * (crossings[1:] + crossings[:-1])
+    counted = 1.0 / np.diff(crossings)
+    inside = (middle > 3.0) & (middle < 21.0)
+    assert counted[inside] == pytest.approx(chirp.frequency(middle[inside]), rel=0.02)
+
+
+@pytest.mark.parametrize("axis", CHIRP_AXES)
+def test_chirps_move_their_axis_only(axis):
+    chirp = Chirp(axis, 0.05, start_hz=1.0, stop_hz=4.0, seconds=5.0, fade=1.0)
+    sure = Sensors(navigation=Navigation(position=0.0, velocity=0.0, tilt=0.0, yaw=0.0))
+    flight = fly(setup(Wait(1), chirp, Wait(1), sensors=sure))
+    ((start, flown),) = flight.reference.chirps
+    during = flight.truth.loc[start + 1.0 : start + flown.duration]
+    moved = during[["w_x", "w_y", "w_z"]].std().to_numpy()
+    if axis == "throttle":
+        assert during["a_d"].std() > 0.3
+        assert moved.max() < 0.03
+    else:
+        assert moved.argmax() == CHIRP_AXES.index(axis)
+        assert np.sort(moved)[-2] < 0.2 * moved.max()
+
+
+def test_a_step_of_a_millisecond_flies_the_same_mission():
+    """Control then runs at 500 and 100 Hz instead of 400 and 80: the same flight to decimetres."""
+    steps = (Wait(1), GoTo(6.0, 2.0, 5.0), Wait(3))
+    usual, fine = fly(setup(*steps)), fly(setup(*steps, step=1e-3))
+    ends = [flight.truth.loc[: flight.reference.land].iloc[-1][["p_n", "p_e", "p_d"]] for flight in (usual, fine)]
+    assert ends[0].to_numpy() == pytest.approx(ends[1].to_numpy(), abs=0.6)
+    assert fine.reference.tick == 0.01
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Chirp("surge", 0.1), "not 'surge'"),
+        (lambda: Chirp("roll", 0.9), "0 < magnitude <= 0.5"),
+        (lambda: Chirp("roll", 0.1, start_hz=5.0, stop_hz=2.0), "start_hz < stop_hz"),
+        (lambda: Chirp("roll", 0.1, seconds=1e4), "shorter than 600 s"),
+        (lambda: Gps(outages=((5.0, 3.0),)), "begin before they end"),
+        (lambda: Inertial(accel_range=0.0), "accel_range must be positive"),
+        (lambda: setup(Wait(1), step=0.1), "step 0.1 s must lie in"),
+    ],
+)
+def test_impossible_instruments_are_refused(make, message):
+    with pytest.raises(ParameterError, match=message):
+        make()
