@@ -29,7 +29,8 @@ from logparse import Finding, MissingDataError, Severity
 from sysid.covariance import autocovariance, coloured_information
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.motor_geometry import MotorGeometry, motor_geometry
-from sysid.thrust_curve import Law, column, lagged, reference_voltage, rotor_speeds, thrust_signals
+from sysid.motor_signals import EXPLAINED, motor_signals, too_slow, unexplained
+from sysid.thrust_curve import Law, column, lagged, reference_voltage, rotor_speeds
 from sysid.thrust_regression import (
     DETERMINED,
     ThrustCoefficient,
@@ -86,8 +87,12 @@ class Kim2017Model:
     thrust_expo : float
     time_constant : float
         Lag taken for the motors, s; the paper takes none.
+    rotation : bool
+        Whether motor signals were fast enough for the rates; levers and torque mean nothing otherwise.
     rmse : mapping
         Of altitude [m] and rates [rad/s] in the windows.
+    explained : mapping
+        Part of the power of the rates in the windows that the model explains (R^2), by ``w_x``, ``w_y``, ``w_z``.
     bench : mapping
         Thrust coefficients of a thrust stand to compare with, by motor, and ``"torque"``.
     geometry : MotorGeometry
@@ -109,7 +114,9 @@ class Kim2017Model:
     reference_voltage: float | None
     thrust_expo: float
     time_constant: float
+    rotation: bool
     rmse: Mapping[str, float]
+    explained: Mapping[str, float]
     geometry: MotorGeometry
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
@@ -210,7 +217,9 @@ class Kim2017Model:
             "mass": self.mass,
             "inertia": None if self.inertia is None else list(self.inertia),
             "reference_voltage": self.reference_voltage,
+            "rotation": self.rotation,
             "rmse": dict(self.rmse),
+            "explained": dict(self.explained),
             "training": list(self.training),
             "findings": [
                 {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
@@ -276,6 +285,7 @@ def fit_kim2017(
         None if mass is None or inertia is None or arm is None else (arm * mass / inertia[0], arm * mass / inertia[1])
     )
     data = [_Data.of(record, law, voltage, vehicle.thrust_expo, time_constant) for record in records]
+    rotation = all(each.fast for each in data)
     windows = [window for each in data for window in _windows(each, geometry, inertia)]
     motors = records[0].input_names
     together = _output_error(windows, np.ones((1, len(motors))), known)
@@ -288,13 +298,21 @@ def fit_kim2017(
         if apart.condition > SEPARABLE
         else ""
     )
+    if not rotation and not reason:
+        reason = "motor signals are logged too slowly for roll and pitch, which tell motors apart"
+    if not reason:
+        worst = min(apart.explained.values())
+        reason = unexplained(worst, "roll and pitch rates, which tell motors apart")
     per_motor = {
         motor: coefficient(float(apart.coefficients[k]), float(apart.sigma[k]), air, mass, reason)
         for k, motor in enumerate(motors)
     }
     best = together if reason else apart
-    torque = _torque(windows)
-    findings += _remarks(per_motor, torque, mass, known, bench)
+    torque = _torque(windows) if rotation else None
+    explained = {**best.explained, **({} if torque is None else {"w_z": torque.explained})}
+    if not rotation:
+        findings.append(too_slow("Kim 2017", data[0].source))
+    findings += _remarks(per_motor, torque, rotation, mass, known, bench)
     return Kim2017Model(
         name=f"Kim 2017, output error, thrust by {law}",
         law=law,
@@ -310,7 +328,9 @@ def fit_kim2017(
         reference_voltage=voltage,
         thrust_expo=vehicle.thrust_expo,
         time_constant=time_constant,
+        rotation=rotation,
         rmse={**best.rmse, **({} if torque is None else {"w_z": torque.rmse})},
+        explained=explained,
         geometry=geometry,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
@@ -328,23 +348,28 @@ class _Data:
     rates: Floats
     lift: Floats
     signals: Floats
+    fast: bool
+    source: str
 
     @classmethod
     def of(cls, record: Experiment, law: Law, voltage: float | None, expo: float, time_constant: float) -> _Data:
         if "z" not in record.output_names:
             raise MissingDataError(f"{record.name}: Kim 2017 matches altitude; make the record with outputs='position'")
-        rates = np.column_stack([column(record, f"w_{axis}") for axis in "xyz"])
+        vehicle, _ = vehicle_of(record)
+        motors = motor_signals(record, law, vehicle, voltage, expo)
+        rates = motors.rates
         attitude = np.column_stack([column(record, name) for name in ("roll", "pitch")])
         if not (np.isfinite(rates).all() and np.isfinite(attitude).all()):
             raise MissingDataError(f"{record.name}: Kim 2017 matches angular rates, which are not known; log the IMU")
-        vehicle, _ = vehicle_of(record)
         return cls(
             t=record.t - record.t[0],
             dt=record.dt,
             altitude=record.y[:, record.output_names.index("z")],
             rates=rates,
             lift=np.cos(attitude).prod(axis=1, keepdims=True),
-            signals=lagged(thrust_signals(record, law, vehicle, voltage, expo), time_constant, record.dt),
+            signals=lagged(motors.signals, time_constant, record.dt),
+            fast=motors.fast,
+            source=motors.source,
         )
 
 
@@ -371,6 +396,7 @@ class _Estimate:
     lever_sigma: Floats
     condition: float
     rmse: dict[str, float]
+    explained: dict[str, float]
 
 
 def _once(values: Floats, dt: float) -> Floats:
@@ -411,6 +437,8 @@ def _windows(data: _Data, geometry: MotorGeometry, inertia: tuple[float, float, 
             data.rates[rows],
             data.lift[rows],
             data.signals[rows],
+            data.fast,
+            data.source,
         )
         level = np.linalg.qr(np.ones((size, 1)))[0]
         line = np.linalg.qr(np.column_stack([np.ones(size), part.t]))[0]
@@ -484,7 +512,13 @@ def _output_error(
         sigma[q:] if known is None else np.zeros(2),
         condition,
         {name: float(np.sqrt(np.mean(r**2))) for name, r in zip(("z", "w_x", "w_y"), residual, strict=True)},
+        {f"w_{axis}": _explained(residual[o], outputs[o]) for o, axis in ((1, "x"), (2, "y"))},
     )
+
+
+def _explained(residual: Floats, output: Floats) -> float:
+    power = float(output @ output)
+    return 1.0 - float(residual @ residual) / power if power > 0.0 else 0.0
 
 
 def _levers(windows: Sequence[_Window], specific: float) -> list[float]:
@@ -548,6 +582,7 @@ class _Torque:
     sigma: float
     patterns: Floats
     rmse: float
+    explained: float
 
 
 def _torque(windows: Sequence[_Window]) -> _Torque | None:
@@ -562,15 +597,17 @@ def _torque(windows: Sequence[_Window]) -> _Torque | None:
     residual = output - scaled @ values
     covariance, _ = _covariance([scaled], [residual], np.ones(1), [len(w.yaw) for w in windows])
     value, sigma = float(values[0] / size[0]), float(np.sqrt(max(covariance[0, 0], 0.0)) / size[0])
-    if not value > 0.0 or sigma > DETERMINED * value:
+    explained = _explained(residual, output)
+    if not value > 0.0 or sigma > DETERMINED * value or explained < EXPLAINED:
         return None
     patterns = values / np.where(size > 0.0, size, 1.0)
-    return _Torque(value, sigma, patterns, float(np.sqrt(np.mean(residual**2))))
+    return _Torque(value, sigma, patterns, float(np.sqrt(np.mean(residual**2))), explained)
 
 
 def _remarks(
     per_motor: Mapping[str, ThrustCoefficient],
     torque: _Torque | None,
+    rotation: bool,
     mass: float | None,
     known: tuple[float, float] | None,
     bench: Mapping[str, float] | None,
@@ -588,7 +625,7 @@ def _remarks(
                 {"undetermined": len(blind)},
             )
         )
-    if torque is None:
+    if torque is None and rotation:
         findings.append(
             Finding(
                 "torque-undetermined",

@@ -36,7 +36,8 @@ from numpy.typing import NDArray
 from logparse import Finding, MissingDataError, Severity
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.motor_geometry import MotorGeometry, motor_geometry
-from sysid.thrust_curve import Law, column, lagged, reference_voltage, rotor_speeds, thrust_signals
+from sysid.motor_signals import motor_signals, too_slow, unexplained
+from sysid.thrust_curve import Law, column, lagged, reference_voltage, rotor_speeds
 from sysid.thrust_regression import (
     DETERMINED,
     air_sigma_of,
@@ -57,8 +58,9 @@ FEWEST = 3
 #: Huber's constant: 95 % efficiency for normal residuals.
 HUBER = 1.345
 
-#: How far residuals are taken to be correlated, s.
-CORRELATED = 0.5
+#: How far residuals are taken to be correlated, s. Differences of noisy rates have hardly any power where the craft
+#: moves, which a short (tapered) autocovariance does not resolve.
+CORRELATED = 2.0
 
 #: Names, in order.
 PARAMETERS = ("k", "C", "Jx", "Jy", "Jz", "b", "b/Jz")
@@ -209,17 +211,20 @@ def fit_refinement2020(
     geometry = motor_geometry(records[0])
     if law is None:
         law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND
+    signals = [motor_signals(record, law, vehicle, voltage, vehicle.thrust_expo) for record in records]
     motion = [
-        _Motion.of(
-            record,
-            geometry,
-            lagged(thrust_signals(record, law, vehicle, voltage, vehicle.thrust_expo), time_constant, record.dt),
-        )
-        for record in records
+        _Motion.of(record, geometry, lagged(each.signals, time_constant, record.dt), each.rates)
+        for record, each in zip(records, signals, strict=True)
     ]
+    rotation = all(each.fast for each in signals)
     air = air_sigma_of(records)
     stacked = _stacked(motion, air)
     instants = _instants(motion)
+    if not rotation:
+        findings.append(too_slow("Refinement 2020", signals[0].source))
+        why = "motor signals are logged too slowly for rotation"
+        stacked |= {name: StackedEstimate(None, None, None, why) for name in PARAMETERS[2:]}
+        instants |= {name: InstantMean(None, None, None, 0, 0, why) for name in PARAMETERS[2:]}
     if mass is None:
         findings.append(mass_unknown())
     findings += _remarks(stacked)
@@ -254,8 +259,8 @@ class _Motion:
     dt: float
 
     @classmethod
-    def of(cls, record: Experiment, geometry: MotorGeometry, signals: Floats) -> _Motion:
-        force, rates = (np.column_stack([column(record, f"{name}_{a}") for a in "xyz"]) for name in "fw")
+    def of(cls, record: Experiment, geometry: MotorGeometry, signals: Floats, rates: Floats) -> _Motion:
+        force = np.column_stack([column(record, f"f_{axis}") for axis in "xyz"])
         roll, pitch, yaw = (column(record, name) for name in ("roll", "pitch", "yaw"))
         north, east, down = (column(record, name) for name in ("v_n", "v_e", "v_d"))
         for label, values in {"angular rates": rates, "velocity": north, "attitude": roll}.items():
@@ -373,7 +378,7 @@ def _stacked(motion: Sequence[_Motion], air: float) -> dict[str, StackedEstimate
         for m in motion
     ]
     forces = [np.concatenate([m.force[:, 2], m.force[:, 0], m.force[:, 1]]) for m in motion]
-    values, covariance = _robust(translation, forces, lags)
+    values, covariance, _ = _robust(translation, forces, lags)
     k, k_sigma = float(values[0]), float(np.sqrt(covariance[0, 0]))
     drag, drag_sigma = float(values[1]), float(np.sqrt(covariance[1, 1]))
     result = {
@@ -390,16 +395,21 @@ def _stacked(motion: Sequence[_Motion], air: float) -> dict[str, StackedEstimate
         ]
         gains.append(_robust(rows, [m.acceleration[:, axis] for m in motion], lags))
     inertia = []
-    for name, (gain, spread) in zip(("Jx", "Jy"), gains, strict=False):
+    whys = [
+        unexplained(part, f"angular acceleration in {axis}") for axis, (*_, part) in zip(patterns, gains, strict=False)
+    ]
+    for name, (gain, spread, _), why in zip(("Jx", "Jy"), gains, whys, strict=False):
         relative = float(np.sqrt(spread[0, 0]) / abs(gain[0])) if gain[0] != 0.0 else np.inf
         value = k / float(gain[0]) if gain[0] != 0.0 else np.nan
         inertia.append((value, relative))
         # Density enters k and the gain alike, so that inertia over mass does not feel it.
         sigma = abs(value) * float(np.hypot(relative, k_sigma / k)) if k > 0.0 else np.inf
-        result[name] = _judge(value, sigma, f"the craft hardly {'rolls' if name == 'Jx' else 'pitches'}")
+        result[name] = _judge(value, sigma, f"the craft hardly {'rolls' if name == 'Jx' else 'pitches'}", why)
     torque, torque_spread = float(gains[2][0][0]), float(np.sqrt(gains[2][1][0, 0]))
-    result["b/Jz"] = _judge(torque, float(np.hypot(torque_spread, air * torque)), "the craft hardly yaws")
+    result["b/Jz"] = _judge(torque, float(np.hypot(torque_spread, air * torque)), "the craft hardly yaws", whys[2])
     result["Jz"] = _yaw_inertia(gains, inertia)
+    if result["Jx"].value is None or result["Jy"].value is None:
+        result["Jz"] = StackedEstimate(None, None, None, "roll and pitch inertia are not determined")
     jz = result["Jz"]
     if jz.value is not None and jz.sigma is not None and result["b/Jz"].value is not None:
         relative = float(np.hypot(jz.sigma / jz.value, np.hypot(torque_spread / torque, air)))
@@ -411,7 +421,9 @@ def _stacked(motion: Sequence[_Motion], air: float) -> dict[str, StackedEstimate
     return {name: result[name] for name in PARAMETERS}
 
 
-def _yaw_inertia(gains: Sequence[tuple[Floats, Floats]], inertia: Sequence[tuple[float, float]]) -> StackedEstimate:
+def _yaw_inertia(
+    gains: Sequence[tuple[Floats, Floats, float]], inertia: Sequence[tuple[float, float]]
+) -> StackedEstimate:
     """Find Jz from the products of rates: (Jy - Jz)/Jx of the roll and (Jz - Jx)/Jy of the pitch equation."""
     (jx, x_relative), (jy, y_relative) = inertia
     from_roll, from_pitch = float(gains[0][0][1]), float(gains[1][0][1])
@@ -434,8 +446,8 @@ def _yaw_inertia(gains: Sequence[tuple[Floats, Floats]], inertia: Sequence[tuple
     )
 
 
-def _robust(rows: Sequence[Floats], aims: Sequence[Floats], lags: int) -> tuple[Floats, Floats]:
-    """Least squares with Huber weights by reweighting; covariance for coloured residuals."""
+def _robust(rows: Sequence[Floats], aims: Sequence[Floats], lags: int) -> tuple[Floats, Floats, float]:
+    """Least squares with Huber weights by reweighting; covariance for coloured residuals; part of power explained."""
     x, y = np.vstack(rows), np.concatenate(aims)
     size = np.linalg.norm(x, axis=0)
     size = np.where(size > 0.0, size, 1.0)
@@ -456,10 +468,14 @@ def _robust(rows: Sequence[Floats], aims: Sequence[Floats], lags: int) -> tuple[
     covariance = covariance_of(
         np.split(x * root[:, None], cuts), np.split((y - x @ values) * root, cuts), most_lags=lags
     )
-    return values, np.maximum(covariance, 0.0) * np.eye(len(values))
+    power = float(y @ y)
+    explained = 1.0 - float(np.sum((y - x @ values) ** 2)) / power if power > 0.0 else 0.0
+    return values, np.maximum(covariance, 0.0) * np.eye(len(values)), explained
 
 
-def _judge(value: float, sigma: float, reason: str) -> StackedEstimate:
+def _judge(value: float, sigma: float, reason: str, why: str = "") -> StackedEstimate:
+    if why:
+        return StackedEstimate(None, None, None, why)
     if not np.isfinite(value) or not np.isfinite(sigma):
         return StackedEstimate(None, None, None, f"not determined: {reason}")
     if not value > 0.0:

@@ -53,7 +53,6 @@ def flight(
     wander: float = 3.0,
     speeds: bool = True,
     density: float = 1.225,
-    noise_seed: int | None = None,
 ) -> Experiment:
     """Hover about the origin under PD control with multisine excitation of every axis.
 
@@ -112,7 +111,6 @@ def flight(
 
     start = np.zeros(13 + n)
     start[6], start[13:] = 1.0, hover
-    rng = rng if noise_seed is None else np.random.default_rng(noise_seed)
     states = propagate(
         craft, start, recorded, duration, dt=0.002, hold=5, gravity=GRAVITY, atmosphere=Atmosphere.standard(0.0)
     )
@@ -120,10 +118,22 @@ def flight(
     rows = states.iloc[::every]
     wanted = np.repeat(np.array(commands), 5, axis=0)[::every][: len(rows)]
     rows = rows.iloc[: len(wanted)]
-    return _record(craft, rows, wanted, rng, noise, speeds, density, k, f"{craft.name} {seed}")
+    clean = _record(craft, rows, wanted, speeds, density, k, f"{craft.name} {seed}")
+    return disturbed(clean, rng, noise) if noise > 0.0 else clean
 
 
-def _record(craft, rows, wanted, rng, noise, speeds, density, k, name):
+def disturbed(record: Experiment, rng: np.random.Generator, noise: float = 1.0) -> Experiment:
+    """Add sensor noise to a record flown without."""
+    sigma = dict.fromkeys(("roll", "pitch", "yaw"), 0.002)
+    sigma |= {f"w_{a}": 0.003 for a in "xyz"} | {f"f_{a}": 0.05 for a in "xyz"} | {f"v_{a}": 0.03 for a in "ned"}
+    columns = {
+        name: record.context[name] + noise * each * rng.standard_normal(len(record.t)) for name, each in sigma.items()
+    }
+    y = record.y + noise * 0.02 * rng.standard_normal(record.y.shape)
+    return replace(record, y=y, context=record.context.assign(**columns))
+
+
+def _record(craft, rows, wanted, speeds, density, k, name):
     n, count = len(craft.rotors), len(rows)
     q = rows[["q_w", "q_x", "q_y", "q_z"]].to_numpy()
     w, x, y, z = q.T
@@ -141,16 +151,13 @@ def _record(craft, rows, wanted, rng, noise, speeds, density, k, name):
     force = -drag / craft.mass
     force[:, 2] -= (turned**2 @ k) / craft.mass
 
-    def noisy(values, sigma):
-        return values + noise * sigma * rng.standard_normal(count)
-
     context = {
-        "roll": noisy(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), 0.002),
-        "pitch": noisy(np.arcsin(2 * (w * y - x * z)), 0.002),
-        "yaw": noisy(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)), 0.002),
-        **{f"w_{a}": noisy(rows[f"w_{a}"].to_numpy(), 0.003) for a in "xyz"},
-        **{f"f_{a}": noisy(force[:, i], 0.05) for i, a in enumerate("xyz")},
-        **{f"v_{a}": noisy(v[:, i], 0.03) for i, a in enumerate("ned")},
+        "roll": np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        "pitch": np.arcsin(2 * (w * y - x * z)),
+        "yaw": np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+        **{f"w_{a}": rows[f"w_{a}"].to_numpy() for a in "xyz"},
+        **{f"f_{a}": force[:, i] for i, a in enumerate("xyz")},
+        **{f"v_{a}": v[:, i] for i, a in enumerate("ned")},
         "density": np.full(count, density),
         "voltage": np.full(count, craft.drive.voltage_reference),
     }
@@ -165,7 +172,7 @@ def _record(craft, rows, wanted, rng, noise, speeds, density, k, name):
     return Experiment.from_arrays(
         t,
         pwm,
-        np.column_stack([noisy(position[:, i], 0.02) for i in range(3)]),
+        position,
         name=name,
         input_names=[f"m{i + 1}" for i in range(n)],
         output_names=("x", "y", "z"),
