@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from logparse import Geodetic
 from pipeline.results import FlightResult, ModelResult, Prediction, Span
 from reports.numbers import mode_spans
+from sysid import Experiment
 
 #: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.
 MOST_POINTS = 1500
@@ -216,11 +217,35 @@ def motors(result: FlightResult) -> Figure | None:
 
 
 def prediction(result: FlightResult, joint: Sequence[ModelResult] = ()) -> Figure | None:
-    """Draw measured and predicted x, y and z, each with its residual below."""
-    drawn = list(_drawn(result.models, joint))
-    if not drawn:
+    """Draw measured and predicted x, y and z, each with its residual below; nothing without a prediction."""
+    parts = [part for each in (*result.models, *joint) for part in each.predictions]
+    if not parts:
         return None
-    whole = result.experiment or drawn[0].part.experiment
+    return compare(result.experiment or parts[0].experiment, result.models, joint, result.flight)
+
+
+def compare(
+    whole: Experiment,
+    models: Sequence[ModelResult],
+    joint: Sequence[ModelResult] = (),
+    span: Span | None = None,
+    *,
+    measured: bool = True,
+) -> Figure:
+    """Draw free runs beside what was measured.
+
+    Parameters
+    ----------
+    whole : Experiment
+        The flight, whose first sample is the zero of what is drawn.
+    models, joint : sequence of ModelResult
+        Of the flight alone, and of its craft.
+    span : Span, optional
+        The time shown.
+    measured : bool
+        Whether the experiment's outputs were measured; if not, predictions stand alone.
+    """
+    drawn = list(_drawn(models, joint))
     outputs = whole.output_names
     block = 1.0 / len(outputs)
     data: list[Trace] = []
@@ -230,12 +255,13 @@ def prediction(result: FlightResult, joint: Sequence[ModelResult] = ()) -> Figur
         below = str(2 * number + 2)
         top = 1.0 - number * block
         first = number == 0
-        measured = whole.y[:, number]
-        data.append(
-            line(whole.t, measured, "measured", "@ink", width=2.2)
-            | {"yaxis": f"y{main}", "legendgroup": "measured", "showlegend": first}
-        )
-        shown = [measured]
+        truth = whole.y[:, number] if measured else drawn[0].part.y_hat[:, number]
+        if measured:
+            data.append(
+                line(whole.t, truth, "measured", "@ink", width=2.2)
+                | {"yaxis": f"y{main}", "legendgroup": "measured", "showlegend": first}
+            )
+        shown = [truth]
         for run in drawn:
             part = run.part
             offset = _alignment(whole, part, number)
@@ -245,25 +271,29 @@ def prediction(result: FlightResult, joint: Sequence[ModelResult] = ()) -> Figur
             for values, name, axis, width in (
                 (y_hat, run.name, main, 1.6),
                 (y - y_hat, f"residual, {run.name}", below, 1.2),
-            ):
+            )[: 2 if measured else 1]:
                 run_line = line(part.experiment.t, values, name, run.color, width=width)
                 run_line["line"]["dash"] = run.dash
                 legend = first and axis == main and run.first
                 data.append(run_line | {"yaxis": f"y{axis}", "showlegend": legend} | style)
             shown.append(y_hat)
         axes[f"yaxis{main}"] = {
-            "domain": [top - block * 0.60, top],
+            "domain": [top - block * (0.60 if measured else 0.90), top],
             "title": {"text": f"{output} (m)"},
-            "range": _readable_range(measured, shown),
+            "range": _readable_range(truth, shown),
         }
+        if not measured:
+            continue
         axes[f"yaxis{below}"] = {
             "domain": [top - block * 0.90, top - block * 0.65],
             "title": {"text": "residual (m)", "font": {"size": 10}},
             "nticks": 4,
             "zeroline": True,
         }
-    axes["xaxis"] = _time_axis(_margin(result.flight)) | {"anchor": f"y{2 * len(outputs)}"}
-    held = next((run.part for run in drawn if run.own and not run.part.training), None)
+    last = 2 * len(outputs) - (0 if measured else 1)
+    axes["xaxis"] = _time_axis(_margin(span)) | {"anchor": f"y{last}" if last > 1 else "y"}
+    split = any(run.own and run.part.training for run in drawn)
+    held = next((run.part for run in drawn if split and run.own and not run.part.training), None)
     bands = [] if held is None else [_band(held.span, "@held", 0.10)]
     labels = [] if held is None else [_band_label(held.span, "held out")]
     layout = layout_of(**axes, shapes=bands, annotations=labels)
@@ -271,6 +301,8 @@ def prediction(result: FlightResult, joint: Sequence[ModelResult] = ()) -> Figur
     caption = (
         "Position x (north), y (east) and z (up) as measured, and as the models predict it from their inputs and the "
         "initial state alone; below each its residual."
+        if measured
+        else "Position as the models predict it from the inputs, from rest."
     )
     if held is not None:
         caption += " Judge a flight’s own models by the shaded part, which the fit has not seen."

@@ -7,6 +7,7 @@ import gzip
 import json
 from collections.abc import Sequence
 from functools import cache
+from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 from urllib.parse import quote
@@ -53,7 +54,7 @@ def flight_page(
         sentences=summary.sentences(numbers),
         verdicts=views.verdicts(numbers["models"]),
         missing=views.missing_stages(numbers),
-        rmse=views.flight_rmse(numbers, [facts for _, facts in joint]),
+        rmse=views.flight_rmse(numbers["models"], [facts for _, facts in joint]),
         horizons=views.horizons(numbers["models"]),
         judgements=judgements(numbers["models"]),
         thrust=thrust_coefficients(numbers["thrust"], numbers["missing"]),
@@ -121,6 +122,7 @@ def failed_page(error: Exception) -> str:
 
 
 def _render(template: str, figures: Sequence[Figure], **view: Any) -> str:
+    """Fill a template in, with the figures that it shows and whatever else it names."""
     drawn = [
         {"id": figure.id, "data": figure.data, "layout": figure.layout, "height": figure.height, "time": figure.time}
         for figure in figures
@@ -130,6 +132,7 @@ def _render(template: str, figures: Sequence[Figure], **view: Any) -> str:
         .get_template(template)
         .render(
             figures=figures,
+            rotorid=version("rotorid"),
             figures_json=script_json(drawn),
             plotly=_packed_plotly() if figures else "",
             style=Markup(_text("style.css")),

@@ -31,7 +31,7 @@ def numbers_of(result: FlightResult | FleetResult) -> Numbers:
 def flight_numbers(result: FlightResult) -> Numbers:
     """Gather what is known of one log; whatever is not finite becomes None."""
     models = [
-        _model_result(each, "own", "the held-out last part of the flight", flight=result.name) for each in result.models
+        model_numbers(each, "own", "the held-out last part of the flight", flight=result.name) for each in result.models
     ]
     return plain(
         {
@@ -42,7 +42,7 @@ def flight_numbers(result: FlightResult) -> Numbers:
             "vehicle": _vehicle(result.log.vehicle),
             "flight": _flight(result),
             "config": _config(result),
-            "verdict": _overall(models),
+            "verdict": overall(models),
             "rmse": [row for model in models for row in model["rmse"]],
             "models": models,
             "thrust": None if result.thrust is None else result.thrust.to_dict(),
@@ -109,7 +109,7 @@ def _models(name: str, result: FlightResult | GroupResult) -> Numbers:
     }
 
 
-def _model_result(
+def model_numbers(
     result: ModelResult, scope: str, unseen: str, flight: str | None = None, craft: str | None = None
 ) -> Numbers:
     """Gather one of several models with what it is worth; `unseen` says in words what judged it."""
@@ -131,7 +131,7 @@ def _model_result(
     }
 
 
-def _overall(models: Sequence[Numbers]) -> Numbers:
+def overall(models: Sequence[Numbers]) -> Numbers:
     """Sum the verdicts up over all models that there are."""
     verdicts = {
         model["title"]: Verdict(Trust(model["verdict"]["trust"]), model["verdict"]["sentence"])
@@ -255,7 +255,7 @@ def _rmse_rows(result: ModelResult, scope: str, flight: str | None, craft: str |
 
 def _group(group: GroupResult) -> Numbers:
     models = [
-        _model_result(each, "joint", "flights that it was not fitted to", craft=group.name) for each in group.models
+        model_numbers(each, "joint", "flights that it was not fitted to", craft=group.name) for each in group.models
     ]
     return {
         "name": group.name,
@@ -263,7 +263,7 @@ def _group(group: GroupResult) -> Numbers:
         "training": list(group.training),
         "held_out": list(group.held_out),
         "split": group.split,
-        "verdict": _overall(models),
+        "verdict": overall(models),
         "rmse": [row for model in models for row in model["rmse"]],
         "models": models,
         "thrust": None if group.thrust is None else group.thrust.to_dict(),

@@ -34,10 +34,7 @@ def missing_stages(numbers: Numbers) -> list[tuple[str, str]]:
 
 
 def verdicts(models: Sequence[Numbers]) -> list[View]:
-    """Give every model's verdict for the top of a page; none for a single model, whose verdict stands there anyway."""
-    there = [result for result in models if result["model"] is not None]
-    if len(there) < 2:
-        return []
+    """Give every model's verdict for the top of a page."""
     return [
         {
             "title": result["title"],
@@ -46,7 +43,8 @@ def verdicts(models: Sequence[Numbers]) -> list[View]:
             "word": summary.TRUST_WORDS[result["verdict"]["trust"]],
             "sentence": result["verdict"]["sentence"],
         }
-        for result in there
+        for result in models
+        if result["model"] is not None
     ]
 
 
@@ -58,31 +56,35 @@ def _rmse_lines(rows: Iterable[Numbers]) -> list[list[str]]:
     return [list(cells) for cells in zip(*columns, strict=True)]
 
 
-def flight_rmse(numbers: Numbers, joint: Sequence[Numbers]) -> View | None:
-    """Lay out what the flight's own models and the joint ones achieve on it, beside guesses without a model.
+def flight_rmse(
+    own: Sequence[Numbers], others: Sequence[Numbers], whose: str = "the joint models of the craft"
+) -> View | None:
+    """Lay out what the flight's own models and those of others achieve on it, beside guesses without a model.
 
     Parameters
     ----------
-    numbers : dict
-        Of the flight.
-    joint : sequence of dict
-        Models of the craft, with their RMSE rows of this flight only.
+    own : sequence of dict
+        Models of this flight.
+    others : sequence of dict
+        Models fitted elsewhere, with their RMSE rows of this flight only.
+    whose : str
+        What the others are.
     """
     lines: list[tuple[str, str, Numbers | None]] = []
-    own = [(result["title"], row) for result in numbers["models"] for row in result["rmse"]]
+    parted = [(result["title"], row) for result in own for row in result["rmse"]]
     parts = {"held-out": "Last {}: held out, not used in the fit", "training": "First {}: fitted"}
     for part in parts:
-        rows = [(title, row) for title, row in own if row["part"] == part]
+        rows = [(title, row) for title, row in parted if row["part"] == part]
         if rows:
             lines.append(("part", parts[part].format(duration(rows[0][1]["duration_s"])), None))
             lines += [("", title, row) for title, row in rows]
             if part == "held-out":
                 lines += _guesses(rows[0][1])
-    judged = [(result["title"], row) for result in joint for row in result["rmse"]]
+    judged = [(result["title"], row) for result in others for row in result["rmse"]]
     for part, said in (("held-out", "which have not seen it"), ("training", "which were fitted to it too")):
         rows = [(title, row) for title, row in judged if row["part"] == part]
         if rows:
-            lines.append(("part", f"Whole flight, by the joint models of the craft, {said}", None))
+            lines.append(("part", f"Whole flight, by {whose}, {said}", None))
             lines += [("", title, row) for title, row in rows]
             lines += _guesses(rows[0][1])
     if not lines:

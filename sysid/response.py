@@ -319,7 +319,8 @@ def free_run(
     initial_energy : float
         Energy that the response to the initial state of one denominator is expected to have, in squared units times s.
     initial : ndarray, shape (1 + integrators + n groups,), optional
-        The polynomial in time (`trends`) and the coefficients of the normalised initial responses, power-major.
+        The polynomial in time (`trends`) and the coefficients of the normalised initial responses, power-major; empty
+        for a start at rest.
     delays : sequence of float, optional
         Of each input, s.
 
@@ -342,6 +343,8 @@ def free_run(
     for lane, j in enumerate(active):
         b = numerators[j][::-1] / system.unit[lane] ** (orders[lane] - np.arange(len(numerators[j])))
         forced += states[:, : len(b), lane] @ b
+    if initial is not None and initial.size == 0:
+        return forced
     if shared:
         system = system.first()
     free = system.free(samples, sensitivities=False)[:, system.integrators :]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -185,7 +185,7 @@ class TransferFunctionModel:
         `sysid.response.free_run`.
     initial_states : mapping
         ``[record][output]``: offset and initial response of each training record as the fit found them, from which
-        `simulate` starts such a record.
+        `simulate` starts such a record; empty for one that starts at rest.
     reports : mapping
         For each output, how the fit went.
     training : tuple of str
@@ -259,6 +259,11 @@ class TransferFunctionModel:
             residual = experiment.y[:, column] - simulated[:, column]
             result[:, column] += self.disturbance[output].predict(residual, experiment.dt, steps)
         return result
+
+    def from_rest(self, name: str) -> TransferFunctionModel:
+        """Give the model with the record of this name starting at rest at its output trim, for outputs not measured."""
+        states = dict.fromkeys(self.output_names, np.zeros(0))
+        return replace(self, initial_states={**self.initial_states, name: states})
 
     def to_dict(self) -> dict[str, Any]:
         """Give the model as numbers and text for JSON."""
