@@ -409,7 +409,10 @@ def _bounded_step(problem: Problem, point: Point, hessian: Floats, gradient: Flo
 
 
 def _by_delay(problem: Problem, point: Point, u: Floats, states: Floats) -> Floats:
-    """Differentiate by the delays in samples: minus the time derivative of each input's response; shape (N, m)."""
+    """Differentiate by the delays in samples; shape (N, m).
+
+    That is minus the time derivative of each input's response, but for what starts at rest when the record begins.
+    """
     system, m = point.system, len(problem.group)
     newer, older = delayed(u, problem.dt, point.delays), delayed(u, problem.dt, point.delays, 1)
     _, part = whole_and_part(point.delays, problem.dt)
@@ -424,7 +427,11 @@ def _by_delay(problem: Problem, point: Point, u: Floats, states: Floats) -> Floa
             elif power < order:
                 rates[:order, j] += value * system.unit[g] * system.a[g, :order]
                 direct[j] -= value * system.unit[g]
-    return problem.dt * np.asarray(np.einsum("tkm,km->tm", states[:, : problem.order], rates) + acting * direct)
+    result = np.einsum("tkm,km->tm", states[:, : problem.order], rates) + acting * direct
+    for j, g in enumerate(problem.group):
+        impulse = point.free[: len(u), : problem.numerators, g] @ point.numerators[:, j]
+        result[:, j] += u[0, j] * system.unit[g] * impulse
+    return problem.dt * np.asarray(result)
 
 
 def initial_prior(problem: Problem, system: Discretised) -> Floats:

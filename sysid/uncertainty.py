@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from sysid.covariance import autocovariance, coloured_information
+import numpy as np
+from scipy.signal import lfilter
+
+from sysid.covariance import coloured_information
 from sysid.experiment import Floats
 from sysid.separable import Point, Problem, reduced_information, sensitivities
 
-#: Lags of the residual's autocovariance, s.
-COLOUR_SECONDS = 20.0
+#: An autocovariance ends where it stays below this part of the variance.
+FADED = 1e-4
 
 
 def parameter_covariance(problem: Problem, point: Point) -> Floats:
@@ -38,6 +41,49 @@ def effective_parameters(problem: Problem, point: Point) -> float:
     return float(np.sum(inverse * filling)) / max(variance, 1e-300)
 
 
+def residual_colour(residuals: Sequence[Floats]) -> Floats:
+    """Estimate the autocovariance of residuals by an autoregressive model whose order Akaike's criterion chooses.
+
+    A fit takes out of its residuals just what resembles its regressors. A sample autocovariance over many lags shows
+    that hole in the spectrum and promises errors that are too small, worst for models that integrate; a model of the
+    few orders that white or wind-blown residuals need passes over it (den Haan and Levin 1997).
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (N_r,)
+
+    Returns
+    -------
+    ndarray, shape (lags,)
+        From lag 0 until it has faded.
+    """
+    samples, longest = sum(map(len, residuals)), max(map(len, residuals))
+    highest = min(round(10.0 * np.log10(samples)), min(map(len, residuals)) // 4)
+    gamma = np.array([sum(r[k:] @ r[: len(r) - k] for r in residuals) for k in range(highest + 1)]) / samples
+    if gamma[0] <= 0.0:
+        return gamma[:1]
+    # Levinson's recursion gives the models of all orders.
+    a, variance = np.zeros(0), float(gamma[0])
+    best = (samples * np.log(variance), a)
+    for order in range(1, highest + 1):
+        reflection = -(gamma[order] + a @ gamma[order - 1 : 0 : -1]) / variance
+        a = np.concatenate([a + reflection * a[::-1], [reflection]])
+        variance *= 1.0 - reflection**2
+        if variance <= 1e-12 * gamma[0]:
+            break
+        best = min(best, (samples * np.log(variance) + 2.0 * order, a), key=lambda one: one[0])
+    a = best[1]
+    order = len(a)
+    if order == 0:
+        return gamma[:1]
+    # Beyond its order the model's autocovariance follows its own difference equation.
+    past = [-sum(a[i] * gamma[order + j - i] for i in range(j, order)) for j in range(order)]
+    following = lfilter([1.0], np.concatenate([[1.0], a]), np.zeros(longest), zi=np.array(past))[0]
+    whole = np.concatenate([gamma[: order + 1], following])[:longest]
+    lasting = np.flatnonzero(np.abs(whole) > FADED * gamma[0])
+    return np.asarray(whole[: lasting[-1] + 1])
+
+
 def _sandwich(problem: Problem, point: Point) -> tuple[Floats, Floats, Floats, float]:
     """Inverse of H and M, both scaled to a unit diagonal of H; the scale, and the residual's variance."""
     jacobians = sensitivities(problem, point)
@@ -48,11 +94,9 @@ def _sandwich(problem: Problem, point: Point) -> tuple[Floats, Floats, Floats, f
         rest = np.hstack([z[:, locals_:-1], jacobian])
         along = np.hstack([gram[:locals_, locals_:-1], z[:, :locals_].T @ jacobian])
         reduced.append(rest - z[:, :locals_] @ np.linalg.solve(gram[:locals_, :locals_] + point.prior, along))
-    lags = max(round(COLOUR_SECONDS / problem.dt), 2)
-    lags = min(lags, max(min(len(y) for y in problem.outputs) // 4, 2))
     estimated = np.diag(information) > 0.0
     freedom = max(problem.samples - int(estimated.sum()), 1)
-    colour = autocovariance(point.residuals, lags) * problem.samples / freedom
+    colour = residual_colour(point.residuals) * problem.samples / freedom
     size = np.where(estimated, 1.0 / np.sqrt(np.where(estimated, np.diag(information), 1.0)), 0.0)
     # A trace of white prior keeps directions without information finite, and their covariance huge.
     trace = 1e-11 * np.eye(len(size))
