@@ -95,15 +95,15 @@ def test_standard_errors_hold_for_coloured_residuals():
     from scipy.signal import lfilter
 
     systems, normalised = {"y": TRUE["y1"][:1]}, []
-    for seed in range(12):
+    for seed in range(30):
         record = simulated_record(100 + seed, samples=1000, noise=0.0, systems=systems)
         noise = lfilter([0.015], [1.0, -0.95], np.random.default_rng(seed).standard_normal((1000, 1)), axis=0)
         record = Experiment.from_arrays(record.t, record.u, record.y + noise, input_trim=[1500.0])
         function = fit_transfer_functions([record], POLES, ZEROS, ridge=0.0).transfer_functions["y1"]["u1"]
         error = np.concatenate([function.num, function.den[1:]]) - true_parameters("y1", "u1")
-        normalised.append((error / function.standard_deviation) ** 2)
-    # 60 squares with mean 1; correlated within a record, so allow a factor of two.
-    assert 0.4 < np.mean(normalised) < 2.5
+        normalised.append(error @ np.linalg.solve(function.covariance, error) / 5.0)
+    # 30 chi-squares of 5 degrees of freedom: mean 1, deviation 0.12, and the colour itself is estimated.
+    assert 0.5 < np.mean(normalised) < 1.8
 
 
 def test_poles_are_stable_even_for_noise():
