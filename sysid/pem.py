@@ -262,7 +262,8 @@ def _fit_output(
     report = _report(found, y, scale, task, time.monotonic() - begun)
     functions, undetermined = _transfer_functions(found, excitation, active, scale, records[0].input_names)
     report = replace(report, undetermined=undetermined)
-    initial_energy = expected_energy(longest, found.problem.groups) * scale**2
+    # The energy of initial responses that the fit assumed, which a free run assumes again.
+    initial_energy = max(report.rmse, 1e-9) ** 2 / found.problem.initial
     residuals = []
     for record, values in zip(records, y, strict=True):
         simulated = free_run(

@@ -13,6 +13,7 @@ from sysid.regularisation import RIDGES, Division, choose_ridge, divide
 from sysid.sections import Band, take
 from sysid.separable import Descent, Point, Problem, descend, solve
 from sysid.srivc import srivc
+from sysid.starts import likeliest_initial, separate
 from sysid.uncertainty import effective_parameters
 
 #: Prior size of the response to the initial state, in standard deviations of the output: records begin near hover. Own
@@ -27,6 +28,19 @@ FIRST_RESIDUAL = 0.1
 
 #: Steps for comparing starts, and steps at most for the one that is followed to the end.
 SCOUT_STEPS, MOST_STEPS = 10, 60
+
+#: Rounds of steps from separated channels, each followed by the choice of the initial responses' weight.
+SETTLING = 5
+
+#: Regularisation of own denominators that many data determine. Relative to the information in the data, the noise may
+#: be as little as a millionth of the output's variance, and initial states would make up for what a ridge takes away.
+NEXT_TO_NONE = 1e-10
+
+#: Part of the time that may be spent on separated channels.
+CHANNELS_PART = 0.7
+
+#: Separated channels are good where they leave at most this many times the variance that shared modes leave.
+WORTHWHILE = 1.1
 
 #: Regularisation is not looked for where the errors of the parameters cost less than this part of the squared residual:
 #: it could not win more than that whole cost.
@@ -101,7 +115,13 @@ def search(common: Problem, plan: Plan, rng: np.random.Generator, deadline: floa
     report : callable
     """
     own = plan.own and len(common.group) > 1
-    steps = 0
+    steps, by_channel = 0, None
+    if own:
+        report("own denominators, channel by channel", 0.0)
+        by_channel, good = _from_channels(common, plan, rng, deadline)
+        if by_channel is not None and good:
+            return by_channel
+        steps = by_channel.steps if by_channel is not None else 0
     if plan.ridge is not None:
         division = Division(common, ())
     else:
@@ -119,7 +139,10 @@ def search(common: Problem, plan: Plan, rng: np.random.Generator, deadline: floa
     seen = replace(division.seen, delays=_delays(best.point))
     if own:
         seen = _with_own(seen, plan)
-        best, more = _best_of(seen, own_starts(seen, best.point.theta[0], plan.starts, rng), deadline, report)
+        thetas = own_starts(seen, best.point.theta[0], plan.starts, rng)
+        if by_channel is not None:
+            thetas.append(by_channel.descent.point.theta)
+        best, more = _best_of(seen, thetas, deadline, report)
         steps += more
     seen = replace(seen, initial=_initial(common, seen.groups, best.point), delays=_delays(best.point))
     problem = replace(seen, inputs=common.inputs, outputs=common.outputs)
@@ -131,6 +154,32 @@ def search(common: Problem, plan: Plan, rng: np.random.Generator, deadline: floa
     report("refinement", 0.9)
     descent = descend(problem, theta, MOST_STEPS, deadline, delays)
     return Found(problem, descent, steps + descent.iterations)
+
+
+def _from_channels(common: Problem, plan: Plan, rng: np.random.Generator, deadline: float) -> tuple[Found | None, bool]:
+    """Fit own denominators from channels that were fitted each by itself; None where the data are too few for that.
+
+    Also whether no more is left than the modes shared by all channels leave. The data are then many, and explained:
+    other starts and regularisation could win nothing.
+    """
+    problem = _with_own(replace(common, ridge=NEXT_TO_NONE if plan.ridge is None else plan.ridge), plan)
+    now = time.monotonic()
+    limit = now + CHANNELS_PART * (deadline - now)
+    separated = None if problem.delay_parameters else separate(problem, _starting_band(problem), rng, limit)
+    if separated is None:
+        return None, False
+    problem, theta, steps = replace(problem, initial=separated.initial), separated.theta, 0
+    for _ in range(SETTLING):
+        descent = descend(problem, theta, MOST_STEPS, limit)
+        theta, steps = descent.point.theta, steps + descent.iterations
+        weakest = _initial(common, problem.groups, descent.point)
+        initial = likeliest_initial(problem, descent.point, weakest)
+        # The variance of the residual moves the candidates a little: that alone is no reason to go on.
+        if abs(np.log(initial / problem.initial)) < 1.0 or time.monotonic() > limit:
+            break
+        problem = replace(problem, initial=initial)
+    variance = float(np.mean(np.concatenate(descent.point.residuals) ** 2))
+    return Found(problem, descent, steps), variance < WORTHWHILE * separated.variance
 
 
 def own_starts(problem: Problem, common: Floats, starts: int, rng: np.random.Generator) -> list[Floats]:
