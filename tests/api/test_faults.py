@@ -167,7 +167,10 @@ def test_what_died_in_the_middle_of_an_upload_leaves_nothing(tmp_path: Path) -> 
     service = Service(tmp_path / "data")
     with socket.create_connection(("127.0.0.1", service.port)) as connection:
         body = b'--b\r\nContent-Disposition: form-data; name="file"; filename="a"\r\n\r\n' + bytes(3_000_000)
-        head = f"POST /api/v1/logs HTTP/1.1\r\nHost: x\r\nContent-Type: multipart/form-data; boundary=b\r\nContent-Length: {len(body) + 1000}\r\n\r\n"
+        head = (
+            "POST /api/v1/logs HTTP/1.1\r\nHost: x\r\nContent-Type: multipart/form-data; boundary=b\r\n"
+            f"Content-Length: {len(body) + 1000}\r\n\r\n"
+        )
         connection.sendall(head.encode() + body)
         wait_until(lambda: any((service.data / "incoming").iterdir()), 30.0)
         service.kill()
