@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from logparse import Finding, MissingDataError, Severity
+from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.context import flight_context, has_pressure, resample_frame
 from sysid.experiment import MIN_SAMPLES, Experiment, Floats
 from sysid.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
+from sysid.mixer import project, rounding
 from sysid.resampling import resample
 
 if TYPE_CHECKING:
@@ -22,6 +23,9 @@ LONGEST_GAP = 1.0
 
 #: An input known for less than this part of the flight is left out, so that it does not take the others with it.
 KNOWN = 0.5
+
+#: Commands that move by less than this many standard deviations of their rounding are mostly rounding.
+ABOVE_ROUNDING = 2.0
 
 #: Input sets that are the sums of several signals: one of them missing is all missing.
 _WHOLE = ("mixer", "rate_outputs", "reference", "velocity_reference")
@@ -73,6 +77,8 @@ def record_flight(
                 {"density": float(context["density"].mean())},
             )
         )
+    if inputs in ("motors", "mixer"):
+        more += _rounded(log.tables.motors, log.vehicle, start, stop)
     motion, unit = _motion(states, outputs, turned=frame == "heading" and inputs == "motors")
     y = resample_frame(motion, t)
     if outputs == "position":
@@ -92,6 +98,35 @@ def record_flight(
         vehicle=log.vehicle,
         findings=(*source.findings, *findings, *more),
     )
+
+
+def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float, stop: float) -> list[Finding]:
+    """Say which commands of the mixer drown in the rounding of PWM to whole microseconds."""
+    if motors is None or vehicle is None:
+        return []
+    flown = motors.loc[start:stop].dropna(how="any")
+    try:
+        noise = rounding(flown, vehicle)
+        moved = project(flown, vehicle, None).std(ddof=0)
+    except MissingDataError:  # no frame, or motors without an output, which is told elsewhere
+        return []
+    drowned = [name for name, sigma in noise.items() if 0.0 < float(moved[name]) < ABOVE_ROUNDING * sigma]
+    if not drowned:
+        return []
+    return [
+        Finding(
+            "commands-below-rounding",
+            Severity.WARNING,
+            f"the command{'s' if len(drowned) > 1 else ''} {', '.join(drowned)} hardly show in the motor outputs: "
+            + ", ".join(f"{100.0 * float(moved[name]):.2g}" for name in drowned)
+            + " % of full thrust (standard deviation), of which rounding PWM to 1 us alone makes "
+            + ", ".join(f"{100.0 * noise[name]:.2g}" for name in drowned)
+            + " %; their effect on the craft cannot be told from motor outputs",
+            "fly with more roll and pitch, or use the rate controller's outputs (RATE messages)",
+            {f"moved_{name}": float(moved[name]) for name in drowned}
+            | {f"rounding_{name}": noise[name] for name in drowned},
+        )
+    ]
 
 
 def _motion(states: pd.DataFrame, outputs: str, *, turned: bool) -> tuple[pd.DataFrame, str]:

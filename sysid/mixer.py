@@ -46,6 +46,44 @@ def project(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> p
     MissingDataError
         When the frame is unknown, or motors of it have no output.
     """
+    names, made, allocation = _allocation(motors, vehicle)
+    command = np.clip(motor_commands(motors[names].to_numpy(np.float64), vehicle), 0.0, 1.0)
+    if voltage is not None and vehicle.battery_voltage_max > 0.0:
+        command = command * (voltage / vehicle.battery_voltage_max)[:, None]
+    thrust = curve(command, vehicle.thrust_expo)
+    return pd.DataFrame(thrust @ np.linalg.pinv(allocation).T, index=motors.index, columns=made)
+
+
+def rounding(motors: pd.DataFrame, vehicle: Vehicle) -> dict[str, float]:
+    """Give the standard deviation that rounding PWM to 1 us leaves in each command of the mixer.
+
+    Parameters
+    ----------
+    motors : DataFrame
+        PWM in us, as for `project`.
+    vehicle : Vehicle
+
+    Returns
+    -------
+    dict of str to float
+        In parts of a motor's full thrust; nothing where PWM is not in whole microseconds.
+    """
+    names, made, allocation = _allocation(motors, vehicle)
+    pwm = motors[names].to_numpy(np.float64)
+    pwm = pwm[np.isfinite(pwm).all(axis=1)]
+    if not len(pwm) or np.any(pwm != np.round(pwm)):
+        return {}
+    middle = pwm.mean(axis=0)
+    slope = curve(motor_commands(middle + 0.5, vehicle), vehicle.thrust_expo) - curve(
+        motor_commands(middle - 0.5, vehicle), vehicle.thrust_expo
+    )
+    # Of a uniform error between -0.5 and 0.5 us.
+    noise = np.linalg.norm(np.linalg.pinv(allocation) * slope, axis=1) / np.sqrt(12.0)
+    return dict(zip(made, map(float, noise), strict=True))
+
+
+def _allocation(motors: pd.DataFrame, vehicle: Vehicle) -> tuple[list[str], list[str], Floats]:
+    """Motors, commands that they make, and the factors of these commands, (motors, commands)."""
     if not vehicle.motors:
         raise MissingDataError(
             "the frame is unknown, so that motors cannot be projected on thrust, roll, pitch and yaw; "
@@ -70,8 +108,4 @@ def project(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> p
         raise MissingDataError(
             f"the motors of a {vehicle.frame_class} do not make {', '.join(made)} independently of one another"
         )
-    command = np.clip(motor_commands(motors[names].to_numpy(np.float64), vehicle), 0.0, 1.0)
-    if voltage is not None and vehicle.battery_voltage_max > 0.0:
-        command = command * (voltage / vehicle.battery_voltage_max)[:, None]
-    thrust = curve(command, vehicle.thrust_expo)
-    return pd.DataFrame(thrust @ np.linalg.pinv(allocation).T, index=motors.index, columns=made)
+    return names, made, allocation

@@ -9,6 +9,7 @@ import pytest
 
 from estimation import estimate
 from logparse import Geodetic, MissingDataError, Tables, Vehicle, read_log
+from logparse.frames import motor_table
 from logparse.tables import COLUMNS
 from sysid import Experiment
 from sysid.excitation import coherence
@@ -211,6 +212,18 @@ def test_what_is_missing_is_named_with_the_way_to_log_it(tables, inputs, words):
 def test_unknown_words_are_refused(arguments):
     with pytest.raises(ValueError, match="must be one of"):
         Experiment.from_flight(*made(), **arguments)
+
+
+def test_commands_that_drown_in_the_rounding_of_pwm_are_told():
+    """Thrust moves an X quad by tens of microseconds; roll by a few tenths, which rounding hides."""
+    vehicle = Vehicle(frame_class="quad", frame_type="x", motors=motor_table("quad", "x", {}))
+    thrust = 1500.0 + 20.0 * np.sin(0.5 * T)
+    roll = {motor.number: np.sign(motor.roll) for motor in vehicle.motors}
+    outputs = {f"m{k}": np.round(thrust + 0.2 * roll[k] * np.sin(T)) for k in roll}
+    log, trajectory = made(Tables(motors=frame(T, **outputs)), vehicle=vehicle)
+    for kind in ("motors", "mixer"):
+        told = {each.id: each for each in Experiment.from_flight(log, trajectory, inputs=kind).findings}
+        assert told["commands-below-rounding"].reason.startswith("the command roll hardly")
 
 
 @cache

@@ -6,7 +6,7 @@ import pytest
 
 from logparse import MissingDataError, Vehicle
 from logparse.frames import motor_table
-from sysid.mixer import project
+from sysid.mixer import project, rounding
 
 COMMANDS = {"thrust": (0.4, 0.05), "roll": (0.0, 0.04), "pitch": (0.01, 0.04), "yaw": (0.0, 0.06)}
 
@@ -84,3 +84,14 @@ def test_what_is_missing_is_named():
         project(motors.drop(columns="m3"), vehicle, None)
     with pytest.raises(MissingDataError, match="FRAME_CLASS"):
         project(motors, Vehicle(), None)
+
+
+@pytest.mark.parametrize("frame_class", ["quad", "octa"])
+def test_rounding_to_a_microsecond_leaves_the_noise_it_says(frame_class):
+    vehicle = craft(frame_class, "x")
+    wanted, motors = mixed(vehicle, samples=4000)
+    found = project(motors.round(), vehicle, None)
+    said = rounding(motors.round(), vehicle)
+    for name, sigma in said.items():
+        assert np.std(found[name] - wanted[name]) == pytest.approx(sigma, rel=0.1)
+    assert rounding(motors, vehicle) == {}
