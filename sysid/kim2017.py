@@ -39,6 +39,7 @@ from sysid.thrust_regression import (
     mass_unknown,
     unknown_air,
     vehicle_of,
+    weak_motors,
 )
 
 #: Length of the windows, s: several periods of the attitude loops, short against the drift of open-loop rates.
@@ -312,6 +313,7 @@ def fit_kim2017(
     explained = {**best.explained, **({} if torque is None else {"w_z": torque.explained})}
     if not rotation:
         findings.append(too_slow("Kim 2017", data[0].source))
+    findings += weak_motors(per_motor, air)
     findings += _remarks(per_motor, torque, rotation, mass, known, bench)
     return Kim2017Model(
         name=f"Kim 2017, output error, thrust by {law}",

@@ -30,6 +30,7 @@ from sysid.thrust_curve import (
 )
 from sysid.thrust_regression import (
     Blocks,
+    Regression,
     ThrustCoefficient,
     air_sigma_of,
     blocks_of,
@@ -43,6 +44,7 @@ from sysid.thrust_regression import (
     uneven_motors,
     unknown_air,
     vehicle_of,
+    weak_motors,
 )
 
 #: ESC speeds must leave this many times the command's residual, or more, to be no rotor speeds.
@@ -56,9 +58,6 @@ VARYING = 0.03
 
 #: Standard error above which the curvature of the thrust curve is not determined.
 EXPO_DETERMINED = 0.15
-
-#: A motor whose thrust at the same signal is this much below the mean is weak, if by three standard errors.
-WEAK = 0.15
 
 #: Rates at which the lag can be seen at all, Hz, and the longest lag looked for, s.
 LAG_RATE, LONGEST_LAG = 20.0, 0.5
@@ -197,11 +196,11 @@ def fit_rotor(experiments: Sequence[Experiment], mass: float | None = None) -> R
     common = coefficient(
         float(together.values[0]), max(float(together.sigma[0]), scatter_between(sums, blocks)), air, mass
     )
-    per_motor, weak = _per_motor(motors, blocks, air, mass, float(together.values[0]))
+    per_motor = _per_motor(motors, blocks, air, mass)
     regressors = np.vstack([block.thrust for block in blocks])
     means = regressors.mean(axis=0)
     findings += [
-        *weak,
+        *weak_motors(per_motor, air),
         *uneven_motors({m: float(part) for m, part in zip(motors, means / means.mean(), strict=True)}),
     ]
     lag = _lag(records, vehicle, voltage, law, thrust_expo)
@@ -228,8 +227,19 @@ def _with_climb(thrust: Floats, block: Blocks) -> Floats:
     return np.hstack([thrust, block.climb[:, None]])
 
 
-def _fit(blocks: Sequence[Blocks]) -> Any:
-    return regress([_with_climb(b.thrust.sum(axis=1, keepdims=True), b) for b in blocks], [b.force for b in blocks])
+def _rows(block: Blocks, apart: bool) -> Floats:
+    return _with_climb(block.thrust if apart else block.thrust.sum(axis=1, keepdims=True), block)
+
+
+def _fit(blocks: Sequence[Blocks], apart: bool = False) -> Regression:
+    return regress([_rows(block, apart) for block in blocks], [block.force for block in blocks])
+
+
+def _condition(blocks: Sequence[Blocks]) -> float:
+    """Condition number of the motors' signals, scaled."""
+    signals = np.vstack([block.thrust for block in blocks])
+    size = np.linalg.norm(signals, axis=0)
+    return float(np.linalg.cond(signals / np.where(size > 0.0, size, 1.0))) ** 2
 
 
 def _choose(records: Sequence[Experiment], vehicle: Vehicle, rmse: Mapping[Law, float]) -> tuple[Law, list[Finding]]:
@@ -306,22 +316,24 @@ def _slow(records: Sequence[Experiment], vehicle: Vehicle, law: Law) -> list[Fin
 
 def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Constant:
     """Find the curvature by variable projection, with its standard error from the full linearisation."""
+    # Unlike motors would bend a common curve: each has its own thrust where signals tell them apart.
+    apart = _condition(blocks_at(start)) < SEPARABLE
 
     def loss(expo: float) -> float:
-        return float(_fit(blocks_at(expo)).rmse)
+        return _fit(blocks_at(expo), apart).rmse
 
     found = minimize_scalar(loss, bounds=(-0.5, 1.5), method="bounded", options={"xatol": 1e-4})
     expo, step = float(found.x), 1e-3
     blocks = blocks_at(expo)
-    values = _fit(blocks).values
+    values = _fit(blocks, apart).values
     above, below = blocks_at(expo + step), blocks_at(expo - step)
     regressors, residuals = [], []
     for block, up, down in zip(blocks, above, below, strict=True):
-        rows = _with_climb(block.thrust.sum(axis=1, keepdims=True), block)
-        slope = values[0] * (up.thrust - down.thrust).sum(axis=1) / (2.0 * step)
+        rows = _rows(block, apart)
+        slope = (_rows(up, apart) - _rows(down, apart)) @ values / (2.0 * step)
         regressors.append(np.hstack([rows, slope[:, None]]))
         residuals.append(block.force - rows @ values)
-    sigma = float(np.sqrt(max(covariance_of(regressors, residuals)[2, 2], 0.0)))
+    sigma = float(np.sqrt(max(covariance_of(regressors, residuals)[-1, -1], 0.0)))
     if not np.isfinite(sigma) or sigma > EXPO_DETERMINED or not -0.45 < expo < 1.45:
         told = f"the standard error is {sigma:.2f}" if np.isfinite(sigma) and sigma < 10.0 else "thrust hardly varies"
         return Constant(None, None, "1", f"{told}, so that the autopilot's curve ({start:g}) is used")
@@ -345,30 +357,22 @@ def _other_curve(expo: float, sigma: float, vehicle: Vehicle) -> list[Finding]:
 
 
 def _per_motor(
-    motors: Sequence[str], blocks: Sequence[Blocks], air: float, mass: float | None, mean: float
-) -> tuple[dict[str, ThrustCoefficient], list[Finding]]:
+    motors: Sequence[str], blocks: Sequence[Blocks], air: float, mass: float | None
+) -> dict[str, ThrustCoefficient]:
     apart = regress([_with_climb(b.thrust, b) for b in blocks], [b.force for b in blocks])
-    signals = np.vstack([block.thrust for block in blocks])
-    size = np.linalg.norm(signals, axis=0)
-    condition = float(np.linalg.cond(signals / np.where(size > 0.0, size, 1.0))) ** 2
+    size = np.linalg.norm(np.vstack([block.thrust for block in blocks]), axis=0)
+    condition = _condition(blocks)
     reason = f"the motors' signals are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
-    result, findings = {}, []
-    for k, motor in enumerate(motors):
-        value, sigma = float(apart.values[k]), float(apart.sigma[k])
-        why = reason or ("the motor never turns" if size[k] == 0.0 else "")
-        result[motor] = coefficient(value, sigma, air, mass, why)
-        if not why and sigma < WEAK * mean and mean - value > max(WEAK * mean, 3.0 * sigma):
-            findings.append(
-                Finding(
-                    "weak-motor",
-                    Severity.WARNING,
-                    f"motor {motor} gives {100.0 * (1.0 - value / mean):.0f} % less thrust than the mean motor at the "
-                    "same signal",
-                    "check propeller and motor",
-                    {"motor": motor, "ratio": value / mean},
-                )
-            )
-    return result, findings
+    return {
+        motor: coefficient(
+            float(apart.values[k]),
+            float(apart.sigma[k]),
+            air,
+            mass,
+            reason or ("the motor never turns" if size[k] == 0.0 else ""),
+        )
+        for k, motor in enumerate(motors)
+    }
 
 
 def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, law: Law, expo: float) -> Constant:

@@ -27,6 +27,9 @@ AIR_SIGMA = 10.0 / 288.15
 #: the root mean square error for altitudes equally likely from 0 to 2000 m is 18 % over the root of three.
 UNKNOWN_AIR_SIGMA = 0.11
 
+#: A motor whose thrust at the same signal is this much below the mean of all is weak, if by three standard errors.
+WEAK = 0.15
+
 #: A motor that works this much more or less than the mean of all is worth a finding.
 UNEVEN = 0.15
 
@@ -221,6 +224,37 @@ def uneven_motors(effort: Mapping[str, float]) -> list[Finding]:
         )
         for motor, part in effort.items()
         if abs(part - 1.0) > UNEVEN
+    ]
+
+
+def weak_motors(per_motor: Mapping[str, ThrustCoefficient], air: float) -> list[Finding]:
+    """Name motors that give less thrust than the others at the same signal.
+
+    Parameters
+    ----------
+    per_motor : mapping
+    air : float
+        Relative uncertainty of the density, which is in every standard error and common to the motors.
+    """
+    known = {
+        motor: (each.per_mass, float(np.sqrt(max(each.sigma**2 - (air * each.per_mass) ** 2, 0.0))))
+        for motor, each in per_motor.items()
+        if each.per_mass is not None and each.sigma is not None
+    }
+    if len(known) < 3:
+        return []
+    mean = float(np.mean([value for value, _ in known.values()]))
+    return [
+        Finding(
+            "weak-motor",
+            Severity.WARNING,
+            f"motor {motor} gives {100.0 * (1.0 - value / mean):.0f} % less thrust than the mean motor at the same "
+            "signal",
+            "check propeller and motor",
+            {"motor": motor, "ratio": value / mean},
+        )
+        for motor, (value, sigma) in known.items()
+        if mean - value > max(WEAK * mean, 3.0 * sigma)
     ]
 
 

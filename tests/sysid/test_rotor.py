@@ -1,0 +1,121 @@
+"""Rotor model from flight: which law, which curve, which lag, which motor, on craft of known truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from logparse import MissingDataError
+from simulation.elhesasy2024 import octocopter
+from simulation.kim2017 import quadcopter
+from sysid.kim2017 import fit_kim2017
+from sysid.rotor import fit_rotor
+from sysid.thrust_curve import Law, lagged
+from tests.sysid.simulated_craft import flight, without
+from tests.sysid.test_thrust import flight as level_flight
+
+
+@pytest.fixture(scope="module")
+def octo():
+    return flight(octocopter(), 1)
+
+
+def ids(model):
+    return {finding.id for finding in model.findings}
+
+
+def test_rotor_speeds_give_the_coefficient(octo):
+    """Table 2 of Elhesasy 2024: k 1.105e-5 N s^2."""
+    model = fit_rotor([octo], mass=4.3)
+    assert model.law is Law.SPEED
+    assert model.common.newton == pytest.approx(1.105e-5, rel=0.01)
+    assert abs(model.common.newton - 1.105e-5) < 2.0 * model.common.newton_sigma
+    assert not any(value.determined for value in model.per_motor.values())
+    assert "too alike" in model.per_motor["m1"].reason
+
+
+def test_command_curve_and_lag_are_identified():
+    """From PWM alone: curvature 0.65, lag 40 ms and the 5 ms for which commands were held on average."""
+    craft = octocopter()
+    records = [flight(craft, seed, speeds=False, climb=1.0) for seed in (1, 2)]
+    model = fit_rotor(records, mass=4.3)
+    assert model.law is Law.COMMAND
+    assert abs(model.expo.value - 0.65) < 3.0 * model.expo.sigma
+    assert model.expo.value == pytest.approx(0.65, abs=0.03)
+    assert model.time_constant.value == pytest.approx(0.045, abs=0.005)
+    assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
+
+
+def test_another_curve_than_the_autopilot_s_is_found(octo):
+    """The autopilot believes 0.2 where thrust bends by 0.65; PWM itself tells."""
+    told = replace(octo, vehicle=replace(octo.vehicle, thrust_expo=0.2))
+    model = fit_rotor([without(told, *[f"rotor_speed_{k}" for k in range(1, 9)])])
+    assert model.thrust_expo == pytest.approx(0.65, abs=0.05)
+    assert "thrust-curve-differs" in ids(model)
+
+
+def test_esc_numbers_that_are_the_command_are_no_rotor_speeds(octo):
+    """ArduPilot's simulator reports command times a constant: thrust must not be taken for its square."""
+    command = (octo.u - 1150.0) / 800.0
+    context = octo.context.assign(**{f"rotor_speed_{k + 1}": 700.0 * command[:, k] for k in range(8)})
+    model = fit_rotor([replace(octo, context=context)], mass=4.3)
+    assert model.law is Law.COMMAND
+    assert "esc-speed-not-rotor-speed" in ids(model)
+    assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
+
+
+def test_motors_that_move_by_themselves_show_the_weak_one():
+    model = fit_rotor([level_flight(3, samples=3000, per_mass=(3.2, 3.2, 2.4, 3.2))])
+    assert [f.evidence["motor"] for f in model.findings if f.id == "weak-motor"] == ["m3"]
+    assert model.per_motor["m3"].per_mass == pytest.approx(2.4, rel=0.05)
+
+
+def test_in_stabilised_flight_the_weak_motor_shows_in_its_effort_and_in_kim_2017():
+    """Vertical force alone does not tell motors apart that a controller moves together; rates do."""
+    craft, thrust = quadcopter(16.0), (2.8e-5, 2.8e-5, 2.1e-5, 2.8e-5)
+    mounts = [
+        replace(mount, rotor=replace(mount.rotor, thrust_coefficient=k))
+        for mount, k in zip(craft.rotors, thrust, strict=True)
+    ]
+    record = flight(replace(craft, inertia=craft.inertia / 100.0, rotors=tuple(mounts)), 3)
+    model = fit_rotor([record], mass=2.6)
+    assert not any(value.determined for value in model.per_motor.values())
+    assert "m3" in [f.evidence["motor"] for f in model.findings if f.id == "uneven-motor"]
+    found = fit_kim2017([record], 2.6)
+    assert [f.evidence["motor"] for f in found.findings if f.id == "weak-motor"] == ["m3"]
+    assert [each.newton for each in found.per_motor.values()] == pytest.approx(thrust, rel=0.03)
+
+
+def test_slow_and_dead_motors_are_named(octo):
+    context = octo.context.copy()
+    context["rotor_speed_2"] *= 0.85
+    context["rotor_speed_5"] = 0.0
+    found = {f.id: f.evidence["motor"] for f in fit_rotor([replace(octo, context=context)]).findings if f.evidence}
+    assert found.get("slow-motor") == "m2"
+    assert found.get("dead-motor") == "m5"
+    u = octo.u.copy()
+    u[:, 3] = 1100.0
+    stopped = fit_rotor([replace(octo, u=u)])
+    assert [f.evidence["motor"] for f in stopped.findings if f.id == "dead-motor"] == ["m4"]
+
+
+def test_what_is_missing_is_said(octo):
+    hover = flight(octocopter(), 5, duration=30.0, strength=0.02, speeds=False)
+    model = fit_rotor([hover])
+    assert model.expo.value is None
+    assert "autopilot's curve" in model.expo.reason
+    assert model.time_constant.value is None
+    assert model.common.determined
+    assert "mass-unknown" in ids(model)
+    blind = replace(octo, context=octo.context.assign(voltage=np.nan, density=np.nan))
+    assert {"voltage-unknown", "density-unknown"} <= ids(fit_rotor([blind]))
+    with pytest.raises(MissingDataError, match="accelerometer"):
+        fit_rotor([without(octo, "f_z")])
+
+
+def test_lag_is_exact_for_ramps():
+    """A ramp through a first-order lag lags by the time constant, in closed form."""
+    t = np.arange(200) * 0.02
+    out = lagged(t[:, None], 0.1, 0.02)[:, 0]
+    assert out == pytest.approx(t - 0.1 * (1.0 - np.exp(-t / 0.1)), abs=1e-12)
+    assert lagged(t[:, None], 0.0, 0.02)[:, 0] == pytest.approx(t)
