@@ -164,9 +164,7 @@ class ClosedLoopModel:
             poles=values["poles"],
             zeros=values["zeros"],
             rate=values["rate_hz"],
-            disturbance={
-                name: Disturbance(each["alpha"], each["beta"]) for name, each in values["disturbance"].items()
-            },
+            disturbance={name: Disturbance.from_dict(each) for name, each in values["disturbance"].items()},
             reports={name: FitReport(**report) for name, report in values["fits"].items()},
             offset_trust=dict(values["offset_trust"]),
             following=dict(values["following_rms"]),

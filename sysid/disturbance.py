@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,12 @@ from sysid.experiment import Floats
 #: Time over which an extrapolated slope fades, s; long against the horizons of interest, short against a flight.
 FADE = 10.0
 
+#: A residual that keeps more than this part of itself over the horizon is taken to last for ever.
+LASTING = 0.98
+
+#: A candidate must predict better by this part than those before it, which follow the measurements less closely.
+BETTER = 1e-3
+
 #: Tracking indices to choose among: the disturbance's drive over one step against the noise of one measurement.
 TRACKING_INDICES = tuple(10.0**exponent for exponent in (-3.0, -2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0))
 
@@ -23,16 +29,20 @@ class Disturbance:
     """A level and a slope driven by white noise, tracked by a steady Kalman filter (alpha-beta filter, Kalata 1984).
 
     With the model's response taken off, this is the innovation form of an output-error model whose process noise
-    enters an integrated random walk at the output.
+    enters at the output: an integrated random walk, a random walk, white noise, or, with a finite memory, a first-order
+    process that returns to the model.
 
     Attributes
     ----------
     alpha, beta : float
         Gains on level and on slope times step.
+    memory : float
+        Time constant with which predictions return to the model, s; infinite for what wanders off.
     """
 
     alpha: float
     beta: float
+    memory: float = np.inf
 
     def predict(self, residual: Floats, dt: float, steps: int) -> Floats:
         """Predict the residual at every sample from the samples up to `steps` before it.
@@ -53,7 +63,7 @@ class Disturbance:
         level, slope = self.track(residual, dt)
         reach = FADE * (1.0 - np.exp(-steps * dt / FADE))
         result = np.zeros_like(residual)
-        result[steps:] = (level + reach * slope)[:-steps]
+        result[steps:] = float(np.exp(-steps * dt / self.memory)) * (level + reach * slope)[:-steps]
         return result
 
     def track(self, residual: Floats, dt: float) -> tuple[Floats, Floats]:
@@ -74,7 +84,14 @@ class Disturbance:
 
     def to_dict(self) -> dict[str, Any]:
         """Give the gains for JSON."""
-        return {"alpha": self.alpha, "beta": self.beta, "fade_seconds": FADE}
+        memory = self.memory if np.isfinite(self.memory) else None
+        return {"alpha": self.alpha, "beta": self.beta, "fade_seconds": FADE, "memory_seconds": memory}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Disturbance:
+        """Read what `to_dict` gave."""
+        memory = values.get("memory_seconds")
+        return cls(float(values["alpha"]), float(values["beta"]), np.inf if memory is None else float(memory))
 
 
 def steady_gains(index: float) -> Disturbance:
@@ -86,7 +103,7 @@ def steady_gains(index: float) -> Disturbance:
 
 
 def fit_disturbance(residuals: Sequence[Floats], dt: float, horizon: float = 1.0) -> Disturbance:
-    """Choose the gains that predict the training residuals best `horizon` seconds ahead.
+    """Choose the gains and the memory that predict the training residuals best `horizon` seconds ahead.
 
     Parameters
     ----------
@@ -96,13 +113,20 @@ def fit_disturbance(residuals: Sequence[Floats], dt: float, horizon: float = 1.0
         s.
     """
     steps = max(round(horizon / dt), 1)
-
-    def error(candidate: Disturbance) -> float:
-        return sum(
-            float(np.sum((r - candidate.predict(r, dt, steps))[steps:] ** 2)) for r in residuals if len(r) > steps
-        )
-
+    long = [residual for residual in residuals if len(residual) > steps]
     drifting = [steady_gains(index) for index in TRACKING_INDICES]
     # A level without a slope suits what wanders without direction.
     wandering = [Disturbance(candidate.alpha, 0.0) for candidate in drifting] + [Disturbance(1.0, 0.0)]
-    return min((*drifting, *wandering), key=error)
+    best, least = drifting[0], np.inf
+    for candidate in (*drifting, *wandering):
+        predicted = [candidate.predict(residual, dt, steps)[steps:] for residual in long]
+        size = sum(float(p @ p) for p in predicted)
+        along = sum(float(p @ r[steps:]) for p, r in zip(predicted, long, strict=True))
+        # What is left of the level after the horizon, by least squares, gives the memory.
+        kept = min(max(along / size, 1e-9), 1.0) if size > 0.0 else 1.0
+        kept = 1.0 if kept > LASTING else kept
+        error = sum(float(r[steps:] @ r[steps:]) for r in long) - 2.0 * kept * along + kept**2 * size
+        if error < (1.0 - BETTER) * least:
+            least = error
+            best = replace(candidate, memory=np.inf if kept == 1.0 else float(-steps * dt / np.log(kept)))
+    return best

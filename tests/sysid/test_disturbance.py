@@ -1,8 +1,9 @@
 """What carries the unexplained part on: exact for what it is made for, and chosen by prediction."""
 
 import numpy as np
+from scipy.signal import lfilter
 
-from sysid.disturbance import FADE, fit_disturbance, steady_gains
+from sysid.disturbance import FADE, Disturbance, fit_disturbance, steady_gains
 
 DT = 0.1
 
@@ -28,5 +29,26 @@ def test_gains_suit_the_residual():
     rng = np.random.default_rng(1)
     noise = rng.standard_normal(2000)
     walk = np.cumsum(rng.standard_normal(2000))
-    assert fit_disturbance([noise], DT).alpha < 0.1
+    quiet = fit_disturbance([noise], DT)
+    assert quiet.alpha < 0.1
+    assert np.abs(quiet.predict(noise, DT, 10)).max() < 0.3
     assert fit_disturbance([walk], DT).alpha > 0.8
+
+
+def test_what_returns_to_the_model_is_predicted_as_theory_says():
+    """First-order process with a time constant of 2 s: h ahead the best predictor errs by sqrt(1 - exp(-2 h / 2 s))."""
+    decay = np.exp(-DT / 2.0)
+    driven = lfilter([np.sqrt(1.0 - decay**2)], [1.0, -decay], np.random.default_rng(2).standard_normal(40000))
+    tracker = fit_disturbance([driven[:20000]], DT)
+    assert 1.5 < tracker.memory < 2.7
+    fresh = driven[20000:]
+    for steps in (1, 10, 50):
+        error = np.sqrt(np.mean((fresh - tracker.predict(fresh, DT, steps))[steps:] ** 2))
+        np.testing.assert_allclose(error, np.sqrt(1.0 - decay ** (2 * steps)), rtol=0.06)
+
+
+def test_what_wanders_off_is_not_expected_back():
+    walk = np.cumsum(np.random.default_rng(3).standard_normal(4000))
+    assert np.isinf(fit_disturbance([walk], DT).memory)
+    read = Disturbance.from_dict(fit_disturbance([walk], DT).to_dict())
+    assert read == fit_disturbance([walk], DT)
