@@ -316,9 +316,7 @@ class TransferFunctionModel:
             zeros=values["zeros"],
             hold=values["hold"],
             rate=values["rate_hz"],
-            disturbance={
-                output: Disturbance(value["alpha"], value["beta"]) for output, value in values["disturbance"].items()
-            },
+            disturbance={output: Disturbance.from_dict(value) for output, value in values["disturbance"].items()},
             initial_energy=dict(values["initial_energy"]),
             initial_states={},
             reports={output: FitReport(**report) for output, report in values["fits"].items()},
