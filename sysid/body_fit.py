@@ -10,14 +10,14 @@ import numpy as np
 from logparse import Finding, Severity, Vehicle
 from sysid._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
 from sysid.body_motion import SHARED, THETA, Motion, motion, reference_voltage
-from sysid.equation_error import fit_equation_error
+from sysid.equation_error import EquationErrorFit, fit_equation_error
 from sysid.excitation import examine
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice
 from sysid.rigid_body import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
 from sysid.rotation import COHERENT, RotationFit, centre_of_gravity, fit_rotation, logged_motors
 from sysid.thrust_curve import REFERENCE_DENSITY
-from sysid.trim import trim_prior
+from sysid.trim import trim_from, trim_prior
 from sysid.wind import WIND_EXPONENT, FlightTrim, wind_knots, wind_shapes
 
 #: What is known of any multirotor before it flies: mean, standard deviation, limits. The spreads are wide, so that they
@@ -54,6 +54,11 @@ ABSOLUTE = {
     "cg_y": 0.03,
 }
 _DRAG_RELATIVE = 0.5
+
+#: Time between the points of a varying wind, s: shorter than the long gusts (Dryden: about 100 m at 15 m height, 20 to
+#: 50 s in light wind), which else pull drag about and hide from its standard error; longer than a window. With it
+#: standard errors agree with Monte Carlo in gusts.
+WIND_SPACING = 20.0
 _NOTHING = 1e-6
 
 #: Speed below which drag is not worth telling, m/s.
@@ -77,7 +82,7 @@ def fit_rigid_body(
     mass: float | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     *,
-    wind_spacing: float | None = None,
+    wind_spacing: float | None = WIND_SPACING,
 ) -> RigidBodyModel:
     """Identify thrust, drag, wind and effectiveness of one craft from one or more flights.
 
@@ -91,7 +96,8 @@ def fit_rigid_body(
         What is known beforehand of parameters of `TRANSLATION_UNITS`, in their units, such as the thrust from a bench
         over the mass. Sigma 0 holds a parameter.
     wind_spacing : float, optional
-        Let each flight's wind vary, with this time between the points of a broken line, s; default: constant winds.
+        Time between the points of the broken line by which the wind of a flight varies about its mean, s; None for
+        constant winds.
 
     Raises
     ------
@@ -111,15 +117,10 @@ def fit_rigid_body(
     voltage = reference_voltage(records)
     findings += more + _gaps(records, vehicle, mass, voltage)
     motions = [motion(record, vehicle, voltage) for record in records]
-    knots = [wind_knots(flight.t, wind_spacing) for flight in motions]
-    if wind_spacing is not None and len({len(k) for k in knots}) > 1:
-        # Shapes must be alike in number: the longest flight decides.
-        most = max(len(k) for k in knots)
-        knots = [np.linspace(flight.t[0], flight.t[-1], most) for flight in motions]
-    shapes = [wind_shapes(flight.t, k) for flight, k in zip(motions, knots, strict=True)]
-    prior, start = _prior(motions, vehicle, priors or {}, shapes[0].shape[1])
-    rough = fit_equation_error(motions, shapes, start, prior)
-    fine = fit_output_error(motions, shapes, rough.values, prior, law=rough.law)
+    prior, start = _prior(motions, vehicle, priors or {})
+    rough = fit_equation_error(motions, [np.ones((len(flight.t), 1)) for flight in motions], start, prior)
+    knots = _knots(motions, wind_spacing)
+    fine, law = _best_law(motions, knots, prior, rough)
     if not fine.converged:
         findings.append(
             Finding(
@@ -131,15 +132,15 @@ def fit_rigid_body(
         )
     turning = _rotation(records, vehicle, voltage)
     parameters, covariance, estimated = _parameters(fine, prior, motions, records, vehicle, voltage, turning)
-    findings += _undetermined(parameters) + _drag_apart(parameters, motions, fine, rough.law)
+    findings += _undetermined(parameters) + _drag_apart(parameters, motions, fine)
     return RigidBodyModel(
         name="rigid body, thrust and drag from PWM and attitude",
         parameters={name: _in_si(parameter, parameters, mass) for name, parameter in parameters.items()},
         estimated=estimated,
         covariance=covariance,
         condition=_condition(fine.information[:SHARED, :SHARED]),
-        rotor_drag=bool(rough.law & ROTOR_DRAG),
-        axis_drag=bool(rough.law & AXIS_DRAG),
+        rotor_drag=bool(law & ROTOR_DRAG),
+        axis_drag=bool(law & AXIS_DRAG),
         mass=mass,
         vehicle=vehicle,
         reference_density=REFERENCE_DENSITY,
@@ -216,7 +217,7 @@ def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, v
 
 
 def _prior(
-    motions: Sequence[Motion], vehicle: Vehicle, given: Mapping[str, tuple[float, float]], shapes: int
+    motions: Sequence[Motion], vehicle: Vehicle, given: Mapping[str, tuple[float, float]]
 ) -> tuple[Prior, Floats]:
     """Prior knowledge and where to start; thrust starts where it carries the weight."""
     shared = np.array([PRIORS[name] for name in THETA])
@@ -228,7 +229,7 @@ def _prior(
                 f"{name} cannot be {mean} with a standard deviation of {sigma}: it lies between {low} and {high}"
             )
         shared[THETA.index(name), :2] = mean, sigma
-    own = np.array(trim_prior(shapes, 0.0)).T
+    own = np.array(trim_prior(1, 0.0)).T
     table = np.vstack([shared, *([own] * len(motions))])
     prior = Prior(*np.ascontiguousarray(table.T))
     start = prior.mean.copy()
@@ -241,6 +242,38 @@ def _prior(
     return prior, start
 
 
+def _knots(motions: Sequence[Motion], spacing: float | None) -> list[Floats]:
+    """Place the points between which winds vary, as many in each flight as the longest needs."""
+    most = max(len(wind_knots(flight.t, spacing)) for flight in motions)
+    return [np.linspace(flight.t[0], flight.t[-1], most) for flight in motions]
+
+
+def _best_law(
+    motions: Sequence[Motion], knots: Sequence[Floats], prior: Prior, rough: EquationErrorFit
+) -> tuple[OutputErrorFit, int]:
+    """Fit by output error with every law of drag that equation error could not rule out; keep the best."""
+    shapes = [wind_shapes(flight.t, k) for flight, k in zip(motions, knots, strict=True)]
+    prior, start = _widened(prior, rough.values, len(motions), shapes[0].shape[1])
+    law = rough.laws[0]
+    best = fit_output_error(motions, shapes, start, prior, law=law)
+    for other in rough.laws[1:]:
+        rival = fit_output_error(motions, shapes, best.values, prior, law=other, spread=best.spread)
+        if rival.cost < best.cost:
+            best, law = fit_output_error(motions, shapes, rival.values, prior, law=other), other
+    return best, law
+
+
+def _widened(prior: Prior, values: Floats, flights: int, shapes: int) -> tuple[Prior, Floats]:
+    """Make room for winds that vary about the constant ones found by equation error."""
+    shared = np.array([prior.mean, prior.sigma, prior.low, prior.high])[:, :SHARED]
+    parts, start = [shared], [values[:SHARED]]
+    for flight in range(flights):
+        scale, north, east = values[flight_slice(flight, 1)]
+        parts.append(np.array(trim_prior(shapes, float(np.hypot(north, east)))))
+        start.append(np.array([scale, north, east, *np.zeros(2 * (shapes - 1))]))
+    return Prior(*np.ascontiguousarray(np.hstack(parts))), np.concatenate(start)
+
+
 def _rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None) -> RotationFit | None:
     if not logged_motors(records[0], vehicle) or len(records[0].input_names) < len(vehicle.motors):
         return None
@@ -249,18 +282,7 @@ def _rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | 
 
 def _trim(fine: OutputErrorFit, flight: int, knots: Floats) -> FlightTrim:
     own = flight_slice(flight, 1 + len(knots))
-    scale, north, east = fine.values[own][:3]
-    sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[own], 0.0))
-    parts = fine.values[own][3:].reshape(-1, 2)
-    return FlightTrim(
-        wind_n=float(north),
-        wind_e=float(east),
-        wind_sigma=float(max(sigma[1:3])),
-        thrust_scale=float(scale),
-        thrust_scale_sigma=float(sigma[0]),
-        source="fit",
-        variation=tuple((float(t), float(n), float(e)) for t, (n, e) in zip(knots, parts, strict=True)),
-    )
+    return trim_from(fine.values[own], fine.covariance[own, own], knots, "fit")
 
 
 def _parameters(
@@ -284,7 +306,7 @@ def _parameters(
             reason = f"only {len(records[0].input_names)} of {len(vehicle.motors)} motors are logged"
         else:
             reason = _doubt(name, value, float(sigma[k]))
-            if not reason and name != "motor_lag" and value in (prior.low[k], prior.high[k]):
+            if not reason and name not in ("motor_lag", "climb_loss") and value in (prior.low[k], prior.high[k]):
                 reason = f"the estimate ran into its limit of {value:g}"
         result[name] = _parameter(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason)
     size = len(THETA) + len(ROTATION_UNITS)
@@ -389,7 +411,7 @@ def _undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:
 
 
 def _drag_apart(
-    parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: OutputErrorFit, law: int
+    parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: OutputErrorFit
 ) -> list[Finding]:
     """Give the whole drag at the speed flown where its linear and quadratic parts cannot be told apart."""
     findings = []

@@ -24,25 +24,35 @@ BLOCK_SECONDS = 0.5
 #: Laws of drag in the order of preference.
 LAWS = (ROTOR_DRAG, ROTOR_DRAG | AXIS_DRAG, 0, AXIS_DRAG)
 
-#: Another law than the first must make the squared residuals smaller by this part.
-BETTER = 0.02
+#: Laws whose squared residuals are within this factor of the best law's are left for output error to judge.
+CLOSE = 1.5
 
 _MOST_STEPS = 25
 
 
 @dataclass(frozen=True, slots=True)
 class EquationErrorFit:
-    """Start values by equation error: parameters as in `output_error`, the law of drag, and the residuals' size."""
+    """Start values by equation error.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,)
+        Parameters as in `output_error`, under the first of `laws`.
+    laws : tuple of int
+        Laws of drag that may hold, best first.
+    rmse : float
+        Of block means of acceleration, m/s^2.
+    """
 
     values: Floats
-    law: int
+    laws: tuple[int, ...]
     rmse: float
 
 
 def fit_equation_error(
     motions: Sequence[Motion], shapes: Sequence[Floats], start: Floats, prior: Prior
 ) -> EquationErrorFit:
-    """Match accelerations, with each law of drag, and keep the law that fits best.
+    """Match accelerations with each law of drag, and tell which laws fit.
 
     Parameters
     ----------
@@ -52,17 +62,17 @@ def fit_equation_error(
     prior : Prior
     """
     measured = [_means(_acceleration(motion), motion.dt) for motion in motions]
-    first = _fit(motions, shapes, start, prior, LAWS[0], measured, None)
-    best, sigma = first, first[2]
-    for law in LAWS[1:]:
-        other = _fit(motions, shapes, first[0], prior, law, measured, sigma)
-        margin = BETTER if best is first else 0.0
-        if other[1] < (1.0 - margin) * _spent(measured, motions, shapes, best[0], best[3], sigma):
-            best = other
-    values, _, _, law = best
-    residuals = _residuals(measured, motions, shapes, values, law)
-    rmse = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
-    return EquationErrorFit(values, law, rmse)
+    values, sigma = _fit(motions, shapes, start, prior, LAWS[0], measured, None)
+    fits = {LAWS[0]: values}
+    fits |= {law: _fit(motions, shapes, values, prior, law, measured, sigma)[0] for law in LAWS[1:]}
+    costs = {law: _spent(measured, motions, shapes, values, law, sigma) for law, values in fits.items()}
+    laws = sorted(costs, key=lambda law: costs[law])
+    residuals = _residuals(measured, motions, shapes, fits[laws[0]], laws[0])
+    return EquationErrorFit(
+        values=fits[laws[0]],
+        laws=tuple(law for law in laws if costs[law] <= CLOSE * costs[laws[0]]),
+        rmse=float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))),
+    )
 
 
 def _acceleration(motion: Motion) -> Floats:
@@ -121,7 +131,7 @@ def _fit(
     law: int,
     measured: Sequence[Floats],
     held: Sequence[Floats] | None,
-) -> tuple[Floats, float, list[Floats], int]:
+) -> tuple[Floats, list[Floats]]:
     """Reweighted Gauss-Newton steps; `held` are the residuals' standard deviations to weight with, else their own."""
     free = np.flatnonzero(prior.sigma > 0.0)
     weight = np.where(np.isfinite(prior.sigma[free]), prior.sigma[free], np.inf) ** -2.0
@@ -151,4 +161,4 @@ def _fit(
         values[free] += moved
         if np.all(np.abs(moved) * scale < 1e-3):
             break
-    return values, _spent(measured, motions, shapes, values, law, sigma), sigma, law
+    return values, sigma

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid._rigid_kernels import path_sensitivities
 from sysid.body_motion import LAG, SHARED, Motion
@@ -31,6 +32,15 @@ SMALLEST_SIGMA = 1e-4
 
 #: Residuals beyond this many robust standard deviations pull with constant force (Huber).
 HUBER = 3.0
+
+#: How often the residuals' spread is found anew.
+_REWEIGHTINGS = 4
+
+#: Largest part of a direction's information in one window that its score is corrected for.
+_LARGEST_SHARE = 0.9
+
+#: Scores of windows up to this many apart may go together: gusts last longer than a window.
+_NEIGHBOURS = 2
 
 _MOST_STEPS = 30
 _CONVERGED = 1e-6
@@ -66,6 +76,10 @@ class OutputErrorFit:
         What the data alone say, scaled to the residuals' real information.
     rmse : float
         Of position over all windows and axes, m.
+    cost : float
+        Half the sum of squared residuals over their spread (Huber's beyond three of it).
+    spread : ndarray, shape (flights, 3)
+        Standard deviation of the residuals by which they were weighted, north, east, down, m.
     windows, iterations : int
     converged : bool
     """
@@ -74,6 +88,8 @@ class OutputErrorFit:
     covariance: Floats
     information: Floats
     rmse: float
+    cost: float
+    spread: Floats
     windows: int
     iterations: int
     converged: bool
@@ -90,15 +106,17 @@ class _Window:
 
 @dataclass(slots=True)
 class _Linearised:
-    """Normal equations with initial states projected out, per-window scores, and how each window's state follows."""
+    """Normal equations with initial states projected out, each window's part, and how its state follows."""
 
     cost: float
     hessian: Floats
     gradient: Floats
     scores: Floats
+    parts: Floats
     back: list[tuple[Floats, Floats]]
     residuals: list[Floats]
     spread: Floats
+    flights: NDArray[np.int64]
 
 
 def flight_slice(flight: int, shapes: int) -> slice:
@@ -115,6 +133,7 @@ def fit_output_error(
     *,
     law: int,
     window_seconds: float | None = WINDOW_SECONDS,
+    spread: Floats | None = None,
 ) -> OutputErrorFit:
     """Match the paths of one craft in several flights.
 
@@ -130,19 +149,22 @@ def fit_output_error(
         Of drag (`_rigid_kernels`).
     window_seconds : float or None
         None runs freely through each record from its measured first state, which then is not estimated.
+    spread : ndarray, shape (flights, 3), optional
+        Standard deviations of the residuals to weight with, m; default: found in the course of the fit.
     """
     windows = _windows(motions, window_seconds)
     free = np.flatnonzero(prior.sigma > 0.0)
     weight = np.where(np.isfinite(prior.sigma[free]), 1.0 / np.maximum(prior.sigma[free], 1e-300) ** 2, 0.0)
     values = np.clip(start, prior.low, prior.high)
-    sigma = np.full((len(motions), 3), np.nan)
-    balance, converged, iteration = 1.0, False, 0
+    sigma = np.full((len(motions), 3), np.nan) if spread is None else spread
+    converged, iteration = False, 0
     estimate_states = window_seconds is not None
     now = _linearise(motions, shapes, windows, values, sigma, law, free, estimate_states)
-    damping, reweighted = 1e-6, 0
+    balance = 1.0 if spread is None else _balance(now)
+    damping, reweighted = 1e-6, 0 if spread is None else _REWEIGHTINGS
     while iteration < _MOST_STEPS:
         iteration += 1
-        if reweighted < 4:
+        if reweighted < _REWEIGHTINGS:
             # The residuals' spread belongs to the estimates: weights follow it until it has settled.
             sigma, reweighted = np.maximum(now.spread, SMALLEST_SIGMA), reweighted + 1
             now = _linearise(motions, shapes, windows, values, sigma, law, free, estimate_states)
@@ -182,10 +204,10 @@ def fit_output_error(
             break
         gain = total - cost
         values, now = trial, then
-        if reweighted >= 4 and gain < _CONVERGED * max(abs(total), 1.0):
+        if reweighted >= _REWEIGHTINGS and gain < _CONVERGED * max(abs(total), 1.0):
             converged = True
             break
-    return _result(now, values, free, balance, weight, len(windows), iteration, converged)
+    return _result(now, values, free, balance, weight, sigma, iteration, converged)
 
 
 def _windows(motions: Sequence[Motion], seconds: float | None) -> list[_Window]:
@@ -209,13 +231,14 @@ def _linearise(
     values: Floats,
     sigma: Floats,
     law: int,
-    free: np.ndarray,
+    free: NDArray[np.int64],
     estimate_states: bool,
 ) -> _Linearised:
     count = shapes[0].shape[1]
     n = len(values)
-    hessian, gradient = np.zeros((n, n)), np.zeros(n)
+    gradient = np.zeros(n)
     scores = np.zeros((len(windows), n))
+    parts = np.zeros((len(windows), n, n))
     back: list[tuple[Floats, Floats]] = []
     residuals: list[Floats] = []
     signals = [motion.signals(values[LAG]) for motion in motions]
@@ -258,7 +281,7 @@ def _linearise(
         else:
             back.append((np.zeros(6), np.zeros((6, len(theta)))))
         places = np.r_[np.arange(SHARED), np.arange(own.start, own.stop)]
-        hessian[np.ix_(places, places)] += of_theta.T @ of_theta
+        parts[index][np.ix_(places, places)] = of_theta.T @ of_theta
         score = of_theta.T @ target
         scores[index, places] = score
         gradient[places] += score
@@ -274,39 +297,73 @@ def _linearise(
         full[:, :SHARED] = by_theta[:, :SHARED]
         full[:, own] = by_theta[:, SHARED:]
         wide.append((direct, full[:, free]))
-    return _Linearised(cost, hessian[np.ix_(free, free)], gradient[free], scores[:, free], wide, residuals, spread)
+    hessian = parts.sum(axis=0)
+    return _Linearised(
+        cost,
+        hessian[np.ix_(free, free)],
+        gradient[free],
+        scores[:, free],
+        parts[:, free[:, None], free[None, :]],
+        wide,
+        residuals,
+        spread,
+        np.array([window.flight for window in windows]),
+    )
 
 
-def _meat(scores: Floats) -> Floats:
-    """Covariance of the summed scores from the scatter of the windows."""
-    count = len(scores)
-    return np.asarray(scores.T @ scores * (count / max(count - 1, 1)))
+def _meat(now: _Linearised, total: Floats) -> Floats:
+    """Covariance of the summed scores from the scatter of the windows.
+
+    A fit follows the windows that tell a parameter, so that their scores scatter too little; they are enlarged by what
+    the fit took (CR2; Bell and McCaffrey 2002). Near windows are taken together (Newey and West 1987).
+
+    Parameters
+    ----------
+    now : _Linearised
+    total : ndarray, shape (n, n)
+        Information of data and prior knowledge.
+    """
+    eigenvalues, vectors = np.linalg.eigh(total)
+    kept = eigenvalues > 1e-14 * eigenvalues[-1]
+    whiten = vectors[:, kept] / np.sqrt(eigenvalues[kept])
+    colour = vectors[:, kept] * np.sqrt(eigenvalues[kept])
+    scores = np.empty_like(now.scores)
+    for k, (score, own) in enumerate(zip(now.scores, now.parts, strict=True)):
+        share, axes = np.linalg.eigh(whiten.T @ own @ whiten)
+        enlarged = axes @ ((axes.T @ (whiten.T @ score)) / np.sqrt(1.0 - np.clip(share, 0.0, _LARGEST_SHARE)))
+        scores[k] = colour @ enlarged
+    meat = scores.T @ scores
+    for lag in range(1, _NEIGHBOURS + 1):
+        same = (now.flights[lag:] == now.flights[:-lag])[:, None]
+        cross = (scores[lag:] * same).T @ scores[:-lag]
+        meat = meat + (1.0 - lag / (_NEIGHBOURS + 1.0)) * (cross + cross.T)
+    return np.asarray(meat)
 
 
 def _balance(now: _Linearised) -> float:
     """Variance of the scores over that of white residuals: by how much coloured data overstate what they know."""
-    inverse = np.linalg.pinv(now.hessian, rcond=1e-10, hermitian=True)
-    rank = max(round(float(np.trace(inverse @ now.hessian))), 1)
-    return max(float(np.trace(inverse @ _meat(now.scores))) / rank, 1.0)
+    scale = np.sqrt(np.maximum(np.diag(now.hessian), 1e-300))
+    scaled = now.hessian / np.outer(scale, scale)
+    inverse = np.linalg.pinv(scaled, rcond=1e-10, hermitian=True)
+    rank = max(round(float(np.trace(inverse @ scaled))), 1)
+    return max(float(np.trace(inverse @ (_meat(now, now.hessian) / np.outer(scale, scale)))) / rank, 1.0)
 
 
 def _result(
     now: _Linearised,
     values: Floats,
-    free: np.ndarray,
+    free: NDArray[np.int64],
     balance: float,
     weight: Floats,
-    windows: int,
+    sigma: Floats,
     iterations: int,
     converged: bool,
 ) -> OutputErrorFit:
-    scale = np.sqrt(np.maximum(np.diag(now.hessian) + balance * weight, 1e-300))
-    bread = np.linalg.pinv((now.hessian + np.diag(balance * weight)) / np.outer(scale, scale), rcond=1e-13)
-    bread = bread / np.outer(scale, scale)
-    # Windows beyond those that the parameters use up tell the scatter.
-    used = float(np.trace(bread @ now.hessian))
-    dof = windows / max(windows - min(used, 0.75 * windows), 1.0)
-    part = bread @ (dof * _meat(now.scores) + balance**2 * np.diag(weight)) @ bread
+
+    total = now.hessian + np.diag(balance * weight)
+    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
+    bread = np.linalg.pinv(total / np.outer(scale, scale), rcond=1e-13) / np.outer(scale, scale)
+    part = bread @ (_meat(now, total) + balance**2 * np.diag(weight)) @ bread
     covariance = np.zeros((len(values), len(values)))
     covariance[np.ix_(free, free)] = 0.5 * (part + part.T)
     information = np.zeros_like(covariance)
@@ -317,7 +374,9 @@ def _result(
         covariance=covariance,
         information=information,
         rmse=float(np.sqrt(np.mean(everything**2))),
-        windows=windows,
+        cost=now.cost,
+        spread=sigma,
+        windows=len(now.scores),
         iterations=iterations,
         converged=converged,
     )

@@ -214,7 +214,7 @@ class RigidBodyModel:
         return self._outputs(experiment, out)
 
     def initial_seconds(self, experiment: Experiment) -> float:
-        """How much of a record's outputs a free run looks at, s: for wind and thrust scale, where they are not known."""
+        """How much of a record's outputs a free run looks at, s: for wind and thrust scale where they are unknown."""
         return 0.0 if experiment.name in self.flights else TRIM_SECONDS
 
     def trim(
@@ -292,6 +292,28 @@ class RigidBodyModel:
                 {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
             ],
         }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], vehicle: Vehicle) -> RigidBodyModel:
+        """Read what `to_dict` gave, for a craft with these motors; wind and thrust scale of flights are found anew."""
+        return cls(
+            name=values["name"],
+            parameters={name: BodyParameter(**parameter) for name, parameter in values["parameters"].items()},
+            estimated=tuple(values["estimated"]),
+            covariance=np.asarray(values["covariance"], dtype=np.float64),
+            condition=float("inf") if values["condition"] is None else float(values["condition"]),
+            rotor_drag=values["rotor_drag"],
+            axis_drag=values["axis_drag"],
+            mass=values["mass"],
+            vehicle=vehicle,
+            reference_density=values["reference_density"],
+            reference_voltage=values["reference_voltage"],
+            flights={},
+            rotation_fit=dict(values["rotation_fit"]),
+            rmse=values["rmse"],
+            training=tuple(values["training"]),
+            findings=(),
+        )
 
     def _motion(self, experiment: Experiment) -> Motion:
         return motion(experiment, self.vehicle, self.reference_voltage)

@@ -48,26 +48,55 @@ def fit_trim(flight: Motion, shared: Floats, law: int, source: str, spacing: flo
     shapes, prior = wind_shapes(flight.t, np.zeros(0)), _prior(shared, 1, 0.0)
     windowed = fit_output_error([flight], [shapes], start, prior, law=law, window_seconds=window)
     free = fit_output_error([flight], [shapes], windowed.values, prior, law=law, window_seconds=None)
-    sigma = np.sqrt(np.diag(windowed.covariance))[SHARED:]
-    scale, north, east = free.values[SHARED:]
+    own = slice(SHARED, SHARED + 3)
+    covariance = windowed.covariance[own, own]
     knots = wind_knots(flight.t, spacing)
-    variation: tuple[tuple[float, float, float], ...] = ()
-    if len(knots):
-        shapes = wind_shapes(flight.t, knots)
-        start = np.concatenate([free.values, np.zeros(2 * len(knots))])
-        prior = _prior(shared, 1 + len(knots), float(np.hypot(north, east)))
-        varying = fit_output_error([flight], [shapes], start, prior, law=law, window_seconds=None)
-        scale, north, east = varying.values[SHARED : SHARED + 3]
-        parts = varying.values[SHARED + 3 :].reshape(-1, 2)
-        variation = tuple((float(t), float(n), float(e)) for t, (n, e) in zip(knots, parts, strict=True))
+    if len(knots) == 0:
+        return trim_from(free.values[own], covariance, knots, source)
+    shapes = wind_shapes(flight.t, knots)
+    start = np.concatenate([free.values, np.zeros(2 * len(knots))])
+    prior = _prior(shared, 1 + len(knots), float(np.hypot(*free.values[own][1:])))
+    varying = fit_output_error([flight], [shapes], start, prior, law=law, window_seconds=None)
+    return trim_from(varying.values[SHARED:], covariance, knots, source)
+
+
+def trim_from(values: Floats, covariance: Floats, knots: Floats, source: str) -> FlightTrim:
+    """Name thrust scale and wind coefficients of one flight; the mean of the variation goes to the mean wind.
+
+    Parameters
+    ----------
+    values : ndarray, shape (3 + 2 k,)
+        Thrust scale, mean wind north and east, then the departures at each of k knots.
+    covariance : ndarray, shape (3 + 2 k, 3 + 2 k) or (3, 3)
+        Of all values, or of the first three.
+    knots : ndarray, shape (k,)
+        s.
+    source : str
+    """
+    scale, mean = float(values[0]), values[1:3]
+    parts = values[3:].reshape(-1, 2)
+    # Each knot stands for the time about it.
+    width = np.gradient(knots) if len(knots) > 1 else np.ones(len(knots))
+    if len(knots) > 1:
+        width[[0, -1]] *= 0.5
+    share = width / width.sum() if len(knots) else width
+    average = share @ parts if len(knots) else np.zeros(2)
+    sigma = []
+    for axis in range(2):
+        weights = np.zeros(len(covariance))
+        weights[1 + axis] = 1.0
+        if len(weights) > 3:
+            weights[3 + axis :: 2] = share
+        sigma.append(np.sqrt(max(float(weights @ covariance @ weights), 0.0)))
+    north, east = mean + average
     return FlightTrim(
         wind_n=float(north),
         wind_e=float(east),
-        wind_sigma=float(max(sigma[1:])),
-        thrust_scale=float(scale),
-        thrust_scale_sigma=float(sigma[0]),
+        wind_sigma=float(max(sigma)),
+        thrust_scale=scale,
+        thrust_scale_sigma=float(np.sqrt(max(covariance[0, 0], 0.0))),
         source=source,
-        variation=variation,
+        variation=tuple((float(t), float(n), float(e)) for t, (n, e) in zip(knots, parts - average, strict=True)),
     )
 
 
