@@ -117,7 +117,7 @@ def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float,
         Finding(
             "commands-below-rounding",
             Severity.WARNING,
-            f"the command{'s' if len(drowned) > 1 else ''} {', '.join(drowned)} hardly show in the motor outputs: "
+            f"motor outputs hardly show what was asked in {', '.join(drowned)}: "
             + ", ".join(f"{100.0 * float(moved[name]):.2g}" for name in drowned)
             + " % of full thrust (standard deviation), of which rounding PWM to 1 us alone makes "
             + ", ".join(f"{100.0 * noise[name]:.2g}" for name in drowned)
