@@ -11,13 +11,17 @@ from pathlib import Path
 from pipeline.names import folder_names
 from pipeline.results import FleetResult, FlightResult, ModelResult
 from reports import html
+from reports.exports import write_exports
 from reports.numbers import Numbers, models, numbers_of, rmse_rows
 
 _LOG = logging.getLogger("rotorid.reports")
 
 
 def write(result: FlightResult | FleetResult, folder: str | Path) -> Path:
-    """Write ``report.html``, ``report.json``, ``models.json`` and ``rmse.csv``; for a fleet a page per flight as well.
+    """Write the report as a page and as numbers, and the models; for a fleet a page per flight as well.
+
+    ``report.html``, ``report.json``, ``rmse.csv``; ``models.json`` (``models.schema.json`` of this package describes
+    it), ``models.mat`` and ``coefficients.csv``.
 
     Parameters
     ----------
@@ -36,6 +40,7 @@ def write(result: FlightResult | FleetResult, folder: str | Path) -> Path:
     (folder / "report.json").write_text(_json(numbers), encoding="utf-8")
     (folder / "models.json").write_text(_json(models(result)), encoding="utf-8")
     _write_rmse(rmse_rows(numbers), folder / "rmse.csv")
+    write_exports(result, folder)
     report = folder / "report.html"
     if isinstance(result, FlightResult):
         _write_page(report, lambda: html.flight_page(result, numbers))

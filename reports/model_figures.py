@@ -58,8 +58,8 @@ def horizon_figure(models: Sequence[Numbers], name: str = "horizons") -> Figure 
             "domain": [top - 0.84 * block, top],
             "type": "log",
             "title": {"text": f"RMSE {output} (m)"},
-            "dtick": 1,
             "tickformat": "~g",
+            "nticks": 5,
         }
     ticks = sorted({row["horizon_s"] for result in judged for row in result["horizons"]})
     axes["xaxis"] = {
@@ -70,7 +70,7 @@ def horizon_figure(models: Sequence[Numbers], name: str = "horizons") -> Figure 
         "anchor": f"y{len(outputs)}" if len(outputs) > 1 else "y",
     }
     layout = layout_of(**axes)
-    layout["margin"] = layout["margin"] | {"t": 46 + 20 * ((len(judged) + 2) // 3)}
+    layout["margin"] = layout["margin"] | {"l": 72, "t": 46 + 20 * ((len(judged) + 2) // 3)}
     caption = (
         "How far predictions err that start from the measured motion and know the inputs, on flight time that the "
         "models have not seen. A model is worth its name where its line runs below both grey ones."
@@ -221,14 +221,18 @@ def _roots(functions: dict[str, TransferFunction], name: str) -> Figure:
     for trace in data:
         trace["showlegend"] = trace["mode"] == "markers" and trace["legendgroup"] not in named
         named.add(trace["legendgroup"])
+    # Roots that nobody knows may lie anywhere; those that are known decide what is shown at first.
+    reach = 1.15 * max((abs(root) for root in known), default=0.0)
+    shown: dict[str, Any] = {"range": [-reach, 0.3 * reach]} if reach > 0.0 else {}
     layout = layout_of(
-        xaxis={"title": {"text": "real part (rad/s)"}, "zeroline": True},
+        xaxis={"title": {"text": "real part (rad/s)"}, "zeroline": True} | shown,
         yaxis={"title": {"text": "imaginary part (rad/s)"}, "zeroline": True, "scaleanchor": "x", "scaleratio": 1},
     )
     layout["margin"] = layout["margin"] | {"t": 64}
     caption = (
         "Poles (crosses) and zeros (circles) with the ellipses in which they lie with 95 % probability. "
-        "Pale ones are not determined by the data: their deviation is more than half of their distance from the origin."
+        "Pale ones are not determined by the data: their deviation is more than half of their distance from the "
+        "origin. The frame is chosen for those that are; a double click shows all."
     )
     return Figure(f"roots-{name}", caption, data, layout, 430, time=False)
 

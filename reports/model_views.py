@@ -54,8 +54,8 @@ def transfer_functions(model: Numbers) -> View:
                         function["num_std"],
                         function["den_std"],
                     ),
-                    "poles": ", ".join(complex_numbers(function["poles"])) or "none",
-                    "zeros": ", ".join(complex_numbers(function["zeros"])) or "none",
+                    "poles": complex_numbers(function["poles"], function["poles_std"]),
+                    "zeros": complex_numbers(function["zeros"], function["zeros_std"]),
                 }
             )
         fit = model["fits"][output]

@@ -93,12 +93,40 @@ def size(count: int) -> str:
     return f"{count / 1e6:.3g} MB"
 
 
-def complex_numbers(pairs: Sequence[tuple[float, float]], digits: int = 3) -> list[str]:
-    """Write roots given as (real, imaginary): ``−0.21``, and conjugate pairs once, as ``−0.21 ± 0.45 i``."""
+def complex_numbers(
+    pairs: Sequence[tuple[float, float]], deviations: Sequence[float | None] | None = None, digits: int = 3
+) -> list[tuple[str, bool]]:
+    """Write roots given as (real, imaginary): ``−0.21``, and conjugate pairs once, as ``−0.21 ± 0.45 i``.
+
+    Parameters
+    ----------
+    pairs : sequence of (float, float)
+    deviations : sequence of float or None, optional
+        Standard deviation of each, beyond which no digits are written; None for infinite.
+    digits : int
+        Significant digits at most.
+
+    Returns
+    -------
+    list of (str, bool)
+        Text, and whether the root is determined: its deviation is below half of its distance from the origin.
+    """
     texts = []
-    for real, imaginary in pairs:
+    for place, (real, imaginary) in enumerate(pairs):
+        deviation = 0.0 if deviations is None else deviations[place]
+        size = math.hypot(real, imaginary)
+        known = deviation is not None and (deviation < 0.5 * size or deviation == 0.0)
+
+        def part(value: float, known: bool = known, deviation: float | None = deviation) -> str:
+            if not known or deviation is None:
+                return number(value, 1)
+            if deviation > 0.0 and abs(value) > 0.0:
+                left = math.floor(math.log10(abs(value))) - math.floor(math.log10(deviation)) + 1
+                return number(value, min(max(left, 1), digits))
+            return number(value, digits)
+
         if abs(imaginary) <= 1e-9 * max(abs(real), 1e-9):
-            texts.append(number(real, digits))
+            texts.append((part(real), known))
         elif imaginary > 0.0:
-            texts.append(f"{number(real, digits)} ± {number(imaginary, digits)} i")
+            texts.append((f"{part(real)} ± {part(imaginary)} i", known))
     return texts

@@ -125,7 +125,7 @@ def to_control(model: TransferMatrix) -> control.TransferFunction:
 
 
 def coefficients(model: TransferMatrix) -> pd.DataFrame:
-    """Tabulate every coefficient, a row each.
+    """Tabulate every coefficient, a row each; inputs without effect have none.
 
     Returns
     -------
@@ -136,6 +136,8 @@ def coefficients(model: TransferMatrix) -> pd.DataFrame:
     rows: list[dict[str, object]] = []
     for output, row in model.transfer_functions.items():
         for source, function in row.items():
+            if not np.any(function.num):
+                continue
             spread, relative, known = function.standard_deviation, function.relative_deviation, function.determined
             count = len(function.num)
             for part, values, first in (("num", function.num, 0), ("den", function.den, count - 1)):

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from logparse import Finding
 from sysid.disturbance import Disturbance
@@ -91,7 +91,13 @@ class TransferFunction:
         return np.asarray(ratio * np.exp(-self.delay * s), dtype=np.complex128)
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON; complex poles and zeros as ``[real, imaginary]`` in rad/s."""
+        """Give numbers for JSON; complex poles and zeros as ``[real, imaginary]`` in rad/s, slowest first.
+
+        ``poles_std`` and ``zeros_std`` are their largest standard deviations in any direction, None where infinite.
+        """
+        from sysid.frequency_response import poles, zeros  # which needs this class
+
+        some_poles, some_zeros = poles(self), zeros(self)
         deviation, determined, n = self.standard_deviation, self.determined, len(self.num)
         return {
             "num": self.num.tolist(),
@@ -100,8 +106,10 @@ class TransferFunction:
             "den_std": None if deviation is None else [0.0, *_finite(deviation[n:])],
             "num_determined": None if determined is None else determined[:n].tolist(),
             "den_determined": None if determined is None else [True, *determined[n:].tolist()],
-            "poles": [[float(p.real), float(p.imag)] for p in self.poles],
-            "zeros": [[float(z.real), float(z.imag)] for z in self.zeros],
+            "poles": [[root.value.real, root.value.imag] for root in some_poles],
+            "poles_std": None if deviation is None else _finite([root.sigma for root in some_poles]),
+            "zeros": [[root.value.real, root.value.imag] for root in some_zeros],
+            "zeros_std": None if deviation is None else _finite([root.sigma for root in some_zeros]),
             "gain": self.gain if np.isfinite(self.gain) else None,
             "delay": self.delay,
             "delay_std": self.delay_std,
@@ -332,5 +340,5 @@ class TransferFunctionModel:
             )
 
 
-def _finite(values: Floats) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
+def _finite(values: ArrayLike) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in np.asarray(values)]

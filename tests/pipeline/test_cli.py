@@ -5,9 +5,11 @@ import os
 import subprocess
 import sys
 import time
+from importlib import resources
 from pathlib import Path
 from unittest import mock
 
+import jsonschema
 import pytest
 
 import pipeline
@@ -157,7 +159,7 @@ def test_one_log_from_file_to_report(tmp_path):
         assert stage in run.stderr
     assert numbers["missing"] == {}
     keys = [model["key"] for model in numbers["models"]]
-    assert keys[0] == "motors"
+    assert keys == ["motors", "mixer", "reference", "rigid_body"]
     judged = [model for model in numbers["models"] if model["model"] is not None]
     assert len(judged) > 1
     assert [row["part"] for row in numbers["rmse"]] == ["held-out", "training"] * len(judged)
@@ -169,7 +171,10 @@ def test_one_log_from_file_to_report(tmp_path):
     assert len(motors["transfer_functions"]) == 3
     assert all(len(row) == 8 for row in motors["transfer_functions"].values())
     assert numbers["thrust"]["common"]["newton"] > 0.0
-    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "report.json", "models.json", "rmse.csv"}
+    files = {"report.html", "report.json", "models.json", "models.mat", "coefficients.csv", "rmse.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == files
+    schema = json.loads((resources.files("reports") / "models.schema.json").read_text("utf-8"))
+    jsonschema.validate(json.loads((tmp_path / "models.json").read_text("utf-8")), schema)
     assert time.perf_counter() - started < 120.0
 
 

@@ -7,12 +7,15 @@ import math
 import re
 from html import unescape
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pandas as pd
 import pytest
 from markupsafe import escape
+from scipy.io import loadmat
 
 import reports
 from logparse import Finding, Severity
@@ -274,3 +277,42 @@ def test_what_was_passed_over_is_named_everywhere(fleet, tmp_path):
     numbers = strict((tmp_path / "report.json").read_text("utf-8"))
     assert numbers["passed_over"][6] == {"file": "6.txt", "reason": "no flight log"}
     assert summary.passed_over(numbers) == line
+
+
+def schema() -> dict:
+    return json.loads((files("reports") / "models.schema.json").read_text("utf-8"))
+
+
+def test_models_are_as_their_schema_says(flight, fleet, tmp_path):
+    jsonschema.Draft202012Validator.check_schema(schema())
+    for name, result in (("flight", flight), ("fleet", fleet)):
+        reports.write(result, tmp_path / name)
+        models = strict((tmp_path / name / "models.json").read_text("utf-8"))
+        jsonschema.validate(models, schema())
+    broken = models | {"flights": [models["flights"][0] | {"models": {"motors": {"kind": "transfer-functions"}}}]}
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(broken, schema())
+
+
+def test_matlab_and_spreadsheets_get_the_same_coefficients(flight, fleet, tmp_path):
+    reports.write(flight, tmp_path / "flight")
+    reports.write(fleet, tmp_path / "fleet")
+    fitted = flight.models[0].model.transfer_functions["y"]["m2"]
+    motors = loadmat(tmp_path / "flight" / "models.mat", struct_as_record=False)["motors"][0, 0]
+    assert motors.num[1, 1][0].tolist() == fitted.num.tolist()
+    joint = loadmat(tmp_path / "fleet" / "models.mat", struct_as_record=False)["craft1"][0, 0]
+    assert {"motors", "mixer"} <= set(joint._fieldnames)
+    lines = [
+        line
+        for line in rows_of(tmp_path / "flight" / "coefficients.csv")
+        if (line["model"], line["output"], line["input"], line["part"]) == ("motors", "y", "m2", "den")
+    ]
+    assert [float(line["value"]) for line in lines] == pytest.approx(fitted.den.tolist(), rel=1e-8)
+    assert lines[0]["std"] == ""
+
+
+def test_a_flight_without_models_still_has_its_files(flight, tmp_path):
+    bare = dataclasses.replace(flight, models=())
+    reports.write(bare, tmp_path)
+    assert rows_of(tmp_path / "coefficients.csv") == []
+    assert [name for name in loadmat(tmp_path / "models.mat") if not name.startswith("__")] == []

@@ -64,7 +64,10 @@ def test_columns_align_at_the_decimal_point():
 
 
 def test_conjugate_poles_are_written_once():
-    assert complex_numbers([(-0.21, 0.45), (-0.21, -0.45), (-3.0, 0.0)]) == ["−0.210 ± 0.450 i", "−3.00"]
+    pairs = [(-0.21, 0.45), (-0.21, -0.45), (-3.0, 0.0)]
+    assert complex_numbers(pairs) == [("−0.210 ± 0.450 i", True), ("−3.00", True)]
+    # Digits end where the deviation begins, and of what is not determined one is left.
+    assert complex_numbers(pairs, [0.02, 0.02, None]) == [("−0.21 ± 0.45 i", True), ("−3", False)]
 
 
 def test_spans_and_sizes():
