@@ -14,8 +14,8 @@ velocity gains k and i (ArduPilot's AC_PosControl, attitude taken as immediate) 
 ``H = -(d/m) s^2 / (s^3 + k s^2 + (k p + i) s + i p)``: three poles, and two zeros at s = 0.
 
 The loop works in the earth frame with one set of gains, so north and east share one transfer function, which both
-determine. A free run starts at rest at its target, with no initial state to be found. Reference and position may lie a
-constant apart where the autopilot's and our idea of the origin differ; of that a free run takes the part
+determine. A free run starts in step with its target, with no initial state to be found. Reference and position may lie
+a constant apart where the autopilot's and our idea of the origin differ; of that a free run takes the part
 ``tau^2 / (tau^2 + sigma^2)`` of the mean error of its first three seconds, tau being the mean and sigma the wandering
 of the errors that the model left of the training records: nothing where the error wanders and is not constant.
 """
@@ -338,13 +338,15 @@ def _closed(error: TransferFunction) -> TransferFunction:
 
 
 def _respond(function: TransferFunction, reference: Floats, dt: float) -> Floats:
-    """Answer of a closed loop that has rested at its first reference."""
+    """Answer of a closed loop that has rested at its first reference, or moved with it at its first speed."""
     n = len(function.den) - 1
-    # Controller canonical form of G - 1, whose numerator is of lower degree.
+    # Controller canonical form of G - 1, whose numerator is of lower degree. In the long run it does not answer to a
+    # steady motion, so a start in step with the target is a start at rest with the first speed taken off.
     a = np.vstack([-function.den[1:], np.eye(n - 1, n)])
     c = (function.num - function.den)[None, 1:]
-    system = (a, np.eye(n, 1), c, np.zeros((1, 1)))
-    error = lsim(system, reference - reference[0], np.arange(len(reference)) * dt, interp=True)[1]
+    t = np.arange(len(reference)) * dt
+    steady = reference[0] + (reference[1] - reference[0]) / dt * t
+    error = lsim((a, np.eye(n, 1), c, np.zeros((1, 1))), reference - steady, t, interp=True)[1]
     return np.asarray(reference + np.ravel(error))
 
 
