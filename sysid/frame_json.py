@@ -131,7 +131,7 @@ class _Sheet:
 
 
 def _round(value: float) -> float:
-    return float(f"{value:.8g}")
+    return float(f"{value:.7g}")
 
 
 def _power(sheet: _Sheet, model: RigidBodyModel, mass: float, full_voltage: float | None) -> None:

@@ -95,14 +95,13 @@ def physical_parameters(
 
     thrust = attempt("mean thrust", lambda: fit_thrust(experiments, mass))
     rotor = attempt("rotor", lambda: fit_rotor(experiments, mass))
-    lag = rotor.time_constant.value if rotor is not None and rotor.law is Law.COMMAND else None
+    refinement = attempt(
+        "Refinement 2020", lambda: fit_refinement2020(experiments, mass, time_constant=None, law=Law.COMMAND)
+    )
+    lag = refinement.time_constant if refinement is not None else 0.0
     kim = attempt(
         "Kim 2017",
-        lambda: fit_kim2017(experiments, mass, inertia=inertia, arm=arm, time_constant=lag or 0.0, law=Law.COMMAND),
-    )
-    refinement = attempt(
-        "Refinement 2020",
-        lambda: fit_refinement2020(experiments, mass, time_constant=lag or 0.0, law=Law.COMMAND),
+        lambda: fit_kim2017(experiments, mass, inertia=inertia, arm=arm, time_constant=lag, law=Law.COMMAND),
     )
     sheet = _Sheet(mass, arm)
     _from_thrust(sheet, thrust, rotor, notes)

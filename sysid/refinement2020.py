@@ -26,12 +26,13 @@ assumed, as in the paper.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from logparse import Finding, MissingDataError, Severity
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
@@ -61,6 +62,9 @@ HUBER = 1.345
 #: How far residuals are taken to be correlated, s. Differences of noisy rates have hardly any power where the craft
 #: moves, which a short (tapered) autocovariance does not resolve.
 CORRELATED = 2.0
+
+#: Longest lag of motors looked for, s.
+LONGEST_LAG = 0.2
 
 #: Names, in order.
 PARAMETERS = ("k", "C", "Jx", "Jy", "Jz", "b", "b/Jz")
@@ -135,6 +139,8 @@ class Refinement2020Model:
     mass : float or None
         As given, kg.
     reference_voltage : float or None
+    time_constant : float
+        Lag of the motors in use, s.
     training : tuple of str
     findings : tuple of Finding
     """
@@ -145,6 +151,7 @@ class Refinement2020Model:
     stacked: Mapping[str, StackedEstimate]
     mass: float | None
     reference_voltage: float | None
+    time_constant: float
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
 
@@ -173,6 +180,7 @@ class Refinement2020Model:
             "stacked": {name: value.to_dict() for name, value in self.stacked.items()},
             "mass": self.mass,
             "reference_voltage": self.reference_voltage,
+            "time_constant": self.time_constant,
             "training": list(self.training),
             "findings": [
                 {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
@@ -181,7 +189,11 @@ class Refinement2020Model:
 
 
 def fit_refinement2020(
-    experiments: Sequence[Experiment], mass: float | None = None, *, time_constant: float = 0.0, law: Law | None = None
+    experiments: Sequence[Experiment],
+    mass: float | None = None,
+    *,
+    time_constant: float | None = 0.0,
+    law: Law | None = None,
 ) -> Refinement2020Model:
     """Refine the parameters from instants of flight, both as the paper does and stacked.
 
@@ -191,8 +203,9 @@ def fit_refinement2020(
         PWM inputs, with context; 50 Hz or more for rotation (slower records alias it).
     mass : float, optional
         kg; not used for the estimates, which are per unit of mass.
-    time_constant : float
-        Lag of the motors behind the signal, s; 0 as in the paper, whose signals are rotor speeds.
+    time_constant : float or None
+        Lag of the motors behind the signal, s; 0 as in the paper, whose signals are rotor speeds. None finds the one
+        with which roll and pitch moments explain the angular acceleration best (gyro filters included).
     law : Law, optional
         By default rotor speeds where every record has them.
 
@@ -212,11 +225,17 @@ def fit_refinement2020(
     if law is None:
         law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND
     signals = [motor_signals(record, law, vehicle, voltage, vehicle.thrust_expo) for record in records]
-    motion = [
-        _Motion.of(record, geometry, lagged(each.signals, time_constant, record.dt), each.rates)
-        for record, each in zip(records, signals, strict=True)
-    ]
     rotation = all(each.fast for each in signals)
+
+    def motion_at(lag: float) -> list[_Motion]:
+        return [
+            _Motion.of(record, geometry, lagged(each.signals, lag, record.dt), each.rates)
+            for record, each in zip(records, signals, strict=True)
+        ]
+
+    if time_constant is None:
+        time_constant = _best_lag(motion_at) if rotation else 0.0
+    motion = motion_at(time_constant)
     air = air_sigma_of(records)
     stacked = _stacked(motion, air)
     instants = _instants(motion)
@@ -235,6 +254,7 @@ def fit_refinement2020(
         stacked=stacked,
         mass=mass,
         reference_voltage=voltage,
+        time_constant=time_constant,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
     )
@@ -419,6 +439,22 @@ def _stacked(motion: Sequence[_Motion], air: float) -> dict[str, StackedEstimate
             None, None, None, "yaw torque shows only over yaw inertia (b/Jz), and yaw inertia is not determined"
         )
     return {name: result[name] for name in PARAMETERS}
+
+
+def _best_lag(motion_at: Callable[[float], list[_Motion]]) -> float:
+    """Find the lag with which roll and pitch moments explain most of the angular acceleration."""
+
+    def left(lag: float) -> float:
+        motion = motion_at(lag)
+        total = 0.0
+        for axis, moment in enumerate(("roll", "pitch")):
+            rows = np.concatenate([getattr(m, moment) for m in motion])
+            aim = np.concatenate([m.acceleration[:, axis] for m in motion])
+            power = float(rows @ rows)
+            total += float(aim @ aim) - (float(rows @ aim) ** 2 / power if power > 0.0 else 0.0)
+        return total
+
+    return float(minimize_scalar(left, bounds=(0.0, LONGEST_LAG), method="bounded", options={"xatol": 1e-4}).x)
 
 
 def _yaw_inertia(

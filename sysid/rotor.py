@@ -56,6 +56,10 @@ PROPORTIONAL = 0.02
 #: Commands must vary by this much (standard deviation over mean) before the ratio says anything.
 VARYING = 0.03
 
+#: Difference from the autopilot's curvature that is worth a curve of its own (and three standard errors): climb and
+#: gusts bend the identified one by less.
+OTHER_CURVE = 0.1
+
 #: Standard error above which the curvature of the thrust curve is not determined.
 EXPO_DETERMINED = 0.15
 
@@ -93,7 +97,7 @@ class RotorModel:
         For all motors; unit as `Law.specific_unit` and `Law.thrust_unit`.
     per_motor : mapping
     thrust_expo : float
-        Curvature in use: identified where determined, otherwise the autopilot's.
+        Curvature in use: the autopilot's, unless the flights clearly show another.
     expo : Constant
         Curvature as identified.
     time_constant : Constant
@@ -187,9 +191,10 @@ def fit_rotor(experiments: Sequence[Experiment], mass: float | None = None) -> R
     thrust_expo, expo = vehicle.thrust_expo, Constant(None, None, "1", "thrust follows rotor speed")
     if law is Law.COMMAND:
         expo = _curvature(blocks_at, vehicle.thrust_expo)
-        if expo.value is not None and expo.sigma is not None:
+        other = _other_curve(expo, vehicle)
+        if other and expo.value is not None:
             thrust_expo = expo.value
-            findings += _other_curve(expo.value, expo.sigma, vehicle)
+            findings += other
     blocks = blocks_at(thrust_expo)
     together = _fit(blocks)
     air, sums = air_sigma_of(records), [_with_climb(b.thrust.sum(axis=1, keepdims=True), b) for b in blocks]
@@ -340,9 +345,13 @@ def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Cons
     return Constant(expo, sigma, "1")
 
 
-def _other_curve(expo: float, sigma: float, vehicle: Vehicle) -> list[Finding]:
+def _other_curve(found: Constant, vehicle: Vehicle) -> list[Finding]:
+    """Say when thrust clearly follows another curve than the one that the autopilot inverts."""
+    if found.value is None or found.sigma is None:
+        return []
+    expo, sigma = found.value, found.sigma
     off, told = expo - vehicle.thrust_expo, f"{vehicle.thrust_expo:g}"
-    if abs(off) < max(3.0 * sigma, 0.1):
+    if abs(off) < max(3.0 * sigma, OTHER_CURVE):
         return []
     return [
         Finding(
