@@ -280,13 +280,16 @@ def ahead(
         Receives positions, NED.
     """
     work = np.empty((6, SIGNALS))
-    for n in range(1 - steps, len(states) - steps):
-        first = max(n, 0)
-        x = states[first].copy()
-        for k in range(first, n + steps):
+    x = states[0].copy()
+    out[0] = x[:3]
+    for k in range(steps):
+        _step(theta, signals, shapes, k, dt, ground, law, x, work)
+        out[k + 1] = x[:3]
+    for first in range(1, len(states) - steps):
+        x[:] = states[first]
+        for k in range(first, first + steps):
             _step(theta, signals, shapes, k, dt, ground, law, x, work)
-        out[n + steps] = x[:3]
-    out[0] = states[0, :3]
+        out[first + steps] = x[:3]
 
 
 @njit(cache=True, nogil=True)

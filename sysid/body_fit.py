@@ -11,12 +11,11 @@ from logparse import Finding, Severity, Vehicle
 from sysid._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
 from sysid.body_motion import SHARED, THETA, Motion, motion, reference_voltage
 from sysid.equation_error import EquationErrorFit, fit_equation_error
-from sysid.excitation import examine
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice
 from sysid.rigid_body import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
 from sysid.rotation import COHERENT, RotationFit, centre_of_gravity, fit_rotation, logged_motors
-from sysid.thrust_curve import REFERENCE_DENSITY
+from sysid.thrust_curve import REFERENCE_DENSITY, motor_commands
 from sysid.trim import trim_from, trim_prior
 from sysid.wind import WIND_EXPONENT, FlightTrim, wind_knots, wind_shapes
 
@@ -54,6 +53,9 @@ ABSOLUTE = {
     "cg_y": 0.03,
 }
 _DRAG_RELATIVE = 0.5
+
+#: Part of the time at an end of its range from which a motor is worth a finding.
+SATURATED = 0.05
 
 #: Time between the points of a varying wind, s: shorter than the long gusts (Dryden: about 100 m at 15 m height, 20 to
 #: 50 s in light wind), which else pull drag about and hide from its standard error; longer than a window. With it
@@ -112,10 +114,9 @@ def fit_rigid_body(
     unknown = set(priors or {}) - set(THETA)
     if unknown:
         raise ExperimentError(f"no such parameter: {', '.join(sorted(unknown))}; there are {', '.join(THETA)}")
-    findings = [f for f in examine(records).findings if f.id in ("constant-input", "saturated-input")]
-    vehicle, more = _vehicle(records)
+    vehicle, findings = _vehicle(records)
     voltage = reference_voltage(records)
-    findings += more + _gaps(records, vehicle, mass, voltage)
+    findings += [*_motor_outputs(records, vehicle), *_gaps(records, vehicle, mass, voltage)]
     motions = [motion(record, vehicle, voltage) for record in records]
     prior, start = _prior(motions, vehicle, priors or {})
     rough = fit_equation_error(motions, [np.ones((len(flight.t), 1)) for flight in motions], start, prior)
@@ -167,6 +168,38 @@ def _vehicle(records: Sequence[Experiment]) -> tuple[Vehicle, list[Finding]]:
             "log parameters",
         )
     ]
+
+
+def _motor_outputs(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]:
+    """Name motors whose output stands still or stands at an end of its range."""
+    findings = []
+    for j, name in enumerate(records[0].input_names):
+        pwm = np.concatenate([record.u[:, j] for record in records])
+        if np.ptp(pwm) == 0.0:
+            findings.append(
+                Finding(
+                    "constant-input",
+                    Severity.WARNING,
+                    f"the output of motor {name} stays at {pwm[0]:.0f} us throughout; if the motor does not follow it, "
+                    "thrust per motor is wrong by its share",
+                    "check that this motor output is connected, enabled and logged",
+                    {"input": name, "value": float(pwm[0])},
+                )
+            )
+            continue
+        command = motor_commands(pwm, vehicle)
+        part = float(np.mean((command <= 0.0) | (command >= 1.0)))
+        if part > SATURATED:
+            findings.append(
+                Finding(
+                    "saturated-input",
+                    Severity.WARNING,
+                    f"the output of motor {name} is at an end of its range for {100.0 * part:.0f} % of the time",
+                    "check the craft's weight against its thrust, and MOT_SPIN_MIN and MOT_SPIN_MAX",
+                    {"input": name, "part": part},
+                )
+            )
+    return findings
 
 
 def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, voltage: float | None) -> list[Finding]:

@@ -1,0 +1,85 @@
+"""Missions of the papers' craft flown by `simulation`, cut into records with the truth's inputs and noisy outputs."""
+
+import numpy as np
+import pandas as pd
+
+from simulation.fly import Flight, Setup, fly
+from simulation.mission import Chirp, GoTo, Mission, Turn, Wait
+from simulation.place import Place
+from simulation.vehicle import Multirotor
+from simulation.wind import Wind
+from sysid import Experiment
+from sysid.context import standard_density
+from tests.sysid.simulated_craft import described
+
+#: Back and forth at several speeds, up and down, every axis shaken, with turns between: what tells every parameter.
+EXCITING = Mission(
+    takeoff=8.0,
+    steps=(
+        GoTo(30.0, 0.0, 8.0, 8.0),
+        GoTo(0.0, 0.0, 8.0, 3.0),
+        GoTo(0.0, 30.0, 8.0, 8.0),
+        GoTo(0.0, 0.0, 8.0, 3.0),
+        GoTo(0.0, 0.0, 30.0, 5.0),
+        Turn(100.0),
+        GoTo(0.0, 0.0, 8.0, 2.0),
+        GoTo(25.0, 25.0, 20.0, 6.0),
+        Chirp("roll", 0.08, 0.5, 6.0, 12.0),
+        Chirp("pitch", 0.08, 0.5, 6.0, 12.0),
+        Chirp("yaw", 0.15, 0.5, 4.0, 10.0),
+        Chirp("throttle", 0.1, 0.5, 3.0, 8.0),
+        Turn(200.0),
+        GoTo(0.0, 0.0, 10.0, 6.0),
+        Wait(3.0),
+    ),
+    acceleration=3.0,
+)
+HOVER = Mission(takeoff=8.0, steps=(Wait(40.0),))
+
+
+def flown(
+    craft: Multirotor,
+    mission: Mission = EXCITING,
+    wind: Wind | None = None,
+    altitude: float = 0.0,
+    seed: int = 0,
+    rate: float = 50.0,
+) -> Flight:
+    """Fly a mission; `altitude` above the sea in m."""
+    place = Place(name="test", lat_deg=47.0, lon_deg=8.0, alt=altitude)
+    return fly(Setup(mission=mission, place=place, vehicle=craft, wind=wind or Wind(), seed=seed), rate=rate)
+
+
+def record(flight: Flight, rng: np.random.Generator | None = None, position: float = 0.01, name: str = "flight"):
+    """Cut the airborne part out, with noise on position [m] and tenths of it on velocity [m/s]."""
+    craft, place = flight.setup.vehicle, flight.setup.place
+    rows = flight.truth.loc[flight.airborne[0] + 2.0 : flight.airborne[1] - 3.0]
+    t = rows.index.to_numpy()
+    w, x, y, z = (rows[f"q_{a}"].to_numpy() for a in "wxyz")
+    count = len(craft.rotors)
+
+    def noisy(values, sigma):
+        return values if rng is None else values + sigma * rng.standard_normal(len(values))
+
+    context = {
+        "roll": np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        "pitch": np.arcsin(2 * (w * y - x * z)),
+        "yaw": np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))),
+        **{f"w_{a}": rows[f"w_{a}"].to_numpy() for a in "xyz"},
+        **{f"f_{a}": noisy(rows[f"f_{a}"].to_numpy(), 0.05) for a in "xyz"},
+        **{f"v_{a}": noisy(rows[f"v_{a}"].to_numpy(), 0.1 * position) for a in "ned"},
+        "density": standard_density(place.alt - rows["p_d"].to_numpy()),
+        "voltage": rows["voltage"].to_numpy(),
+    }
+    return Experiment.from_arrays(
+        t,
+        rows[[f"m{k + 1}" for k in range(count)]].to_numpy(),
+        np.column_stack(
+            [noisy(rows[f"p_{a}"].to_numpy() * s, position) for a, s in zip("ned", (1, 1, -1), strict=True)]
+        ),
+        name=name,
+        input_names=[f"m{k + 1}" for k in range(count)],
+        output_names=("x", "y", "z"),
+        context=pd.DataFrame(context, index=pd.Index(t, name="t")),
+        vehicle=described(craft),
+    )
