@@ -315,7 +315,8 @@ def path_sensitivities(
     stage, rate = np.empty(6), np.empty((4, 6))
     stage_z, rate_z = np.empty((6, columns)), np.zeros((4, 6, columns))
     s = np.empty(SIGNALS)
-    by_velocity, by_height, by_theta = np.empty((3, 3)), np.empty(3), np.empty((3, q))
+    # The columns of the initial state stay zero here.
+    by_velocity, by_height, by_theta = np.empty((3, 3)), np.empty(3), np.zeros((3, columns))
     out[0] = x[:3]
     sensitivities[0] = z[:3]
     for n in range(1, len(out)):
@@ -325,30 +326,29 @@ def path_sensitivities(
             if i != 2:
                 _blend(signals, k, part, s)
                 north, east = _wind(theta, shapes, k, part)
-            if i == 0:
-                stage[:] = x
-                stage_z[:] = z
-            else:
-                stage[:] = x + part * dt * rate[i - 1]
-                stage_z[:] = z + part * dt * rate_z[i - 1]
+            step, before = part * dt, max(i - 1, 0)
+            for a in range(6):
+                stage[a] = x[a] + step * rate[before, a]
+                for c in range(columns):
+                    stage_z[a, c] = z[a, c] + step * rate_z[before, a, c]
             height = ground - stage[2]
-            rate[i, :3] = stage[3:]
+            for a in range(3):
+                rate[i, a] = stage[3 + a]
             _acceleration(theta, s, north, east, height, stage[3:], law, rate[i, 3:])
             _derivatives(theta, s, shapes, k, part, height, stage[3:], law, by_velocity, by_height, by_theta)
             for a in range(3):
+                vn, ve, vd, h = by_velocity[a, 0], by_velocity[a, 1], by_velocity[a, 2], by_height[a]
                 for c in range(columns):
                     rate_z[i, a, c] = stage_z[3 + a, c]
-                    total = (
-                        by_velocity[a, 0] * stage_z[3, c]
-                        + by_velocity[a, 1] * stage_z[4, c]
-                        + by_velocity[a, 2] * stage_z[5, c]
-                        - by_height[a] * stage_z[2, c]
+                    rate_z[i, 3 + a, c] = (
+                        by_theta[a, c]
+                        + vn * stage_z[3, c]
+                        + ve * stage_z[4, c]
+                        + vd * stage_z[5, c]
+                        - h * stage_z[2, c]
                     )
-                    if c < q:
-                        total += by_theta[a, c]
-                    rate_z[i, 3 + a, c] = total
-        x += dt / 6.0 * (rate[0] + 2.0 * rate[1] + 2.0 * rate[2] + rate[3])
         for a in range(6):
+            x[a] += dt / 6.0 * (rate[0, a] + 2.0 * rate[1, a] + 2.0 * rate[2, a] + rate[3, a])
             for c in range(columns):
                 z[a, c] += (
                     dt / 6.0 * (rate_z[0, a, c] + 2.0 * rate_z[1, a, c] + 2.0 * rate_z[2, a, c] + rate_z[3, a, c])

@@ -54,6 +54,9 @@ ABSOLUTE = {
 }
 _DRAG_RELATIVE = 0.5
 
+#: Steps by which another law of drag must have shown that it fits better.
+_RIVAL_STEPS = 6
+
 #: Part of the time at an end of its range from which a motor is worth a finding.
 SATURATED = 0.05
 
@@ -290,7 +293,9 @@ def _best_law(
     law = rough.laws[0]
     best = fit_output_error(motions, shapes, start, prior, law=law)
     for other in rough.laws[1:]:
-        rival = fit_output_error(motions, shapes, best.values, prior, law=other, spread=best.spread)
+        rival = fit_output_error(
+            motions, shapes, best.values, prior, law=other, spread=best.spread, most_steps=_RIVAL_STEPS
+        )
         if rival.cost < best.cost:
             best, law = fit_output_error(motions, shapes, rival.values, prior, law=other), other
     return best, law

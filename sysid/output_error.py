@@ -33,6 +33,9 @@ SMALLEST_SIGMA = 1e-4
 #: Residuals beyond this many robust standard deviations pull with constant force (Huber).
 HUBER = 3.0
 
+#: Gauss-Newton steps after which a fit that has not settled is given up.
+MOST_STEPS = 30
+
 #: How often the residuals' spread is found anew.
 _REWEIGHTINGS = 4
 
@@ -42,8 +45,9 @@ _LARGEST_SHARE = 0.9
 #: Scores of windows up to this many apart may go together: gusts last longer than a window.
 _NEIGHBOURS = 2
 
-_MOST_STEPS = 30
-_CONVERGED = 1e-6
+
+#: A step that gains less than this in log-likelihood is the last.
+_CONVERGED = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +106,9 @@ class _Window:
     stop: int
     rows: slice
     initial: Floats
+    #: Those shapes of the wind that are not zero in the window, and where its parameters stand among all.
+    shapes: Floats
+    places: NDArray[np.int64]
 
 
 @dataclass(slots=True)
@@ -134,6 +141,7 @@ def fit_output_error(
     law: int,
     window_seconds: float | None = WINDOW_SECONDS,
     spread: Floats | None = None,
+    most_steps: int = MOST_STEPS,
 ) -> OutputErrorFit:
     """Match the paths of one craft in several flights.
 
@@ -151,8 +159,10 @@ def fit_output_error(
         None runs freely through each record from its measured first state, which then is not estimated.
     spread : ndarray, shape (flights, 3), optional
         Standard deviations of the residuals to weight with, m; default: found in the course of the fit.
+    most_steps : int
+        Give up after so many Gauss-Newton steps.
     """
-    windows = _windows(motions, window_seconds)
+    windows = _windows(motions, shapes, window_seconds)
     free = np.flatnonzero(prior.sigma > 0.0)
     weight = np.where(np.isfinite(prior.sigma[free]), 1.0 / np.maximum(prior.sigma[free], 1e-300) ** 2, 0.0)
     values = np.clip(start, prior.low, prior.high)
@@ -162,7 +172,7 @@ def fit_output_error(
     now = _linearise(motions, shapes, windows, values, sigma, law, free, estimate_states)
     balance = 1.0 if spread is None else _balance(now)
     damping, reweighted = 1e-6, 0 if spread is None else _REWEIGHTINGS
-    while iteration < _MOST_STEPS:
+    while iteration < most_steps:
         iteration += 1
         if reweighted < _REWEIGHTINGS:
             # The residuals' spread belongs to the estimates: weights follow it until it has settled.
@@ -204,13 +214,13 @@ def fit_output_error(
             break
         gain = total - cost
         values, now = trial, then
-        if reweighted >= _REWEIGHTINGS and gain < _CONVERGED * max(abs(total), 1.0):
+        if reweighted >= _REWEIGHTINGS and gain < _CONVERGED * balance:
             converged = True
             break
     return _result(now, values, free, balance, weight, sigma, iteration, converged)
 
 
-def _windows(motions: Sequence[Motion], seconds: float | None) -> list[_Window]:
+def _windows(motions: Sequence[Motion], shapes: Sequence[Floats], seconds: float | None) -> list[_Window]:
     """Cut each flight into windows of equal length near `seconds`."""
     windows = []
     for flight, motion in enumerate(motions):
@@ -220,7 +230,12 @@ def _windows(motions: Sequence[Motion], seconds: float | None) -> list[_Window]:
         edges = np.linspace(0, samples, count + 1).round().astype(int)
         for start, stop in pairwise(edges):
             initial = np.concatenate([motion.position[start], motion.velocity[start]])
-            windows.append(_Window(flight, int(start), int(stop), slice(0, None, stride), initial))
+            active = np.flatnonzero(np.any(shapes[flight][start:stop] != 0.0, axis=0))
+            first = flight_slice(flight, shapes[flight].shape[1]).start
+            winds = (first + 1 + 2 * active[:, None] + np.arange(2)).ravel()
+            places = np.concatenate([np.arange(SHARED), [first], winds])
+            rows, own = slice(0, None, stride), np.ascontiguousarray(shapes[flight][:, active])
+            windows.append(_Window(flight, int(start), int(stop), rows, initial, own, places))
     return windows
 
 
@@ -234,7 +249,6 @@ def _linearise(
     free: NDArray[np.int64],
     estimate_states: bool,
 ) -> _Linearised:
-    count = shapes[0].shape[1]
     n = len(values)
     gradient = np.zeros(n)
     scores = np.zeros((len(windows), n))
@@ -244,14 +258,13 @@ def _linearise(
     signals = [motion.signals(values[LAG]) for motion in motions]
     cost = 0.0
     for index, window in enumerate(windows):
-        motion, own = motions[window.flight], flight_slice(window.flight, count)
-        theta = np.concatenate([values[:SHARED], values[own]])
+        motion, theta, places = motions[window.flight], values[window.places], window.places
         size = window.stop - window.start
         out, jacobian = np.empty((size, 3)), np.empty((size, 3, len(theta) + 6))
         path_sensitivities(
             theta,
             signals[window.flight],
-            shapes[window.flight],
+            window.shapes,
             motion.dt,
             motion.ground,
             law,
@@ -280,7 +293,6 @@ def _linearise(
             target = target - q @ (q.T @ target)
         else:
             back.append((np.zeros(6), np.zeros((6, len(theta)))))
-        places = np.r_[np.arange(SHARED), np.arange(own.start, own.stop)]
         parts[index][np.ix_(places, places)] = of_theta.T @ of_theta
         score = of_theta.T @ target
         scores[index, places] = score
@@ -292,10 +304,8 @@ def _linearise(
         spread[flight] = np.sqrt(np.median(together**2, axis=0) / 0.4549)
     wide = []
     for window, (direct, by_theta) in zip(windows, back, strict=True):
-        own = flight_slice(window.flight, count)
         full = np.zeros((6, n))
-        full[:, :SHARED] = by_theta[:, :SHARED]
-        full[:, own] = by_theta[:, SHARED:]
+        full[:, window.places] = by_theta
         wide.append((direct, full[:, free]))
     hessian = parts.sum(axis=0)
     return _Linearised(
