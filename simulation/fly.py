@@ -162,6 +162,8 @@ class Setup:
     def __post_init__(self) -> None:
         if not 1e-5 <= self.step <= 2e-3:
             raise ParameterError(f"step {self.step:g} s must lie in 1e-5 to 2e-3 s (control runs every second step)")
+        if not 0 <= self.seed <= 400_000_000:
+            raise ParameterError(f"seed {self.seed} must lie in 0 to 400 000 000")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,6 +12,9 @@ from simulation.errors import ParameterError
 #: Usual length of a position-control tick, s; attitude is controlled five times, physics computed ten times in it.
 TICK: Final = 0.0125
 
+#: Longest mission, s.
+LONGEST: Final = 3600.0
+
 #: What a chirp can be added to, in the order of ArduPilot's SID_AXIS 10 to 13 (at the mixer).
 CHIRP_AXES: Final = ("roll", "pitch", "yaw", "throttle")
 
@@ -142,6 +145,8 @@ class Mission:
         for step in self.steps:
             if isinstance(step, GoTo) and not (1.0 <= step.up <= 500.0 and 0.1 <= step.speed <= 20.0):
                 raise ParameterError(f"{step}: fly between 1 and 500 m above the ground, at 0.1 to 20 m/s")
+            if isinstance(step, GoTo) and not math.hypot(step.north, step.east) <= 20e3:
+                raise ParameterError(f"{step}: fly within 20 km of the take-off, where the ground is flat enough")
             if isinstance(step, Wait) and not 0.0 <= step.seconds <= 600.0:
                 raise ParameterError(f"{step}: wait between 0 and 600 s")
 
@@ -243,6 +248,15 @@ class _Planner:
     def now(self) -> float:
         return sum(len(phase) for phase in self.phases) * self.tick
 
+    def ticks(self, seconds: float) -> int:
+        """Whole ticks that cover a time, as long as the mission has room for them."""
+        if not self.now + seconds <= LONGEST:
+            raise ParameterError(
+                f"the mission would take {self.now + seconds:.0f} s, and {LONGEST:.0f} s are the most: "
+                "nearer points, more speed or shorter waits"
+            )
+        return max(math.ceil(seconds / self.tick), 1)
+
     def add(self, phase: int, samples: np.ndarray) -> None:
         self.phases.append(np.full(len(samples), phase, dtype=np.int64))
         self.samples.append(samples)
@@ -254,6 +268,7 @@ class _Planner:
         return samples
 
     def hold(self, seconds: float, phase: int) -> None:
+        self.ticks(seconds)
         self.add(phase, self.still(round(seconds / self.tick)))
 
     def leg(self, target: np.ndarray, speed: float, acceleration: float) -> None:
@@ -261,7 +276,7 @@ class _Planner:
         distance = math.sqrt(float((offset * offset).sum()))
         # Peaks of the quintic: speed 15/8 d/T, acceleration 10/sqrt(3) d/T^2.
         seconds = max(1.875 * distance / speed, math.sqrt(10.0 / math.sqrt(3.0) * distance / acceleration))
-        n = max(math.ceil(seconds / self.tick), 1)
+        n = self.ticks(seconds)
         T = n * self.tick
         s = np.arange(n) / n
         samples = self.still(n)
@@ -273,7 +288,7 @@ class _Planner:
 
     def turn(self, yaw: float, rate: float = 0.5) -> None:
         change = math.remainder(yaw - self.yaw, 2.0 * math.pi)
-        n = max(math.ceil(1.875 * abs(change) / rate / self.tick), 1)
+        n = self.ticks(1.875 * abs(change) / rate)
         s = np.arange(n) / n
         samples = self.still(n)
         samples[:, 9] += change * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
