@@ -4,6 +4,7 @@ import logging
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from datetime import timedelta
+from importlib.util import find_spec
 from pathlib import Path
 
 from fastapi import FastAPI
@@ -21,7 +22,7 @@ from api.jobs import Runner
 from api.metrics import Measured, Metrics
 from api.objects import Objects
 from api.rates import Rates
-from api.routes import analyses, health, logs, pages, shares
+from api.routes import analyses, health, logs, page_forms, pages, shares, sign_in
 from api.settings import Settings
 from api.watch import PRELOAD, Workplace
 from api.worker import Analyze, analyze_logs
@@ -84,6 +85,10 @@ def create_app(
     app.include_router(analyses.router, prefix="/api/v1")
     app.include_router(health.router)
     app.include_router(pages.router)
+    app.include_router(page_forms.router)
+    app.include_router(sign_in.router)
+    if find_spec("js_lib_htmx") is not None:
+        app.mount("/static/htmx", StaticFiles(packages=[("js_lib_htmx", "static/htmx")]))
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     return app
 

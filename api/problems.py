@@ -4,18 +4,17 @@ import logging
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any
+from urllib.parse import quote
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse, Response
+from fastapi.responses import JSONResponse, RedirectResponse, Response
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
-from api.page_templates import render
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -68,9 +67,17 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
 
 
 def respond(request: Request, problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
-    """Answer with a problem: as JSON, or as a page where a person opened one in a browser."""
+    """Answer with a problem: as JSON, or as a page where a person opened one in a browser.
+
+    A browser that lacks a token is led to where it can sign in.
+    """
     wants_page = not request.url.path.startswith("/api/") and "text/html" in request.headers.get("accept", "")
+    if wants_page and problem.status == HTTPStatus.UNAUTHORIZED:
+        back = quote(request.url.path) if request.method == "GET" else "/"
+        return RedirectResponse(f"/sign-in?next={back}", HTTPStatus.SEE_OTHER)
     if wants_page:
+        from api.page_templates import render  # pages show analyses, and an analysis may have a problem
+
         return render(request, "problem.html", {"problem": problem}, problem.status, headers)
     return JSONResponse(problem.model_dump(exclude_none=True), problem.status, headers, MEDIA_TYPE)
 

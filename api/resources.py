@@ -17,8 +17,11 @@ class Log(BaseModel):
     id: str = Field(examples=["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"])
     name: str = Field(description="The file's name as uploaded, for people only.", examples=["00000012.BIN"])
     size: int = Field(description="Bytes.", examples=[2756608])
-    sha256: str = Field(description="Of the file's content; the same content uploaded again is the same log.")
-    received: datetime
+    sha256: str = Field(
+        description="Of the file's content; the same content uploaded again is the same log.",
+        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
+    )
+    received: datetime = Field(examples=["2026-03-14T09:26:53Z"])
 
 
 class UploadedLog(Log):
@@ -27,6 +30,7 @@ class UploadedLog(Log):
     delete_token: str | None = Field(
         default=None,
         description="Lets whoever has it delete the log; told once, when the log is uploaded for the first time.",
+        examples=["bT3nJ0cO0WjS5mJX1m3Zt0pB8xq2w4u6y8A0C2E4G6I"],
     )
 
 
@@ -56,10 +60,12 @@ class Configuration(BaseModel):
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
-    rate: float | None = Field(default=None, ge=0.5, le=400.0, description="Samples per second of the fit.")
-    poles: int | None = Field(default=None, ge=1, le=12, description="Poles of each transfer function.")
-    zeros: int | None = Field(default=None, ge=0, le=11, description="Zeros, fewer than poles.")
-    mass: float | None = Field(default=None, ge=0.01, le=1000.0, description="Take-off mass [kg].")
+    rate: float | None = Field(
+        default=None, ge=0.5, le=400.0, description="Samples per second of the fit.", examples=[10]
+    )
+    poles: int | None = Field(default=None, ge=1, le=12, description="Poles of each transfer function.", examples=[5])
+    zeros: int | None = Field(default=None, ge=0, le=11, description="Zeros, fewer than poles.", examples=[3])
+    mass: float | None = Field(default=None, ge=0.01, le=1000.0, description="Take-off mass [kg].", examples=[4.3])
     training_fraction: float | None = Field(
         default=None, ge=0.1, le=0.95, description="Of a single flight, the part to fit on; the rest judges."
     )
@@ -79,16 +85,22 @@ class Analysis(BaseModel):
 
     id: str = Field(examples=["0a1b2c3d4e5f5f0c1d3e9a7b4c2d8e6f"])
     logs: list[Log] = Field(min_length=1)
-    configuration: dict[str, Any] = Field(default={}, description="What was set when it was ordered.")
+    configuration: dict[str, Any] = Field(
+        default={}, description="What was set when it was ordered.", examples=[{"poles": 4}]
+    )
     state: State = State.QUEUED
     stage: str = Field(default="", description="What is being done now.", examples=["transfer functions"])
     progress: float = Field(default=0.0, ge=0.0, le=1.0, description="Part of the work that is done.")
     attempts: int = Field(default=0, description="How often it was begun; more than once when a worker died.")
-    created: datetime = Field(default_factory=lambda: datetime.now(UTC))
+    created: datetime = Field(default_factory=lambda: datetime.now(UTC), examples=["2026-03-14T09:26:54Z"])
     started: datetime | None = None
     ended: datetime | None = None
     problem: Problem | None = Field(default=None, description="Why it failed.")
-    files: dict[str, int] = Field(default={}, description="Files of its results by name, with their size in bytes.")
+    files: dict[str, int] = Field(
+        default={},
+        description="Files of its results by name, with their size in bytes.",
+        examples=[{"report.html": 2416301, "rmse.csv": 1893}],
+    )
 
     @computed_field(description="The first of its logs.")  # type: ignore[prop-decorator]
     @property
@@ -106,7 +118,10 @@ class Analysis(BaseModel):
 class AnalysisSummary(Analysis):
     """An analysis in a list."""
 
-    links: dict[str, str] = Field(description="Where to find this analysis and, once it is done, its files.")
+    links: dict[str, str] = Field(
+        description="Where to find this analysis and, once it is done, its files.",
+        examples=[{"self": "/api/v1/analyses/0a1b2c3d4e5f5f0c1d3e9a7b4c2d8e6f"}],
+    )
 
 
 class AnalysisAnswer(AnalysisSummary):
@@ -127,7 +142,12 @@ _LogId = Annotated[str, Field(examples=["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"], max
 class AnalysisOrder(BaseModel):
     """What to analyse: one log, or several, whose flights of the same craft are then fitted jointly."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [{"logs": ["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"], "configuration": {"poles": 4, "zeros": 2}}]
+        },
+    )
 
     log: _LogId | None = Field(default=None, description="Id of an uploaded log.")
     logs: list[_LogId] = Field(default=[], max_length=500, description="Ids of uploaded logs.")
@@ -152,4 +172,4 @@ class Page(BaseModel, Generic[Item]):
     """A part of a list, the newest first."""
 
     items: list[Item]
-    next: str | None = Field(description="Address of the next part; null at the end.")
+    next: str | None = Field(description="Address of the next part; null at the end.", examples=[None])

@@ -141,8 +141,7 @@ async def receive_logs(
     form = _Form(_boundary(request))
     if int(request.headers.get("content-length", 0)) > limit + _FORM_OVERHEAD:
         raise _too_large(limit)
-    if 0 < logs_limit <= await run_in_threadpool(catalog.count_logs, owner):
-        raise _too_many(logs_limit)
+    await run_in_threadpool(check_room, catalog, owner, logs_limit)
     received = 0
     try:
         with ExitStack() as stack:
@@ -184,6 +183,12 @@ async def receive_logs(
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise _disk_full() from error
         raise
+
+
+def check_room(catalog: Catalog, owner: str, logs_limit: int) -> None:
+    """Refuse another log where the owner has `logs_limit` already; 0 is no limit."""
+    if 0 < logs_limit <= catalog.count_logs(owner):
+        raise _too_many(logs_limit)
 
 
 async def _body(request: Request, stall: float) -> AsyncIterator[bytes]:

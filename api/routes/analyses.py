@@ -26,7 +26,7 @@ def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, own
 
     Several logs are analysed together: flights of the same craft are fitted jointly and judged on the other flights.
     """
-    _check(order)
+    check(order)
     try:
         analysis = parts.catalog.order(order.ids, order.configuration.chosen(), owner)
     except KeyError as error:
@@ -39,7 +39,7 @@ def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, own
     return summary(analysis)
 
 
-def _check(order: AnalysisOrder) -> None:
+def check(order: AnalysisOrder) -> None:
     """Find out now, and not in the queue, what about a configuration cannot be."""
     from logparse import RotoridError
     from pipeline import AnalysisConfig

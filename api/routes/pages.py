@@ -1,26 +1,44 @@
-"""The pages for people: drop a log, follow its analysis, read its report; and a reference of the interface."""
+"""The pages for people: drop logs, follow their analyses, read the reports; and a reference of the interface."""
 
 from http import HTTPStatus
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
-from api.dependencies import Owner, PartsOf, from_our_pages
+from api.dependencies import Owner, Parts, PartsOf, from_our_pages
 from api.page_templates import render
-from api.resources import State
+from api.problems import Problem, ProblemError
+from api.reference import operations_by_kind
+from api.resources import Analysis, State
+from api.result_files import downloads, flight_pages
 from api.results import links_of
 from api.routes.analyses import find_analysis
 from api.routes.logs import take_upload
+from api.routes.paging import After
+from api.routes.shares import find_shared
+from api.samples import samples
+from api.settings import Access
+from api.uploads import check_room
 
 router = APIRouter(include_in_schema=False)
+
+#: Analyses on one page of the list, and on the first page.
+_PAGE, _LATEST = 25, 5
+
+_TEMPLATES = {State.DONE: "report.html", State.FAILED: "failed.html", State.CANCELLED: "cancelled.html"}
+
+StateFilter = Annotated[State | None, Query()]
 
 
 @router.head("/")
 @router.get("/")
-def home(request: Request, parts: PartsOf) -> Response:
-    """Show where to drop a log."""
-    return render(request, "home.html", {"limit": parts.settings.upload_limit})
+def home(request: Request, parts: PartsOf, owner: Owner) -> Response:
+    """Show where to drop logs, and what was analysed last."""
+    view = _listed(parts, owner, _LATEST)
+    view |= {"limit": parts.settings.upload_limit, "samples": samples().values()}
+    return render(request, "home.html", view)
 
 
 @router.post("/", dependencies=[from_our_pages])
@@ -32,19 +50,85 @@ async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Respons
     return RedirectResponse(f"/analyses/{analysis.id}", HTTPStatus.SEE_OTHER)
 
 
+@router.post("/samples", dependencies=[from_our_pages])
+async def open_sample(request: Request, parts: PartsOf, owner: Owner) -> Response:
+    """Analyse a sample log as if it had been uploaded."""
+    form = await request.form(max_files=0, max_fields=5)
+    sample = samples().get(str(form.get("name", "")))
+    if sample is None:
+        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no sample log of this name."))
+    parts.rates.count_upload(request, owner)
+
+    def keep() -> Analysis:
+        check_room(parts.catalog, owner, parts.settings.logs_limit)
+        with parts.incoming.receive() as upload:
+            upload.write(sample.path.read_bytes())
+            kept = parts.catalog.keep_log(upload, sample.path.name, owner)
+        return parts.catalog.order([kept.log.id], {}, owner)
+
+    analysis = await run_in_threadpool(keep)
+    parts.runner.wake()
+    return RedirectResponse(f"/analyses/{analysis.id}", HTTPStatus.SEE_OTHER)
+
+
+@router.head("/analyses")
+@router.get("/analyses")
+def list_analyses_page(
+    request: Request, parts: PartsOf, owner: Owner, state: StateFilter = None, after: After = None
+) -> Response:
+    """Show a part of the list of analyses."""
+    view = _listed(parts, owner, _PAGE, state, after)
+    return render(request, "analyses.html", view | {"states": list(State), "chosen": state, "after": after})
+
+
+def _listed(
+    parts: Parts, owner: str, count: int, state: State | None = None, after: str | None = None
+) -> dict[str, Any]:
+    """Gather what the list of analyses shows: analyses, whether they change by themselves, and what comes after."""
+    found = parts.catalog.list_analyses(owner, limit=count + 1, state=state, after=after)
+    shown = found[:count]
+    return {
+        "analyses": shown,
+        "live": any(not analysis.state.ended for analysis in shown),
+        "older": shown[-1].id if len(found) > count else None,
+    }
+
+
 @router.head("/analyses/{analysis_id}")
 @router.get("/analyses/{analysis_id}")
 def show_analysis_page(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Show how far an analysis is, or its report, or why there is none."""
     analysis = find_analysis(analysis_id, parts.catalog, owner)
-    template = {State.DONE: "report.html", State.FAILED: "failed.html", State.CANCELLED: "failed.html"}.get(
-        analysis.state, "progress.html"
+    return render(
+        request, _TEMPLATES.get(analysis.state, "progress.html"), _shown(analysis, f"/api/v1/analyses/{analysis.id}")
     )
-    return render(request, template, {"analysis": analysis, "links": links_of(analysis)})
+
+
+@router.head("/shared/{secret}")
+@router.get("/shared/{secret}")
+def show_shared_page(request: Request, secret: str, parts: PartsOf) -> Response:
+    """Show the analysis that a link is to, to be read only."""
+    analysis = find_shared(secret, parts)
+    template = "shared.html" if analysis.state is State.DONE else "shared_unfinished.html"
+    return render(request, template, _shown(analysis, f"/api/v1/shared/{secret}"))
+
+
+def _shown(analysis: Analysis, address: str) -> dict[str, Any]:
+    """Gather what the page of an analysis shows; `address` is that of its resource for the reader."""
+    return {
+        "analysis": analysis,
+        "address": address,
+        "links": links_of(analysis),
+        "downloads": downloads(analysis, address),
+        "flights": flight_pages(analysis, address),
+    }
 
 
 @router.head("/docs")
 @router.get("/docs")
-def reference(request: Request) -> Response:
+def reference(request: Request, parts: PartsOf) -> Response:
     """Describe the interface for programs, from its own OpenAPI document."""
-    return render(request, "docs.html", {"document": request.app.openapi()})
+    tokens = parts.settings.access is Access.TOKENS
+    kinds = operations_by_kind(request.app.openapi(), str(request.base_url).rstrip("/"), tokens=tokens)
+    view = {"kinds": kinds, "tokens": tokens, "limit": parts.settings.upload_limit}
+    return render(request, "docs.html", view)

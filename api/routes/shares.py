@@ -21,9 +21,9 @@ router = APIRouter(tags=["sharing"], responses=problems.RESPONSES)
 class Share(BaseModel):
     """A link to one analysis."""
 
-    url: str = Field(description="Address of the report for people.")
-    api: str = Field(description="Address of the analysis for programs.")
-    expires: datetime | None
+    url: str = Field(description="Address of the report for people.", examples=["/shared/SECRET"])
+    api: str = Field(description="Address of the analysis for programs.", examples=["/api/v1/shared/SECRET"])
+    expires: datetime | None = Field(examples=["2026-04-13T09:26:53Z"])
 
 
 @router.post(

@@ -1,45 +1,47 @@
-// Follows an analysis and shows its report, or why there is none, as soon as it has ended.
+// Follows an analysis by server-sent events and shows its report, or why there is none, as soon as it has ended.
 "use strict";
 
-const analysis = document.getElementById("analysis");
-const bar = document.getElementById("analysis-progress");
-const stage = document.getElementById("stage");
-const elapsed = document.getElementById("elapsed");
+(function () {
+  const analysis = document.getElementById("analysis");
+  const bar = document.getElementById("analysis-progress");
+  const stage = document.getElementById("stage");
+  const elapsed = document.getElementById("elapsed");
+  let began = Number(analysis.dataset.elapsed) > 0 ? performance.now() - 1000 * Number(analysis.dataset.elapsed) : null;
 
-// A screen reader announces what changes here, so it changes only with the stage.
-function say(text) {
-  if (stage.textContent !== text) stage.textContent = text;
-}
+  // A screen reader announces what changes here, so it changes only with the stage.
+  function say(text) {
+    if (stage.textContent !== text) stage.textContent = text;
+  }
 
-function describe(answer) {
-  if (answer.state === "queued") return "Waiting for its turn";
-  return answer.stage ? answer.stage[0].toUpperCase() + answer.stage.slice(1) : "Starting";
-}
+  function describe(answer) {
+    if (answer.state === "queued") return "Waiting for its turn";
+    return answer.stage ? answer.stage[0].toUpperCase() + answer.stage.slice(1) : "Starting";
+  }
 
-function duration(milliseconds) {
-  const seconds = Math.max(0, Math.round(milliseconds / 1000));
-  return seconds < 60 ? `${seconds} s` : `${Math.floor(seconds / 60)} min ${seconds % 60} s`;
-}
+  function tick() {
+    if (began === null) return;
+    const seconds = Math.round((performance.now() - began) / 1000);
+    elapsed.textContent = `${seconds < 60 ? `${seconds} s` : `${Math.floor(seconds / 60)} min ${seconds % 60} s`} so far`;
+  }
 
-async function follow() {
-  let wait = 500;
-  try {
-    const response = await fetch(analysis.dataset.address);
-    if (!response.ok) return location.reload();
-    const answer = await response.json();
-    if (answer.state === "done" || answer.state === "failed") return location.reload();
+  const events = new EventSource(analysis.dataset.events);
+  events.addEventListener("progress", ({ data }) => {
+    const answer = JSON.parse(data);
+    if (answer.started && began === null) began = performance.now();
     bar.value = answer.progress;
     say(describe(answer));
-    if (answer.started) {
-      // Both times by the service's clock; the visitor's may be wrong.
-      const now = new Date(response.headers.get("Date"));
-      elapsed.textContent = `${duration(now - new Date(answer.started))} so far`;
-    }
-  } catch {
-    say("The service does not answer; trying again");
-    wait = 3000;
-  }
-  setTimeout(follow, wait);
-}
-
-follow();
+    tick();
+  });
+  events.addEventListener("end", () => {
+    events.close();
+    location.reload();
+  });
+  events.onerror = () => {
+    // Closed for good: it was deleted, or the token is no longer valid. The page itself says which.
+    if (events.readyState === EventSource.CLOSED) location.reload();
+    else say("The service does not answer; trying again");
+  };
+  addEventListener("pagehide", () => events.close());
+  setInterval(tick, 1000);
+  tick();
+})();

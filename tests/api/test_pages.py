@@ -46,8 +46,8 @@ def test_a_browser_without_scripts_is_led_from_form_to_report(service: httpx.Cli
     assert "<h1" in page.text
     assert "Analysing paper01.BIN" in page.text
     assert Outline(page.text).all("meta")[-1]["http-equiv"] == "refresh"
-    address = Outline(page.text).all("section")[0]["data-address"]
-    while service.get(address or "").json()["state"] != "done":
+    address = answer.headers["Location"]
+    while service.get(f"/api/v1{address}").json()["state"] != "done":
         pass
     frame = Outline(service.get(answer.headers["Location"]).text).all("iframe")[0]
     assert frame["title"] == "Report on paper01.BIN"
@@ -78,6 +78,8 @@ def test_the_reference_describes_every_operation(service: httpx.Client) -> None:
     for path, operations in service.get("/openapi.json").json()["paths"].items():
         for method in operations:
             assert f"{method.upper()} {path}" in page
+    assert "curl -F file=@FLIGHT.bin" in page
+    assert "&#34;sha256&#34;: &#34;9f86d0" in page  # an example of an answer
 
 
 def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

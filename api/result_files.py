@@ -1,0 +1,61 @@
+"""The files of an analysis as its page offers them."""
+
+from typing import NamedTuple
+from urllib.parse import quote
+
+from api import sizes
+from api.resources import Analysis
+
+#: What people call our files, in the order in which they are offered.
+_KNOWN = {
+    "report.html": "Report in one file, for mailing and printing",
+    "models.json": "Models",
+    "models.mat": "Models for MATLAB",
+    "rmse.csv": "RMSE table",
+    "coefficients.csv": "Coefficients of the models",
+    "report.json": "All numbers of the report",
+}
+
+_FLIGHTS = "flights/"
+
+
+class Download(NamedTuple):
+    """A file to download."""
+
+    name: str
+    what: str
+    size: str
+    address: str
+    #: What it is called on the visitor's computer.
+    saved_as: str
+
+
+class FlightPage(NamedTuple):
+    """The report on one flight of several."""
+
+    name: str
+    address: str
+
+
+def downloads(analysis: Analysis, address: str) -> list[Download]:
+    """List the files of an analysis whose resource has this address: those that we know by name first."""
+    offered = [name for name in analysis.files if not name.startswith(_FLIGHTS)]
+    order = list(_KNOWN)
+    offered.sort(key=lambda name: (order.index(name) if name in _KNOWN else len(order), name))
+    return [
+        Download(
+            name,
+            _KNOWN.get(name, ""),
+            sizes.in_words(analysis.files[name]),
+            f"{address}/{quote(name)}",
+            f"{analysis.log.name}.{name.replace('/', '.')}",
+        )
+        for name in offered
+    ]
+
+
+def flight_pages(analysis: Analysis, address: str) -> list[FlightPage]:
+    """List the pages of the flights that were analysed together; none for a single flight."""
+    ending = "/report.html"
+    names = [name for name in analysis.files if name.startswith(_FLIGHTS) and name.endswith(ending)]
+    return [FlightPage(name.removeprefix(_FLIGHTS).removesuffix(ending), f"{address}/{quote(name)}") for name in names]

@@ -1,0 +1,105 @@
+"""What the pages' buttons do. Each is a form that works without scripts; htmx only spares loading whole pages."""
+
+from http import HTTPStatus
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Form, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import RedirectResponse
+from pydantic import ValidationError
+
+from api.dependencies import Owner, PartsOf, from_our_pages
+from api.page_templates import local_path, render
+from api.problems import ProblemError
+from api.resources import AnalysisOrder, Configuration
+from api.routes.analyses import check, find_analysis, unknown_analysis
+
+router = APIRouter(include_in_schema=False, dependencies=[from_our_pages])
+
+Next = Annotated[str, Form(max_length=2000)]
+
+
+@router.post("/analyses/{analysis_id}/cancel")
+def cancel(
+    analysis_id: str, parts: PartsOf, owner: Owner, following: Annotated[str, Form(alias="next")] = ""
+) -> Response:
+    """Cancel an analysis."""
+    if parts.catalog.cancel(analysis_id, owner) is None:
+        raise unknown_analysis()
+    return _go(following or f"/analyses/{analysis_id}")
+
+
+@router.post("/analyses/{analysis_id}/delete")
+def delete(
+    analysis_id: str,
+    parts: PartsOf,
+    owner: Owner,
+    following: Annotated[str, Form(alias="next")] = "/analyses",
+    logs: Annotated[bool, Form()] = False,
+) -> Response:
+    """Delete an analysis and, if `logs` says so, its logs with all other analyses of them."""
+    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    parts.catalog.delete_analysis(analysis.id, owner)
+    for log in analysis.logs if logs else []:
+        parts.catalog.delete_log(log.id, owner)
+    return _go(following)
+
+
+@router.post("/analyses/{analysis_id}/share")
+def share(
+    request: Request, analysis_id: str, parts: PartsOf, owner: Owner, days: Annotated[str, Form()] = "30"
+) -> Response:
+    """Make a link that lets others read an analysis, and show it."""
+    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    secret, expires = parts.shares.create(analysis.id, float(days) if days in ("7", "30", "365") else None)
+    made = {"address": f"{request.base_url}shared/{secret}", "expires": expires}
+    return render(request, "share.html", {"analysis": analysis, "made": made, "taken_back": False})
+
+
+@router.post("/analyses/{analysis_id}/unshare")
+def unshare(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
+    """Make all links to an analysis worthless."""
+    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    parts.shares.revoke_all(analysis.id)
+    return render(request, "share.html", {"analysis": analysis, "made": None, "taken_back": True})
+
+
+@router.get("/analyses/{analysis_id}/again")
+def ask_again(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
+    """Ask for the settings of another analysis of the same logs."""
+    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    return render(request, "again.html", {"analysis": analysis, "values": analysis.configuration, "wrong": ""})
+
+
+@router.post("/analyses/{analysis_id}/again")
+async def analyse_again(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
+    """Analyse the same logs with other settings; a field left empty has its default."""
+    analysis = await run_in_threadpool(find_analysis, analysis_id, parts.catalog, owner)
+    form = await request.form(max_files=0, max_fields=20)
+    names = set(Configuration.model_fields) - {"training"}
+    values: dict[str, Any] = {
+        name: text.strip() for name, text in form.items() if name in names and isinstance(text, str) and text.strip()
+    }
+    if "training" in analysis.configuration:
+        values["training"] = analysis.configuration["training"]
+    try:
+        order = AnalysisOrder(logs=[log.id for log in analysis.logs], configuration=Configuration(**values))
+        await run_in_threadpool(check, order)
+    except (ValidationError, ProblemError) as error:
+        view = {"analysis": analysis, "values": values, "wrong": _in_words(error)}
+        return render(request, "again.html", view, HTTPStatus.UNPROCESSABLE_ENTITY)
+    ordered = await run_in_threadpool(parts.catalog.order, order.ids, order.configuration.chosen(), owner)
+    parts.runner.wake()
+    return _go(f"/analyses/{ordered.id}")
+
+
+def _in_words(error: ValidationError | ProblemError) -> str:
+    """Say what about the settings cannot be."""
+    if isinstance(error, ProblemError):
+        return error.problem.detail.removeprefix("configuration: ")
+    return "; ".join(f"{item['loc'][-1]}: {item['msg']}" for item in error.errors())
+
+
+def _go(path: str) -> Response:
+    """Lead a browser on after what it posted."""
+    return RedirectResponse(local_path(path), HTTPStatus.SEE_OTHER)
