@@ -220,7 +220,7 @@ def discretise(a: Floats, dt: float, hold: str, orders: Sequence[int] | None = N
         normalised,
         orders,
         integrators,
-        _gramians(normalised, orders, integrators),
+        gramians(normalised, orders, integrators),
         block,
         exponential[:, : 2 * n, : 2 * n],
         exponential[:, : 2 * n, 2 * n],
@@ -230,7 +230,7 @@ def discretise(a: Floats, dt: float, hold: str, orders: Sequence[int] | None = N
     )
 
 
-def _gramians(a: Floats, orders: Sequence[int], integrators: int) -> Floats:
+def gramians(a: Floats, orders: Sequence[int], integrators: int) -> Floats:
     """Inner products of the impulse responses of ``p^k / A`` over a finite time; zero where orders are lower."""
     groups, n = a.shape
     if integrators == 0 and min(orders) == n:

@@ -17,14 +17,15 @@ from scipy.linalg import lapack
 
 from sysid._kernels import combine
 from sysid.experiment import Floats
-from sysid.response import Discretised, delayed, discretise, trends, whole_and_part
+from sysid.response import Discretised, delayed, discretise, gramians, trends, whole_and_part
 from sysid.sections import Band, clip, denominators_of_orders
 
 #: Largest change in one step of a logarithmic parameter, and of a delay in samples.
 LONGEST_STEP = 1.0
 
-#: A step is the last when it lowers the cost by less than this part.
-ENOUGH = 1e-6
+#: A step is the last when it lowers the cost by less than this part of one residual's variance: the noise in a single
+#: parameter is worth a whole one.
+ENOUGH = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -352,7 +353,7 @@ def descend(
     for iteration in range(iterations):
         if time.monotonic() > deadline:
             return Descent(point, iteration, False)
-        hessian, gradient = _nonlinear_system(problem, point)
+        hessian, gradient = nonlinear_system(problem, point)
         while True:
             step = _bounded_step(problem, point, hessian, gradient, damping)
             trial = solve(problem, *_moved(problem, point, step))
@@ -367,20 +368,66 @@ def descend(
         damping, growth = damping * max(0.1, 1.0 - (2.0 * min(quality, 1.5) - 1.0) ** 3), 2.0
         damping = max(damping, 1e-9)
         point = trial
-        if gain < ENOUGH:
+        if gain * problem.samples < ENOUGH:
             return Descent(point, iteration + 1, True)
     return Descent(point, iterations, False)
 
 
-def _nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats]:
-    """Hessian and gradient of the reduced problem in poles and delays."""
+def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats]:
+    """Give Hessian and gradient of the reduced problem in poles and delays.
+
+    Returns
+    -------
+    hessian : ndarray, shape (q, q)
+        Gauss-Newton, in the order of `sensitivities`.
+    gradient : ndarray, shape (q,)
+        Minus half the derivative of the cost, but for what `_price_slopes` leaves out.
+    """
     shared = point.numerators.size
     information, gradient = reduced_information(problem, point, sensitivities(problem, point))
+    gradient[shared : shared + problem.lags * problem.groups] -= _price_slopes(problem, point)
     factor, scale = _normalised(information[:shared, :shared], point.penalty)
     coupling = _forward(factor, information[:shared, shared:] * scale[:, None])
     # At the optimum of the numerators the penalty balances their gradient; what is left acts on the poles alone.
     balance = _forward(factor, (gradient[:shared] - point.penalty @ point.numerators.ravel()) * scale)
     return information[shared:, shared:] - coupling.T @ coupling, gradient[shared:] - coupling.T @ balance
+
+
+def _price_slopes(problem: Problem, point: Point) -> Floats:
+    """Half the derivatives of both penalties by the poles' parameters, parameter-major, linear parameters held.
+
+    Slow and lightly damped poles make impulse and initial responses of more energy. By central differences of the
+    gramians, each denominator in the unit of frequency it has now; that the weight of an input's energy moves with its
+    poles too is left out.
+    """
+    groups, lags, k, system = problem.groups, problem.lags, problem.integrators, point.system
+    step = 1e-5
+    moved = np.repeat(point.theta[None], 2 * lags, axis=0)
+    moved[np.arange(lags), :, np.arange(lags)] += step
+    moved[lags + np.arange(lags), :, np.arange(lags)] -= step
+    orders = [order - k for order in problem.all_orders] * (2 * lags)
+    a = denominators_of_orders(moved.reshape(-1, lags), orders)[0].reshape(2 * lags, groups, lags)
+    a = (a / system.unit[:, None] ** _missing_powers(problem)).reshape(-1, lags)
+    free = gramians(a, orders, 0).reshape(2, lags, groups, lags, lags)
+    free = (free[0] - free[1]) / (2.0 * step)
+    forced = free
+    if k:
+        a = np.hstack([np.zeros((len(a), k)), a])
+        forced = gramians(a, problem.all_orders * (2 * lags), k).reshape(2, lags, groups, k + lags, k + lags)
+        forced = (forced[0] - forced[1]) / (2.0 * step)
+    slopes = np.zeros((lags, groups))
+    size = np.arange(problem.numerators) * len(problem.group)
+    for lane, g in enumerate(problem.group):
+        c = point.numerators[:, lane]
+        used = problem.used[:, lane] > 0.0
+        block = system.gramians[g, : len(c), : len(c)]
+        weight = np.diag(point.penalty)[size + lane][used].sum() / np.diag(block)[used].sum()
+        slopes[:, g] += weight * np.einsum("k,ikl,l->i", c, forced[:, g, : len(c), : len(c)], c)
+    for local in point.local:
+        initial = local[1 + k :].reshape(lags, groups)
+        price = np.einsum("kg,igkl,lg->ig", initial, free, initial)
+        slopes += problem.initial * (np.array(problem.all_orders) - k) / system.unit * price
+    return 0.5 * slopes.ravel()
 
 
 def _moved(problem: Problem, point: Point, step: Floats) -> tuple[Floats, Floats]:

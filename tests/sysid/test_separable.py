@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sysid.sections import Band
-from sysid.separable import Problem, descend, reduced_information, sensitivities, solve
+from sysid.separable import Problem, descend, nonlinear_system, reduced_information, sensitivities, solve
 from sysid.uncertainty import effective_parameters, parameter_covariance
 
 BASE = Problem(
@@ -107,6 +107,27 @@ def test_a_descent_ends_where_the_cost_is_level(name):
     information, _ = reduced_information(problem, point, jacobians)
     assert np.all(np.linalg.eigvalsh(information) > -1e-6 * np.abs(information).max())
     assert np.isfinite(parameter_covariance(problem, point)).all()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_gradient_is_that_of_the_cost_with_its_penalties(name):
+    """Initial responses that are dear, so that their price weighs; the ridge too weak to matter."""
+    problem = replace(problem_of(CASES[name]), initial=3.0, ridge=1e-9)
+    theta, delays = start_of(problem), problem.start_delays
+    _, gradient = nonlinear_system(problem, solve(problem, theta))
+    step = 1e-5
+    for i in range(problem.lags):
+        for g in range(problem.groups):
+            if i >= problem.all_orders[g] - problem.integrators:
+                continue
+            up, down = theta.copy(), theta.copy()
+            up[g, i] += step
+            down[g, i] -= step
+            slope = (solve(problem, up, delays).cost - solve(problem, down, delays).cost) / (2.0 * step)
+            expected = -0.5 * slope
+            assert gradient[i * problem.groups + g] == pytest.approx(
+                expected, rel=1e-3, abs=1e-4 * np.abs(gradient).max()
+            )
 
 
 def test_white_residuals_cost_as_many_parameters_as_there_are():
