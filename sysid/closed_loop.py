@@ -258,21 +258,22 @@ def _model(
 ) -> ClosedLoopModel:
     names = records[0].output_names
     nothing = TransferFunction(np.zeros(1), np.ones(1))
-    residuals = {
-        name: [
-            (record.y[:, column] - _respond(functions[name], record.u[:, column], record.dt))[_scored(record) :]
-            for record in records
-        ]
+    errors = {
+        name: [record.y[:, column] - _respond(functions[name], record.u[:, column], record.dt) for record in records]
         for column, name in enumerate(names)
     }
+    first = [_scored(record) for record in records]
+    residuals = {name: [part[k:] for part, k in zip(parts, first, strict=True)] for name, parts in errors.items()}
     following, remaining, trust = {}, {}, {}
     for column, name in enumerate(names):
-        following[name] = _rms([(record.y - record.u)[_scored(record) :, column] for record in records])
-        remaining[name] = _rms(residuals[name])
+        following[name] = _rms([(record.y - record.u)[k:, column] for record, k in zip(records, first, strict=True)])
         # Outputs that share a loop share what is known of its errors.
         alike = [part for other in names if functions[other] is functions[name] for part in residuals[other]]
         apart = float(np.mean([np.mean(part) ** 2 for part in alike]))
         trust[name] = apart / max(apart + float(np.mean([np.var(part) for part in alike])), 1e-300)
+        remaining[name] = _rms(
+            [part[k:] - trust[name] * np.mean(part[: k + 1]) for part, k in zip(errors[name], first, strict=True)]
+        )
     unit = records[0].units.get(names[0], "")
     summary = Finding(
         "closed-loop-following",

@@ -79,6 +79,7 @@ def record_flight(
         )
     if inputs in ("motors", "mixer"):
         more += _rounded(log.tables.motors, log.vehicle, start, stop)
+    more += _steps(source, start, stop)
     motion, unit = _motion(states, outputs, turned=frame == "heading" and inputs == "motors")
     y = resample_frame(motion, t)
     if outputs == "position":
@@ -98,6 +99,24 @@ def record_flight(
         vehicle=log.vehicle,
         findings=(*source.findings, *findings, *more),
     )
+
+
+def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:
+    """Say that targets jump, as those of telemetry do."""
+    inside = source.steps[(source.steps[:, 0] > start) & (source.steps[:, 0] < stop), 1]
+    if not len(inside):
+        return []
+    return [
+        Finding(
+            "reference-steps",
+            Severity.WARNING,
+            f"{source.title} jump {len(inside)} time(s), by up to {float(inside.max()):.1f} m, as waypoints do: "
+            "between them the autopilot shapes a path that this log does not have, and a linear model takes its "
+            "limits of speed and acceleration for slowness",
+            "use the DataFlash log of the flight; its PSCN, PSCE and PSCD have the path",
+            {"steps": len(inside), "largest": float(inside.max())},
+        )
+    ]
 
 
 def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float, stop: float) -> list[Finding]:

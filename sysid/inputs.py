@@ -26,7 +26,7 @@ does that with the measured yaw:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,7 +54,19 @@ APART = 1.0
 
 #: Modes of ArduCopter and PX4 in which a person or another controller flies, and no position is held.
 _WITHOUT_POSITION = frozenset(
-    ("STABILIZE", "ACRO", "ALT_HOLD", "SPORT", "DRIFT", "FLIP", "SYSTEMID", "AUTOTUNE", "MANUAL", "ALTITUDE")
+    (
+        "STABILIZE",
+        "STABILIZED",
+        "ACRO",
+        "ALT_HOLD",
+        "SPORT",
+        "DRIFT",
+        "FLIP",
+        "SYSTEMID",
+        "AUTOTUNE",
+        "MANUAL",
+        "ALTITUDE",
+    )
 )
 
 
@@ -71,6 +83,8 @@ class Inputs:
         What they are, for messages.
     restarts : ndarray
         Times between which the signals may be used in one piece, s.
+    steps : ndarray, shape (K, 2)
+        Times [s] and sizes of jumps within a piece.
     findings : tuple of Finding
     """
 
@@ -78,6 +92,7 @@ class Inputs:
     units: Mapping[str, str]
     title: str
     restarts: Floats
+    steps: Floats = field(default_factory=lambda: np.empty((0, 2)))
     findings: tuple[Finding, ...] = ()
 
 
@@ -238,11 +253,13 @@ def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:
             )
         )
     signals = pd.DataFrame(wanted * [1.0, 1.0, -1.0], index=targets.index, columns=["x", "y", "z"])
+    restarts, steps = _jumps(t, wanted - position, tables, position)
     return Inputs(
         signals=signals,
         units=dict.fromkeys("xyz", "m"),
         title="position targets",
-        restarts=_restarts(t, wanted - position, tables, position),
+        restarts=restarts,
+        steps=steps,
         findings=tuple(findings),
     )
 
@@ -300,15 +317,24 @@ def _between_origins(tables: Tables, trajectory: Trajectory) -> Floats:
     return np.array([float(value) for value in place])
 
 
-def _restarts(t: Floats, error: Floats, tables: Tables, position: Floats) -> Floats:
-    """Find when the loop was set up anew: targets that jump at a change of mode or with the own estimate.
+def _jumps(t: Floats, error: Floats, tables: Tables, position: Floats) -> tuple[Floats, Floats]:
+    """Tell targets that jump because the loop was set up anew from targets that are steps asked of it.
 
-    Other jumps are steps asked of a loop that goes on, and stay.
+    A loop is set up anew at a change of mode, and when the autopilot's own estimate jumps with the target.
+
+    Returns
+    -------
+    restarts : ndarray
+        Times at which the loop was set up anew, s.
+    steps : ndarray, shape (K, 2)
+        Times [s] and sizes [m] of the other jumps.
     """
     limit = JUMP + JUMP_SPEED * np.diff(t)
-    jumped = np.abs(np.diff(error, axis=0)).max(axis=1) > limit
+    size = np.abs(np.diff(error, axis=0)).max(axis=1)
+    # Over a gap nothing is known of how the target came to be where it is.
+    jumped = (size > limit) & (np.diff(t) < RESTART)
     if not jumped.any():
-        return np.empty(0)
+        return np.empty(0), np.empty((0, 2))
     changes = np.empty(0) if tables.modes is None else tables.modes.index.to_numpy(np.float64)
     middle = 0.5 * (t[1:] + t[:-1])
     near = np.array([bool(len(changes)) and float(np.min(np.abs(changes - at))) < RESTART for at in middle])
@@ -319,4 +345,6 @@ def _restarts(t: Floats, error: Floats, tables: Tables, position: Floats) -> Flo
             [np.interp(t, own.index.to_numpy(np.float64), own[name].to_numpy(np.float64)) for name in own.columns]
         )
         moved = np.abs(np.diff(at - position, axis=0)).max(axis=1) > limit
-    return np.asarray(middle[jumped & (near | moved)])
+    anew = jumped & (near | moved)
+    asked = jumped & ~anew
+    return middle[anew], np.column_stack([middle[asked], size[asked]])
