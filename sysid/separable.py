@@ -406,8 +406,8 @@ def _price_slopes(problem: Problem, point: Point) -> Floats:
     moved[np.arange(lags), :, np.arange(lags)] += step
     moved[lags + np.arange(lags), :, np.arange(lags)] -= step
     orders = [order - k for order in problem.all_orders] * (2 * lags)
-    a = denominators_of_orders(moved.reshape(-1, lags), orders)[0].reshape(2 * lags, groups, lags)
-    a = (a / system.unit[:, None] ** _missing_powers(problem)).reshape(-1, lags)
+    seconds = denominators_of_orders(moved.reshape(-1, lags), orders)[0].reshape(2 * lags, groups, lags)
+    a: Floats = (seconds / system.unit[:, None] ** _missing_powers(problem)).reshape(-1, lags)
     free = gramians(a, orders, 0).reshape(2, lags, groups, lags, lags)
     free = (free[0] - free[1]) / (2.0 * step)
     forced = free
