@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from logparse import Finding, Severity
@@ -149,14 +150,17 @@ def scan_orders(
 def recommend(table: pd.DataFrame) -> tuple[tuple[int, int] | None, str]:
     """Recommend the simplest order that is as good as the best on the part held back.
 
-    All outputs count alike: each error is taken relative to that of always predicting the mean. A gain of less than
+    All outputs count alike: each error is taken relative to that of always predicting the mean, and the geometric mean
+    of these is compared, so that an axis that hardly moved does not decide alone. A gain of less than
     `sysid.validation.MARGIN` is chance.
     """
     groups = {
         (int(rows["poles"].iloc[0]), int(rows["zeros"].iloc[0])): rows
         for _, rows in table.groupby(["poles", "zeros"], sort=False)
     }
-    score = {order: float((rows["rmse_held_out"] / rows["rmse_mean"]).mean()) for order, rows in groups.items()}
+    score = {
+        order: float(np.exp(np.log(rows["rmse_held_out"] / rows["rmse_mean"]).mean())) for order, rows in groups.items()
+    }
     size = {order: int(rows["parameters"].max()) for order, rows in groups.items()}
     best = min(score, key=lambda order: score[order])
     criteria = {

@@ -75,17 +75,15 @@ class ResidualTest:
         """Say what the tests found."""
         largest = float(np.max(np.abs(self.autocorrelation)))
         white = (
-            "white"
+            "errors one sample ahead are white"
             if self.white
-            else f"not white (autocorrelation up to {largest:.2f}, 99 % band ±{self.band:.2f}): "
-            "earlier errors would improve the prediction"
+            else f"errors one sample ahead are not white (autocorrelation up to {largest:.2f}, 99 % band "
+            f"±{self.band:.2f}): earlier errors would improve the prediction"
         )
-        unused = (
-            f"and {', '.join(self.dependent)} would improve it further: the model has not taken all that they say"
-            if self.dependent
-            else "and independent of the inputs before them"
-        )
-        return f"errors one sample ahead are {white}, {unused}"
+        if not self.dependent:
+            return f"{white}; they are independent of the inputs before them"
+        missed = ", ".join(self.dependent)
+        return f"{white}; inputs before them would improve it ({missed}): the model misses what these say"
 
     def to_dict(self) -> dict[str, Any]:
         """Give statistics and correlations for JSON."""

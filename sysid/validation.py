@@ -140,6 +140,8 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
                 ahead += _horizon_rows(record, predicted, steps, trained, first + steps)
                 if steps == 1:
                     errors[record.name] = record.y - predicted
+        if horizons and record.name not in errors:
+            errors[record.name] = record.y - model.predict(record, record.dt)
     if not rows:
         longest, looked = max(record.duration for record in records), max(start.values()) * records[0].dt
         raise ExperimentError(

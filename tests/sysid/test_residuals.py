@@ -46,7 +46,7 @@ def test_an_input_that_was_forgotten_is_named():
     result = examine_residuals("x", [error], [u], ["m1", "m2"])
     assert result.dependent == ("m2",)
     assert np.argmax(np.abs(result.crosscorrelation["m2"])) == 2
-    assert "m2 would improve it" in result.sentence
+    assert "inputs before them would improve it (m2)" in result.sentence
 
 
 def test_feedback_is_no_fault_of_the_model():
