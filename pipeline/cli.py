@@ -1,4 +1,4 @@
-"""The command line: ``rotorid analyze | inspect | export | bench | bifilar | simulate | serve``.
+"""The command line: ``rotorid analyze | inspect | export | craft | bench | bifilar | simulate | serve``.
 
 Each command is a file in `pipeline.commands`; heavy rooms are imported inside the commands, so that help and usage
 errors come at once.
@@ -14,6 +14,7 @@ import typer
 from pipeline.commands.analyze import analyze
 from pipeline.commands.bench import bench
 from pipeline.commands.bifilar import bifilar
+from pipeline.commands.craft import craft
 from pipeline.commands.exits import OK, SOME_FAILED, WRONG_USAGE, fail
 from pipeline.commands.export import export
 from pipeline.commands.inspect import inspect
@@ -30,7 +31,7 @@ app = typer.Typer(
 )
 
 # In the order in which people use them, which is the order of the help.
-for _command in (analyze, inspect, export, bench, bifilar, simulate, serve):
+for _command in (analyze, inspect, export, craft, bench, bifilar, simulate, serve):
     app.command()(_command)
 app.add_typer(tokens)
 

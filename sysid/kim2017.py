@@ -315,6 +315,12 @@ def fit_kim2017(
     best = together if reason else apart
     torque = mean_torque(windows) if rotation else None
     explained = {**best.explained, **({} if torque is None else {"w_z": torque.explained})}
+    # Commands differ from what motors do by lag and filters, which bias levers by up to what they leave unexplained.
+    indirect = 0.0 if law is Law.SPEED or known is not None else 1.0
+    lever_sigma = [
+        float(np.hypot(sigma, indirect * (1.0 - best.explained[f"w_{axis}"]) * lever))
+        for sigma, lever, axis in zip(best.lever_sigma, best.lever, "xy", strict=True)
+    ]
     if not rotation:
         findings.append(too_slow("Kim 2017", data[0].source))
     findings += weak_motors(per_motor, air)
@@ -325,7 +331,7 @@ def fit_kim2017(
         common=common,
         per_motor=per_motor,
         lever=(float(best.lever[0]), float(best.lever[1])),
-        lever_sigma=(float(best.lever_sigma[0]), float(best.lever_sigma[1])),
+        lever_sigma=(lever_sigma[0], lever_sigma[1]),
         torque_per_inertia=None if torque is None else torque.value,
         torque_sigma=None if torque is None else float(np.hypot(torque.sigma, air * torque.value)),
         yaw=() if torque is None else tuple(float(each) for each in torque.patterns @ motor_patterns(geometry)),

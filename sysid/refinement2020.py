@@ -167,7 +167,7 @@ def fit_refinement2020(
         time_constant = best_lag(motion_at) if rotation else 0.0
     motion = motion_at(time_constant)
     air = air_sigma_of(records)
-    stacked = fit_stacked(motion, air)
+    stacked = fit_stacked(motion, air, law is Law.SPEED)
     instants = solve_instants(motion)
     if not rotation:
         findings.append(too_slow("Refinement 2020", signals[0].source))

@@ -225,7 +225,7 @@ def _mean(values: Floats, kept: NDArray[np.bool_], reason: str) -> InstantMean:
     )
 
 
-def fit_stacked(motion: Sequence[Motion], air: float) -> dict[str, StackedEstimate]:
+def fit_stacked(motion: Sequence[Motion], air: float, measured: bool) -> dict[str, StackedEstimate]:
     """Estimate all parameters from all instants at once.
 
     Parameters
@@ -234,6 +234,10 @@ def fit_stacked(motion: Sequence[Motion], air: float) -> dict[str, StackedEstima
         One per record.
     air : float
         Relative standard uncertainty of the density.
+    measured : bool
+        Whether signals are measured speeds. Commands differ from what motors do by lag and filters, which bias the
+        effectiveness by up to the part of the angular acceleration that it does not explain; that part is added to the
+        standard errors.
     """
     lags = max(round(CORRELATED / motion[0].dt), 2)
     translation = [
@@ -263,18 +267,21 @@ def fit_stacked(motion: Sequence[Motion], air: float) -> dict[str, StackedEstima
             for m in motion
         ]
         gains.append(_robust(rows, [m.acceleration[:, axis] for m in motion], lags))
-    inertia = []
+    systematic = [0.0 if measured else 1.0 - part for *_, part in gains]
+    inertia: list[tuple[float, float]] = []
     whys = [
         unexplained(part, f"angular acceleration in {axis}") for axis, (*_, part) in zip(patterns, gains, strict=False)
     ]
     for name, (gain, spread, _), why in zip(("Jx", "Jy"), gains, whys, strict=False):
         relative = float(np.sqrt(spread[0, 0]) / abs(gain[0])) if gain[0] != 0.0 else np.inf
+        relative = float(np.hypot(relative, systematic[len(inertia)]))
         value = k / float(gain[0]) if gain[0] != 0.0 else np.nan
         inertia.append((value, relative))
         # Density enters k and the gain alike, so that inertia over mass does not feel it.
         sigma = abs(value) * float(np.hypot(relative, k_sigma / k)) if k > 0.0 else np.inf
         result[name] = _judge(value, sigma, f"the craft hardly {'rolls' if name == 'Jx' else 'pitches'}", why)
-    torque, torque_spread = float(gains[2][0][0]), float(np.sqrt(gains[2][1][0, 0]))
+    torque = float(gains[2][0][0])
+    torque_spread = float(np.hypot(np.sqrt(gains[2][1][0, 0]), systematic[2] * torque))
     result["b/Jz"] = _judge(torque, float(np.hypot(torque_spread, air * torque)), "the craft hardly yaws", whys[2])
     result["Jz"] = _yaw_inertia(gains, inertia)
     if result["Jx"].value is None or result["Jy"].value is None:
