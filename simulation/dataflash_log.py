@@ -12,7 +12,14 @@ import pandas as pd
 
 from logparse.dataflash.writer import MessageTable, write_dataflash
 from simulation._kernels import FLYING, LANDING
-from simulation.dataflash_tables import sensor_tables, speed_controller_tables, table, truth_tables
+from simulation.dataflash_tables import (
+    describing_tables,
+    motor_table,
+    sensor_tables,
+    speed_controller_tables,
+    table,
+    truth_tables,
+)
 from simulation.instruments import InstrumentedFlight
 from simulation.mission import CHIRP_AXES
 
@@ -49,10 +56,8 @@ def write_bin(path: Path, log: InstrumentedFlight, logging: Logging = Logging())
 
 
 def _descriptive(log: InstrumentedFlight) -> list[MessageTable]:
-    flight, place = log.flight, log.place
+    flight = log.flight
     reference = flight.reference
-    texts = log.messages()
-    parameters = log.parameters()
     events = [
         (reference.arm, _EVENT_ARMED),
         (reference.takeoff, _EVENT_AUTO_ARMED),
@@ -66,29 +71,7 @@ def _descriptive(log: InstrumentedFlight) -> list[MessageTable]:
         modes += [(start, _SYSTEMID, 2), (start + chirp.duration, _AUTO, 2)]
     numbers = [mode for _, mode, _ in modes]
     return [
-        table(log, "MSG", "QZ", "s-", "F-", [t for t, _ in texts], {"Message": [text for _, text in texts]}),
-        table(
-            log,
-            "PARM",
-            "QNff",
-            "s---",
-            "F---",
-            np.zeros(len(parameters)),
-            {
-                "Name": list(parameters),
-                "Value": list(map(float, parameters.values())),
-                "Default": list(map(float, parameters.values())),
-            },
-        ),
-        table(
-            log,
-            "ORGN",
-            "QBLLe",
-            "s#DUm",
-            "F-GGB",
-            [0.0, 0.0],
-            {"Type": [0, 1], "Lat": place.lat_deg, "Lng": place.lon_deg, "Alt": place.alt},
-        ),
+        *describing_tables(log),
         table(
             log,
             "MODE",
@@ -117,7 +100,6 @@ def _autopilot(log: InstrumentedFlight) -> list[MessageTable]:
     gravity = place.gravity
     plan, nav = log.planned(rows), log.navigated(rows)
     active = rows["state"].isin((FLYING, LANDING)).to_numpy()
-    n = len(flight.setup.vehicle.rotors)
     degrees = {name: np.degrees(rows[name].to_numpy()) for name in _ANGLES}
     baro_altitude = np.interp(rows.index, log.baro.index, log.pressure_altitude())
     climb = -nav["v_d"].to_numpy()
@@ -140,15 +122,7 @@ def _autopilot(log: InstrumentedFlight) -> list[MessageTable]:
                 "AEKF": 3,
             },
         ),
-        table(
-            log,
-            "RCOU",
-            "QHHHHHHHHHHHHHH",
-            "sYYYYYYYYYYYYYY",
-            "F--------------",
-            rows.index,
-            {f"C{k}": rows[f"m{k}"].to_numpy() if k <= n else 0 for k in range(1, 15)},
-        ),
+        motor_table(log),
         table(
             log,
             "CTUN",

@@ -33,6 +33,51 @@ def table(
     return name, form, units, multipliers, frame
 
 
+def describing_tables(log: Instruments) -> list[MessageTable]:
+    """Rows of MSG, PARM and ORGN: what the log is of."""
+    texts, parameters, place = log.messages(), log.parameters(), log.place
+    return [
+        table(log, "MSG", "QZ", "s-", "F-", [t for t, _ in texts], {"Message": [text for _, text in texts]}),
+        table(
+            log,
+            "PARM",
+            "QNff",
+            "s---",
+            "F---",
+            np.zeros(len(parameters)),
+            {
+                "Name": list(parameters),
+                "Value": list(map(float, parameters.values())),
+                "Default": list(map(float, parameters.values())),
+            },
+        ),
+        table(
+            log,
+            "ORGN",
+            "QBLLe",
+            "s#DUm",
+            "F-GGB",
+            [0.0, 0.0],
+            {"Type": [0, 1], "Lat": place.lat_deg, "Lng": place.lon_deg, "Alt": place.alt},
+        ),
+    ]
+
+
+def motor_table(log: Instruments) -> MessageTable:
+    """Rows of RCOU at 10 Hz: the outputs to the motors."""
+    rows = log.rows(10.0)
+    n = len(log.vehicle.rotors)
+    return table(
+        log,
+        "RCOU",
+        "QHHHHHHHHHHHHHH",
+        "sYYYYYYYYYYYYYY",
+        "F--------------",
+        rows.index,
+        {f"C{k}": rows[f"m{k}"].to_numpy() if k <= n else 0 for k in range(1, 15)},
+    )
+
+
 def sensor_tables(log: Instruments, imu_rate: float) -> list[MessageTable]:
     """Rows of IMU (at `imu_rate` Hz), VIBE, GPS, GPA, BARO, MAG and BAT."""
     imu = log.rows(imu_rate)

@@ -13,9 +13,17 @@ import numpy as np
 import pandas as pd
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from logparse.dataflash.writer import write_dataflash
+from logparse.dataflash.writer import MessageTable, write_dataflash
 from simulation._kernels import actuator
-from simulation.dataflash_tables import columns_of, sensor_tables, speed_controller_tables, table, truth_tables
+from simulation.dataflash_tables import (
+    columns_of,
+    describing_tables,
+    motor_table,
+    sensor_tables,
+    speed_controller_tables,
+    table,
+    truth_tables,
+)
 from simulation.instruments import Instruments
 from simulation.place import Place
 from simulation.sensors import Sensors
@@ -161,49 +169,20 @@ def _truth(
     return truth.iloc[:: round(0.01 / dt_path)]
 
 
-def _descriptive(log: Instruments) -> list[tuple[str, str, str, str, pd.DataFrame]]:
-    texts, parameters, place = log.messages(), log.parameters(), log.place
-    values = list(map(float, parameters.values()))
+def _descriptive(log: Instruments) -> list[MessageTable]:
     return [
-        table(log, "MSG", "QZ", "s-", "F-", [t for t, _ in texts], {"Message": [text for _, text in texts]}),
-        table(
-            log,
-            "PARM",
-            "QNff",
-            "s---",
-            "F---",
-            np.zeros(len(values)),
-            {"Name": list(parameters), "Value": values, "Default": values},
-        ),
-        table(
-            log,
-            "ORGN",
-            "QBLLe",
-            "s#DUm",
-            "F-GGB",
-            [0.0, 0.0],
-            {"Type": [0, 1], "Lat": place.lat_deg, "Lng": place.lon_deg, "Alt": place.alt},
-        ),
+        *describing_tables(log),
         table(log, "MODE", "QMBB", "s---", "F---", [0.0], {"Mode": _GUIDED, "ModeNum": _GUIDED, "Rsn": 1}),
         table(log, "ARM", "QBIBB", "s----", "F----", [0.0], {"ArmState": 1, "ArmChecks": 0, "Forced": 0, "Method": 2}),
     ]
 
 
-def _motors(log: Instruments) -> list[tuple[str, str, str, str, pd.DataFrame]]:
+def _motors(log: Instruments) -> list[MessageTable]:
     rows = log.rows(10.0)
     roll, pitch, yaw = (np.degrees(column) for column in columns_of(rows, "roll", "pitch", "yaw"))
-    n = len(log.vehicle.rotors)
     attitude = {"DesRoll": roll, "Roll": roll, "DesPitch": pitch, "Pitch": pitch, "DesYaw": yaw % 360.0}
     return [
         table(log, "ATT", "QffffffB", "sddddhh-", "F000000-", rows.index, attitude | {"Yaw": yaw % 360.0, "AEKF": 0}),
-        table(
-            log,
-            "RCOU",
-            "QHHHHHHHHHHHHHH",
-            "sYYYYYYYYYYYYYY",
-            "F--------------",
-            rows.index,
-            {f"C{k}": rows[f"m{k}"].to_numpy() if k <= n else 0 for k in range(1, 15)},
-        ),
+        motor_table(log),
         *speed_controller_tables(log, 50.0),
     ]
