@@ -1,0 +1,38 @@
+"""``rotorid craft``: every method on a flight of the simulated octocopter, whose truth is known, and the files."""
+
+import json
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.errors import ConfigError
+
+RUN = CliRunner()
+LOG = "sample_logs/octa05_nairobi_turns.bin"
+
+
+@pytest.mark.slow
+def test_all_methods_and_files(tmp_path):
+    """Thrust k w_max^2 of Elhesasy 2024 at the flight's median voltage, within 3 % by every method."""
+    done = RUN.invoke(app, ["craft", LOG, "--mass", "4.3", "--arm", "0.35", "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    numbers = json.loads((tmp_path / "craft.json").read_text())["craft"]
+    expected = 1.105e-5 * 1050.0**2 * (numbers["reference_voltage"] / 16.8) ** 2
+    table = pd.read_csv(tmp_path / "parameters.csv").set_index(["parameter", "method"])
+    found = table.loc["thrust over mass", "si_value"]
+    assert len(found) == 6
+    assert found.to_numpy() == pytest.approx(expected, rel=0.03)
+    assert "motors explain only" in table.loc[("roll inertia over mass and arm", "Kim 2017"), "note"]
+    assert json.loads((tmp_path / "sitl_frame.json").read_text())["mass"] == 4.3
+    assert "no linear hover model" in done.output
+    assert "not determined" in done.output
+
+
+def test_a_stand_needs_the_mass(tmp_path):
+    stand = tmp_path / "stand.csv"
+    stand.write_text("PWM (us),Thrust (N)\n")
+    done = RUN.invoke(app, ["craft", LOG, "--bench", str(stand), "--out", str(tmp_path / "o")])
+    assert isinstance(done.exception, ConfigError)
+    assert "give --mass with --bench" in str(done.exception)
