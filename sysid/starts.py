@@ -36,8 +36,8 @@ ENOUGH_SAMPLES = 10
 #: Weight of the initial responses, relative to the problem's, when records begin at rest and when they do not.
 AT_REST, IN_MOTION = 100.0, 1e-4
 
-#: Part of the output's variance below which a fit from rest explains the records.
-EXPLAINED = 0.01
+#: Part of the output's variance below which a fit from rest explains the records, and above which nothing does.
+EXPLAINED, HOPELESS = 0.01, 0.1
 
 #: Regularisation of the shared modes and of single channels, only for the sake of numbers.
 MODES_RIDGE, CHANNEL_RIDGE = 1e-5, 1e-8
@@ -93,12 +93,16 @@ def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: f
     Returns
     -------
     Separated or None
-        None when there are too few samples for so many coefficients, or integrators.
+        None when there are too few samples for so many coefficients, integrators, or an output that even all these
+        modes do not explain.
     """
     sections = max((sum(problem.all_orders) + 1) // 2, LEAST_SECTIONS)
     if problem.integrators or not _enough(problem, sections):
         return None
-    modes, fit = _shared_modes(problem, sections, band, deadline)
+    modes, rough = _shared_modes(problem, sections, band, deadline)
+    if rough.point.cost > HOPELESS * sum(map(len, rough.point.residuals)):
+        return None
+    fit = descend(modes, rough.point.theta, MODES_STEPS[1], deadline)
     parts = [_parts(states, fit.point, sections) for states in fit.point.states]
     theta = np.zeros((len(problem.group), problem.order))
     for j, order in enumerate(problem.all_orders):
@@ -148,7 +152,7 @@ def _enough(problem: Problem, sections: int) -> bool:
 
 
 def _shared_modes(problem: Problem, sections: int, band: Band, deadline: float) -> tuple[Problem, Descent]:
-    """Let every input act on every section; from rest where that explains the records."""
+    """Let every input act on every section, from rest where that explains half of the records."""
     m = len(problem.group)
     modes = replace(
         problem,
@@ -175,8 +179,7 @@ def _shared_modes(problem: Problem, sections: int, band: Band, deadline: float) 
         moving = descend(rough, grid, MODES_STEPS[0], deadline)
         if moving.point.cost < 0.5 * best.point.cost:
             best, initial = moving, rough.initial
-    modes = replace(modes, initial=initial)
-    return modes, descend(modes, best.point.theta, MODES_STEPS[1], deadline)
+    return replace(modes, initial=initial), best
 
 
 def _parts(states: Floats, point: Point, sections: int) -> Floats:
