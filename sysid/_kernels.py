@@ -97,3 +97,11 @@ def combine(states: Floats, weights: Floats, result: Floats) -> None:
             for q in range(terms):
                 for lane in range(lanes):
                     result[t, p * lanes + lane] += states[t, q, lane] * weights[q, p, lane]
+
+
+def compile_kernels() -> None:
+    """Compile what is not yet compiled, so that a time limit is not spent on it."""
+    lane, pair, cube = np.zeros((1, 1)), np.zeros((2, 1)), np.zeros((1, 1, 1))
+    recur(cube, lane, lane, lane, pair, 1)
+    recur_few(cube, lane, lane, lane, pair)
+    combine(cube, cube, lane)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
 from logparse import Finding, Severity
+from sysid._kernels import compile_kernels
 from sysid.disturbance import Disturbance, fit_disturbance
 from sysid.excitation import Excitation, examine
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
@@ -99,6 +100,7 @@ def fit_transfer_functions(
         raise ValueError("longest_delay must be above 0 and less than half of the shortest record")
     excitation = examine(records)
     report = progress or (lambda stage, fraction: None)
+    compile_kernels()
     begun = time.monotonic()
     fits: dict[str, _OutputFit] = {}
     outputs = records[0].output_names
