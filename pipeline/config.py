@@ -14,8 +14,6 @@ class AnalysisConfig:
         (Elhesasy 2024).
     poles, zeros : int
         Order of every transfer function; the paper found 5 and 3.
-    structure : str
-        ``"per_input"``: every motor has its own denominator, as in the paper.
     mass : float or None
         Take-off mass, kg. Without it only ratios to the mass (k/m) can be determined.
     training_fraction : float
@@ -33,7 +31,6 @@ class AnalysisConfig:
     rate: float = 10.0
     poles: int = 5
     zeros: int = 3
-    structure: str = "per_input"
     mass: float | None = None
     training_fraction: float = 0.7
     training: tuple[str, ...] = ()

@@ -54,7 +54,7 @@ def identify(
         orders = stages.run(
             "orders",
             lambda report: sysid.scan_orders(
-                fitted, structure=config.structure, time_limit=SCAN_PART * config.time_limit, progress=report
+                fitted, structure=kind.scans, time_limit=SCAN_PART * config.time_limit, progress=report
             ),
         )
         reason = stages.missing.pop("orders", "")

@@ -35,8 +35,8 @@ class Kind:
         ``fit(experiments, config, progress)``.
     note : str
         What the model describes, and what it cannot tell, for people who have to choose.
-    scans : bool
-        Whether its number of poles and zeros can be scanned.
+    scans : str
+        Structure with which its number of poles and zeros can be scanned; empty when it cannot.
     rate : float or None
         Samples per second that it needs; those of the configuration when None.
     carry_over : callable or None
@@ -50,19 +50,32 @@ class Kind:
     frame: str
     fit: Fit
     note: str
-    scans: bool = False
+    scans: str = ""
     rate: float | None = None
     carry_over: CarryOver | None = None
 
 
-def _transfer_functions(
+def _motors(
     experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
+) -> sysid.TransferFunctionModel:
+    return _black_box(experiments, config, "per_input", progress)
+
+
+def _mixer(
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
+) -> sysid.TransferFunctionModel:
+    # One craft answers to all commands, with the same modes.
+    return _black_box(experiments, config, "common", progress)
+
+
+def _black_box(
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, structure: str, progress: Progress
 ) -> sysid.TransferFunctionModel:
     return sysid.fit_transfer_functions(
         experiments,
         poles=config.poles,
         zeros=config.zeros,
-        structure=config.structure,
+        structure=structure,
         time_limit=FIT_PART * config.time_limit,
         progress=progress,
     )
@@ -94,18 +107,19 @@ KINDS = (
         "motor PWM → position",
         "motors",
         "earth",
-        _transfer_functions,
+        _motors,
         "A black box with a transfer function for every motor, as in Elhesasy 2024.",
-        scans=True,
+        scans="per_input",
     ),
     Kind(
         "mixer",
         "mixer commands → position",
         "mixer",
         "heading",
-        _transfer_functions,
-        "The same from thrust, roll, pitch and yaw, which the motors’ commands amount to: fewer coefficients.",
-        scans=True,
+        _mixer,
+        "A black box from the thrust, tilt and yaw that the motors’ commands amount to, with one denominator for each "
+        "axis: fewer coefficients.",
+        scans="common",
     ),
     Kind(
         "reference",

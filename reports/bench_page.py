@@ -207,7 +207,7 @@ def _over_voltage(bench: Bench) -> Figure | None:
     for motor in bench.motors:
         found = [bench.coefficients(motor, volts).thrust.value for volts in bench.voltages]
         if all(value is not None for value in found):
-            values = [float(f"{value:.4g}") for value in found if value is not None]
+            values = [round(1e6 * value, 3) for value in found if value is not None]
             data.append(
                 _line([round(v, 2) for v in bench.voltages], values, motor, _style(bench, motor))
                 | {"mode": "lines+markers"}
@@ -216,7 +216,7 @@ def _over_voltage(bench: Bench) -> Figure | None:
         return None
     layout = layout_of(
         xaxis={"title": {"text": "battery voltage (V)"}},
-        yaxis={"title": {"text": "k (N s²)"}, "exponentformat": "power"},
+        yaxis={"title": {"text": "k (10⁻⁶ N s²)"}},
     )
     return Figure("voltage", "How the thrust coefficient follows the battery.", data, layout, 300, False)
 

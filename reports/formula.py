@@ -72,7 +72,8 @@ def transfer_function(
 
 
 def _number(value: float, digits: int) -> Markup:
-    mantissa, times, power = number(value, digits).partition(" × 10")
+    # Rounded first: whole digits, too, are false where the deviation is larger.
+    mantissa, times, power = number(float(f"{value:.{digits - 1}e}"), digits).partition(" × 10")
     if not times:
         return Markup("<mn>%s</mn>") % mantissa
     exponent = power.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", f"{MINUS}0123456789"))

@@ -169,7 +169,7 @@ def recommend(table: pd.DataFrame) -> tuple[tuple[int, int] | None, str]:
     said = ", ".join(f"{name} prefers {_label(order)}" for name, order in criteria.items())
     if not score[best] < 1.0 - MARGIN:
         return None, (
-            f"No order is recommended: on the part held back even the best ({_label(best)}) errs {score[best]:.2f} "
+            f"No order is recommended: on the part held back even the best ({_label(best)}) errs {score[best]:.3g} "
             f"times as much as always predicting the mean, so that the order is not what is wrong; {said}."
         )
     good = [order for order in score if score[order] <= (1.0 + MARGIN) * score[best]]
