@@ -312,7 +312,7 @@ def path_sensitivities(
     z = np.zeros((6, columns))
     for i in range(6):
         z[i, q + i] = 1.0
-    stage, rate = np.empty(6), np.empty((4, 6))
+    stage, rate = np.empty(6), np.zeros((4, 6))
     stage_z, rate_z = np.empty((6, columns)), np.zeros((4, 6, columns))
     s = np.empty(SIGNALS)
     # The columns of the initial state stay zero here.

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sysid._rigid_kernels import path_sensitivities
 from sysid.body_motion import LAG, SHARED, Motion
-from sysid.experiment import Floats
+from sysid.experiment import ExperimentError, Floats
 
 #: Length of a window, s: long against the sampling of the motor outputs, short against a flight.
 WINDOW_SECONDS = 10.0
@@ -170,6 +170,8 @@ def fit_output_error(
     converged, iteration = False, 0
     estimate_states = window_seconds is not None
     now = _linearise(motions, shapes, windows, values, sigma, law, free, estimate_states)
+    if not np.isfinite(now.cost):
+        raise ExperimentError("the craft runs away from its measured path at the first values; check PWM and attitude")
     balance = 1.0 if spread is None else _balance(now)
     damping, reweighted = 1e-6, 0 if spread is None else _REWEIGHTINGS
     while iteration < most_steps:
@@ -240,6 +242,21 @@ def _windows(motions: Sequence[Motion], shapes: Sequence[Floats], seconds: float
 
 
 def _linearise(
+    motions: Sequence[Motion],
+    shapes: Sequence[Floats],
+    windows: Sequence[_Window],
+    values: Floats,
+    sigma: Floats,
+    law: int,
+    free: NDArray[np.int64],
+    estimate_states: bool,
+) -> _Linearised:
+    """Run all windows; a step too far may run away, which its infinite cost tells."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _run_windows(motions, shapes, windows, values, sigma, law, free, estimate_states)
+
+
+def _run_windows(
     motions: Sequence[Motion],
     shapes: Sequence[Floats],
     windows: Sequence[_Window],
