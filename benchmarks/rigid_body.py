@@ -180,7 +180,7 @@ def _ours(flight: Motion) -> tuple[dict[str, float], float]:
     begun = time.process_time()
     fit = fit_output_error([flight], shapes, start, prior, law=0, window_seconds=None)
     seconds = time.process_time() - begun
-    found = dict(zip(names, map(float, fit.values), strict=True))  # noqa: PD011 -- not a table
+    found = dict(zip(names, map(float, fit.values), strict=True))
     return {name: found[name] for name in SHARED_PROBLEM}, seconds
 
 
