@@ -13,7 +13,7 @@ import numpy as np
 
 from logparse import MissingDataError
 from sysid.covariance import autocovariance, coloured_information
-from sysid.experiment import Experiment, Floats
+from sysid.experiment import Experiment, ExperimentError, Floats
 from sysid.motor_geometry import MotorGeometry
 from sysid.motor_signals import EXPLAINED, motor_signals
 from sysid.thrust_curve import Law, column, lagged
@@ -191,6 +191,8 @@ def output_error(
     outputs = [np.concatenate([w.outputs[o] for w in windows]) for o in range(3)]
     if start is None:
         lifted = gains[0] @ np.ones(q)
+        if not np.any(lifted):
+            raise ExperimentError("the motors' signals are zero throughout, so that nothing can be matched to them")
         values = np.full(q, float(lifted @ outputs[0] / (lifted @ lifted)))
     else:
         values = np.full(q, float(start.coefficients[0]))

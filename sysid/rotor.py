@@ -241,10 +241,10 @@ def _fit(blocks: Sequence[Blocks], apart: bool = False) -> Regression:
 
 
 def _condition(blocks: Sequence[Blocks]) -> float:
-    """Condition number of the motors' signals, scaled."""
+    """Condition number of the signals of the motors that turn, scaled."""
     signals = np.vstack([block.thrust for block in blocks])
     size = np.linalg.norm(signals, axis=0)
-    return float(np.linalg.cond(signals / np.where(size > 0.0, size, 1.0))) ** 2
+    return float(np.linalg.cond(signals[:, size > 0.0] / size[size > 0.0])) ** 2
 
 
 def _choose(records: Sequence[Experiment], vehicle: Vehicle, rmse: Mapping[Law, float]) -> tuple[Law, list[Finding]]:

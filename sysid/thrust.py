@@ -175,7 +175,9 @@ def fit_thrust(experiments: Sequence[Experiment], mass: float | None = None) -> 
         [np.hstack([b.thrust, x]) for b, x in zip(blocks, nuisance, strict=True)], [block.force for block in blocks]
     )
     regressors = np.vstack([block.thrust for block in blocks])
-    scaled = regressors / np.linalg.norm(regressors, axis=0)
+    size = np.linalg.norm(regressors, axis=0)
+    # A motor that never turns tells nothing, and says nothing of how well the others are told apart.
+    scaled = regressors[:, size > 0.0] / size[size > 0.0]
     condition = float(np.linalg.cond(scaled)) ** 2
     flown = len(vehicle.motors)
     unlogged = f"only {len(motors)} of {flown} motors are logged" if len(motors) < flown else ""

@@ -58,6 +58,17 @@ def test_what_a_method_cannot_do_stands_in_its_note(record):
     assert "accelerometer" in blind.loc[("thrust over mass", "mean thrust"), "note"]
 
 
+def test_a_motor_that_stands_still_and_motors_that_all_do(record):
+    u = record.u.copy()
+    u[:, 3] = record.vehicle.pwm_min + 150.0
+    table = physical_parameters([replace(record, u=u, input_trim=u.mean(axis=0))]).table
+    assert np.isfinite(table.loc["thrust over mass", "value"]).all()
+    still = np.full_like(u, 1000.0)
+    table = physical_parameters([replace(record, u=still, input_trim=still[0])]).table
+    assert table["value"].isna().all()
+    assert table["note"].astype(bool).all()
+
+
 def test_a_stand_is_a_prior_of_the_rigid_body(tmp_path, record):
     """A hover tells thrust at one command only; the stand's curvature makes the curve."""
     hover = flight(octocopter(), 2, duration=40.0, strength=0.3, speeds=False, rate=10.0)

@@ -95,7 +95,7 @@ def test_slow_and_dead_motors_are_named(octo):
     assert found.get("dead-motor") == "m5"
     u = octo.u.copy()
     u[:, 3] = 1100.0
-    stopped = fit_rotor([replace(octo, u=u)])
+    stopped = fit_rotor([replace(octo, u=u, input_trim=u.mean(axis=0))])
     assert [f.evidence["motor"] for f in stopped.findings if f.id == "dead-motor"] == ["m4"]
 
 
