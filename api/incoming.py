@@ -2,8 +2,6 @@
 
 import hashlib
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,13 +26,14 @@ class Upload:
 
     def write(self, data: bytes | bytearray) -> None:
         """Append bytes."""
-        self._file.write(data)
+        rest = memoryview(data)
+        while rest:  # a disk that fills up takes a part before it refuses
+            rest = rest[self._file.write(rest) :]
         self._digest.update(data)
         self.size += len(data)
 
     def sync(self) -> None:
         """Have the bytes on the disk, not only on their way."""
-        self._file.flush()
         os.fsync(self._file.fileno())
 
 
@@ -43,13 +42,6 @@ class Incoming:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-
-    def prepare(self) -> None:
-        """Make the folder and clear away what a stopped service left unfinished; OSError where it cannot."""
-        shutil.rmtree(self._folder, ignore_errors=True)
-        self._folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=self._folder):
-            pass  # so that a read-only folder is known at the start, not at the first upload
 
     @contextmanager
     def receive(self) -> Iterator[Upload]:

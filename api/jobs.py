@@ -2,18 +2,24 @@
 
 import logging
 import threading
+import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
+from typing import Any
 
 from sqlalchemy.exc import SQLAlchemyError
 
 from api.database import Database
+from api.queue import Claim
 from api.watch import Workplace, work
 
 _log = logging.getLogger("rotorid.api")
 
 #: Seconds between two looks into the queue when nobody says that something is there: other servers may have put it in.
 _LOOK = 1.0
+
+#: Seconds after which a scheduler that did not answer is asked again.
+_RECONNECT = 5.0
 
 
 class Runner:
@@ -39,28 +45,27 @@ class Runner:
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._dispatch, name="dispatch", daemon=True)
         self._executor: Executor | None = None
+        #: Claims handed out that nobody may have begun to work on: they are kept alive from here.
+        self._waiting: dict[Future[None], Claim] = {}
+        self._prolonged = 0.0
 
     def open(self) -> None:
         """Start to work."""
         if self._scheduler is None:
             self._workplace.warm_up()
-            self._executor = ThreadPoolExecutor(self._workers, thread_name_prefix="analysis")
-            self._work = partial(work, stopping=self.stopping)
-        else:
-            from distributed import Client
-
-            self._executor = Client(self._scheduler).get_executor(pure=False)  # type: ignore[no-untyped-call]
-            self._work = partial(work)
         self._thread.start()
 
     def close(self) -> None:
-        """Stop: what is being worked on goes back into the queue, for the next server or another one."""
+        """Stop: what is being worked on here goes back into the queue, for the next server or another one.
+
+        A cluster finishes what it works on; the database and the storage are all that it needs for that.
+        """
         self._closing.set()
         self._woken.set()
         if self._thread.is_alive():
             self._thread.join()
         if self._executor is not None:
-            self._executor.shutdown(wait=self._scheduler is None)
+            self._executor.shutdown(wait=True)
 
     def stopping(self) -> bool:
         """Say whether the service is about to end."""
@@ -72,8 +77,11 @@ class Runner:
 
     def _dispatch(self) -> None:
         """Claim analyses and hand them out, until the server stops."""
-        assert self._executor is not None
         while not self._closing.is_set():
+            self._keep_alive()
+            if self._executor is None and not self._connect():
+                self._closing.wait(_RECONNECT)
+                continue
             if not self._free.acquire(timeout=_LOOK):
                 continue
             claim = None
@@ -82,17 +90,79 @@ class Runner:
                 claim = self._queue.claim()
             except SQLAlchemyError as error:
                 _log.warning("the queue cannot be read: %s", error)
-            if claim is None:
+            if claim is None or not self._submit(claim):
                 self._free.release()
                 self._woken.wait(_LOOK)
-                continue
-            future = self._executor.submit(self._work, self._workplace, claim)
-            future.add_done_callback(self._done)
+
+    def _connect(self) -> bool:
+        """Find whoever does the work; False when it does not answer."""
+        if self._scheduler is None:
+            self._executor = ThreadPoolExecutor(self._workers, thread_name_prefix="analysis")
+            return True
+        try:
+            self._executor = _Cluster(self._scheduler)
+        except OSError as error:
+            _log.warning("the scheduler at %s does not answer: %s", self._scheduler, error)
+        return self._executor is not None
+
+    def _submit(self, claim: Claim) -> bool:
+        """Hand a claim out; False when nobody takes it, and it is back in the queue."""
+        assert self._executor is not None
+        # The work on a cluster does not end with this server.
+        task = partial(work) if self._scheduler else partial(work, stopping=self.stopping)
+        try:
+            future = self._executor.submit(task, self._workplace, claim)
+        except Exception as error:  # a cluster's client that lost its scheduler fails in many ways
+            _log.warning("analysis %s cannot be handed out: %s", claim.analysis, error)
+            self._executor = None
+            try:
+                self._queue.give_back(claim)
+            except SQLAlchemyError:
+                _log.warning("analysis %s waits until its lease is over", claim.analysis)
+            return False
+        self._waiting[future] = claim
+        future.add_done_callback(self._done)
+        return True
+
+    def _keep_alive(self) -> None:
+        """Prolong what a busy cluster has not begun yet; whoever has begun does so under a lease of its own."""
+        if self._scheduler is None or time.monotonic() < self._prolonged + self._workplace.lease / 3:
+            return
+        self._prolonged = time.monotonic()
+        for future, claim in list(self._waiting.items()):
+            try:
+                if not self._queue.prolong(claim):
+                    self._waiting.pop(future, None)
+            except SQLAlchemyError as error:
+                _log.warning("analysis %s: no sign of life can be given: %s", claim.analysis, error)
 
     def _done(self, future: Future[None]) -> None:
         """Free the place of an analysis; whatever it failed of, its lease will run out."""
+        self._waiting.pop(future, None)
         self._free.release()
         self._woken.set()
         error = future.exception() if not future.cancelled() else None
         if error is not None:
             _log.error("a worker failed: %s: %s", type(error).__name__, error)
+
+
+class _Cluster(Executor):
+    """The workers of a Dask scheduler."""
+
+    def __init__(self, address: str) -> None:
+        from distributed import Client
+
+        self._client = Client(address, set_as_default=False)  # type: ignore[no-untyped-call]
+        self._executor = self._client.get_executor(pure=False)  # type: ignore[no-untyped-call]
+
+    def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
+        """Have something called on the cluster."""
+        if self._client.status != "running":
+            self._client.close()  # type: ignore[no-untyped-call]
+            raise ConnectionError("the connection to the scheduler is broken")
+        future: Future[Any] = self._executor.submit(*arguments, **named)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the cluster to itself; what it has not begun yet it forgets."""
+        self._client.close()  # type: ignore[no-untyped-call]

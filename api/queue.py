@@ -2,11 +2,14 @@
 
 A worker claims an analysis for a short time and keeps prolonging that. When it dies, its lease runs out and another
 worker may claim the analysis. A worker that lost its lease, because it was too slow or the analysis was cancelled, can
-change nothing any more: every change names the lease.
+change nothing any more: every change names the lease. Whoever begins to work renews the claim under a lease of its own,
+so that a claim handed out twice, as a cluster does when it loses a worker, is worked on once.
+
+Every change may be asked for again when the connection broke before the answer came.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from http import HTTPStatus
 from typing import Any
@@ -98,7 +101,14 @@ class Queue:
                 configuration=found.configuration,
             )
 
-    def prolong(self, claim: Claim, stage: str, progress: float) -> bool:
+    def begin(self, claim: Claim) -> Claim | None:
+        """Put a claim under a new lease, which only the caller knows; None when the old one is lost."""
+        own = replace(claim, lease=new_id())
+        with self._database.write() as session:
+            held = _change(session, claim, lease=own.lease, lease_until=datetime.now(UTC) + self._lease)
+        return own if held else None
+
+    def prolong(self, claim: Claim, stage: str = "", progress: float = 0.0) -> bool:
         """Give a sign of life and say how far the work is; False when the lease is lost and the work for nothing."""
         until = datetime.now(UTC) + self._lease
         with self._database.write() as session:
@@ -107,7 +117,11 @@ class Queue:
     def finish(self, claim: Claim, files: Mapping[str, int]) -> bool:
         """End an analysis well; False, with nothing changed, when the lease is lost."""
         with self._database.write() as session:
-            return _change(session, claim, **_end(State.DONE), files=dict(files), results=claim.lease)
+            if _change(session, claim, **_end(State.DONE), files=dict(files), results=claim.lease):
+                return True
+            # Asked for again: it was done before, and the results must not be taken for another's.
+            ended = session.get(AnalysisRecord, claim.analysis)
+            return ended is not None and ended.results == claim.lease
 
     def fail(self, claim: Claim, problem: Problem) -> bool:
         """End an analysis that cannot be done; False, with nothing changed, when the lease is lost."""

@@ -6,6 +6,9 @@ from typing import Any, NamedTuple
 
 Schema = Mapping[str, Any]
 
+#: Kinds of operations in the order in which one needs them.
+_KINDS = ("logs", "analyses", "sharing", "operation")
+
 #: How deep an example goes into schemas within schemas.
 _DEPTH = 6
 
@@ -53,11 +56,11 @@ def operations_by_kind(document: Schema, base: str, *, tokens: bool = False) -> 
     tokens : bool
         Whether the service needs a token.
     """
-    kinds: dict[str, list[Operation]] = {}
+    kinds: dict[str, list[Operation]] = {kind: [] for kind in _KINDS}
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
             shown = _operation(document, base, path, method, operation, tokens=tokens)
-            kinds.setdefault(operation["tags"][0], []).append(shown)
+            kinds[operation["tags"][0]].append(shown)
     return kinds
 
 

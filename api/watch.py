@@ -23,6 +23,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from api import sizes, worker
 from api.database import Database
+from api.heartbeat import Heartbeat, LostError
 from api.objects import Objects
 from api.problems import Problem
 from api.queue import Claim, Queue
@@ -34,9 +35,6 @@ _log = logging.getLogger("rotorid.api")
 PRELOAD = ("pipeline.flight", "pipeline.fleet", "reports.html")
 
 _CONTEXT = multiprocessing.get_context("forkserver")
-
-#: Part of a lease after which it is prolonged: two signs of life may be lost.
-_PROLONG = 1 / 3
 
 #: Seconds for which the end of an analysis is kept ready while the database cannot take it.
 _PATIENCE = 120.0
@@ -88,32 +86,34 @@ class Workplace:
         forkserver.ensure_running()
 
 
-class LostError(Exception):
-    """Somebody else has the analysis now, or nobody wants it any more."""
-
-
 def work(workplace: Workplace, claim: Claim, stopping: Callable[[], bool] = bool) -> None:
     """Work on a claimed analysis until it has ended, the claim is lost, or `stopping` says so."""
     workplace.warm_up()
     database = Database(workplace.database)
     try:
-        _work(workplace, claim, database, stopping)
+        queue = workplace.queue(database)
+        own = queue.begin(claim)
+        if own is not None:
+            _work(workplace, own, queue, stopping)
     finally:
         database.close()
 
 
-def _work(workplace: Workplace, claim: Claim, database: Database, stopping: Callable[[], bool]) -> None:
-    queue, objects = workplace.queue(database), Objects(workplace.objects)
-    with tempfile.TemporaryDirectory(prefix="rotorid-", dir=workplace.scratch) as name:
+def _work(workplace: Workplace, claim: Claim, queue: Queue, stopping: Callable[[], bool]) -> None:
+    objects = Objects(workplace.objects)
+    with (
+        Heartbeat(queue, claim, workplace.lease) as heartbeat,
+        tempfile.TemporaryDirectory(prefix="rotorid-", dir=workplace.scratch) as name,
+    ):
         folder = Path(name)
         try:
-            task = worker.Task(_fetch(claim, objects, folder), claim.configuration, folder / "results")
+            task = worker.Task(_fetch(claim, objects, folder, heartbeat), claim.configuration, folder / "results")
             task.folder.mkdir()
-            problem = _analyse(workplace, claim, queue, task, stopping)
+            problem = _analyse(workplace, claim, heartbeat, task, stopping)
             if problem is not None:
                 _persist(lambda: queue.fail(claim, problem))
                 return
-            files = _keep(claim, objects, task.folder)
+            files = _keep(claim, objects, task.folder, heartbeat)
             if not _persist(lambda: queue.finish(claim, files)):
                 objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
         except _StoppedError:
@@ -123,6 +123,7 @@ def _work(workplace: Workplace, claim: Claim, database: Database, stopping: Call
                 given_up = _judge_exit(workplace, claim, death.exit_code)
                 _persist(lambda: queue.fail(claim, given_up))
         except LostError:
+            objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
             _log.info("analysis %s was cancelled, or given to another worker", claim.analysis)
         except FileNotFoundError:
             _log.exception("analysis %s: a log is gone", claim.analysis)
@@ -145,23 +146,25 @@ class _DiedError(Exception):
         self.exit_code = exit_code
 
 
-def _fetch(claim: Claim, objects: Objects, folder: Path) -> list[tuple[Path, str]]:
+def _fetch(claim: Claim, objects: Objects, folder: Path, heartbeat: Heartbeat) -> list[tuple[Path, str]]:
     """Bring the logs to this computer, under names of which nothing is taken on trust."""
-    (folder / "logs").mkdir()
     safe = folder_names([name for _, name in claim.logs])
     logs = []
-    for log_id, name in claim.logs:
-        path = folder / "logs" / safe[name]
+    for number, (log_id, name) in enumerate(claim.logs, start=1):
+        heartbeat.check()
+        path = folder / "logs" / str(number) / safe[name]  # logs of one analysis may have the same name
+        path.parent.mkdir(parents=True)
         objects.fetch(f"logs/{log_id}", path)
         logs.append((path, name))
     return logs
 
 
-def _keep(claim: Claim, objects: Objects, folder: Path) -> dict[str, int]:
+def _keep(claim: Claim, objects: Objects, folder: Path, heartbeat: Heartbeat) -> dict[str, int]:
     """Move the results to the storage; gives every file's size by its name."""
     files = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file():
+            heartbeat.check()
             name = path.relative_to(folder).as_posix()
             files[name] = path.stat().st_size
             with path.open("rb") as file:
@@ -171,22 +174,18 @@ def _keep(claim: Claim, objects: Objects, folder: Path) -> dict[str, int]:
 
 
 def _analyse(
-    workplace: Workplace, claim: Claim, queue: Queue, task: worker.Task, stopping: Callable[[], bool]
+    workplace: Workplace, claim: Claim, heartbeat: Heartbeat, task: worker.Task, stopping: Callable[[], bool]
 ) -> Problem | None:
     """Let a process do the task; gives what went wrong, or None when the results are there."""
     with _process(workplace, task) as (process, receiver):
         deadline = time.monotonic() + workplace.time_limit
-        sign_of_life = 0.0
         last = worker.Advanced("", 0.0)
         while time.monotonic() < deadline:
             if stopping():
                 raise _StoppedError
-            now = time.monotonic()
-            if now >= sign_of_life:
-                _prolong(queue, claim, last)
-                sign_of_life = now + workplace.lease * _PROLONG
+            heartbeat.check()
             try:
-                if not receiver.poll(min(0.25, deadline - now)):
+                if not receiver.poll(min(0.25, max(0.0, deadline - time.monotonic()))):
                     continue
                 report = receiver.recv()
             except (EOFError, OSError):
@@ -196,7 +195,8 @@ def _analyse(
             if not isinstance(report, worker.Advanced):
                 return _judge(workplace, claim, report)
             if report.stage != last.stage or report.progress >= last.progress + 0.02:
-                last, sign_of_life = report, 0.0
+                last = report
+                heartbeat.reach(report.stage, report.progress)
         return _too_slow(workplace.time_limit)
 
 
@@ -218,17 +218,6 @@ def _process(workplace: Workplace, task: worker.Task) -> Iterator[tuple[ForkServ
         process.join()
         process.close()
         receiver.close()
-
-
-def _prolong(queue: Queue, claim: Claim, last: worker.Advanced) -> None:
-    """Give a sign of life; a database that does not answer is no reason to stop before the lease is over."""
-    try:
-        held = queue.prolong(claim, last.stage, last.progress)
-    except SQLAlchemyError as error:
-        _log.warning("analysis %s: no sign of life can be given: %s", claim.analysis, error)
-        return
-    if not held:
-        raise LostError
 
 
 def _persist(change: Callable[[], bool]) -> bool:

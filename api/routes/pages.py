@@ -7,13 +7,15 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
+from api.access import bearer
 from api.dependencies import Owner, Parts, PartsOf, from_our_pages
 from api.page_templates import render
 from api.problems import Problem, ProblemError
 from api.reference import operations_by_kind
+from api.report_keys import ReportKeys
 from api.resources import Analysis, State
 from api.result_files import downloads, flight_pages
-from api.results import links_of
+from api.results import file_of
 from api.routes.analyses import find_analysis
 from api.routes.logs import take_upload
 from api.routes.paging import After
@@ -99,9 +101,24 @@ def _listed(
 def show_analysis_page(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Show how far an analysis is, or its report, or why there is none."""
     analysis = find_analysis(analysis_id, parts.catalog, owner)
-    return render(
-        request, _TEMPLATES.get(analysis.state, "progress.html"), _shown(analysis, f"/api/v1/analyses/{analysis.id}")
-    )
+    address = frame = f"/api/v1/analyses/{analysis.id}"
+    secret = bearer(request)
+    if parts.settings.access is Access.TOKENS and secret is not None:
+        frame = f"/reports/{ReportKeys(parts.database).make(secret, analysis.id)}"
+    return render(request, _TEMPLATES.get(analysis.state, "progress.html"), _shown(analysis, address, frame))
+
+
+@router.head("/reports/{key}/{name:path}")
+@router.get("/reports/{key}/{name:path}")
+def fetch_framed(key: str, name: str, parts: PartsOf) -> Response:
+    """Fetch a report into the frame of a signed-in visitor's page, or what that report links to."""
+    analysis_id = ReportKeys(parts.database).analysis_of(key)
+    analysis = None if analysis_id is None else parts.catalog.find_analysis(analysis_id, None)
+    response = None if analysis is None else file_of(analysis, name, parts)
+    if response is None:
+        detail = "There is nothing here any more. Open the analysis again from the list."
+        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, detail))
+    return response
 
 
 @router.head("/shared/{secret}")
@@ -110,17 +127,18 @@ def show_shared_page(request: Request, secret: str, parts: PartsOf) -> Response:
     """Show the analysis that a link is to, to be read only."""
     analysis = find_shared(secret, parts)
     template = "shared.html" if analysis.state is State.DONE else "shared_unfinished.html"
-    return render(request, template, _shown(analysis, f"/api/v1/shared/{secret}"))
+    address = f"/api/v1/shared/{secret}"
+    return render(request, template, _shown(analysis, address, address))
 
 
-def _shown(analysis: Analysis, address: str) -> dict[str, Any]:
-    """Gather what the page of an analysis shows; `address` is that of its resource for the reader."""
+def _shown(analysis: Analysis, address: str, frame: str) -> dict[str, Any]:
+    """Gather what the page of an analysis shows: its resource at `address`, its report below the address `frame`."""
     return {
         "analysis": analysis,
         "address": address,
-        "links": links_of(analysis),
+        "frame": frame,
         "downloads": downloads(analysis, address),
-        "flights": flight_pages(analysis, address),
+        "flights": flight_pages(analysis, frame),
     }
 
 

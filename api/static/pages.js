@@ -6,6 +6,9 @@
   const problem = document.getElementById("problem");
   const said = document.getElementById("said");
 
+  // What says that the report is loading stands behind it, and would be read out for good.
+  document.querySelector("iframe")?.addEventListener("load", () => { document.querySelector(".loading").hidden = true; });
+
   function complain(text) {
     problem.textContent = text;
     problem.hidden = false;

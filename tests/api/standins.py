@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import time
+from pathlib import Path
 
 from api.worker import Progress, Task
 from logparse import LogError
@@ -31,9 +32,23 @@ def analyze(task: Task, progress: Progress) -> None:
             for step in range(20):
                 progress("transfer functions", step / 20)
                 time.sleep(0.1)
+        case "until":
+            progress("transfer functions", 0.4)
+            signal_file = Path(log.read_text().split(maxsplit=1)[1])
+            while not signal_file.exists():
+                time.sleep(0.05)
     progress("report", 0.9)
     report = {"name": name, "rmse": [{"axis": "x", "rmse": 0.25}], "bytes": log.stat().st_size, "nothing": float("nan")}
-    (folder / "report.html").write_text("<!doctype html><title>report</title><script>document.title='drawn'</script>")
+    links = ""
+    for _, flight in task.logs if len(task.logs) > 1 else ():
+        (folder / "flights" / flight).mkdir(parents=True)
+        (folder / "flights" / flight / "report.html").write_text(
+            f"<!doctype html><title>report</title><h1>{flight}</h1>"
+        )
+        links += f"<a href='flights/{flight}/report.html'>{flight}</a>"
+    (folder / "report.html").write_text(
+        f"<!doctype html><title>report</title>{links}<script>document.title='drawn'</script>"
+    )
     (folder / "report.json").write_text(json.dumps(report))
     (folder / "models.json").write_text(json.dumps({"models": []}))
     (folder / "rmse.csv").write_text("flight,x,y,z\n1,0.25,0.2,0.3\n")

@@ -1,0 +1,263 @@
+"""What people do on the pages, in a real browser: upload, follow, read, share, delete, sign in; at any width."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from api import Settings, create_app
+from api.settings import Access
+from tests.api import standins
+from tests.api.browsing import PHONE, File, assert_accessible, assert_fits, watched
+from tests.api.conftest import running
+
+expect.set_options(timeout=30_000)  # the first analysis waits for its process to be prepared, on a busy computer long
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Run Chromium; for this module only, for its event loop would be in the way of other tests'."""
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("Chromium is not installed (Debian: apt-get install chromium)")
+    with sync_playwright() as playwright:
+        # Chromium's own sandbox does not work for root, as whom CI runs.
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(browser: Browser, service: httpx.Client) -> Iterator[Page]:
+    with watched(browser, service) as page:
+        yield page
+
+
+def choose(page: Page, *files: File) -> None:
+    page.goto("/")
+    page.get_by_label("Choose logs").set_input_files(
+        [{"name": name, "mimeType": "application/octet-stream", "buffer": content} for name, content in files]
+    )
+
+
+def test_a_log_becomes_a_report_and_its_files(page: Page, tmp_path: Path) -> None:
+    go_on = tmp_path / "go on"
+    choose(page, ("flight.bin", f"until {go_on}".encode()))
+    page.wait_for_url("**/analyses/*")
+    expect(page.get_by_role("heading", name="Analysing flight.bin")).to_be_visible()
+    expect(page.get_by_role("status").first).to_have_text("Transfer functions")  # as the events tell
+    assert_accessible(page)
+    go_on.touch()
+    # The page changes to the report by itself; the report's own script runs in its sandbox.
+    expect(page.locator("iframe")).to_have_attribute("title", "Report on flight.bin")
+    page.wait_for_function("document.querySelector('.loading').hidden")
+    assert page.frame(name="report").title() == "drawn"  # type: ignore[union-attr]
+    assert_accessible(page)
+    page.get_by_text("Downloads").click()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="RMSE table").click()
+    assert download.value.suggested_filename == "flight.bin.rmse.csv"
+    assert download.value.path().read_text() == "flight,x,y,z\n1,0.25,0.2,0.3\n"
+
+
+def test_several_logs_each_on_its_own(page: Page) -> None:
+    choose(page, ("one.bin", b"good one"), ("none.bin", b""), ("two.bin", b"good two"), ("big.bin", b"x" * 4_000_001))
+    uploads = page.get_by_role("region", name="Uploads").get_by_role("listitem")
+    expect(uploads).to_have_count(4)
+    expect(uploads.nth(0)).to_contain_text("8 bytes, uploaded")
+    expect(uploads.nth(1)).to_contain_text("This file is empty")
+    expect(uploads.nth(3)).to_contain_text("This file has 4 MB; the service takes logs of up to 4 MB.")
+    expect(page.get_by_text("2 of 4 uploaded. Choose how to analyse them.")).to_be_attached()
+    assert_accessible(page)
+    page.get_by_role("button", name="Remove none.bin").click()
+    expect(uploads).to_have_count(3)
+    page.get_by_role("button", name="Analyse each on its own").click()
+    page.wait_for_url("**/analyses")
+    rows = page.locator("#analyses li")
+    # The list is fetched again and again until nothing in it changes any more.
+    expect(rows.nth(0)).to_contain_text("Done")
+    expect(rows.nth(1)).to_contain_text("Done")
+    assert [rows.nth(row).get_by_role("link").inner_text() for row in (0, 1)] == ["two.bin", "one.bin"]
+
+
+def test_several_logs_together(page: Page) -> None:
+    choose(page, ("a.bin", b"good a"), ("b.bin", b"good b"))
+    page.get_by_role("button", name="Analyse together").click()
+    page.wait_for_url("**/analyses/*")
+    expect(page.get_by_role("heading", name="a.bin and 1 more")).to_be_visible()
+    page.get_by_text("Flights", exact=True).click()
+    page.get_by_role("link", name="b.bin").click()
+    expect(page.frame_locator("iframe").get_by_role("heading", name="b.bin")).to_be_visible()
+
+
+def test_a_log_is_dropped(page: Page) -> None:
+    page.goto("/")
+    transfer = page.evaluate_handle(
+        "() => { const data = new DataTransfer(); data.items.add(new File(['good drop'], 'drop.bin')); return data; }"
+    )
+    page.dispatch_event("main", "dragenter", {"dataTransfer": transfer})
+    expect(page.locator(".drop")).to_have_class("drop over")
+    page.dispatch_event("main", "drop", {"dataTransfer": transfer})
+    page.wait_for_url("**/analyses/*")
+
+
+def test_an_upload_that_is_broken_off_can_be_tried_again(page: Page) -> None:
+    page.route("**/api/v1/logs", lambda route: route.abort())
+    choose(page, ("flight.bin", b"good after all"))
+    expect(page.get_by_text("The upload was broken off")).to_be_visible()
+    page.unroute("**/api/v1/logs")
+    page.get_by_role("button", name="Try again flight.bin").click()
+    page.wait_for_url("**/analyses/*")
+
+
+def test_a_failed_log_says_why_and_can_be_deleted(page: Page) -> None:
+    choose(page, ("bad.bin", b"refused"))
+    expect(page.get_by_role("heading", name="The log cannot be analysed")).to_be_visible()
+    expect(page.get_by_text("set LOG_BITMASK to include motor outputs")).to_be_visible()
+    assert_accessible(page)
+    address = page.url
+    page.get_by_text("Delete", exact=True).click()
+    page.get_by_label("Delete the log as well").check()
+    page.get_by_role("button", name="Delete for good").click()
+    page.wait_for_url("**/analyses")
+    page.goto(address)
+    expect(page.get_by_text("There is no analysis of this id.")).to_be_visible()
+
+
+def test_an_analysis_is_cancelled_and_done_again_with_other_settings(page: Page) -> None:
+    choose(page, ("long.bin", b"hang"))
+    page.wait_for_url("**/analyses/*")
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.get_by_role("heading", name="Cancelled: long.bin")).to_be_visible()
+    page.get_by_role("link", name="Analyse again").click()
+    page.get_by_label("Poles of each transfer function").fill("3")
+    page.get_by_label("Zeros").fill("4")
+    page.get_by_role("button", name="Analyse").click()
+    expect(page.get_by_role("alert").first).to_contain_text("fewer than the 3 poles")
+    assert_accessible(page)
+    page.get_by_label("Zeros").fill("2")
+    page.get_by_role("button", name="Analyse").click()
+    expect(page.get_by_text("3 poles, 2 zeros")).to_be_visible()
+    page.goto("/analyses")  # and from the list it is cancelled without leaving it
+    page.get_by_role("button", name="Cancel long.bin").click()
+    expect(page.locator("#analyses li").first).to_contain_text("Cancelled")
+    expect(page.locator("#said")).to_have_text("Cancelled.")
+    page.once("dialog", lambda dialog: dialog.accept())
+    count = page.locator("#analyses li").count()
+    page.get_by_role("button", name="Delete the analysis of long.bin").first.click()
+    expect(page.locator("#analyses li")).to_have_count(count - 1)
+
+
+def test_the_list_has_parts(page: Page, service: httpx.Client) -> None:
+    log = service.post("/api/v1/logs", files={"file": ("many.bin", b"good, many times")}).json()["id"]
+    for _ in range(27):
+        address = service.post("/api/v1/analyses", json={"log": log}).headers["Location"]
+        service.post(f"{address}/cancel")
+    page.goto("/analyses?state=cancelled")
+    expect(page.locator("#analyses li")).to_have_count(25)
+    page.get_by_role("link", name="Older").click()
+    expect(page.locator("#analyses li").first).to_contain_text("many.bin")
+    expect(page.get_by_role("link", name="Newest")).to_be_visible()
+    page.goto("/analyses?state=queued")
+    expect(page.get_by_text("No analysis is waiting.")).to_be_visible()
+
+
+def test_a_report_is_shared_and_taken_back(page: Page, browser: Browser, service: httpx.Client) -> None:
+    choose(page, ("shared.bin", b"good to share"))
+    page.get_by_text("Share", exact=True).click()
+    page.get_by_role("button", name="Make a link").click()
+    link = page.get_by_label("Whoever has this link")
+    expect(link).to_be_focused()
+    with watched(browser, service) as stranger:
+        stranger.goto(link.input_value())
+        expect(stranger.locator("iframe")).to_have_attribute("title", "Report on shared.bin")
+        expect(stranger.get_by_text("Delete")).to_have_count(0)
+        assert_accessible(stranger)
+        page.get_by_role("button", name="Take back all links").click()
+        expect(page.get_by_text("they lead nowhere now")).to_be_visible()
+        stranger.reload()
+        expect(stranger.get_by_text("There is nothing behind this link")).to_be_visible()
+
+
+def test_the_keyboard_is_enough(page: Page) -> None:
+    page.on("filechooser", lambda _: None)  # from the start, lest the browser dismiss the first one by itself
+    page.goto("/")
+    page.keyboard.press("Tab")
+    expect(page.get_by_text("Skip to the content")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.locator("main")).to_be_focused()
+    page.keyboard.press("Tab")
+    expect(page.get_by_label("Choose logs")).to_be_focused()
+    with page.expect_file_chooser() as chooser:
+        page.keyboard.press("Enter")
+    chooser.value.set_files([{"name": "keys.bin", "mimeType": "application/octet-stream", "buffer": b"good keys"}])
+    page.locator("iframe").wait_for()
+    page.locator("summary", has_text="Downloads").focus()
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("link", name="RMSE table")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("link", name="RMSE table")).not_to_be_visible()
+    expect(page.locator("summary", has_text="Downloads")).to_be_focused()
+    page.get_by_text("Delete", exact=True).focus()
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="Delete for good").press("Enter")
+    page.wait_for_url("**/analyses")
+
+
+def test_no_page_scrolls_sideways_on_a_phone(browser: Browser, service: httpx.Client) -> None:
+    with watched(browser, service, viewport=PHONE) as page:
+        choose(page, ("a_rather_long_name_of_a_flight_" * 5 + ".bin", b"good, but long"), ("short.bin", b"good, short"))
+        page.get_by_role("button", name="Analyse together").wait_for()
+        assert_fits(page)
+        page.get_by_role("button", name="Analyse together").click()
+        page.locator("iframe").wait_for()
+        for menu in ("Flights", "Downloads", "Share", "Delete"):
+            page.get_by_text(menu, exact=True).click()
+            assert_fits(page)
+        page.get_by_role("link", name="Analyse again").click()
+        page.wait_for_url("**/again")
+        assert_fits(page)
+        for address in ("/", "/analyses", "/docs", "/nothing"):
+            page.goto(address)
+            assert_fits(page)
+            assert_accessible(page)
+
+
+def test_the_pages_are_dark_where_the_visitor_wants_it(browser: Browser, service: httpx.Client) -> None:
+    for scheme, expected in (("light", "rgb(255, 255, 255)"), ("dark", "rgb(21, 24, 28)")):
+        with watched(browser, service, color_scheme=scheme) as page:
+            page.goto("/docs")
+            assert page.evaluate("getComputedStyle(document.body).backgroundColor") == expected
+            assert_accessible(page)  # the contrast of every text among it
+            page.goto("/analyses")
+            assert_accessible(page)
+
+
+def test_a_token_opens_the_service(browser: Browser, tmp_path: Path) -> None:
+    settings = Settings(data=tmp_path, workers=1, access=Access.TOKENS)
+    app = create_app(settings, standins.analyze, preload=())
+    secret = app.state.parts.tokens.create("anna")
+    with running(app) as client, watched(browser, client, expected=(401,)) as page:
+        page.goto("/analyses?state=done")
+        expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
+        assert_accessible(page)
+        page.get_by_label("Token").fill("a guess")
+        page.get_by_role("button", name="Sign in").click()
+        expect(page.get_by_role("alert").first).to_contain_text("This token is nobody's")
+        page.get_by_label("Token").fill(secret)
+        page.get_by_role("button", name="Sign in").click()
+        expect(page.get_by_role("heading", name="Analyses")).to_be_visible()
+        (cookie,) = page.context.cookies()
+        assert (cookie["name"], cookie["httpOnly"], cookie["sameSite"]) == ("rotorid_token", True, "Strict")
+        choose(page, ("a.bin", b"good a"), ("b.bin", b"good b"))
+        page.get_by_role("button", name="Analyse together").click()
+        # A browser sends no cookie along with what is clicked in the sandbox; the links there must work all the same.
+        report = page.frame_locator("iframe")
+        report.get_by_role("link", name="b.bin").click()
+        expect(report.get_by_role("heading", name="b.bin")).to_be_visible()
+        page.get_by_role("button", name="Sign out").click()
+        page.goto("/")
+        expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
