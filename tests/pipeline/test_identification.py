@@ -1,0 +1,82 @@
+"""One kind of model, fitted and judged: what comes back, and what comes back when it cannot be done."""
+
+import dataclasses
+
+import pytest
+
+import sysid
+from pipeline import AnalysisConfig
+from pipeline.identification import identify
+from pipeline.kinds import KINDS
+from pipeline.stages import STAGES, Stages, overall, silent
+from reports import views
+from reports.model_views import orders
+from reports.numbers import model_numbers
+from tests.reports.conftest import made_flight
+
+MOTORS = KINDS[0]
+
+
+@pytest.fixture(scope="module")
+def parts():
+    return made_flight(fit=False, duration=90.0).experiment.split(0.7)
+
+
+@pytest.fixture(scope="module")
+def scanned(parts):
+    stages = Stages(silent, 120.0)
+    result = identify(MOTORS, parts[:1], parts[1:], AnalysisConfig(poles=2, zeros=1, scan_orders=True), stages)
+    assert stages.missing == {}
+    return result
+
+
+def test_model_validation_and_predictions_belong_together(scanned, parts):
+    assert scanned.missing == ""
+    assert scanned.model.training == (parts[0].name,)
+    assert [part.training for part in scanned.predictions] == [True, False]
+    assert scanned.validation.unseen
+
+
+def test_orders_are_scanned_without_the_part_that_judges(scanned, parts):
+    assert all(name.startswith(parts[0].name) for name in scanned.orders.held_out)
+    # The craft is of second order in every axis.
+    assert scanned.orders.recommended[0] == 2
+    view = orders(model_numbers(scanned, "own", "the rest"))
+    assert [row["label"] for row in view["rows"]][:2] == ["1 / 0", "2 / 0"]
+    assert sum(row["kind"] == "average" for row in view["rows"]) == 1
+    assert len(view["heads"]) == len(view["rows"][0]["cells"]) == 9
+
+
+def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
+    def refused(experiments, config, progress):
+        raise sysid.ExperimentError("two identical motors")
+
+    stages = Stages(silent, 120.0)
+    kind = dataclasses.replace(MOTORS, fit=refused)
+    result = identify(kind, parts[:1], parts[1:], AnalysisConfig(), stages)
+    assert (result.model, result.validation, result.predictions) == (None, None, ())
+    assert result.missing == "two identical motors"
+    assert stages.missing == {}
+    assert views.verdicts([model_numbers(result, "own", "the rest")]) == []
+
+
+def test_a_flight_lends_its_wind_to_the_part_that_judges(parts):
+    def lend(model, fitted, judge):
+        return dataclasses.replace(model, name=f"{model.name} in the wind of {fitted.name} for {judge.name}")
+
+    kind = dataclasses.replace(MOTORS, carry_over=lend)
+    config = AnalysisConfig(poles=1, zeros=0)
+    for same, lent in ((True, True), (False, False)):
+        result = identify(kind, parts[:1], parts[1:], config, Stages(silent, 120.0), same_flight=same)
+        assert ("in the wind of" in result.model.name) is lent
+
+
+def test_every_kind_has_a_stage_and_progress_never_goes_back():
+    assert all(kind.key in STAGES for kind in KINDS)
+    assert sum(stage.share for stage in STAGES.values()) == pytest.approx(1.0, abs=0.05)
+    heard = []
+    report = overall(lambda title, fraction: heard.append(fraction))
+    for stage in ("experiment", "motors", "validation", "experiment", "mixer", "validation"):
+        report(stage, 0.0)
+        report(stage, 1.0)
+    assert heard == sorted(heard)
