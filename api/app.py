@@ -23,6 +23,7 @@ from api.metrics import Measured, Metrics
 from api.objects import Objects
 from api.rates import Rates
 from api.routes import analyses, health, logs, page_forms, pages, shares, sign_in
+from api.scratch import Scratch
 from api.settings import Settings
 from api.watch import PRELOAD, Workplace
 from api.worker import Analyze, analyze_logs
@@ -67,6 +68,7 @@ def create_app(
             parts.runner.close()
             parts.housekeeping.close()
             parts.database.close()
+            parts.scratch.close()
 
     app = FastAPI(
         title="rotorid",
@@ -95,8 +97,7 @@ def create_app(
 
 def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> Parts:
     """Make the parts of the application, ready to be used."""
-    incoming = Incoming(settings.data / "incoming")
-    incoming.prepare()
+    scratch = Scratch(settings.data / "scratch")
     objects = Objects(settings.storage_url)
     objects.prepare()
     database = Database(settings.database_url)
@@ -106,7 +107,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         database=settings.database_url,
         objects=settings.storage_url,
         # A cluster's computers have a place of their own for what is temporary.
-        scratch=None if settings.scheduler else settings.data,
+        scratch=None if settings.scheduler else scratch.folder,
         analyze=analyze,
         time_limit=settings.time_limit,
         memory_limit=settings.memory_limit,
@@ -119,7 +120,8 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         database=database,
         objects=objects,
         catalog=catalog,
-        incoming=incoming,
+        scratch=scratch,
+        incoming=Incoming(scratch.folder),
         runner=Runner(database, workplace, workers=settings.workers, scheduler=settings.scheduler or None),
         tokens=Tokens(database),
         shares=Shares(database),

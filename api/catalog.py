@@ -4,7 +4,8 @@ Bytes are kept before the row that names them and removed after it, so that a ro
 bytes without a row are swept up by `api.housekeeping`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
@@ -29,6 +30,18 @@ class Kept(NamedTuple):
     delete_token: str | None
 
 
+class FullError(Exception):
+    """The owner has as many logs as one may have."""
+
+
+class ConflictError(Exception):
+    """Others kept changing the same things at the same time."""
+
+
+#: How often logs are kept anew when somebody else keeps or deletes the same ones at the same time.
+_TRIES = 5
+
+
 class Catalog:
     """Logs and analyses.
 
@@ -43,55 +56,106 @@ class Catalog:
         self._objects = objects
 
     def keep_log(self, upload: Upload, name: str, owner: str) -> Kept:
-        """Keep a log that has fully arrived; the same bytes of the same owner are the same log."""
-        if (known := self._same_log(upload, owner)) is not None:
-            return Kept(known, None)
-        secret = new_secret()
-        record = LogRecord(
-            id=new_id(),
-            owner=owner,
-            name=name,
-            size=upload.size,
-            sha256=upload.sha256,
-            received=datetime.now(UTC),
-            delete_digest=digest(secret),
-        )
-        upload.sync()
-        self._objects.put(upload.path, f"logs/{record.id}")
+        """Keep one log, as `keep_logs` does."""
+        return self.keep_logs([(upload, name)], owner)[0]
+
+    def keep_logs(self, arrived: Sequence[tuple[Upload, str]], owner: str, limit: int = 0) -> list[Kept]:
+        """Keep logs that have fully arrived, with their names: all or none.
+
+        The same bytes of the same owner are the same log.
+
+        Raises
+        ------
+        FullError
+            The owner would have more than `limit` logs; 0 is no limit.
+        """
+        placed: dict[str, str] = {}
+        try:
+            for _ in range(_TRIES):
+                kept = self._keep(arrived, owner, limit, placed)
+                if kept is not None:
+                    break
+            else:
+                raise ConflictError
+        except (OSError, FullError, ConflictError):
+            self._forget(placed.values())
+            raise
+        used = {each.log.id for each in kept}
+        self._forget(log_id for log_id in placed.values() if log_id not in used)
+        return kept
+
+    def _keep(
+        self, arrived: Sequence[tuple[Upload, str]], owner: str, limit: int, placed: dict[str, str]
+    ) -> list[Kept] | None:
+        """Keep bytes, then rows; None when somebody else kept or deleted the same logs meanwhile.
+
+        `placed` gathers the id under which bytes were kept by their digest.
+        """
+        digests = {upload.sha256: upload for upload, _ in arrived}
+        with self._database.read() as session:
+            known = set(_same_logs(session, owner, digests))
+        for sha256, upload in digests.items():
+            if sha256 not in known and sha256 not in placed:
+                log_id = new_id()
+                upload.sync()
+                self._objects.put(upload.path, f"logs/{log_id}")
+                placed[sha256] = log_id
+        kept = []
         try:
             with self._database.write() as session:
-                session.add(record)
-        except IntegrityError:  # the same log came twice at the same time
-            self._objects.remove(f"logs/{record.id}")
-            if (known := self._same_log(upload, owner)) is None:
-                raise
-            return Kept(known, None)
-        return Kept(_log(record), secret)
+                records = _same_logs(session, owner, digests)
+                if digests.keys() - records.keys() - placed.keys():
+                    return None
+                for upload, name in arrived:
+                    secret = None
+                    if upload.sha256 not in records:
+                        secret = new_secret()
+                        records[upload.sha256] = LogRecord(
+                            id=placed[upload.sha256],
+                            owner=owner,
+                            name=name,
+                            size=upload.size,
+                            sha256=upload.sha256,
+                            received=datetime.now(UTC),
+                            delete_digest=digest(secret),
+                        )
+                        session.add(records[upload.sha256])
+                    kept.append(Kept(_log(records[upload.sha256]), secret))
+                session.flush()
+                added = any(each.delete_token is not None for each in kept)
+                if limit and added and _count_logs(session, owner) > limit:
+                    raise FullError
+        except IntegrityError:
+            return None
+        return kept
 
-    def _same_log(self, upload: Upload, owner: str) -> Log | None:
-        with self._database.read() as session:
-            found = session.scalar(select(LogRecord).where(LogRecord.owner == owner, LogRecord.sha256 == upload.sha256))
-            return None if found is None else _log(found)
+    def _forget(self, log_ids: Iterable[str]) -> None:
+        """Remove bytes that no row names; what cannot be removed now, housekeeping finds later."""
+        for log_id in log_ids:
+            with suppress(OSError):
+                self._objects.remove(f"logs/{log_id}")
 
     def find_log(self, log_id: str, owner: str) -> Log | None:
         """Look a log up; None when the owner has none of this id."""
         with self._database.read() as session:
-            found = session.get(LogRecord, log_id) if is_id(log_id) else None
-            return _log(found) if found is not None and found.owner == owner else None
+            found = _own_log(session, log_id, owner)
+            return None if found is None else _log(found)
 
     def count_logs(self, owner: str) -> int:
         """Count the logs of an owner."""
         with self._database.read() as session:
-            return session.scalar(select(func.count()).where(LogRecord.owner == owner)) or 0
+            return _count_logs(session, owner)
 
     def list_logs(self, owner: str, *, limit: int, after: str | None = None, name: str = "") -> list[Log]:
         """List the newest logs, or those after a log of this list, whose names contain `name`."""
         with self._database.read() as session:
             query = select(LogRecord).where(LogRecord.owner == owner)
             if name:
+                if "\0" in name:  # which no name has, and PostgreSQL does not take
+                    return []
                 query = query.where(LogRecord.name.icontains(name, autoescape=True))
             query = query.order_by(LogRecord.received.desc(), LogRecord.id.desc()).limit(limit)
-            if after is not None and (last := session.get(LogRecord, after)) is not None:
+            if after is not None and (last := _own_log(session, after, owner)) is not None:
                 query = query.where(tuple_(LogRecord.received, LogRecord.id) < (last.received, last.id))
             return [_log(record) for record in session.scalars(query)]
 
@@ -104,8 +168,8 @@ class Catalog:
     def delete_log(self, log_id: str, owner: str) -> bool:
         """Remove a log and every analysis of it; False when the owner has none of this id."""
         with self._database.write() as session:
-            found = session.get(LogRecord, log_id) if is_id(log_id) else None
-            if found is None or found.owner != owner:
+            found = _own_log(session, log_id, owner, lock=True)  # nobody orders an analysis of it meanwhile
+            if found is None:
                 return False
             analyses = list(session.scalars(select(AnalysedLog.analysis_id).where(AnalysedLog.log_id == log_id)))
             session.execute(delete(AnalysedLog).where(AnalysedLog.analysis_id.in_(analyses)))
@@ -119,12 +183,12 @@ class Catalog:
     def order(self, log_ids: Sequence[str], configuration: Mapping[str, Any], owner: str) -> Analysis:
         """Put an analysis of one or several logs of the owner's into the queue; KeyError names a log there is not."""
         with self._database.write() as session:
-            logs = []
-            for log_id in dict.fromkeys(log_ids):
-                log = session.get(LogRecord, log_id) if is_id(log_id) else None
-                if log is None or log.owner != owner:
+            logs = {}
+            for log_id in sorted(set(log_ids)):  # one order for all, so that no two wait for each other
+                log = _own_log(session, log_id, owner, lock=True)  # nobody deletes it meanwhile
+                if log is None:
                     raise KeyError(log_id)
-                logs.append(log)
+                logs[log_id] = log
             record = AnalysisRecord(
                 id=new_id(),
                 owner=owner,
@@ -136,7 +200,10 @@ class Catalog:
                 attempts=0,
                 deaths=0,
                 files={},
-                members=[AnalysedLog(position=position, log=log) for position, log in enumerate(logs)],
+                members=[
+                    AnalysedLog(position=position, log=logs[log_id])
+                    for position, log_id in enumerate(dict.fromkeys(log_ids))
+                ],
             )
             session.add(record)
             session.flush()
@@ -163,9 +230,11 @@ class Catalog:
             if state is not None:
                 query = query.where(AnalysisRecord.state == state)
             if log is not None:
+                if not is_id(log):
+                    return []
                 query = query.where(AnalysisRecord.members.any(AnalysedLog.log_id == log))
             query = query.order_by(AnalysisRecord.created.desc(), AnalysisRecord.id.desc()).limit(limit)
-            if after is not None and (last := session.get(AnalysisRecord, after)) is not None:
+            if after is not None and (last := _owned(session, after, owner)) is not None:
                 query = query.where(tuple_(AnalysisRecord.created, AnalysisRecord.id) < (last.created, last.id))
             return [_analysis(record) for record in session.scalars(query)]
 
@@ -182,10 +251,9 @@ class Catalog:
     def delete_analysis(self, analysis_id: str, owner: str) -> bool:
         """Remove an analysis and its results; False when the owner has none of this id."""
         with self._database.write() as session:
-            found = _owned(session, analysis_id, owner)
-            if found is None:
+            if _owned(session, analysis_id, owner) is None:
                 return False
-            session.delete(found)
+            session.execute(delete(AnalysisRecord).where(AnalysisRecord.id == analysis_id))
         self._objects.remove(f"analyses/{analysis_id}")
         return True
 
@@ -196,6 +264,21 @@ class Catalog:
             if found is None or found.results is None or name not in found.files:
                 return None
             return f"analyses/{found.id}/{found.results}/{name}"
+
+
+def _own_log(session: Session, log_id: str, owner: str, *, lock: bool = False) -> LogRecord | None:
+    found = session.get(LogRecord, log_id, with_for_update=lock) if is_id(log_id) else None
+    return found if found is not None and found.owner == owner else None
+
+
+def _same_logs(session: Session, owner: str, digests: Iterable[str]) -> dict[str, LogRecord]:
+    """Find the logs of an owner with these digests."""
+    query = select(LogRecord).where(LogRecord.owner == owner, LogRecord.sha256.in_(list(digests)))
+    return {record.sha256: record for record in session.scalars(query)}
+
+
+def _count_logs(session: Session, owner: str) -> int:
+    return session.scalar(select(func.count()).where(LogRecord.owner == owner)) or 0
 
 
 def _owned(session: Session, analysis_id: str, owner: str) -> AnalysisRecord | None:

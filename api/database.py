@@ -62,11 +62,21 @@ class Database:
 
 def _engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True, pool_timeout=_PATIENCE)
-    engine = create_engine(url, connect_args={"timeout": _PATIENCE, "isolation_level": None})
+        return create_engine(url, pool_pre_ping=True, pool_timeout=_PATIENCE, connect_args=_network(url))
+    # Connections enough for every thread: those that wait for the lock must not keep readers waiting.
+    engine = create_engine(
+        url, max_overflow=100, pool_timeout=_PATIENCE, connect_args={"timeout": _PATIENCE, "isolation_level": None}
+    )
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
+
+
+def _network(url: str) -> dict[str, int]:
+    """Say when a database that has fallen silent is given up; otherwise TCP would wait for many minutes."""
+    if make_url(url).get_backend_name() != "postgresql":
+        return {}
+    return {"connect_timeout": int(_PATIENCE), "tcp_user_timeout": int(1000 * _PATIENCE), "keepalives_idle": 10}
 
 
 def _prepare_sqlite(connection: sqlite3.Connection, _: ConnectionPoolEntry) -> None:

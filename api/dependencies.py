@@ -16,6 +16,7 @@ from api.metrics import Metrics
 from api.objects import Objects
 from api.problems import Problem, ProblemError
 from api.rates import Rates
+from api.scratch import Scratch
 from api.settings import Access, Settings
 
 
@@ -27,6 +28,7 @@ class Parts:
     database: Database
     objects: Objects
     catalog: Catalog
+    scratch: Scratch
     incoming: Incoming
     runner: Runner
     tokens: Tokens

@@ -4,15 +4,19 @@ An object is never seen half-written: in a folder it arrives under another name,
 object only when it is complete. Names are made of ids and of our own file names, never of what a user sent.
 """
 
+import errno
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
 import fsspec
+
+from api.ids import new_id
 
 #: How the name of an object that is still being written ends.
 _PARTIAL = ".partial"
@@ -43,43 +47,50 @@ class Objects:
 
     def prepare(self) -> None:
         """Make sure that objects can be written; OSError, or what the storage says, where they cannot."""
-        probe = str(self._root / f"probe{_PARTIAL}")
-        self._files.makedirs(str(self._root), exist_ok=True)
-        self._files.pipe_file(probe, b"")
-        self._files.rm_file(probe)
+        probe = str(self._root / f"{new_id()}{_PARTIAL}")  # others may probe at the same time
+        with _as_os_error():
+            self._files.makedirs(str(self._root), exist_ok=True)
+            self._files.pipe_file(probe, b"probe")
+            self._files.rm_file(probe)
 
     def put(self, source: Path, key: str) -> None:
         """Keep a file, which is on a disk and synced, under `key`; in a folder on the same disk it moves."""
         if self.folder is None:
-            self._files.put_file(str(source), str(self._root / key))
+            with _as_os_error():
+                self._files.put_file(str(source), str(self._root / key))
             return
         target = self.folder / key
+        made = [folder for folder in target.parents if not folder.exists()]
         target.parent.mkdir(parents=True, exist_ok=True)
         try:
             source.replace(target)
-        except OSError:  # another disk
-            partial = target.with_name(target.name + _PARTIAL)
-            shutil.copyfile(source, partial)
-            _sync(partial)
-            partial.replace(target)
-        _sync(target.parent)
+        except OSError as error:
+            if error.errno != errno.EXDEV:
+                raise
+            _copy(source, target)
+        for folder in {target.parent, *(each.parent for each in made)}:
+            _sync(folder)
 
     def fetch(self, key: str, target: Path) -> None:
         """Copy an object to a file, or let the file be another name for it; FileNotFoundError where there is none."""
         if self.folder is None:
-            self._files.get_file(str(self._root / key), str(target))
+            with _as_os_error():
+                self._files.get_file(str(self._root / key), str(target))
         else:
             target.symlink_to((self.folder / key).resolve(strict=True))
 
     def read(self, key: str, start: int = 0, stop: int | None = None) -> bytes:
         """Read an object, or the bytes from `start` to before `stop` of it; FileNotFoundError where there is none."""
-        content: bytes = self._files.cat_file(str(self._root / key), start=start, end=stop)
+        with _as_os_error():
+            content: bytes = self._files.cat_file(str(self._root / key), start=start, end=stop)
         return content
 
     def list(self, prefix: str) -> Iterator[Object]:
         """List the objects below a prefix, also those that are only partly written."""
         try:
-            found = self._files.find(str(self._root / prefix), detail=True)
+            with _as_os_error():
+                self._files.invalidate_cache()  # other servers write there as well
+                found = self._files.find(str(self._root / prefix), detail=True)
         except FileNotFoundError:
             return
         for path, facts in found.items():
@@ -92,9 +103,33 @@ class Objects:
         """Remove an object, or all objects below a prefix; nothing happens where there is none."""
         path = str(self._root / key)
         try:
-            self._files.rm(path, recursive=True)
+            with _as_os_error():
+                self._files.invalidate_cache()
+                self._files.rm(path, recursive=True)
         except FileNotFoundError:
             return
+
+
+@contextmanager
+def _as_os_error() -> Iterator[None]:
+    """Let every storage fail in one way: the libraries behind fsspec have exceptions of their own."""
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        raise OSError(errno.EIO, f"{type(error).__name__}: {error}") from error
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Bring a file to another disk, where it is whole or not there."""
+    partial = target.with_name(target.name + _PARTIAL)
+    try:
+        shutil.copyfile(source, partial)
+        _sync(partial)
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _sync(path: Path) -> None:

@@ -1,5 +1,6 @@
 """Every error of the service in one shape: problem details (RFC 9457), or a page saying the same to a browser."""
 
+import errno
 import logging
 from collections.abc import Mapping
 from http import HTTPStatus
@@ -10,7 +11,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, RedirectResponse, Response
 from pydantic import BaseModel, Field
-from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import IntegrityError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
@@ -114,10 +115,39 @@ async def _on_invalid_request(request: Request, error: Exception) -> Response:
 
 
 async def _on_database_error(request: Request, error: Exception) -> Response:
-    _log.error("%s %s: the database does not answer: %s", request.method, request.url.path, error)
+    _log.error("%s %r: the database does not answer: %s", request.method, request.url.path, error)
+    if "disk is full" in str(error):  # SQLite's words
+        return respond(request, _DISK_FULL)
     detail = "The service's database does not answer now; nothing was lost or half done. Try again in a moment."
     problem = Problem.named("database-unavailable", "Try again in a moment", HTTPStatus.SERVICE_UNAVAILABLE, detail)
     return respond(request, problem, {"Retry-After": "5"})
+
+
+async def _on_storage_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, OSError)
+    _log.error("%s %r: the storage fails", request.method, request.url.path, exc_info=error)
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return respond(request, _DISK_FULL)
+    detail = (
+        f"The service's storage cannot be used now: {error.strerror or error}. Nothing was half done. Try again in a "
+        "moment; if it stays so, its operator has to look after it."
+    )
+    problem = Problem.named("storage-unavailable", "The storage cannot be used", HTTPStatus.SERVICE_UNAVAILABLE, detail)
+    return respond(request, problem, {"Retry-After": "60"})
+
+
+async def _on_conflict(request: Request, error: Exception) -> Response:
+    _log.warning("%s %r: %s", request.method, request.url.path, error)
+    detail = "Somebody else changed or deleted the same thing at this moment. Look at it again."
+    return respond(request, Problem.named("conflict", "Changed by others", HTTPStatus.CONFLICT, detail))
+
+
+_DISK_FULL = Problem.named(
+    "disk-full",
+    "No room left",
+    HTTPStatus.INSUFFICIENT_STORAGE,
+    "The service has no room left. Its operator has to make room; then try again.",
+)
 
 
 def install(app: FastAPI) -> None:
@@ -127,6 +157,8 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _on_invalid_request)
     for kind in (OperationalError, InterfaceError, PoolTimeoutError):
         app.add_exception_handler(kind, _on_database_error)
+    app.add_exception_handler(IntegrityError, _on_conflict)
+    app.add_exception_handler(OSError, _on_storage_error)
     app.add_middleware(_ProblemShape)
 
 
@@ -161,7 +193,7 @@ class _ProblemShape:
         try:
             await self.app(scope, receive, reshape)
         except Exception:
-            _log.exception("%s %s failed", request.method, request.url.path)
+            _log.exception("%s %r failed", request.method, request.url.path)
             if started:
                 raise
             detail = "The service made a mistake; its own log says which. What you uploaded before is not lost."

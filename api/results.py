@@ -4,6 +4,7 @@ import json
 import mimetypes
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from fastapi.responses import FileResponse
 
@@ -32,7 +33,7 @@ def links_of(analysis: Analysis) -> dict[str, str]:
         "log": f"/api/v1/logs/{analysis.log.id}",
         "page": f"/analyses/{analysis.id}",
     }
-    return links | {name: f"{here}/{name}" for name in analysis.files}
+    return links | {name: f"{here}/{quote(name)}" for name in analysis.files}
 
 
 def summary(analysis: Analysis) -> AnalysisSummary:
@@ -54,26 +55,37 @@ def answer(analysis: Analysis, parts: Parts) -> AnalysisAnswer:
 
 def file_of(analysis: Analysis, name: str, parts: Parts) -> FileResponse | None:
     """Answer with a file of an analysis, or the range of it that was asked for; None when there is none."""
-    key = parts.catalog.object_of(analysis, name)
-    if key is None:
+    path = _here(parts.catalog.object_of(analysis, name), parts)
+    if path is None:
         return None
     kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
-    response = FileResponse(_here(key, parts), media_type=_MEDIA_TYPES.get(Path(name).suffix, kind))
+    response = FileResponse(path, media_type=_MEDIA_TYPES.get(Path(name).suffix, kind))
     if name.endswith(".html"):
         response.headers["Content-Security-Policy"] = REPORT_POLICY
     return response
 
 
-def _here(key: str, parts: Parts) -> Path:
-    """Give an object as a file of this computer; what was brought from elsewhere stays, for results never change."""
+def _here(key: str | None, parts: Parts) -> Path | None:
+    """Give an object as a file of this computer; what was brought from elsewhere stays, for results never change.
+
+    None where there is no such object, or it was deleted at this moment.
+    """
+    if key is None:
+        return None
     if parts.objects.folder is not None:
-        return parts.objects.folder / key
+        path = parts.objects.folder / key
+        return path if path.is_file() else None
     path = parts.settings.data / "cache" / key
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f"{path.name}.{new_id()}")
-        parts.objects.fetch(key, partial)
-        partial.replace(path)
+        try:
+            parts.objects.fetch(key, partial)
+            partial.replace(path)
+        except FileNotFoundError:
+            return None
+        finally:
+            partial.unlink(missing_ok=True)
     return path
 
 
@@ -81,7 +93,10 @@ def _contents(analysis: Analysis, parts: Parts, name: str) -> dict[str, Any] | N
     key = parts.catalog.object_of(analysis, name)
     if key is None:
         return None
-    contents: dict[str, Any] = json.loads(parts.objects.read(key))
+    try:
+        contents: dict[str, Any] = json.loads(parts.objects.read(key))
+    except FileNotFoundError:  # deleted at this moment
+        return None
     return contents
 
 

@@ -1,7 +1,6 @@
 """Receiving logs: a multipart form whose files go straight to the disk, whatever their size."""
 
 import asyncio
-import errno
 import re
 from collections.abc import AsyncIterator
 from contextlib import ExitStack
@@ -14,12 +13,15 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import ClientDisconnect
 
 from api import sizes
-from api.catalog import Catalog, Kept
+from api.catalog import Catalog, ConflictError, FullError, Kept
 from api.incoming import Incoming, Upload
 from api.problems import Problem, ProblemError
 
 #: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
 _BATCH = 1 << 20
+
+#: Bytes that must arrive before an upload counts as going on: who sends less only holds a connection.
+_LEAST = 1 << 10
 
 #: What a form may add around the file: boundaries, part headers, small fields.
 _FORM_OVERHEAD = 64 << 10
@@ -171,18 +173,16 @@ async def receive_logs(
             for upload, name in zip(uploads, names, strict=True):
                 if upload.size == 0:
                     raise _empty(name)
-            return [
-                await run_in_threadpool(catalog.keep_log, upload, name, owner)
-                for upload, name in zip(uploads, names, strict=True)
-            ]
+            arrived = list(zip(uploads, names, strict=True))
+            return await run_in_threadpool(catalog.keep_logs, arrived, owner, logs_limit)
     except FormParserError as error:
         raise _bad_form(f"The multipart form is damaged: {error}.") from error
     except ClientDisconnect as error:
         raise _bad_form("The upload was broken off.") from error
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise _disk_full() from error
-        raise
+    except FullError as error:
+        raise _too_many(logs_limit) from error
+    except ConflictError as error:
+        raise _conflict() from error
 
 
 def check_room(catalog: Catalog, owner: str, logs_limit: int) -> None:
@@ -192,11 +192,13 @@ def check_room(catalog: Catalog, owner: str, logs_limit: int) -> None:
 
 
 async def _body(request: Request, stall: float) -> AsyncIterator[bytes]:
-    """Give the body piece by piece, as long as it keeps coming."""
+    """Give the body piece by piece, as long as it keeps coming faster than drop by drop."""
     pieces = request.stream()
+    now = asyncio.get_running_loop().time
+    deadline, arrived = now() + stall, 0
     while True:
         try:
-            async with asyncio.timeout(stall):
+            async with asyncio.timeout_at(deadline):
                 piece = await anext(pieces)
         except StopAsyncIteration:
             return
@@ -206,10 +208,13 @@ async def _body(request: Request, stall: float) -> AsyncIterator[bytes]:
                     "upload-stalled",
                     "The upload stalled",
                     HTTPStatus.REQUEST_TIMEOUT,
-                    f"Nothing arrived for {stall:g} s. Check the connection and try again.",
+                    f"Nothing or hardly anything arrived for {stall:g} s. Check the connection and try again.",
                 )
             ) from error
         yield piece
+        arrived += len(piece)
+        if arrived >= _LEAST:  # our own time to write is not held against the client
+            deadline, arrived = now() + stall, 0
 
 
 def _boundary(request: Request) -> bytes:
@@ -255,6 +260,6 @@ def _too_many(limit: int) -> ProblemError:
     return ProblemError(Problem.named("too-many-logs", "Too many logs", HTTPStatus.FORBIDDEN, detail))
 
 
-def _disk_full() -> ProblemError:
-    detail = "The service has no room left to keep the log. Its operator has to make room; then try again."
-    return ProblemError(Problem.named("disk-full", "No room left", HTTPStatus.INSUFFICIENT_STORAGE, detail))
+def _conflict() -> ProblemError:
+    detail = "The same log is being uploaded or deleted by others at this moment. Try again."
+    return ProblemError(Problem.named("conflict", "Try again", HTTPStatus.CONFLICT, detail))

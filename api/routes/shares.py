@@ -3,6 +3,7 @@
 from datetime import datetime
 from http import HTTPStatus
 from typing import Annotated
+from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse
@@ -60,7 +61,7 @@ def show_shared(secret: str, parts: PartsOf) -> AnalysisAnswer:
     """Show a shared analysis."""
     found = answer(find_shared(secret, parts), parts)
     here = f"/api/v1/shared/{secret}"
-    links = {"self": here, "page": f"/shared/{secret}"} | {name: f"{here}/{name}" for name in found.files}
+    links = {"self": here, "page": f"/shared/{secret}"} | {name: f"{here}/{quote(name)}" for name in found.files}
     return found.model_copy(update={"links": links})
 
 

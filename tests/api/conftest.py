@@ -14,6 +14,11 @@ from api.server import Server
 from tests.api import standins
 
 
+def unfinished(data: Path) -> list[Path]:
+    """List the uploads in a data folder that are still arriving."""
+    return [path for path in (data / "scratch").glob("*/*") if path.is_file()]
+
+
 @contextmanager
 def running(app: FastAPI) -> Iterator[httpx.Client]:
     """Serve an application on a free port, over real sockets, and give a client for it."""

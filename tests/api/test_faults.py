@@ -15,6 +15,7 @@ import httpx
 import pytest
 
 from tests.api import postgresql
+from tests.api.conftest import unfinished
 
 PROJECT = Path(__file__).parents[2]
 
@@ -172,9 +173,9 @@ def test_what_died_in_the_middle_of_an_upload_leaves_nothing(tmp_path: Path) -> 
             f"Content-Length: {len(body) + 1000}\r\n\r\n"
         )
         connection.sendall(head.encode() + body)
-        wait_until(lambda: any((service.data / "incoming").iterdir()), 30.0)
+        wait_until(lambda: bool(unfinished(service.data)), 30.0)
         service.kill()
     service.start()
-    assert not any((service.data / "incoming").iterdir())
+    assert not unfinished(service.data)
     assert service.client.get("/api/v1/logs").json() == {"items": [], "next": None}
     service.close()

@@ -8,6 +8,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from tests.api.conftest import unfinished
+
 BOUNDARY = "b0undary"
 FORM = {"Content-Type": f"multipart/form-data; boundary={BOUNDARY}"}
 
@@ -85,7 +87,7 @@ def test_a_bad_upload_is_refused_with_its_reason(
     assert response.status_code == status
     assert response.headers["Content-Type"] == "application/problem+json"
     assert says in response.json()["detail"]
-    assert not list((folder / "incoming").iterdir())
+    assert not unfinished(folder)
     assert len(list((folder / "objects" / "logs").iterdir())) == kept
 
 
@@ -116,7 +118,7 @@ def test_an_upload_that_stalls_is_given_up(hasty_service: httpx.Client, tmp_path
         connection.sendall(head.encode() + b"\r\n\r\n" + form((disposition("file", "a.bin"), b"data"), end=False))
         answer = connection.recv(4096).decode()
     assert answer.startswith("HTTP/1.1 408 ")
-    assert not list((tmp_path / "incoming").iterdir())
+    assert not unfinished(tmp_path)
 
 
 def test_other_sites_cannot_upload_through_a_visitors_browser(service: httpx.Client) -> None:
