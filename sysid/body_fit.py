@@ -49,10 +49,15 @@ ABSOLUTE = {
     "roll_damping": 1.0,
     "pitch_damping": 1.0,
     "yaw_damping": 1.0,
+    "torque_lag": 0.01,
+    "torque_delay": 0.01,
     "cg_x": 0.03,
     "cg_y": 0.03,
 }
 _DRAG_RELATIVE = 0.5
+
+#: Standard error that a lag and a delay of rotation are given, s: within it one stands for the other.
+_LAG_SIGMA = 0.005
 
 #: Steps by which another law of drag must have shown that it fits better.
 _RIVAL_STEPS = 6
@@ -362,6 +367,11 @@ def _parameters(
             spread = float(np.hypot(fit.gain_sigma, (1.0 - fit.coherent) * fit.gain))
             numbers[f"{axis}_gain"] = (fit.gain, spread, reason)
             numbers[f"{axis}_damping"] = (fit.damping, fit.damping_sigma, reason)
+        # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
+        for name, value in (("torque_lag", turning.lag), ("torque_delay", turning.delay)):
+            best = max(turning.axes.values(), key=lambda fit: fit.coherent)
+            reason = "" if best.coherent >= COHERENT else "the axes were hardly moved"
+            numbers[name] = (value, _LAG_SIGMA, reason)
         for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, vehicle, voltage), strict=True):
             numbers[name] = (value, spread, "")
     for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):

@@ -27,10 +27,11 @@ from typing import Any
 
 import numpy as np
 
-from logparse import Finding, Vehicle
+from logparse import Finding, MissingDataError, Vehicle
 from sysid._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
 from sysid.body_motion import LAG, THETA, Motion, motion
 from sysid.experiment import Experiment, Floats
+from sysid.rotation import AXES, logged_motors, run_rates, torque_commands
 from sysid.trim import fit_trim
 from sysid.wind import WIND_HEIGHT, FlightTrim
 
@@ -61,6 +62,8 @@ ROTATION_UNITS: Mapping[str, str] = {
     "roll_damping": "1/s",
     "pitch_damping": "1/s",
     "yaw_damping": "1/s",
+    "torque_lag": "s, first order, between torque command and torque",
+    "torque_delay": "s, gyro filters included",
     "cg_x": "1, centre of gravity ahead of the motors' centre, in arms",
     "cg_y": "1, to the right",
 }
@@ -212,6 +215,42 @@ class RigidBodyModel:
         signals, initial = flight.signals(theta[LAG]), np.hstack([flight.position, flight.velocity])
         ahead(theta, signals, shapes, flight.dt, flight.ground, self.law, initial, steps, out)
         return self._outputs(experiment, out)
+
+    def predict_rates(self, experiment: Experiment, horizon: float = 0.5) -> Floats:
+        """Predict angular rates from those `horizon` seconds before and the torque commands since.
+
+        Commands are the rate controller's outputs where they are logged, else the motors' PWM.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Inputs PWM of the motors; with context.
+        horizon : float
+            s.
+
+        Returns
+        -------
+        ndarray, shape (N, 3)
+            About body x, y, z, rad/s; samples before the first horizon follow from the first rates.
+
+        Raises
+        ------
+        MissingDataError
+            When effectiveness was not determined about every axis, or not all motors are logged.
+        """
+        unknown = [axis for axis in AXES if not self.parameters[f"{axis}_gain"].determined]
+        if unknown:
+            raise MissingDataError(
+                f"the effectiveness in {', '.join(unknown)} is not determined, so that no rates can be predicted: "
+                f"{self.parameters[f'{unknown[0]}_gain'].reason}"
+            )
+        if len(logged_motors(experiment, self.vehicle)) < len(self.vehicle.motors):
+            raise MissingDataError(f"{experiment.name}: rates cannot be predicted without the outputs of all motors")
+        commands, rates, _ = torque_commands(experiment, self.vehicle, self.reference_voltage)
+        gains = np.array([self.value(f"{axis}_gain") for axis in AXES])
+        damping = np.array([self.value(f"{axis}_damping") for axis in AXES])
+        lag, delay = self.value("torque_lag"), self.value("torque_delay")
+        return run_rates(experiment.t, commands * gains, rates, damping, lag, delay, horizon)
 
     def initial_seconds(self, experiment: Experiment) -> float:
         """How much of a record's outputs a free run looks at, s: for wind and thrust scale where they are unknown."""

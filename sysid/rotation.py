@@ -19,8 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.signal import lfilter
 
 from logparse import Motor, Vehicle
+from sysid.body_motion import first_order
 from sysid.experiment import Experiment, Floats
 from sysid.thrust_curve import REFERENCE_DENSITY, curve, motor_commands
 
@@ -216,6 +218,41 @@ def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float
     lag, delay = (float(value) for value in solved.x)
     axes = {axis: _axis(omega, q[:, :, k], w[:, :, k], lag, delay) for k, axis in enumerate(AXES)}
     return RotationFit(axes=axes, lag=lag, delay=delay, source=source)
+
+
+def run_rates(
+    t: Floats, drive: Floats, rates: Floats, damping: Floats, lag: float, delay: float, horizon: float
+) -> Floats:
+    """Predict angular rates `horizon` seconds ahead, from measured rates and driving angular accelerations.
+
+    With damping d the difference of two solutions decays as exp(-d t), so that one free run y serves all starts:
+    w(t) = y(t) + exp(-d h) [w(t - h) - y(t - h)].
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+    drive : ndarray, shape (N, 3)
+        Gain times torque command, rad/s^2.
+    rates : ndarray, shape (N, 3)
+        Measured, rad/s.
+    damping : ndarray, shape (3,)
+        1/s.
+    lag, delay, horizon : float
+        s.
+    """
+    dt = float((t[-1] - t[0]) / (len(t) - 1))
+    steps = min(max(round(horizon / dt), 1), len(t) - 1)
+    out = np.empty_like(rates)
+    for k in range(3):
+        late = first_order(np.interp(t - delay, t, drive[:, k]), dt, lag)
+        # Offsets of moments, such as a centre of gravity to one side, do not turn the craft on average.
+        late = late - late.mean() + damping[k] * rates[:, k].mean()
+        decay = float(np.exp(-damping[k] * dt))
+        free: Floats = np.asarray(lfilter([dt / 2.0, dt / 2.0], [1.0, -decay], late))
+        start = np.maximum(np.arange(len(t)) - steps, 0)
+        held = decay ** (np.arange(len(t)) - start)
+        out[:, k] = free + held * (rates[start, k] - free[start])
+    return out
 
 
 def _moving_mean(values: Floats, size: int) -> Floats:

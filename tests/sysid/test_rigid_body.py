@@ -226,6 +226,23 @@ def test_predictions_begin_with_the_free_run_and_restart_from_what_was_measured(
     np.testing.assert_allclose(whole, model.simulate(seen), atol=1e-9)
 
 
+def test_rates_follow_from_torque_commands():
+    """A second ahead within a tenth of what holding the rates would miss; refused where effectiveness is unknown."""
+    seen = record(exciting())
+    model = fitted()
+    lags = model.value("torque_lag") + model.value("torque_delay")
+    assert lags == pytest.approx(octocopter().drive.response.time_constant, abs=0.02)
+    ahead = model.predict_rates(seen, 1.0)
+    rates = seen.context[["w_x", "w_y", "w_z"]].to_numpy()
+    steps = round(1.0 / seen.dt)
+    missed = np.sqrt(np.mean((ahead - rates)[steps:] ** 2, axis=0))
+    held = np.sqrt(np.mean((rates[steps:] - rates[:-steps]) ** 2, axis=0))
+    assert (missed < 0.25 * held).all()
+    calm = fit_rigid_body([record(flown(octocopter(), HOVER, rate=RATE))])
+    with pytest.raises(MissingDataError, match="not determined"):
+        calm.predict_rates(seen)
+
+
 def test_hover_alone_gives_thrust_and_says_what_it_does_not_give():
     """No motion, no drag; the sentences name what to fly."""
     seen = record(flown(octocopter(), HOVER, rate=RATE), np.random.default_rng(2))
