@@ -39,6 +39,8 @@ DISARMED, IDLE, FLYING, LANDING, LANDED = 0, 1, 2, 3, 4
 #: Numba's stubs do not know the two options.
 _OPTIONS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 inner = njit(cache=True, nogil=True, **_OPTIONS)
+#: The same for parts of the equations of motion: a call would copy the craft's parameters, about a hundred numbers.
+part = njit(cache=True, nogil=True, forceinline=True, **_OPTIONS)
 
 
 @inner
@@ -110,16 +112,19 @@ def induced_velocity(
         if through > 1e-9:
             change += flow * v * (v - axial) / through
         new = v - residual / change if change > 0.0 else low
+        # The error after a Newton step is of the order of the step's square.
+        tolerance = 1e-7 * abs(end)
         if not low < new < high:
             new = 0.5 * (low + high)
-        if abs(new - v) <= 1e-12 * abs(end):
-            v = new
-            break
+            tolerance = 1e-12 * abs(end)
+        settled = abs(new - v) <= tolerance
         v = new
+        if settled:
+            break
     return v, still - slope * v
 
 
-@inner
+@part
 def rotor_response(x: np.ndarray, command: np.ndarray, response: ResponseParameters, n: int, dx: np.ndarray) -> None:
     """Fill dx with the changes of the n rotor speeds and of the drives' own states.
 
@@ -145,7 +150,7 @@ def rotor_response(x: np.ndarray, command: np.ndarray, response: ResponseParamet
         dx[ROTORS + i] = change
 
 
-@inner
+@part
 def rotor_loads(
     x: np.ndarray,
     u: float,
@@ -194,7 +199,7 @@ def rotor_loads(
     load[5] = mz - (wx * hy - wy * hx)
 
 
-@inner
+@part
 def ground_loads(x: np.ndarray, C: np.ndarray, frame: AirframeParameters, load: np.ndarray) -> None:
     """Add to `load` (7,) what the feet feel: spring and damper upwards, Coulomb friction smoothed below 2 cm/s."""
     wx, wy, wz = x[RATE], x[RATE + 1], x[RATE + 2]
@@ -292,7 +297,7 @@ def derivative(
         )
 
 
-@inner
+@part
 def discharge(t: float, frame: AirframeParameters) -> None:
     """Set mass and inertia of a craft whose tank empties to those at t [s], linear between the tank's entries.
 
