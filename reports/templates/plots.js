@@ -32,6 +32,35 @@
     drawn.add(figure.id);
     Plotly.react(element, themed(figure.data), layoutOf(figure), { responsive: true, displaylogo: false, displayModeBar: false });
     if (first && figure.time) element.on("plotly_relayout", (change) => follow(figure, change));
+    if (first) offerChoice(figure, element);
+  }
+
+  // What a click into the legend does, for the keyboard, for fingers and for screen readers as well.
+  function offerChoice(figure, element) {
+    const groups = [...new Set(figure.data.map((trace) => trace.legendgroup).filter(Boolean))];
+    if (groups.length < 2) return;
+    const choice = document.createElement("fieldset");
+    choice.className = "choice";
+    const legend = document.createElement("legend");
+    legend.textContent = "Shown";
+    choice.append(legend);
+    for (const group of groups) {
+      const label = document.createElement("label"), box = document.createElement("input");
+      const members = figure.data.flatMap((trace, index) => (trace.legendgroup === group ? [index] : []));
+      const isShown = () => element.data[members[0]].visible !== "legendonly";
+      box.type = "checkbox";
+      box.checked = isShown();
+      box.addEventListener("change", () => {
+        Plotly.restyle(element, { visible: box.checked ? true : "legendonly" }, members);
+      });
+      element.on("plotly_restyle", () => {
+        box.checked = isShown();
+        for (const index of members) figure.data[index].visible = element.data[index].visible;
+      });
+      label.append(box, " ", group);
+      choice.append(label);
+    }
+    element.before(choice);
   }
 
   // Zooming one time axis zooms all; a double click shows everything again.
