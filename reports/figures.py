@@ -329,12 +329,17 @@ def _drawn(own: Sequence[ModelResult], joint: Sequence[ModelResult]) -> Iterable
     any_joint = any(result.predictions for result in joint)
     for result in own:
         for number, part in enumerate(result.predictions):
-            name = f"{result.title}, own" if any_joint else result.title
+            name = f"{short(result.title)}, own" if any_joint else short(result.title)
             dash = "dot" if any_joint else "solid"
             yield _Run(part, name, model_color(result.key), dash, True, not any_joint, number == 0)
     for result in joint:
         for part in result.predictions:
-            yield _Run(part, f"{result.title}, joint", model_color(result.key), "solid", False, True, True)
+            yield _Run(part, f"{short(result.title)}, joint", model_color(result.key), "solid", False, True, True)
+
+
+def short(title: str) -> str:
+    """Leave out of a model's title what legends have no room for: where it leads to."""
+    return title.partition(" →")[0]
 
 
 def model_color(key: str) -> str:

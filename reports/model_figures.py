@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.results import ModelResult
-from reports.figures import Figure, Trace, layout_of, model_color, plotly_text
+from reports.figures import Figure, Trace, layout_of, model_color, plotly_text, short
 from reports.numbers import Numbers
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel
 from sysid.frequency_response import Root, frequency_response, poles, zeros
@@ -51,7 +51,7 @@ def horizon_figure(models: Sequence[Numbers], name: str = "horizons") -> Figure 
         for result in judged:
             rows = [row for row in result["horizons"] if row["output"] == output]
             data.append(
-                _curve(rows, "rmse_m", result["title"], model_color(result["key"]), "solid", suffix, number == 0)
+                _curve(rows, "rmse_m", short(result["title"]), model_color(result["key"]), "solid", suffix, number == 0)
             )
         top = 1.0 - number * block
         axes[f"yaxis{suffix}"] = {

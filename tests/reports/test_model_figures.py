@@ -47,5 +47,5 @@ def test_what_is_not_determined_has_no_band_and_no_ellipse(flight):
 def test_the_horizon_plot_shows_the_guesses_beside_the_models(flight):
     figure = horizon_figure(flight_numbers(flight)["models"])
     names = [trace["name"] for trace in figure.data if trace["showlegend"]]
-    assert names == ["constant position", "constant velocity", "motor PWM → position"]
+    assert names == ["constant position", "constant velocity", "motor PWM"]
     assert horizon_figure([]) is None
