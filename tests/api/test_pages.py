@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from html.parser import HTMLParser
+from pathlib import Path
 
 import httpx
 import pytest
 
+from api.samples import samples
 from api.settings import Settings
 
 Upload = Callable[..., httpx.Response]
@@ -71,6 +73,54 @@ def test_a_failed_analysis_says_why(service: httpx.Client) -> None:
         pass
     assert "The log cannot be analysed" in text
     assert "no RCOU messages: set LOG_BITMASK to include motor outputs" in text
+
+
+def test_a_sample_is_analysed_as_if_uploaded(
+    service: httpx.Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "calm.bin").write_bytes(b"good sample")
+    (tmp_path / "calm.json").write_text('{"what": "simulated by rotorid, not flown: steps <in> place"}')
+    (tmp_path / "bare.bin").write_bytes(b"good too")
+    monkeypatch.setattr("api.routes.pages.samples", lambda: samples(tmp_path))
+    page = service.get("/").text
+    assert "calm: steps &lt;in&gt; place" in page
+    assert [option["value"] for option in Outline(page).all("option")] == ["bare", "calm"]
+    answer = service.post("/samples", data={"name": "calm"})
+    assert answer.status_code == 303
+    assert service.get(f"/api/v1{answer.headers['Location']}").json()["log"]["name"] == "calm.bin"
+    for name in ("../calm", "calm.json", ""):
+        assert service.post("/samples", data={"name": name}).status_code == 404
+    monkeypatch.setattr("api.routes.pages.samples", lambda: samples(tmp_path / "none"))
+    assert "sample" not in service.get("/").text
+
+
+def test_htmx_comes_from_us(service: httpx.Client) -> None:
+    for script in Outline(service.get("/").text).all("script"):
+        assert (script["src"] or "").startswith("/static/")
+    htmx = service.get("/static/htmx/htmx.min.js")
+    assert (htmx.status_code, htmx.text[:8]) == (200, "var htmx")
+
+
+def test_buttons_work_without_scripts(service: httpx.Client, upload: Upload) -> None:
+    page = upload(service, b"good buttons").json()["links"]["page"]
+    shared = service.post(f"{page}/share", data={"days": "7"}).text
+    link = next(each["value"] for each in Outline(shared).all("input") if each.get("id") == "link") or ""
+    assert Outline(service.get(link).text).all("iframe")[0]["title"] == "Report on flight.bin"
+    assert "taken back" in service.post(f"{page}/unshare").text
+    assert service.get(link, headers={"Accept": "text/html"}).status_code == 404
+    again = service.post(f"{page}/again", data={"poles": "2", "zeros": "1", "mass": ""})
+    assert again.status_code == 303
+    assert service.get(f"/api/v1{again.headers['Location']}").json()["configuration"] == {"poles": 2, "zeros": 1}
+    for wrong, says in (({"poles": "many"}, "poles: Input should be"), ({"mass": "-1"}, "mass: Input should be")):
+        refused = service.post(f"{page}/again", data=wrong)
+        assert refused.status_code == 422
+        assert says in refused.text.replace("Poles", "poles").replace("Mass", "mass")
+    cancelled = service.post(f"{again.headers['Location']}/cancel", data={"next": "//example.com"})
+    assert cancelled.headers["Location"] == "/"
+    assert service.post(f"{page}/delete").headers["Location"] == "/analyses"
+    assert service.get(f"/api/v1{page}").status_code == 404
+    for action in ("cancel", "delete", "share", "unshare", "again"):
+        assert service.post(f"{page}/{action}").status_code == 404
 
 
 def test_the_reference_describes_every_operation(service: httpx.Client) -> None:
