@@ -1,5 +1,6 @@
 """What people do on the pages, in a real browser: upload, follow, read, share, delete, sign in; at any width."""
 
+import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -234,6 +235,35 @@ def test_the_pages_are_dark_where_the_visitor_wants_it(browser: Browser, service
             assert_accessible(page)  # the contrast of every text among it
             page.goto("/analyses")
             assert_accessible(page)
+
+
+@pytest.mark.slow
+def test_a_sample_becomes_a_real_report(browser: Browser, tmp_path: Path) -> None:
+    """The pipeline itself, and its report in our frame: drawn under its policy, on a phone, with a choice of models."""
+    with (
+        running(create_app(Settings(data=tmp_path, workers=1))) as client,
+        watched(browser, client, viewport=PHONE) as page,
+    ):
+        page.goto("/")
+        page.get_by_label("Open a sample flight").select_option("octa01_zurich_calm")
+        page.get_by_role("button", name="Open").click()
+        report = page.frame_locator("iframe")
+        expect(report.get_by_role("heading", name="octa01_zurich_calm")).to_be_visible(timeout=200_000)
+        for part in ("How well the models predict", "The flight", "Identified models", "Findings"):
+            expect(report.get_by_role("heading", name=part, exact=True)).to_be_attached()
+        report.locator("#plot-prediction").scroll_into_view_if_needed()
+        figure = report.locator("figure", has=report.locator("#plot-prediction"))
+        model = figure.get_by_label("rigid body")
+        expect(model).to_be_checked()
+        model.press("Space")
+        expect(figure.locator(".legend .traces", has_text="rigid body")).to_have_css("opacity", "0.5")
+        frame = page.frame(name="report")
+        assert frame is not None
+        assert frame.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        page.get_by_text("Downloads").click()
+        with page.expect_download() as download:
+            page.get_by_role("link", name="Models", exact=True).click()
+        assert json.loads(download.value.path().read_text())
 
 
 def test_a_token_opens_the_service(browser: Browser, tmp_path: Path) -> None:
