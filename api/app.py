@@ -12,6 +12,7 @@ from fastapi.staticfiles import StaticFiles
 
 from api import problems
 from api.access import Shares, Tokens
+from api.bodies import SmallBodies
 from api.catalog import Catalog
 from api.database import Database
 from api.dependencies import Parts
@@ -19,6 +20,7 @@ from api.headers import SafeHeaders
 from api.housekeeping import Housekeeping
 from api.incoming import Incoming
 from api.jobs import Runner
+from api.local_only import LocalOnly
 from api.metrics import Measured, Metrics
 from api.objects import Objects
 from api.rates import Rates
@@ -34,7 +36,11 @@ _DESCRIPTION = """Flight logs of Pixhawk autopilots in, identified models and an
 
 
 def create_app(
-    settings: Settings | None = None, analyze: Analyze = analyze_logs, *, preload: Sequence[str] = PRELOAD
+    settings: Settings | None = None,
+    analyze: Analyze = analyze_logs,
+    *,
+    preload: Sequence[str] = PRELOAD,
+    local_only: bool = False,
 ) -> FastAPI:
     """Make the service.
 
@@ -46,6 +52,8 @@ def create_app(
         What to do with logs; it runs in a process of its own, so it must be a function of a module.
     preload : sequence of str, optional
         Modules that `analyze` uses and that are worth importing once for all analyses.
+    local_only : bool
+        Answer only to who calls the service ``localhost``: it is open because nobody else can reach it.
 
     Raises
     ------
@@ -79,7 +87,10 @@ def create_app(
         redoc_url=None,
     )
     app.state.parts = parts
+    app.add_middleware(SmallBodies, uploads=("/", "/api/v1/logs"), stall=settings.upload_stall)
     problems.install(app)
+    if local_only:
+        app.add_middleware(LocalOnly)
     app.add_middleware(SafeHeaders)
     app.add_middleware(Measured, metrics=parts.metrics)
     app.include_router(logs.router, prefix="/api/v1")

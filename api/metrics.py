@@ -42,7 +42,7 @@ class _Stock(Collector):
         """Count analyses by state, and logs and their bytes."""
         with self._database.read() as session:
             by_state = select(AnalysisRecord.state, func.count()).group_by(AnalysisRecord.state)
-            states = dict(session.execute(by_state).tuples().all())
+            states = {state: count for state, count in session.execute(by_state)}  # noqa: C416 -- rows, not pairs
             logs, size = session.execute(select(func.count(), func.coalesce(func.sum(LogRecord.size), 0))).one()
         analyses = GaugeMetricFamily("rotorid_analyses", "Analyses by state.", labels=("state",))
         for state in State:

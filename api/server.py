@@ -1,29 +1,28 @@
 """Starting the service."""
 
-import copy
 import logging
-import logging.config
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from socket import socket
 
 import uvicorn
+from alembic.util import CommandError
 from fastapi.concurrency import run_in_threadpool
 from pydantic import ValidationError
 from sqlalchemy.exc import SQLAlchemyError
-from uvicorn.config import LOGGING_CONFIG
 
+from api import log_lines
 from api.access import Tokens
 from api.app import create_app
+from api.connections import PatientProtocol
 from api.database import Database
 from api.jobs import Runner
+from api.local_only import LOOPBACK
 from api.settings import Access, Settings
 
 #: Seconds that requests still being answered get when the service is told to stop.
 _GRACE = 5
-
-_LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 _log = logging.getLogger("rotorid.api")
 
@@ -33,25 +32,34 @@ def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None)
 
     Ends the program with a message when a setting is wrong, the data folder cannot be written or the address is taken.
     """
-    _log_to_stderr()
     settings = _settings()
+    log_lines.configure(settings.log_format)
     if workers is not None:
         settings = settings.model_copy(update={"workers": workers})
+    local_only = settings.access is Access.AUTO and host in LOOPBACK
     if settings.access is Access.AUTO:
-        settings = settings.model_copy(update={"access": Access.OPEN if host in _LOOPBACK else Access.TOKENS})
+        settings = settings.model_copy(update={"access": Access.OPEN if local_only else Access.TOKENS})
     try:
-        app = create_app(settings)
+        app = create_app(settings, local_only=local_only)
     except OSError as error:
         sys.exit(
             f"rotorid cannot keep logs in {settings.data.resolve()}: {error.strerror or error}. "
             "Set ROTORID_DATA to a folder that it can write, or ROTORID_STORAGE to a storage that it can."
         )
-    except SQLAlchemyError as error:
+    except (SQLAlchemyError, CommandError) as error:
         sys.exit(f"rotorid cannot use its database: {error}. Check ROTORID_DATABASE.")
-    if host not in _LOOPBACK and settings.access is Access.OPEN:
+    except (ValueError, ImportError) as error:
+        sys.exit(f"rotorid cannot use what ROTORID_DATABASE or ROTORID_STORAGE names: {error}.")
+    if host not in LOOPBACK and settings.access is Access.OPEN:
         _log.warning("anyone who can reach %s may upload and read logs: ROTORID_ACCESS is open", host)
     config = uvicorn.Config(
-        app, host=host, port=port, log_config=None, server_header=False, timeout_graceful_shutdown=_GRACE
+        app,
+        host=host,
+        port=port,
+        http=PatientProtocol,
+        log_config=None,
+        server_header=False,
+        timeout_graceful_shutdown=_GRACE,
     )
     server = Server(config, app.state.parts.runner)
     with suppress(KeyboardInterrupt):  # which uvicorn repeats after an orderly stop
@@ -85,7 +93,7 @@ def open_tokens() -> Iterator[Tokens]:
             yield Tokens(database)
         finally:
             database.close()
-    except (OSError, SQLAlchemyError) as error:
+    except (OSError, SQLAlchemyError, CommandError, ValueError, ImportError) as error:
         sys.exit(f"rotorid cannot use its database: {error}. Check ROTORID_DATABASE and ROTORID_DATA.")
 
 
@@ -94,10 +102,3 @@ def _settings() -> Settings:
         return Settings()
     except ValidationError as error:
         sys.exit("\n".join(f"ROTORID_{item['loc'][0]}".upper() + f": {item['msg']}" for item in error.errors()))
-
-
-def _log_to_stderr() -> None:
-    """Write our messages as uvicorn writes its own; one line for each request goes to stdout."""
-    config = copy.deepcopy(LOGGING_CONFIG)
-    config["loggers"]["rotorid"] = {"handlers": ["default"], "level": "INFO", "propagate": False}
-    logging.config.dictConfig(config)

@@ -4,7 +4,8 @@ import os
 from enum import StrEnum
 from pathlib import Path
 
-from pydantic import ByteSize, Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from limits import parse
+from pydantic import ByteSize, Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
@@ -19,6 +20,13 @@ class Access(StrEnum):
     AUTO = "auto"
     OPEN = "open"
     TOKENS = "tokens"
+
+
+class LogFormat(StrEnum):
+    """How the service writes what it does."""
+
+    TEXT = "text"
+    JSON = "json"
 
 
 class Settings(BaseSettings):
@@ -72,8 +80,23 @@ class Settings(BaseSettings):
         default=15.0, description="A worker that gives no sign of life for so long is taken for dead [s]."
     )
     retention: NonNegativeFloat = Field(
-        default=0.0, description="Days after which logs and their analyses are removed; 0 keeps them."
+        default=0.0, le=36500.0, description="Days after which logs and their analyses are removed; 0 keeps them."
     )
+    log_format: LogFormat = Field(
+        default=LogFormat.TEXT,
+        description="How the service writes what it does: `text` for people, or `json`, an object a line, for "
+        "programs. Messages go to stderr, a line for each request to stdout.",
+    )
+
+    @field_validator("upload_rate")
+    @classmethod
+    def _check_rate(cls, value: str) -> str:
+        if value:
+            try:
+                parse(value)
+            except ValueError:
+                raise ValueError("write a number and a time, such as 300/minute, or nothing for any number") from None
+        return value
 
     @property
     def database_url(self) -> str:

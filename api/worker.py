@@ -77,10 +77,11 @@ Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
 
 
 def analyze_logs(task: Task, progress: Progress) -> None:
-    """Run the pipeline on the logs of a task and write the report."""
+    """Run the pipeline on the logs of a task and write the report and the logs' tables."""
     # Imported here and not above: the server itself never needs the 200 MB of numpy, numba and pandas.
     import pipeline
     import reports
+    from api.tables import write_tables
     from pipeline.stages import overall
 
     config = pipeline.AnalysisConfig(**task.configuration)
@@ -89,12 +90,14 @@ def analyze_logs(task: Task, progress: Progress) -> None:
         ((log, name),) = task.logs
         advance = overall(progress)
         flight = pipeline.analyze(log, config, advance, name=Path(name).stem)
+        advance("report", 0.0)
+        write_tables(flight, task.folder)
         # The report names the file as its user does, not as it is kept here.
         result = replace(flight, log=replace(flight.log, path=Path(name)))
-        advance("report", 0.0)
     else:
         result = pipeline.analyze_fleet([log for log, _ in task.logs], config, None, progress)
         progress("report", 0.99)
+        write_tables(result, task.folder)
     reports.write(result, task.folder)
 
 

@@ -10,6 +10,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from api import Settings, create_app
+from api.connections import PatientProtocol
 from api.server import Server
 from tests.api import standins
 
@@ -22,7 +23,9 @@ def unfinished(data: Path) -> list[Path]:
 @contextmanager
 def running(app: FastAPI) -> Iterator[httpx.Client]:
     """Serve an application on a free port, over real sockets, and give a client for it."""
-    server = Server(uvicorn.Config(app, log_config=None, timeout_graceful_shutdown=5), app.state.parts.runner)
+    server = Server(
+        uvicorn.Config(app, log_config=None, http=PatientProtocol, timeout_graceful_shutdown=5), app.state.parts.runner
+    )
     listener = socket.create_server(("127.0.0.1", 0))
     address = f"http://127.0.0.1:{listener.getsockname()[1]}"
     with listener, httpx.Client(base_url=address, timeout=60.0) as client:

@@ -5,6 +5,7 @@ import pwd
 import shutil
 import socket
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,28 +21,43 @@ def programs() -> Path:
     return found[-1].parent
 
 
+class Server:
+    """A server that keeps its data in `folder`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._binaries = programs()
+        # PostgreSQL refuses to run as root; Debian's package brings a user for it.
+        self._user = "postgres" if os.geteuid() == 0 else None
+        self._folder = folder
+        if self._user is not None:
+            shutil.chown(folder, self._user, pwd.getpwnam(self._user).pw_gid)
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self._port = free.getsockname()[1]
+        self.url = f"postgresql+psycopg://rotorid@127.0.0.1:{self._port}/postgres"
+        self._run("initdb", "-U", "rotorid", "-A", "trust", "-E", "UTF8", "--no-sync")
+
+    def start(self) -> None:
+        """Start it and wait until it answers."""
+        options = f"-c listen_addresses=127.0.0.1 -c port={self._port} -c unix_socket_directories={self._folder}"
+        self._run("pg_ctl", "-o", f"{options} -c fsync=off", "-l", str(self._folder / "server.log"), "-w", "start")
+
+    def stop(self) -> None:
+        """Stop it at once, as a crash would."""
+        self._run("pg_ctl", "-m", "immediate", "-w", "stop")
+
+    def _run(self, program: str, *arguments: str) -> None:
+        command = [self._binaries / program, "-D", str(self._folder / "data"), *arguments]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, user=self._user, cwd=self._folder)
+
+
 @contextmanager
-def server(folder: Path) -> Iterator[str]:
-    """Run a server that keeps its data in `folder`; gives the URL of its database."""
-    binaries = programs()
-    # PostgreSQL refuses to run as root; Debian's package brings a user for it.
-    user = "postgres" if os.geteuid() == 0 else None
-    folder.mkdir(parents=True, exist_ok=True)
-    if user is not None:
-        for each in (folder, *folder.parents[: folder.parts.__len__() - 3]):
-            each.chmod(0o755)
-        shutil.chown(folder, user, pwd.getpwnam(user).pw_gid)
-    data = folder / "data"
-
-    def run(program: str, *arguments: str) -> None:
-        subprocess.run([binaries / program, *arguments], check=True, capture_output=True, user=user, cwd=folder)
-
-    run("initdb", "-D", str(data), "-U", "rotorid", "-A", "trust", "-E", "UTF8", "--no-sync")
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    options = f"-c listen_addresses=127.0.0.1 -c port={port} -c unix_socket_directories={folder} -c fsync=off"
-    run("pg_ctl", "-D", str(data), "-o", options, "-l", str(folder / "server.log"), "-w", "start")
-    try:
-        yield f"postgresql+psycopg://rotorid@127.0.0.1:{port}/postgres"
-    finally:
-        run("pg_ctl", "-D", str(data), "-m", "immediate", "-w", "stop")
+def running() -> Iterator[Server]:
+    """Run a server until it is needed no more."""
+    # Not in pytest's folder, which other users may not enter.
+    with tempfile.TemporaryDirectory(prefix="rotorid-postgresql-") as folder:
+        server = Server(Path(folder))
+        server.start()
+        try:
+            yield server
+        finally:
+            server.stop()

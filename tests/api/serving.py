@@ -5,6 +5,7 @@ import sys
 import uvicorn
 
 from api import Settings, create_app
+from api.connections import PatientProtocol
 from api.server import Server
 from tests.api import standins
 
@@ -12,7 +13,9 @@ from tests.api import standins
 def main() -> None:
     """Serve on the port given, with settings from the environment."""
     app = create_app(Settings(), standins.analyze, preload=())
-    config = uvicorn.Config(app, port=int(sys.argv[1]), log_level="warning", timeout_graceful_shutdown=5)
+    config = uvicorn.Config(
+        app, port=int(sys.argv[1]), log_level="warning", http=PatientProtocol, timeout_graceful_shutdown=5
+    )
     Server(config, app.state.parts.runner).run()
 
 

@@ -5,108 +5,38 @@ import random
 import signal
 import socket
 import sqlite3
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
-import httpx
 import pytest
 
 from tests.api import postgresql
 from tests.api.conftest import unfinished
-
-PROJECT = Path(__file__).parents[2]
-
-
-class Service:
-    """A service in a process of its own."""
-
-    def __init__(self, data: Path, **settings: str) -> None:
-        self.data = data
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.port = free.getsockname()[1]
-        self._settings = {"ROTORID_DATA": str(data), "ROTORID_WORKERS": "2", "ROTORID_LEASE": "1.5", **settings}
-        self.client = httpx.Client(base_url=f"http://127.0.0.1:{self.port}", timeout=30.0)
-        self.start()
-
-    def start(self) -> None:
-        """Start it and wait until it answers."""
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "tests.api.serving", str(self.port)], cwd=PROJECT, env=os.environ | self._settings
-        )
-        wait_until(self.answers, 60.0)
-
-    def answers(self) -> bool:
-        """Say whether it is up."""
-        try:
-            return self.client.get("/healthz").status_code == 200
-        except httpx.TransportError:
-            return False
-
-    def kill(self) -> None:
-        """Kill the server, as a power cut would."""
-        self.process.kill()
-        self.process.wait()
-
-    def workers(self) -> list[int]:
-        """List the processes of analyses: the children of the process that they are forked from."""
-        return [pid for child in children(self.process.pid) for pid in children(child) if is_analysis(pid)]
-
-    def close(self) -> None:
-        """End it."""
-        self.process.terminate()
-        self.process.wait()
-        self.client.close()
-
-
-def children(pid: int) -> list[int]:
-    """List the children of a process."""
-    try:
-        threads = list(Path(f"/proc/{pid}/task").iterdir())
-        return [int(child) for thread in threads for child in (thread / "children").read_text().split()]
-    except OSError:
-        return []
-
-
-def is_analysis(pid: int) -> bool:
-    """Tell a process that analyses, which is nice, from those that keep house for `multiprocessing`."""
-    try:
-        return os.getpriority(os.PRIO_PROCESS, pid) >= 5
-    except ProcessLookupError:
-        return False
-
-
-def wait_until(holds: Callable[[], bool], seconds: float) -> None:
-    """Look again and again; fail when something does not come to hold."""
-    deadline = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < deadline, "waited too long"
-        time.sleep(0.02)
+from tests.api.programs import Service, wait_until
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def service(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Service]:
     """Run a service on each of the databases."""
-    if request.param == "sqlite":
-        running = Service(tmp_path / "data")
+    with ExitStack() as stack:
+        settings = {}
+        if request.param == "postgresql":
+            settings["ROTORID_DATABASE"] = stack.enter_context(postgresql.running()).url
+        running = Service(tmp_path / "data", **settings)
+        stack.callback(running.close)
         yield running
-        running.close()
-        return
-    with postgresql.server(tmp_path / "postgresql") as url:
-        running = Service(tmp_path / "data", ROTORID_DATABASE=url)
-        yield running
-        running.close()
 
 
 @pytest.mark.slow
-def test_thirty_kills_lose_nothing_and_do_nothing_twice(service: Service) -> None:
+@pytest.mark.parametrize(("service", "kills"), [("sqlite", 30), ("postgresql", 8)], indirect=["service"])
+def test_kills_lose_nothing_and_do_nothing_twice(service: Service, kills: int) -> None:
     """Kill workers, the server or both at random moments while analyses are in all of their stages."""
     chance = random.Random(20261121)
     accepted: dict[str, bytes] = {}
     analyses: dict[str, str] = {}
-    for number in range(30):
+    for number in range(kills):
         content = b"slow %d" % number
         log = service.client.post("/api/v1/logs", files={"file": (f"{number}.bin", content)}).json()["id"]
         accepted[log] = content
@@ -123,7 +53,7 @@ def test_thirty_kills_lose_nothing_and_do_nothing_twice(service: Service) -> Non
     def all_ended() -> bool:
         return all(service.client.get(address).json()["ended"] for address in analyses)
 
-    wait_until(all_ended, 120.0)
+    wait_until(all_ended, 120.0, pause=0.5)
     for address, log in analyses.items():
         answer = service.client.get(address).json()
         if answer["state"] == "failed":  # its workers were shot as often as an analysis is begun
@@ -138,7 +68,38 @@ def test_thirty_kills_lose_nothing_and_do_nothing_twice(service: Service) -> Non
         assert service.client.get(f"{address}/rmse.csv").text.startswith("flight,")
     for log, content in accepted.items():
         assert (service.data / "objects" / "logs" / log).read_bytes() == content
-    assert sum(service.client.get(address).json()["state"] == "done" for address in analyses) >= 28
+    assert sum(service.client.get(address).json()["state"] == "done" for address in analyses) >= kills - 2
+
+
+@pytest.mark.slow
+def test_a_database_that_is_gone_for_ten_seconds_delays_but_breaks_nothing(tmp_path: Path) -> None:
+    with postgresql.running() as database:
+        service = Service(tmp_path / "data", ROTORID_DATABASE=database.url)
+        try:
+            log = service.client.post("/api/v1/logs", files={"file": ("a.bin", b"slow one")}).json()["id"]
+            address = service.client.post("/api/v1/analyses", json={"logs": [log]}).headers["Location"]
+            wait_until(lambda: service.client.get(address).json()["state"] == "running", 30.0)
+            database.stop()
+            gone = time.monotonic()
+            for refused in (
+                service.client.post("/api/v1/logs", files={"file": ("b.bin", b"another")}),
+                service.client.post("/api/v1/analyses", json={"logs": [log]}),
+                service.client.get(address),
+                service.client.get("/readyz"),
+                service.client.get("/metrics"),
+            ):
+                assert refused.status_code == 503
+                assert refused.json()["type"] == "urn:rotorid:problem:database-unavailable"
+                assert int(refused.headers["Retry-After"]) > 0
+            assert service.client.get("/healthz").status_code == 200
+            assert not unfinished(service.data)
+            time.sleep(max(0.0, gone + 10.0 - time.monotonic()))
+            database.start()
+            wait_until(lambda: service.client.get("/readyz").status_code == 200, 30.0)
+            wait_until(lambda: service.client.get(address).json()["state"] == "done", 60.0, pause=0.2)
+            assert service.client.post("/api/v1/logs", files={"file": ("b.bin", b"another")}).status_code == 201
+        finally:
+            service.close()
 
 
 @pytest.mark.slow

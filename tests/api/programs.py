@@ -1,0 +1,79 @@
+"""The service as a program of its own, which can be killed, and the processes that it starts."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+
+PROJECT = Path(__file__).parents[2]
+
+
+class Service:
+    """A service in a process of its own."""
+
+    def __init__(self, data: Path, **settings: str) -> None:
+        self.data = data
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port = free.getsockname()[1]
+        self._settings = {"ROTORID_DATA": str(data), "ROTORID_WORKERS": "2", "ROTORID_LEASE": "1.5", **settings}
+        self.client = httpx.Client(base_url=f"http://127.0.0.1:{self.port}", timeout=30.0)
+        self.start()
+
+    def start(self) -> None:
+        """Start it and wait until it answers."""
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tests.api.serving", str(self.port)], cwd=PROJECT, env=os.environ | self._settings
+        )
+        wait_until(self.answers, 60.0)
+
+    def answers(self) -> bool:
+        """Say whether it is up."""
+        try:
+            return self.client.get("/healthz").status_code == 200
+        except httpx.TransportError:
+            return False
+
+    def kill(self) -> None:
+        """Kill the server, as a power cut would."""
+        self.process.kill()
+        self.process.wait()
+
+    def workers(self) -> list[int]:
+        """List the processes of analyses: the children of the process that they are forked from."""
+        return [pid for child in children(self.process.pid) for pid in children(child) if is_analysis(pid)]
+
+    def close(self) -> None:
+        """End it."""
+        self.process.terminate()
+        self.process.wait()
+        self.client.close()
+
+
+def children(pid: int) -> list[int]:
+    """List the children of a process."""
+    try:
+        threads = list(Path(f"/proc/{pid}/task").iterdir())
+        return [int(child) for thread in threads for child in (thread / "children").read_text().split()]
+    except OSError:
+        return []
+
+
+def is_analysis(pid: int) -> bool:
+    """Tell a process that analyses, which is nice, from those that keep house for `multiprocessing`."""
+    try:
+        return os.getpriority(os.PRIO_PROCESS, pid) >= 5
+    except ProcessLookupError:
+        return False
+
+
+def wait_until(holds: Callable[[], bool], seconds: float, pause: float = 0.05) -> None:
+    """Look again and again; fail when something does not come to hold."""
+    deadline = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < deadline, "waited too long"
+        time.sleep(pause)

@@ -1,0 +1,239 @@
+"""On both databases: the tables are what the records say, and many who work at once never get in each other's way."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import httpx
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import create_engine, select, update
+
+from api import Settings, create_app
+from api.catalog import Catalog, FullError
+from api.database import Database
+from api.incoming import Incoming
+from api.objects import Objects
+from api.problems import Problem
+from api.queue import Claim, Queue
+from api.records import AnalysisRecord, LogRecord, Record
+from api.resources import State
+from tests.api import postgresql, standins
+from tests.api.conftest import running
+
+PROBLEM = Problem(title="No", status=422, detail="No.")
+
+
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def url(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    folder = tmp_path_factory.mktemp(request.param)
+    if request.param == "sqlite":
+        yield f"sqlite:///{folder / 'rotorid.db'}"
+        return
+    with postgresql.running() as server:
+        yield server.url
+
+
+@pytest.fixture
+def database(url: str) -> Iterator[Database]:
+    """Give a database without rows."""
+    opened = Database(url)
+    opened.migrate()
+    with opened.write() as session:
+        for table in reversed(Record.metadata.sorted_tables):
+            session.execute(table.delete())
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def catalog(database: Database, tmp_path: Path) -> Catalog:
+    return Catalog(database, Objects(str(tmp_path / "objects")))
+
+
+@pytest.fixture
+def keep(catalog: Catalog, tmp_path: Path) -> Callable[..., str]:
+    """Give a function that keeps a log and gives its id."""
+    folder = tmp_path / "incoming"
+    folder.mkdir()
+    incoming = Incoming(folder)
+
+    def keep_log(content: bytes, owner: str = "ann", limit: int = 0) -> str:
+        with incoming.receive() as upload:
+            upload.write(content)
+            return catalog.keep_logs([(upload, "a.bin")], owner, limit)[0].log.id
+
+    return keep_log
+
+
+def test_migrations_make_the_tables_of_the_records(database: Database, url: str) -> None:
+    engine = create_engine(url)
+    with engine.connect() as connection:
+        differences = compare_metadata(MigrationContext.configure(connection), Record.metadata)
+    engine.dispose()
+    assert differences == []
+
+
+def test_several_servers_may_migrate_at_once(url: str) -> None:
+    databases = [Database(url) for _ in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(Database.migrate, databases))
+    for each in databases:
+        each.close()
+
+
+def test_no_analysis_is_claimed_twice(database: Database, catalog: Catalog, keep: Callable[..., str], url: str) -> None:
+    ordered = [catalog.order([keep(b"log %d" % number)], {}, "ann").id for number in range(40)]
+    servers = [Database(url) for _ in range(4)]
+
+    def claim_all(server: Database) -> list[str]:
+        queue, claimed = Queue(server, lease=60.0, deaths=3), []
+        while (claim := queue.claim()) is not None:
+            claimed.append(claim.analysis)
+        return claimed
+
+    with ThreadPoolExecutor(8) as pool:
+        claimed = [analysis for found in pool.map(claim_all, servers * 2) for analysis in found]
+    for each in servers:
+        each.close()
+    assert sorted(claimed) == sorted(ordered)
+    with database.read() as session:
+        assert set(session.scalars(select(AnalysisRecord.attempts))) == {1}
+
+
+def test_a_lost_lease_changes_nothing(database: Database, catalog: Catalog, keep: Callable[..., str]) -> None:
+    analysis = catalog.order([keep(b"log")], {}, "ann").id
+    queue = Queue(database, lease=60.0, deaths=3)
+    handed_out = queue.claim()
+    assert handed_out is not None
+    slow = queue.begin(handed_out)
+    assert slow is not None
+    assert queue.begin(handed_out) is None  # a cluster that hands it out again
+    assert not queue.prolong(handed_out)
+    _let_expire(database, slow)
+    quick = queue.claim()
+    assert quick is not None
+    assert (quick.analysis, quick.lease != slow.lease) == (analysis, True)
+    for change in (
+        lambda: queue.prolong(slow, "late", 0.9),
+        lambda: queue.finish(slow, {"late.txt": 1}),
+        lambda: queue.fail(slow, PROBLEM),
+        lambda: queue.give_back(slow),
+        lambda: queue.retry(slow),
+    ):
+        assert not change()
+    assert queue.finish(quick, {"report.html": 3})
+    # The answer may be lost on its way: asked for again, it was done, and by this claim only.
+    assert queue.finish(quick, {"report.html": 3})
+    assert not queue.finish(slow, {"late.txt": 1})
+    found = catalog.find_analysis(analysis, "ann")
+    assert found is not None
+    assert (found.state, found.files, found.attempts) == (State.DONE, {"report.html": 3}, 2)
+
+
+def test_an_analysis_is_given_up_after_so_many_deaths(
+    database: Database, catalog: Catalog, keep: Callable[..., str]
+) -> None:
+    catalog.order([keep(b"log")], {}, "ann")
+    queue = Queue(database, lease=60.0, deaths=3)
+    for _ in range(2):
+        claim = queue.claim()
+        assert claim is not None
+        assert queue.retry(claim)
+    last = queue.claim()
+    assert last is not None
+    assert not queue.retry(last)
+
+
+def test_an_analysis_that_takes_whole_servers_down_is_given_up(
+    database: Database, catalog: Catalog, keep: Callable[..., str]
+) -> None:
+    analysis = catalog.order([keep(b"log")], {}, "ann").id
+    queue = Queue(database, lease=60.0, deaths=3)
+    attempts = 0
+    while (claim := queue.claim()) is not None:
+        attempts += 1
+        _let_expire(database, claim)
+    found = catalog.find_analysis(analysis, "ann")
+    assert found is not None
+    assert found.problem is not None
+    assert (found.state, attempts) == (State.FAILED, 20)
+    assert "begun 20 times" in found.problem.detail
+
+
+def test_the_same_log_many_times_at_once_is_one_log(
+    database: Database, keep: Callable[..., str], tmp_path: Path
+) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        ids = set(pool.map(keep, [b"one and the same"] * 24))
+    assert len(ids) == 1
+    assert {path.name for path in (tmp_path / "objects" / "logs").iterdir()} == ids
+
+
+def test_a_limit_holds_however_many_come_at_once(
+    database: Database, catalog: Catalog, keep: Callable[..., str], tmp_path: Path
+) -> None:
+    def try_to_keep(number: int) -> bool:
+        try:
+            keep(b"log %d" % number, limit=5)
+        except FullError:
+            return False
+        return True
+
+    with ThreadPoolExecutor(4) as pool:
+        kept = sum(pool.map(try_to_keep, range(12)))
+    # On PostgreSQL two that look at the same time may both find room; on SQLite one waits for the other.
+    assert kept == catalog.count_logs("ann") == len(list((tmp_path / "objects" / "logs").iterdir()))
+    assert 5 <= kept <= (5 if database.url.startswith("sqlite") else 8)
+
+
+def test_ordering_and_deleting_at_once_leaves_no_analysis_without_its_log(
+    database: Database, catalog: Catalog, keep: Callable[..., str]
+) -> None:
+    logs = [keep(b"log %d" % number) for number in range(10)]
+
+    def order(log: str) -> bool:
+        try:
+            catalog.order([log], {}, "ann")
+        except KeyError:
+            return False
+        return True
+
+    def delete(log: str) -> bool:
+        return catalog.delete_log(log, "ann")
+
+    with ThreadPoolExecutor(8) as pool:
+        jobs = [pool.submit(work, log) for log in logs for work in (order, order, delete, order)]
+        for job in jobs:
+            job.result()
+    with database.read() as session:
+        assert session.scalars(select(LogRecord.id)).all() == []
+        assert session.scalars(select(AnalysisRecord.id)).all() == []
+
+
+def test_the_whole_way_of_a_log(url: str, tmp_path: Path, upload: Callable[..., httpx.Response]) -> None:
+    with running(create_app(Settings(data=tmp_path, database=url, workers=1), standins.analyze, preload=())) as client:
+        done = upload(client, b"good log", "Höhe 🚁.bin")
+        assert (done.status_code, done.json()["report"]["name"]) == (201, "Höhe 🚁.bin")
+        assert upload(client, b"refused").status_code == 422
+        assert client.get("/readyz").json() == {"status": "ok"}
+        assert "rotorid_logs 2.0" in client.get("/metrics").text
+        for strange in ("\0", "%", "_", "\ud7ff", "'", "\\"):
+            found = client.get("/api/v1/logs", params={"name": strange, "after": strange})
+            assert (found.status_code, found.json()["items"]) == (200, [])
+            assert client.get("/api/v1/analyses", params={"log": strange, "after": strange}).json()["items"] == []
+            assert client.get(f"/api/v1/analyses/{strange.encode().hex()}").status_code == 404
+        assert [log["name"] for log in client.get("/api/v1/logs", params={"name": "🚁"}).json()["items"]] == [
+            "Höhe 🚁.bin"
+        ]
+        assert client.delete(done.json()["links"]["log"]).status_code == 204
+        assert client.get(done.headers["Location"]).status_code == 404
+
+
+def _let_expire(database: Database, claim: Claim) -> None:
+    """Let a worker be silent for too long."""
+    past = datetime.now(UTC) - timedelta(days=1)
+    with database.write() as session:
+        session.execute(update(AnalysisRecord).where(AnalysisRecord.id == claim.analysis).values(lease_until=past))
