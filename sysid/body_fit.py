@@ -12,6 +12,7 @@ from sysid._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
 from sysid.body_motion import SHARED, THETA, Motion, motion, reference_voltage
 from sysid.equation_error import EquationErrorFit, fit_equation_error
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.motor_effects import fit_motor_effects
 from sysid.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice
 from sysid.rigid_body import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
 from sysid.rotation import COHERENT, RotationFit, centre_of_gravity, fit_rotation, logged_motors
@@ -49,6 +50,7 @@ ABSOLUTE = {
     "roll_damping": 1.0,
     "pitch_damping": 1.0,
     "yaw_damping": 1.0,
+    "yaw_lead": 0.01,
     "torque_lag": 0.01,
     "torque_delay": 0.01,
     "cg_x": 0.03,
@@ -159,6 +161,7 @@ def fit_rigid_body(
         rmse=fine.rmse,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
+        motors={} if turning is None else fit_motor_effects(records, vehicle, voltage, turning),
     )
 
 
@@ -372,6 +375,7 @@ def _parameters(
             best = max(turning.axes.values(), key=lambda fit: fit.coherent)
             reason = "" if best.coherent >= COHERENT else "the axes were hardly moved"
             numbers[name] = (value, _LAG_SIGMA, reason)
+        numbers["yaw_lead"] = (turning.axes["yaw"].lead, _LAG_SIGMA, numbers["yaw_gain"][2])
         for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, vehicle, voltage), strict=True):
             numbers[name] = (value, spread, "")
     for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):

@@ -14,7 +14,7 @@ which goes with their speed, or L = s where it is not; quadratic drag may go wit
 Rotation, with levers l_k = -sin(angle_k) for roll and cos(angle_k) for pitch, in arms, and l_k = -spin_k for yaw (a
 rotor turning clockwise pushes the craft anticlockwise), and T_k = s (V / V_ref)^2 [(1 - e) c_k + e c_k^2]::
 
-    w' = gain sum_k l_k T_k - damping w          for each axis
+    w' = gain sum_k l_k (T_k + lead T_k') - damping w          for each axis, lead in yaw only
 
 so that inertia over arm is ``I_xx / l = m thrust / roll_gain``. Motion alone gives everything per unit of mass.
 """
@@ -22,7 +22,7 @@ so that inertia over arm is ``I_xx / l = m thrust / roll_gain``. Motion alone gi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from logparse import Finding, MissingDataError, Vehicle
 from sysid._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
 from sysid.body_motion import LAG, THETA, Motion, motion
 from sysid.experiment import Experiment, Floats
+from sysid.motor_effects import MotorEffect
 from sysid.rotation import AXES, logged_motors, run_rates, torque_commands
 from sysid.trim import fit_trim
 from sysid.wind import WIND_HEIGHT, FlightTrim
@@ -62,6 +63,7 @@ ROTATION_UNITS: Mapping[str, str] = {
     "roll_damping": "1/s",
     "pitch_damping": "1/s",
     "yaw_damping": "1/s",
+    "yaw_lead": "s, torque of the rotors' own acceleration over their drag's",
     "torque_lag": "s, first order, between torque command and torque",
     "torque_delay": "s, gyro filters included",
     "cg_x": "1, centre of gravity ahead of the motors' centre, in arms",
@@ -137,6 +139,8 @@ class RigidBodyModel:
         R^2 of angular acceleration per axis, where estimated.
     rmse : float
         Of position over the windows of the fit, m.
+    motors : mapping of str to MotorEffect
+        Each motor's share of thrust and torque, where motors can be told apart.
     training : tuple of str
     findings : tuple of Finding
     """
@@ -157,6 +161,7 @@ class RigidBodyModel:
     rmse: float
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
+    motors: Mapping[str, MotorEffect] = field(default_factory=dict)
 
     @property
     def law(self) -> int:
@@ -250,7 +255,8 @@ class RigidBodyModel:
         gains = np.array([self.value(f"{axis}_gain") for axis in AXES])
         damping = np.array([self.value(f"{axis}_damping") for axis in AXES])
         lag, delay = self.value("torque_lag"), self.value("torque_delay")
-        return run_rates(experiment.t, commands * gains, rates, damping, lag, delay, horizon)
+        lead = np.array([0.0, 0.0, self.value("yaw_lead")])
+        return run_rates(experiment.t, commands * gains, rates, damping, lead, lag, delay, horizon)
 
     def initial_seconds(self, experiment: Experiment) -> float:
         """How much of a record's outputs a free run looks at, s: for wind and thrust scale where they are unknown."""
@@ -326,6 +332,7 @@ class RigidBodyModel:
             "flights": {name: trim.to_dict() for name, trim in self.flights.items()},
             "rotation_fit": dict(self.rotation_fit),
             "rmse": self.rmse,
+            "motors": {name: effect.to_dict() for name, effect in self.motors.items()},
             "training": list(self.training),
             "findings": [
                 {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
@@ -352,6 +359,7 @@ class RigidBodyModel:
             rmse=values["rmse"],
             training=tuple(values["training"]),
             findings=(),
+            motors={name: MotorEffect(**effect) for name, effect in values.get("motors", {}).items()},
         )
 
     def _motion(self, experiment: Experiment) -> Motion:

@@ -1,8 +1,9 @@
 """How strongly motors turn the craft: effectiveness over inertia from the rate controller's outputs or the motors' PWM.
 
-For each axis, between the angular acceleration and the torque command q (sum of lever times thrust command)::
+For each axis, between the angular acceleration and the torque command q (sum of lever times thrust command times
+density); lead, in yaw only, is the torque of the rotors' own acceleration::
 
-    w' + damping w = gain s q(t - delay) through a first-order lag + offset
+    w' + damping w = gain (q + lead q') + offset,    q delayed and through a first-order lag
 
 Fourier coefficients of short, tapered, overlapping stretches of the flight turn this into a linear regression over a
 band of frequencies, for given lag and delay; these two are found by a search on the remainder. Outputs of the rate
@@ -60,6 +61,8 @@ class AxisFit:
         1/s.
     coherent : float
         Part of the angular acceleration's power in the band that the command explains (R^2).
+    lead : float
+        Torque of the rotors' own acceleration over that of their drag, as a time, s; in yaw only, else 0.
     """
 
     gain: float
@@ -67,6 +70,7 @@ class AxisFit:
     damping: float
     damping_sigma: float
     coherent: float
+    lead: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,14 +201,11 @@ def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float
     """
     parts = [torque_commands(record, vehicle, voltage) for record in records]
     source = parts[0][2]
-    top = min(HIGHEST, NYQUIST_PART * records[0].rate)
-    taken = [_spectra(commands, rates, records[0].dt, top) for commands, rates, kind in parts if kind == source]
-    spectra = [part for part in taken if part is not None]
-    if not spectra or len(spectra[0][0]) < _FEWEST_LINES:
+    same = [(commands, rates) for commands, rates, kind in parts if kind == source]
+    spectra = rotation_spectra([commands for commands, _ in same], [rates for _, rates in same], records[0].dt)
+    if spectra is None:
         return None
-    omega = spectra[0][0]
-    q = np.concatenate([part[1] for part in spectra])
-    w = np.concatenate([part[2] for part in spectra])
+    omega, q, w = spectra
 
     def remainder(x: Floats) -> float:
         return _remainder(omega, q, w, float(x[0]), float(x[1]))
@@ -216,12 +217,12 @@ def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float
         bounds=[(0.0, 0.3), (-0.05, 0.2)],
     )
     lag, delay = (float(value) for value in solved.x)
-    axes = {axis: _axis(omega, q[:, :, k], w[:, :, k], lag, delay) for k, axis in enumerate(AXES)}
+    axes = {axis: _axis(omega, q[:, :, k], w[:, :, k], lag, delay, axis == "yaw") for k, axis in enumerate(AXES)}
     return RotationFit(axes=axes, lag=lag, delay=delay, source=source)
 
 
 def run_rates(
-    t: Floats, drive: Floats, rates: Floats, damping: Floats, lag: float, delay: float, horizon: float
+    t: Floats, drive: Floats, rates: Floats, damping: Floats, lead: Floats, lag: float, delay: float, horizon: float
 ) -> Floats:
     """Predict angular rates `horizon` seconds ahead, from measured rates and driving angular accelerations.
 
@@ -237,6 +238,8 @@ def run_rates(
         Measured, rad/s.
     damping : ndarray, shape (3,)
         1/s.
+    lead : ndarray, shape (3,)
+        s.
     lag, delay, horizon : float
         s.
     """
@@ -245,6 +248,7 @@ def run_rates(
     out = np.empty_like(rates)
     for k in range(3):
         late = first_order(np.interp(t - delay, t, drive[:, k]), dt, lag)
+        late = late + lead[k] * np.gradient(late, dt)
         # Offsets of moments, such as a centre of gravity to one side, do not turn the craft on average.
         late = late - late.mean() + damping[k] * rates[:, k].mean()
         decay = float(np.exp(-damping[k] * dt))
@@ -259,6 +263,35 @@ def _moving_mean(values: Floats, size: int) -> Floats:
     padded = np.pad(values, (size // 2, size - 1 - size // 2), mode="reflect")
     sums = np.cumsum(np.concatenate([[0.0], padded]))
     return np.asarray((sums[size:] - sums[:-size]) / size)
+
+
+def rotation_spectra(
+    commands: Sequence[Floats], rates: Sequence[Floats], dt: float
+) -> tuple[Floats, np.ndarray, np.ndarray] | None:
+    """Fourier coefficients of commands and rates in the band, over stretches of all records.
+
+    Parameters
+    ----------
+    commands, rates : sequence of ndarray, shape (N_r, k) and (N_r, 3)
+    dt : float
+        s.
+
+    Returns
+    -------
+    tuple of ndarray or None
+        Angular frequencies (F,), commands (S, F, k) and rates (S, F, 3); None when no record is long enough or the
+        sampling too slow.
+    """
+    top = min(HIGHEST, NYQUIST_PART / dt)
+    taken = [_spectra(q, w, dt, top) for q, w in zip(commands, rates, strict=True)]
+    spectra = [part for part in taken if part is not None]
+    if not spectra or len(spectra[0][0]) < _FEWEST_LINES:
+        return None
+    return (
+        spectra[0][0],
+        np.concatenate([part[1] for part in spectra]),
+        np.concatenate([part[2] for part in spectra]),
+    )
 
 
 def _spectra(commands: Floats, rates: Floats, dt: float, top: float) -> tuple[Floats, np.ndarray, np.ndarray] | None:
@@ -278,10 +311,12 @@ def _spectra(commands: Floats, rates: Floats, dt: float, top: float) -> tuple[Fl
     return np.asarray(2.0 * np.pi * frequency[band]), transform(commands), transform(rates)
 
 
-def _design(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float) -> tuple[np.ndarray, np.ndarray]:
-    """Regressors (S, F, 2) and target (S, F) of one axis."""
+def _design(
+    omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float, lead: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Regressors (S, F, 2 or 3) and target (S, F) of one axis; the third is the command's derivative."""
     shaped = q * np.exp(-1j * omega * delay) / (1.0 + 1j * omega * lag)
-    return np.stack([shaped, -w], axis=-1), 1j * omega * w
+    return np.stack([shaped, -w, 1j * omega * shaped][: 3 if lead else 2], axis=-1), 1j * omega * w
 
 
 def _solve(x: np.ndarray, y: np.ndarray) -> Floats:
@@ -292,22 +327,25 @@ def _solve(x: np.ndarray, y: np.ndarray) -> Floats:
 
 
 def _remainder(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float) -> float:
-    """Part of the angular acceleration that is not explained, summed over the axes."""
+    """Part of the angular acceleration in roll and pitch that is not explained.
+
+    Yaw is left out: the torque by which rotors speed up comes before that by which they turn, and hides the lag.
+    """
     total = 0.0
-    for k in range(3):
-        design, target = _design(omega, q[:, :, k], w[:, :, k], lag, delay)
+    for k in range(2):
+        design, target = _design(omega, q[:, :, k], w[:, :, k], lag, delay, False)
         residual = target - design @ _solve(design, target)
         total += float(np.sum(np.abs(residual) ** 2)) / max(float(np.sum(np.abs(target) ** 2)), 1e-300)
     return total
 
 
-def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float) -> AxisFit:
-    design, target = _design(omega, q, w, lag, delay)
+def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float, lead: bool) -> AxisFit:
+    design, target = _design(omega, q, w, lag, delay, lead)
     values = _solve(design, target)
     residual = target - design @ values
     power = float(np.sum(np.abs(target) ** 2))
     coherent = 1.0 - float(np.sum(np.abs(residual) ** 2)) / power if power > 0.0 else 0.0
-    flat = design.reshape(-1, 2)
+    flat = design.reshape(-1, design.shape[2])
     bread = np.linalg.pinv(np.real(flat.conj().T @ flat), hermitian=True)
     # Stretches that overlap share noise: sums over neighbours are the clusters.
     scores = np.real(np.einsum("sfk,sf->sk", design.conj(), residual))
@@ -320,4 +358,5 @@ def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float)
         damping=float(values[1]),
         damping_sigma=float(sigma[1]),
         coherent=coherent,
+        lead=float(values[2] / values[0]) if lead and values[0] != 0.0 else 0.0,
     )
