@@ -16,7 +16,7 @@ _KNOWN = {
     "report.json": "All numbers of the report",
 }
 
-_FLIGHTS = "flights/"
+_FLIGHTS, _TABLES = "flights/", "tables/"
 
 
 class Download(NamedTuple):
@@ -38,10 +38,19 @@ class FlightPage(NamedTuple):
 
 
 def downloads(analysis: Analysis, address: str) -> list[Download]:
-    """List the files of an analysis whose resource has this address: those that we know by name first."""
-    offered = [name for name in analysis.files if not name.startswith(_FLIGHTS)]
+    """List the files of an analysis whose resource has this address, without tables: those we know by name first."""
     order = list(_KNOWN)
+    offered = [name for name in analysis.files if not name.startswith((_FLIGHTS, _TABLES))]
     offered.sort(key=lambda name: (order.index(name) if name in _KNOWN else len(order), name))
+    return _files(analysis, address, offered)
+
+
+def tables(analysis: Analysis, address: str) -> list[Download]:
+    """List the tables of the logs of an analysis."""
+    return _files(analysis, address, sorted(name for name in analysis.files if name.startswith(_TABLES)))
+
+
+def _files(analysis: Analysis, address: str, names: list[str]) -> list[Download]:
     return [
         Download(
             name,
@@ -50,7 +59,7 @@ def downloads(analysis: Analysis, address: str) -> list[Download]:
             f"{address}/{quote(name)}",
             f"{analysis.log.name}.{name.replace('/', '.')}",
         )
-        for name in offered
+        for name in names
     ]
 
 

@@ -14,7 +14,7 @@ from api.problems import Problem, ProblemError
 from api.reference import operations_by_kind
 from api.report_keys import ReportKeys
 from api.resources import Analysis, State
-from api.result_files import downloads, flight_pages
+from api.result_files import downloads, flight_pages, tables
 from api.results import file_of
 from api.routes.analyses import find_analysis
 from api.routes.logs import take_upload
@@ -138,6 +138,7 @@ def _shown(analysis: Analysis, address: str, frame: str) -> dict[str, Any]:
         "address": address,
         "frame": frame,
         "downloads": downloads(analysis, address),
+        "tables": tables(analysis, address),
         "flights": flight_pages(analysis, frame),
     }
 

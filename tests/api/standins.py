@@ -51,4 +51,6 @@ def analyze(task: Task, progress: Progress) -> None:
     )
     (folder / "report.json").write_text(json.dumps(report))
     (folder / "models.json").write_text(json.dumps({"models": []}))
+    (folder / "tables").mkdir()
+    (folder / "tables" / "imu.parquet").write_bytes(b"PAR1")
     (folder / "rmse.csv").write_text("flight,x,y,z\n1,0.25,0.2,0.3\n")

@@ -38,6 +38,7 @@ def test_one_call_answers_with_models_and_report(service: httpx.Client, upload: 
         "report.json": "application/json",
         "models.json": "application/json",
         "rmse.csv": "text/csv; charset=utf-8",
+        "tables/imu.parquet": "application/vnd.apache.parquet",
     }
 
 

@@ -62,6 +62,11 @@ def test_a_log_becomes_a_report_and_its_files(page: Page, tmp_path: Path) -> Non
         page.get_by_role("link", name="RMSE table").click()
     assert download.value.suggested_filename == "flight.bin.rmse.csv"
     assert download.value.path().read_text() == "flight,x,y,z\n1,0.25,0.2,0.3\n"
+    page.get_by_text("Downloads").click()
+    page.get_by_text("What was logged").click()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="imu").click()
+    assert download.value.path().read_bytes() == b"PAR1"
 
 
 def test_several_logs_each_on_its_own(page: Page) -> None:
