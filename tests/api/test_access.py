@@ -1,0 +1,233 @@
+"""With tokens everybody has only what is theirs, on every route; links, limits and who may delete."""
+
+import re
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import httpx
+import pytest
+from fastapi import FastAPI
+from fastapi.routing import APIRoute
+from sqlalchemy import select, update
+from typer.testing import CliRunner
+
+from api import Settings, create_app
+from api.dependencies import Parts
+from api.local_only import LOOPBACK
+from api.records import ShareRecord, TokenRecord
+from api.routes import page_forms, pages
+from api.settings import Access
+from pipeline.cli import app as command_line
+from tests.api import standins
+from tests.api.conftest import running
+
+Upload = Callable[..., httpx.Response]
+
+BROWSER = {"Accept": "text/html"}
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
+    settings = Settings(data=tmp_path_factory.mktemp("data"), access=Access.TOKENS, workers=1, logs_limit=4)
+    return create_app(settings, standins.analyze, preload=())
+
+
+@pytest.fixture(scope="module")
+def parts(app: FastAPI) -> Parts:
+    found: Parts = app.state.parts
+    return found
+
+
+@pytest.fixture(scope="module")
+def service(app: FastAPI) -> Iterator[httpx.Client]:
+    with running(app) as client:
+        yield client
+
+
+def headers(parts: Parts, owner: str, days: float | None = None) -> dict[str, str]:
+    return {"Authorization": f"Bearer {parts.tokens.create(owner, days)}"}
+
+
+@pytest.fixture(scope="module")
+def theirs(service: httpx.Client, parts: Parts) -> dict[str, str]:
+    """Let somebody have a log and an analysis of it; gives what stands for them in addresses."""
+    answer = service.post(
+        "/api/v1/logs", params={"analyze": True}, files={"file": ("a.bin", b"good")}, headers=headers(parts, "ann")
+    ).json()
+    return {"log_id": answer["log"]["id"], "analysis_id": answer["id"], "name": "report.json"}
+
+
+def test_nothing_is_had_without_a_valid_token(service: httpx.Client, parts: Parts) -> None:
+    expired = headers(parts, "ann", days=1.0)
+    with parts.database.write() as session:
+        newest = select(TokenRecord.id).order_by(TokenRecord.created.desc()).limit(1).scalar_subquery()
+        past = datetime.now(UTC) - timedelta(seconds=1)
+        session.execute(update(TokenRecord).where(TokenRecord.id == newest).values(expires=past))
+    for wrong in (
+        {},
+        {"Authorization": "Bearer x"},
+        {"Authorization": "Basic x"},
+        {"Authorization": "Bearer"},
+        expired,
+    ):
+        for method, path in (("GET", "/api/v1/logs"), ("POST", "/api/v1/logs"), ("GET", "/api/v1/analyses")):
+            refused = service.request(method, path, headers=wrong)
+            assert (refused.status_code, refused.json()["type"]) == (401, "urn:rotorid:problem:token-needed")
+        assert service.get("/", headers=wrong | BROWSER).headers["Location"].startswith("/sign-in")
+
+
+def test_only_digests_of_secrets_are_kept(parts: Parts, theirs: dict[str, str]) -> None:
+    secret = parts.tokens.create("eve")
+    link, _ = parts.shares.create(theirs["analysis_id"], None)
+    file = parts.settings.data / "rotorid.db"
+    kept = b"".join(path.read_bytes() for path in file.parent.glob("rotorid.db*"))
+    assert secret.encode() not in kept
+    assert link.encode() not in kept
+
+
+def test_every_route_hides_what_is_another_s(
+    app: FastAPI, service: httpx.Client, parts: Parts, theirs: dict[str, str]
+) -> None:
+    """Another owner's id is answered as an id that never was, whatever is done with it."""
+    mine = headers(parts, "bob")
+    seen = 0
+    for method, path in operations(app):
+        if not re.search("{(log|analysis)_id}", path):
+            continue
+        seen += 1
+        their = re.sub(r"{(\w+)(:path)?}", lambda match: theirs[match[1]], path)
+        nobodys = re.sub("[0-9a-f]{32}", "0" * 32, their)
+        form = {"days": "7"} if method == "POST" else None
+        answers = [service.request(method, address, headers=mine, data=form) for address in (their, nobodys)]
+        assert [answer.status_code for answer in answers] == [404, 404], (method, path)
+        assert "of this id" in answers[0].json()["detail"]
+        assert answers[0].content == answers[1].content
+    assert seen >= 15
+    for named in ({"log": theirs["log_id"]}, {"logs": [theirs["log_id"]]}):
+        refused = service.post("/api/v1/analyses", json=named, headers=mine)
+        assert (refused.status_code, refused.json()["type"]) == (422, "urn:rotorid:problem:unknown-log")
+    for path in ("/api/v1/logs", "/api/v1/analyses"):
+        for cursor in ({}, {"after": theirs["log_id"]}, {"after": theirs["analysis_id"]}, {"log": theirs["log_id"]}):
+            assert service.get(path, params=cursor, headers=mine).json()["items"] == []
+    # The same bytes are another log of another owner.
+    again = service.post("/api/v1/logs", files={"file": ("a.bin", b"good")}, headers=mine).json()
+    assert again["id"] != theirs["log_id"]
+    # And whose they are has them still.
+    owner = headers(parts, "ann")
+    assert service.get(f"/api/v1/logs/{theirs['log_id']}", headers=owner).status_code == 200
+    assert service.get(f"/api/v1/analyses/{theirs['analysis_id']}/report.json", headers=owner).status_code == 200
+
+
+def operations(app: FastAPI) -> Iterator[tuple[str, str]]:
+    """List methods and paths: of the interface for programs, and of the pages."""
+    for path, methods in app.openapi()["paths"].items():
+        for method in methods:
+            yield method.upper(), path
+    for router in (pages.router, page_forms.router):
+        for route in router.routes:
+            assert isinstance(route, APIRoute)
+            for method in route.methods - {"HEAD"}:
+                yield method, route.path
+
+
+def test_a_link_lets_read_one_analysis_until_it_is_taken_back(
+    service: httpx.Client, parts: Parts, theirs: dict[str, str]
+) -> None:
+    owner = headers(parts, "ann")
+    shares = f"/api/v1/analyses/{theirs['analysis_id']}/shares"
+    link = service.post(shares, params={"days": 2}, headers=owner).json()
+    forever = service.post(shares, headers=owner).json()
+    assert link["expires"]
+    assert forever["expires"] is None
+    shown = service.get(link["api"]).json()
+    assert shown["id"] == theirs["analysis_id"]
+    for address in (*shown["links"].values(), forever["api"]):
+        assert service.get(address).status_code == 200
+        assert service.delete(address).status_code in (404, 405)
+    for path in ("/tables/../../x", "/..%2f..%2fx", "/nothing", "/cancel", "/shares"):
+        assert service.get(link["api"] + path).status_code == 404
+    with parts.database.write() as session:
+        past = datetime.now(UTC) - timedelta(seconds=1)
+        session.execute(update(ShareRecord).where(ShareRecord.expires.is_not(None)).values(expires=past))
+    assert service.get(link["api"]).status_code == 404
+    assert service.get(forever["url"]).status_code == 200
+    assert service.delete(shares, headers=owner).status_code == 204
+    for address in (forever["api"], forever["url"], forever["api"] + "/report.html"):
+        assert service.get(address).status_code == 404
+
+
+def test_whoever_has_its_delete_token_may_delete_a_log(service: httpx.Client, parts: Parts) -> None:
+    owner = headers(parts, "carl")
+    logs = [
+        service.post("/api/v1/logs", files={"file": ("a.bin", content)}, headers=owner).json()
+        for content in (b"first", b"second")
+    ]
+    address = f"/api/v1/logs/{logs[0]['id']}"
+    assert service.delete(address, headers={"Delete-Token": logs[1]["delete_token"]}).status_code == 404
+    assert service.delete(address, headers={"Delete-Token": "x"}).status_code == 404
+    assert service.delete(address).status_code == 401
+    assert service.get(address, headers={"Delete-Token": logs[0]["delete_token"]}).status_code == 401
+    assert service.delete(address, headers={"Delete-Token": logs[0]["delete_token"]}).status_code == 204
+    assert service.get(address, headers=owner).status_code == 404
+    assert service.get(f"/api/v1/logs/{logs[1]['id']}", headers=owner).status_code == 200
+
+
+def test_an_owner_has_so_many_logs_and_no_more(service: httpx.Client, parts: Parts) -> None:
+    owner = headers(parts, "dora")
+    files = [("file", (f"{number}.bin", b"log %d" % number)) for number in range(5)]
+    together = service.post("/api/v1/logs", files=files, headers=owner)
+    assert (together.status_code, together.json()["type"]) == (403, "urn:rotorid:problem:too-many-logs")
+    assert service.get("/api/v1/logs", headers=owner).json()["items"] == []  # all or none
+    assert service.post("/api/v1/logs", files=files[:4], headers=owner).status_code == 201
+    assert service.post("/api/v1/logs", files=files[4:], headers=owner).status_code == 403
+    assert service.post("/api/v1/logs", files=files[4:], headers=headers(parts, "emil")).status_code == 201
+
+
+def test_an_owner_uploads_so_often_and_no_more(tmp_path: Path) -> None:
+    settings = Settings(data=tmp_path, access=Access.TOKENS, upload_rate="3/hour", workers=1)
+    app = create_app(settings, standins.analyze, preload=())
+    ann, bob = (headers(app.state.parts, owner) for owner in ("ann", "bob"))
+    with running(app) as client:
+        for number in range(3):
+            kept = client.post("/api/v1/logs", files={"file": ("a.bin", b"%d" % number)}, headers=ann)
+            assert kept.status_code == 201
+        refused = client.post("/api/v1/logs", files={"file": ("a.bin", b"4")}, headers=ann)
+        assert (refused.status_code, refused.json()["type"]) == (429, "urn:rotorid:problem:too-many-uploads")
+        assert 3500 <= int(refused.headers["Retry-After"]) <= 3600
+        assert client.post("/api/v1/logs", files={"file": ("a.bin", b"4")}, headers=bob).status_code == 201
+        assert client.get("/api/v1/logs", headers=ann).status_code == 200
+
+
+def test_an_open_service_answers_only_to_the_names_of_its_computer(tmp_path: Path) -> None:
+    app = create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=(), local_only=True)
+    with running(app) as client:
+        assert set(LOOPBACK) == {"127.0.0.1", "::1", "localhost"}
+        for host in ("localhost", "localhost:8000", "127.0.0.1:8000", "[::1]:8000"):
+            assert client.get("/api/v1/logs", headers={"Host": host}).status_code == 200
+        for host in ("evil.example", "evil.example:8000", "127.0.0.1.evil.example", "10.0.0.1"):
+            refused = client.get("/api/v1/logs", headers={"Host": host})
+            assert (refused.status_code, refused.json()["type"]) == (421, "urn:rotorid:problem:local-only")
+
+
+def test_tokens_are_made_listed_and_revoked_on_the_command_line(
+    service: httpx.Client, parts: Parts, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROTORID_DATA", str(parts.settings.data))
+
+    def rotorid(*words: str) -> str:
+        result = CliRunner().invoke(command_line, ["token", *words])
+        assert result.exit_code == 0, result.output
+        return result.output.strip()
+
+    secret = rotorid("create", "fred", "--days", "30")
+    mine = {"Authorization": f"Bearer {secret}"}
+    assert service.get("/api/v1/logs", headers=mine).status_code == 200
+    listed = [line for line in rotorid("list").splitlines() if "fred" in line]
+    assert len(listed) == 1
+    assert secret not in listed[0]
+    rotorid("revoke", listed[0].split()[0])
+    assert service.get("/api/v1/logs", headers=mine).status_code == 401
+    assert "fred" not in rotorid("list")
+    for owner in ("", " ", "x" * 101):
+        assert CliRunner().invoke(command_line, ["token", "create", owner]).exit_code != 0

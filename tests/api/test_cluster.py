@@ -1,0 +1,101 @@
+"""Analyses on a Dask cluster: a scheduler and workers as programs of their own, which may die at any moment."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import pytest
+
+from tests.api.programs import PROJECT, Service, children, is_analysis, wait_until
+
+
+class Cluster:
+    """A scheduler and its workers."""
+
+    def __init__(self, folder: Path) -> None:
+        pytest.importorskip("distributed")
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self._port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{self._port}"
+        self._folder = folder
+        # Each analysis is a process of its own, which a daemon may not start.
+        self._environment = os.environ | {"DASK_DISTRIBUTED__WORKER__DAEMON": "False", "PYTHONPATH": str(PROJECT)}
+        self.programs: list[subprocess.Popen[bytes]] = []
+
+    def start_scheduler(self) -> subprocess.Popen[bytes]:
+        return self._start("scheduler", "--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard")
+
+    def start_worker(self) -> subprocess.Popen[bytes]:
+        options = ("--nthreads", "1", "--no-dashboard", "--local-directory", str(self._folder))
+        return self._start("worker", self.address, *options)
+
+    def _start(self, *command: str) -> subprocess.Popen[bytes]:
+        with (self._folder / "output.txt").open("ab") as output:
+            program = subprocess.Popen(
+                [sys.executable, "-m", "dask", *command],
+                env=self._environment,
+                cwd=self._folder,
+                stdout=output,
+                stderr=output,
+            )
+        self.programs.append(program)
+        return program
+
+    def close(self) -> None:
+        for program in self.programs:
+            program.terminate()
+        for program in self.programs:
+            program.wait()
+
+
+def descendants(pid: int) -> list[int]:
+    """List the children of a process, their children and so on."""
+    found = children(pid)
+    return found + [each for child in found for each in descendants(child)]
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    folder = tmp_path / "cluster"
+    folder.mkdir()
+    with closing(Cluster(folder)) as started:
+        yield started
+
+
+@pytest.mark.slow
+def test_a_worker_and_the_scheduler_die_and_every_analysis_ends_once(cluster: Cluster, tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        # Four at the same time, but the cluster does one: the others wait there for longer than a lease.
+        settings = {"ROTORID_SCHEDULER": cluster.address, "ROTORID_WORKERS": "4", "ROTORID_LEASE": "1.5"}
+        service = stack.enter_context(closing(Service(tmp_path / "data", **settings)))
+        logs = [
+            service.client.post("/api/v1/logs", files={"file": ("a.bin", b"slow %d" % number)}).json()["id"]
+            for number in range(4)
+        ]
+        analyses = [service.client.post("/api/v1/analyses", json={"log": log}).headers["Location"] for log in logs]
+
+        def states() -> list[str]:
+            return [service.client.get(address).json()["state"] for address in analyses]
+
+        assert set(states()) == {"queued"}  # the scheduler is not there yet
+        scheduler = cluster.start_scheduler()
+        first = cluster.start_worker()
+        wait_until(lambda: any(is_analysis(pid) for pid in descendants(first.pid)), 60.0)
+        for pid in [first.pid, *descendants(first.pid)]:
+            os.kill(pid, signal.SIGKILL)
+        cluster.start_worker()
+        wait_until(lambda: "done" in states(), 60.0, pause=0.2)
+        scheduler.kill()
+        scheduler.wait()
+        cluster.start_scheduler()
+        cluster.start_worker()
+        wait_until(lambda: set(states()) == {"done"}, 240.0, pause=0.5)
+        for address in analyses:
+            found = service.client.get(address).json()
+            assert found["report"]["bytes"] == 6
+            assert found["attempts"] <= 4
