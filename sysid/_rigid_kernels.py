@@ -265,6 +265,7 @@ def ahead(
     law: int,
     states: Floats,
     steps: int,
+    every: int,
     out: Floats,
 ) -> None:
     """Positions predicted from the state `steps` samples before; the first `steps` from the first state.
@@ -276,8 +277,10 @@ def ahead(
     states : ndarray, shape (N, 6)
         Measured positions and velocities, NED.
     steps : int
+    every : int
+        Restart at every so many-th sample only.
     out : ndarray, shape (N, 3)
-        Receives positions, NED.
+        Receives positions, NED; samples that no restart leads to are left alone.
     """
     work = np.empty((6, SIGNALS))
     x = states[0].copy()
@@ -285,7 +288,7 @@ def ahead(
     for k in range(steps):
         _step(theta, signals, shapes, k, dt, ground, law, x, work)
         out[k + 1] = x[:3]
-    for first in range(1, len(states) - steps):
+    for first in range(every, len(states) - steps, every):
         x[:] = states[first]
         for k in range(first, first + steps):
             _step(theta, signals, shapes, k, dt, ground, law, x, work)

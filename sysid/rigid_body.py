@@ -199,7 +199,7 @@ class RigidBodyModel:
         theta, shapes = self._theta(flight, self._trim_of(experiment))
         return self._outputs(experiment, flight.run(theta, shapes, self.law)[:, :3])
 
-    def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
+    def predict(self, experiment: Experiment, horizon: float = 1.0, every: int = 1) -> Floats:
         """Predict every sample from the state `horizon` seconds before it; wind and thrust scale as in `simulate`.
 
         Parameters
@@ -207,18 +207,20 @@ class RigidBodyModel:
         experiment : Experiment
         horizon : float
             s.
+        every : int
+            Restart at every so many-th sample only: long horizons at 50 Hz are the same motion over and over.
 
         Returns
         -------
         ndarray, shape (N, 3)
-            x, y, z, m; samples before the first horizon are those of the free run.
+            x, y, z, m; samples before the first horizon are those of the free run; NaN where no restart leads to.
         """
         flight = self._motion(experiment)
         theta, shapes = self._theta(flight, self._trim_of(experiment))
         steps = min(max(round(horizon / flight.dt), 1), len(flight.t) - 1)
-        out = np.empty((len(flight.t), 3))
+        out = np.full((len(flight.t), 3), np.nan)
         signals, initial = flight.signals(theta[LAG]), np.hstack([flight.position, flight.velocity])
-        ahead(theta, signals, shapes, flight.dt, flight.ground, self.law, initial, steps, out)
+        ahead(theta, signals, shapes, flight.dt, flight.ground, self.law, initial, steps, every, out)
         return self._outputs(experiment, out)
 
     def predict_rates(self, experiment: Experiment, horizon: float = 0.5) -> Floats:

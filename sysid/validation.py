@@ -13,9 +13,13 @@ from logparse import Finding
 from sysid.experiment import MIN_SAMPLES, Experiment, ExperimentError, Floats, require_alike
 from sysid.residuals import ResidualTest, examine_residuals
 from sysid.response import INITIAL_SECONDS
+from sysid.rigid_body import RigidBodyModel
 
 #: How far ahead predictions are compared with the baselines, s.
 HORIZONS = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
+
+#: Predictions a second that a horizon's error is averaged over, at most: more are no further news of so slow a motion.
+RESTARTS = 10.0
 
 #: Samples over which the velocity at the start of a free run is taken, s.
 VELOCITY_SECONDS = 1.0
@@ -136,8 +140,8 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
         for horizon in horizons:
             steps = max(round(horizon / record.dt), 1)
             if steps * record.dt < 0.5 * record.duration:
-                predicted = model.predict(record, horizon)
-                ahead += _horizon_rows(record, predicted, steps, trained, first + steps)
+                predicted, every = _ahead(model, record, horizon, steps)
+                ahead += _horizon_rows(record, predicted, steps, trained, first + steps, every)
                 if steps == 1:
                     errors[record.name] = record.y - predicted
         if horizons and record.name not in errors:
@@ -187,6 +191,22 @@ _HORIZON_COLUMNS = [
     "rmse_constant_position",
     "rmse_constant_velocity",
 ]
+
+
+def _ahead(model: Model, record: Experiment, horizon: float, steps: int) -> tuple[Floats, int]:
+    """Predict so far ahead; a model that integrates anew from every restart at most `RESTARTS` times a second.
+
+    Returns
+    -------
+    predicted : ndarray, shape (N, p)
+    every : int
+        Restarts are at multiples of it; other samples mean nothing. One sample ahead, where residuals are tested,
+        nothing is left out.
+    """
+    every = max(round(1.0 / (RESTARTS * record.dt)), 1)
+    if every > 1 and steps > 1 and isinstance(model, RigidBodyModel):
+        return model.predict(record, horizon, every), every
+    return model.predict(record, horizon), 1
 
 
 def _scored_from(model: Model, record: Experiment) -> int:
@@ -257,24 +277,27 @@ def _free_run_rows(record: Experiment, simulated: Floats, trained: bool, first: 
 
 
 def _horizon_rows(
-    record: Experiment, predicted: Floats, steps: int, trained: bool, first: int
+    record: Experiment, predicted: Floats, steps: int, trained: bool, first: int, every: int
 ) -> list[dict[str, object]]:
-    if first >= len(record.t):
+    if first + every > len(record.t):
         return []
     rows: list[dict[str, object]] = []
+    # Samples that a restart leads to: restarts are at multiples of `every`.
+    at = np.arange(first + (steps - first) % every, len(record.t), every)
     for column, output in enumerate(record.output_names):
         y = record.y[:, column]
-        held = y[first - steps : -steps]
-        moved = held + steps * record.dt * _slopes(y, record.dt)[first - steps : -steps]
+        held = y[at - steps]
+        moved = held + steps * record.dt * _slopes(y, record.dt)[at - steps]
+        late = y[at]
         rows.append(
             {
                 "flight": record.name,
                 "output": output,
                 "trained": trained,
                 "horizon": round(steps * record.dt, 9),
-                "rmse": _rms(y[first:] - predicted[first:, column]),
-                "rmse_constant_position": _rms(y[first:] - held),
-                "rmse_constant_velocity": _rms(y[first:] - moved),
+                "rmse": _rms(late - predicted[at, column]),
+                "rmse_constant_position": _rms(late - held),
+                "rmse_constant_velocity": _rms(late - moved),
             }
         )
     return rows

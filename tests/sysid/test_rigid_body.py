@@ -227,6 +227,18 @@ def test_predictions_begin_with_the_free_run_and_restart_from_what_was_measured(
     np.testing.assert_allclose(whole, model.simulate(seen), atol=1e-9)
 
 
+def test_fewer_restarts_predict_the_same_where_they_restart():
+    """Long horizons are judged by ten restarts a second, which are among those at every sample."""
+    seen = record(exciting())
+    model = fitted().trimmed([seen])
+    dense, every = model.predict(seen, 0.5), 5
+    steps = round(0.5 / seen.dt)
+    np.testing.assert_array_equal(model.predict(seen, 0.5, every)[steps::every], dense[steps::every])
+    horizons = validate(model, [seen], horizons=(0.5,)).horizons.set_index("output")["rmse"]
+    every_sample = np.sqrt(np.mean((seen.y - dense)[round(3.0 / seen.dt) + steps :] ** 2, axis=0))
+    np.testing.assert_allclose(horizons.to_numpy(), every_sample, rtol=0.02)
+
+
 def test_rates_follow_from_torque_commands():
     """A second ahead within a tenth of what holding the rates would miss; refused where effectiveness is unknown."""
     seen = record(exciting())
