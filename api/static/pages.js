@@ -9,9 +9,18 @@
   // What says that the report is loading stands behind it, and would be read out for good.
   document.querySelector("iframe")?.addEventListener("load", () => { document.querySelector(".loading").hidden = true; });
 
+  // What a request of htmx failed of is withdrawn when one succeeds; what others put there stays.
+  let ours = false;
+
   function complain(text) {
-    problem.textContent = text;
+    if (problem.textContent !== text) problem.textContent = text;  // it is read out whenever it is set
     problem.hidden = false;
+    ours = true;
+  }
+
+  function withdraw() {
+    if (ours) problem.hidden = true;
+    ours = false;
   }
 
   function detailOf(request) {
@@ -27,7 +36,7 @@
     else complain(detailOf(detail.xhr));
   });
   document.addEventListener("htmx:sendError", () => complain("The service does not answer. Is it running, and are you online?"));
-  document.addEventListener("htmx:afterOnLoad", () => { problem.hidden = true; });
+  document.addEventListener("htmx:afterOnLoad", ({ detail }) => { if (detail.xhr.status < 400) withdraw(); });
 
   document.addEventListener("htmx:afterRequest", ({ detail }) => {
     const form = detail.requestConfig.elt;

@@ -110,6 +110,24 @@ def test_a_log_is_dropped(page: Page) -> None:
     page.wait_for_url("**/analyses/*")
 
 
+def test_a_list_that_cannot_be_renewed_says_so_until_it_can(page: Page, service: httpx.Client) -> None:
+    log = service.post("/api/v1/logs", files={"file": ("endless.bin", b"hang endlessly")}).json()["id"]
+    endless = service.post("/api/v1/analyses", json={"log": log}).headers["Location"]
+    page.goto("/")
+    page.route("**/", lambda route: route.abort())
+    expect(page.get_by_role("alert")).to_contain_text("The service does not answer")
+    page.unroute("**/")
+    expect(page.get_by_role("alert")).to_be_hidden()
+    # What an upload complains of is not withdrawn by the list's next renewal.
+    page.evaluate("dispatchEvent(new DragEvent('drop', { dataTransfer: new DataTransfer() }))")
+    with page.expect_response("**/"):
+        pass
+    with page.expect_response("**/"):
+        pass
+    expect(page.get_by_role("alert")).to_contain_text("That was no file.")
+    service.post(f"{endless}/cancel")
+
+
 def test_an_upload_that_is_broken_off_can_be_tried_again(page: Page) -> None:
     page.route("**/api/v1/logs", lambda route: route.abort())
     choose(page, ("flight.bin", b"good after all"))
