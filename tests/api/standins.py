@@ -18,6 +18,8 @@ def analyze(task: Task, progress: Progress) -> None:
     match word:
         case "refused":
             raise LogError("no RCOU messages: set LOG_BITMASK to include motor outputs")
+        case "markup":
+            raise LogError(f"<script>alert(1)</script> in {name}")
         case "bug":
             raise KeyError("surprise")
         case "hang":
@@ -28,6 +30,8 @@ def analyze(task: Task, progress: Progress) -> None:
         case "greedy":
             hoard = [bytearray(16 << 20) for _ in range(1 << 16)]
             del hoard
+        case "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
         case "slow":
             for step in range(20):
                 progress("transfer functions", step / 20)
@@ -41,7 +45,7 @@ def analyze(task: Task, progress: Progress) -> None:
     report = {"name": name, "rmse": [{"axis": "x", "rmse": 0.25}], "bytes": log.stat().st_size, "nothing": float("nan")}
     links = ""
     for _, flight in task.logs if len(task.logs) > 1 else ():
-        (folder / "flights" / flight).mkdir(parents=True)
+        (folder / "flights" / flight).mkdir(parents=True, exist_ok=True)
         (folder / "flights" / flight / "report.html").write_text(
             f"<!doctype html><title>report</title><h1>{flight}</h1>"
         )
