@@ -3,18 +3,19 @@
 import logging
 import os
 from collections.abc import Iterable, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from fnmatch import fnmatch
 from pathlib import Path
 
 import sysid
 from logparse import LogError, RotoridError
+from pipeline.comparison import compare_parameters
 from pipeline.config import AnalysisConfig
 from pipeline.craft import by_craft, craft_name
 from pipeline.errors import ConfigError
 from pipeline.flight import analyze
 from pipeline.identification import identify
-from pipeline.kinds import KINDS, THRUST_KEY, Kind
+from pipeline.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.names import printable
 from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, ModelResult
 from pipeline.stages import Progress, Stages, overall, silent
@@ -105,7 +106,7 @@ def analyze_fleet(
         def report_group(stage: str, fraction: float, number: int = number, name: str = name) -> None:
             progress(f"{name}, jointly: {stage}", start + whole * (number + fraction) / len(crafts))
 
-        groups.append(analyze_group(craft, config, overall(report_group)))
+        groups.append(analyze_group(craft, config, overall(report_group), executor))
     return FleetResult(
         flights=flights,
         failures=failures,
@@ -190,7 +191,10 @@ def _called_a_log(file: Path) -> bool:
 
 
 def analyze_group(
-    flights: Sequence[FlightResult], config: AnalysisConfig, progress: Progress | None = None
+    flights: Sequence[FlightResult],
+    config: AnalysisConfig,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> GroupResult:
     """Identify one craft from some of its flights jointly and judge the model on the others.
 
@@ -200,38 +204,88 @@ def analyze_group(
         Of one craft, each with an experiment.
     config : AnalysisConfig
     progress : callable, optional
+    executor : concurrent.futures.Executor, optional
+        Where each kind of model is fitted, in one call; in this thread when not given.
     """
     training, held_out, split = choose_training(flights, config)
     stages = Stages(progress or silent, config.time_limit * len(flights))
-    thrust = None
-    models = []
-    for kind in KINDS:
-        records, judges = (
-            [flight.experiments[kind.key] for flight in part if kind.key in flight.experiments]
-            for part in (training, held_out)
-        )
-        if not records:
-            models.append(
-                ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=_no_records(kind, training))
-            )
-            continue
-        if kind.key == THRUST_KEY:
-            thrust = _thrust(records, config, stages)
-        models.append(identify(kind, records, judges, config, stages))
+    models = _identify_all(training, held_out, config, stages, executor)
+    ordered = [models[kind.key] for kind in KINDS]
+    flown = _cut(training, THRUST_KEY)
+    thrust = _thrust(flown, config, stages) if flown else None
     if thrust is None:
-        stages.missing.setdefault("thrust", models[0].missing)
+        stages.missing.setdefault("thrust", models[THRUST_KEY].missing)
     findings = thrust.findings if thrust is not None else ()
+    parameters = compare_parameters(_cut(training, RIGID_BODY_KEY), ordered, config, stages)
     return GroupResult(
         name=craft_name(flights),
         vehicle=flights[0].log.vehicle,
         training=tuple(flight.name for flight in training),
         held_out=tuple(flight.name for flight in held_out),
         split=split,
-        models=tuple(models),
+        models=tuple(ordered),
         thrust=thrust,
+        parameters=parameters,
         findings=(*findings, *stages.findings),
         missing=stages.missing,
+        timings=stages.timings,
     )
+
+
+def _identify_all(
+    training: Sequence[FlightResult],
+    held_out: Sequence[FlightResult],
+    config: AnalysisConfig,
+    stages: Stages,
+    executor: Executor | None,
+) -> dict[str, ModelResult]:
+    """Identify every kind of model, side by side where there is an executor; by the kind's key."""
+    models: dict[str, ModelResult] = {}
+    jobs: dict[Future[tuple[ModelResult, Stages]], Kind] = {}
+    for kind in KINDS:
+        records, judges = _cut(training, kind.key), _cut(held_out, kind.key)
+        if not records:
+            models[kind.key] = _without(kind, _no_records(kind, training))
+            continue
+        if executor is not None:
+            try:
+                jobs[executor.submit(_identify_alone, kind, records, judges, config, stages.time_limit)] = kind
+            except BrokenExecutor:  # a log has killed a worker: the joint fit need not go with it
+                executor = None
+        if executor is None:
+            models[kind.key] = identify(kind, records, judges, config, stages)
+    for job in as_completed(jobs):
+        kind = jobs[job]
+        try:
+            models[kind.key], own = job.result()
+        except Exception as error:  # the worker died, or its result could not come back
+            _LOG.exception("fitting %s jointly failed", kind.key)
+            models[kind.key] = _without(kind, f"the worker process failed: {type(error).__name__}: {error}")
+        else:
+            stages.take(own)
+        stages.progress(kind.key, 1.0)
+    return models
+
+
+def _without(kind: Kind, reason: str) -> ModelResult:
+    return ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=reason)
+
+
+def _cut(flights: Sequence[FlightResult], key: str) -> list[sysid.Experiment]:
+    """Gather the records of flights as a kind of model needs them, of those flights that have one."""
+    return [flight.experiments[key] for flight in flights if key in flight.experiments]
+
+
+def _identify_alone(
+    kind: Kind,
+    records: Sequence[sysid.Experiment],
+    judges: Sequence[sysid.Experiment],
+    config: AnalysisConfig,
+    time_limit: float,
+) -> tuple[ModelResult, Stages]:
+    """Identify in a process of its own; progress is not heard there."""
+    stages = Stages(silent, time_limit)
+    return identify(kind, records, judges, config, stages), stages
 
 
 def _thrust(records: Sequence[sysid.Experiment], config: AnalysisConfig, stages: Stages) -> sysid.ThrustModel | None:

@@ -7,10 +7,11 @@ import estimation
 import logparse
 import sysid
 from logparse import Finding, FlightLog, MissingDataError, health
+from pipeline.comparison import compare_parameters
 from pipeline.config import AnalysisConfig
 from pipeline.craft import fingerprint
 from pipeline.identification import identify
-from pipeline.kinds import KINDS, THRUST_KEY, Kind
+from pipeline.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.names import printable
 from pipeline.results import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, Span, horizontal_sigma
 from pipeline.stages import Progress, Stages, silent
@@ -61,7 +62,7 @@ def analyze(
     if flight is None and trajectory is None:
         raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
 
-    thrust = None
+    thrust, parameters = None, None
     experiments: dict[str, sysid.Experiment] = {}
     models: list[ModelResult] = []
     if flight is None or trajectory is None:
@@ -80,6 +81,11 @@ def analyze(
                 models.append(ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=reason))
             else:
                 models.append(identify(kind, [fitted], [held_out], config, stages, same_flight=True))
+        if RIGID_BODY_KEY in experiments and not unfit:
+            fitted, _ = experiments[RIGID_BODY_KEY].split(config.training_fraction)
+            parameters = compare_parameters([fitted], models, config, stages)
+        elif experiments:
+            parameters = compare_parameters([], models, config, stages)
         if not experiments:
             stages.missing["experiment"] = models[0].missing
             models = []
@@ -99,6 +105,7 @@ def analyze(
         experiments=experiments,
         models=tuple(models),
         thrust=thrust,
+        parameters=parameters,
         findings=(*log.findings, *checked, *(finding for part in later for finding in part), *stages.findings),
         missing=stages.missing,
         timings=stages.timings,

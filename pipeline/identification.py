@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import sysid
+from logparse import RotoridError
 from pipeline.config import AnalysisConfig
 from pipeline.kinds import Kind
 from pipeline.results import ModelResult, Prediction
 from pipeline.stages import Stages
+from sysid.excitation import Coherence, coherence
 
 #: Part of the time limit of a stage after which a scan of orders ends with what it has.
 SCAN_PART = 0.8
@@ -67,5 +69,14 @@ def identify(
         validation=validation,
         predictions=predictions,
         orders=orders,
+        coherence=_coherence(fitted) if kind.linear else None,
         missing=missing,
     )
+
+
+def _coherence(fitted: Sequence[sysid.Experiment]) -> Coherence | str:
+    """Tell how much of the outputs answers to the inputs in what a model was fitted to, or why that cannot be told."""
+    try:
+        return coherence(fitted)
+    except RotoridError as error:
+        return str(error)

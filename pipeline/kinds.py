@@ -15,6 +15,9 @@ FIT_PART = 0.5
 #: The kind whose experiments thrust coefficients are fitted to.
 THRUST_KEY = "motors"
 
+#: The kind whose experiments all physical methods are applied to.
+RIGID_BODY_KEY = "rigid_body"
+
 Fit = Callable[[Sequence[sysid.Experiment], AnalysisConfig, Progress], sysid.Model]
 CarryOver = Callable[[sysid.Model, sysid.Experiment, sysid.Experiment], sysid.Model]
 
@@ -39,6 +42,8 @@ class Kind:
         Structure with which its number of poles and zeros can be scanned; empty when it cannot.
     rate : float or None
         Samples per second that it needs; those of the configuration when None.
+    linear : bool
+        Its outputs are a linear answer to its inputs, so that their coherence tells what it can know.
     carry_over : callable or None
         ``carry_over(model, fitted, judge)`` tells the model what it learned of the flight that both parts are of, such
         as the wind.
@@ -52,6 +57,7 @@ class Kind:
     note: str
     scans: str = ""
     rate: float | None = None
+    linear: bool = True
     carry_over: CarryOver | None = None
 
 
@@ -130,13 +136,14 @@ KINDS = (
         "Craft and autopilot together: where the craft goes when it is told to, nothing of the craft alone.",
     ),
     Kind(
-        "rigid_body",
+        RIGID_BODY_KEY,
         "rigid body",
         "motors",
         "earth",
         _rigid_body,
         "Physics: position from motor PWM and measured attitude, with thrust, drag and the wind of each flight.",
         rate=50.0,
+        linear=False,
         carry_over=_same_wind,
     ),
 )

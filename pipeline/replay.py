@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 import estimation
@@ -138,8 +140,21 @@ def read_model(values: Mapping[str, Any], vehicle: Vehicle | None = None) -> sys
         raise ConfigError(f"a model of the file is not as rotorid analyze writes it ({_what(error)})") from error
 
 
+class Trim(StrEnum):
+    """About which inputs a linear model of the craft works."""
+
+    #: The mean of the inputs given, as in its validation: a flight that hovers, in air of its own.
+    OWN = "own"
+    #: The mean of the inputs that it was fitted to: new inputs, such as hover and a step on top.
+    TRAINING = "training"
+
+
 def replay(
-    models: str | Path, inputs: str | Path, wanted: str | None = None, progress: Progress | None = None
+    models: str | Path,
+    inputs: str | Path,
+    wanted: str | None = None,
+    progress: Progress | None = None,
+    trim: Trim | None = None,
 ) -> Replay:
     """Run stored models with the inputs of a log or of a CSV table.
 
@@ -153,6 +168,10 @@ def replay(
     wanted : str, optional
         Which models, see `choose`.
     progress : callable, optional
+    trim : Trim, optional
+        About which inputs linear models of the craft work; by default the inputs' own mean where the motion was
+        measured, so that the comparison is the validation's, and that of the training where it was not, so that a
+        constant offset counts.
 
     Raises
     ------
@@ -163,9 +182,9 @@ def replay(
     chosen = choose(load_models(models), wanted)
     report = progress or silent
     if inputs.suffix.lower() == ".csv":
-        results, measured, notes = _from_table(chosen, inputs, report)
+        results, measured, notes = _from_table(chosen, inputs, report, trim)
     else:
-        results, measured, notes = _from_log(chosen, inputs, report)
+        results, measured, notes = _from_log(chosen, inputs, report, trim)
     if not any(result.predictions for result in results):
         raise MissingDataError(f"{printable(inputs.name)}: no model can be run: {results[0].missing}")
     return Replay(
@@ -180,7 +199,7 @@ def replay(
 
 
 def _from_log(
-    chosen: Sequence[StoredModel], path: Path, progress: Progress
+    chosen: Sequence[StoredModel], path: Path, progress: Progress, trim: Trim | None
 ) -> tuple[list[ModelResult], bool, list[str]]:
     progress("reading the log", 0.0)
     log = logparse.read_log(path)
@@ -204,6 +223,8 @@ def _from_log(
                 name=printable(path.stem),
             )
             model = read_model(stored.content, log.vehicle)
+            record, about = _about(record, model, trim or Trim.OWN, title)
+            notes += about
             if any(name == record.name or name.startswith(f"{record.name} [") for name in model.training):
                 notes.append(f"{title} was fitted to this flight or to a part of it: the comparison flatters it.")
             results.append(_judged(stored, model, record))
@@ -213,7 +234,7 @@ def _from_log(
 
 
 def _from_table(
-    chosen: Sequence[StoredModel], path: Path, progress: Progress
+    chosen: Sequence[StoredModel], path: Path, progress: Progress, trim: Trim | None
 ) -> tuple[list[ModelResult], bool, list[str]]:
     progress("reading the inputs", 0.0)
     try:
@@ -229,6 +250,8 @@ def _from_table(
         try:
             model = read_model(stored.content)
             record, known = _record(table, model, path)
+            record, about = _about(record, model, trim or (Trim.OWN if known else Trim.TRAINING), _title(stored))
+            notes += about
             if known:
                 results.append(_judged(stored, model, record))
             else:
@@ -241,8 +264,30 @@ def _from_table(
             results.append(ModelResult(key=stored.key, title=_title(stored), missing=str(error)))
     if not any(measured):
         notes.append("The table has no measured motion: models start at rest at 0, and there is nothing to compare.")
-    notes.append("Linear models work about the mean of the inputs that are given, as in their validation.")
     return results, any(measured), notes
+
+
+def _about(record: sysid.Experiment, model: sysid.Model, trim: Trim, title: str) -> tuple[sysid.Experiment, list[str]]:
+    """Give a record the trim that a linear model of the craft works about, and say which; others need none."""
+    if not isinstance(model, sysid.TransferFunctionModel):
+        return record, []
+    if trim is Trim.OWN:
+        return record, [f"{title}: the model works about the mean of the inputs given, as in its validation."]
+    if not model.input_trim:
+        return record, [
+            f"{title}: the file does not tell the inputs about which the model was fitted (analyse the logs anew "
+            "to have them); it works about the mean of the inputs given."
+        ]
+    known = np.array([model.input_trim[name] for name in model.input_names])
+    apart = record.input_trim - known
+    most = int(np.argmax(np.abs(apart)))
+    name = model.input_names[most]
+    unit = {"us": " µs", "": ""}.get(model.units.get(name, ""), f" {model.units.get(name, '')}")
+    note = f"{title}: the model works about the mean inputs of the flights that it was fitted to"
+    note += (
+        f" ({name}: {known[most]:.4g}{unit}); the inputs given are on average up to {abs(apart[most]):.3g}{unit} away."
+    )
+    return replace(record, input_trim=known), [note]
 
 
 def _record(table: pd.DataFrame, model: sysid.Model, path: Path) -> tuple[sysid.Experiment, bool]:

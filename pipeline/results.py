@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     from estimation import Trajectory
     from logparse import Finding, Vehicle
-    from sysid import Experiment, Model, OrderScan, ThrustModel, Validation
+    from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
+    from sysid.excitation import Coherence
 
 
 #: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
@@ -118,6 +119,9 @@ class ModelResult:
         Free runs over the same stretches.
     orders : OrderScan or None
         What other numbers of poles and zeros achieve, when that was asked for.
+    coherence : Coherence, str or None
+        How much of the outputs is a linear answer to the inputs, in the records fitted; or why that cannot be told.
+        None for models that are not linear.
     missing : str
         Why there is no model, or no validation of it; empty when both are there.
     """
@@ -129,12 +133,18 @@ class ModelResult:
     validation: Validation | None = None
     predictions: tuple[Prediction, ...] = ()
     orders: OrderScan | None = None
+    coherence: Coherence | str | None = None
     missing: str = ""
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What the fit, and the scan of orders, had to say."""
-        return (*(self.model.findings if self.model else ()), *(self.orders.findings if self.orders else ()))
+        """What the fit, the coherence of what it was fitted to, and the scan of orders had to say."""
+        coherent = () if self.coherence is None or isinstance(self.coherence, str) else self.coherence.findings
+        return (
+            *(self.model.findings if self.model else ()),
+            *coherent,
+            *(self.orders.findings if self.orders else ()),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -142,7 +152,8 @@ class FlightResult:
     """One log, analysed as far as its content allows.
 
     A stage that could not be done leaves None here and its reason in `missing` under the stage's name:
-    ``"flight"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``; a model says itself why it is not there.
+    ``"flight"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``, ``"parameters"``; a model says itself why it is not
+    there.
 
     Attributes
     ----------
@@ -160,6 +171,8 @@ class FlightResult:
         Side by side, fitted to the first part of the flight and judged on the rest; empty without an experiment.
     thrust : ThrustModel or None
         Fitted to the first part of the flight.
+    parameters : PhysicalParameters or None
+        By every method, from the first part of the flight.
     findings : tuple of Finding
         Of every stage, in the order of the work.
     missing : mapping of str to str
@@ -180,6 +193,7 @@ class FlightResult:
     experiments: Mapping[str, Experiment] = field(default_factory=dict)
     models: tuple[ModelResult, ...] = ()
     thrust: ThrustModel | None = None
+    parameters: PhysicalParameters | None = None
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)
@@ -227,9 +241,13 @@ class GroupResult:
     models : tuple of ModelResult
         Side by side, fitted to the training flights and judged on the others.
     thrust : ThrustModel or None
+    parameters : PhysicalParameters or None
+        By every method, from the training flights.
     findings : tuple of Finding
     missing : mapping of str to str
-        Why there is no ``"thrust"``.
+        Why there is no ``"thrust"`` and there are no ``"parameters"``.
+    timings : mapping of str to float
+        Seconds spent in each stage.
     """
 
     name: str
@@ -239,8 +257,10 @@ class GroupResult:
     split: str
     models: tuple[ModelResult, ...] = ()
     thrust: ThrustModel | None = None
+    parameters: PhysicalParameters | None = None
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
+    timings: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

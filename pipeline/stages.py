@@ -33,7 +33,7 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
         "tables": Stage("decoding messages", 0.05),
         "health": Stage("checking the log", 0.02),
         "flight": Stage("looking for the flight", 0.01),
-        "trajectory": Stage("reconstructing the trajectory", 0.30),
+        "trajectory": Stage("reconstructing the trajectory", 0.29),
         "experiment": Stage("resampling commands and motion", 0.02),
         "thrust": Stage("fitting thrust", 0.03),
         "motors": Stage("fitting transfer functions from motor PWM", 0.20),
@@ -42,6 +42,7 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
         "rigid_body": Stage("fitting the rigid body", 0.10),
         "orders": Stage("scanning numbers of poles and zeros", 0.05),
         "validation": Stage("judging models on unseen flight", 0.05),
+        "parameters": Stage("comparing physical parameters", 0.01),
         "report": Stage("writing the report", 0.05),
     }
 )
@@ -91,6 +92,12 @@ class Stages:
     missing: dict[str, str] = field(default_factory=dict)
     timings: dict[str, float] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
+
+    def take(self, other: "Stages") -> None:
+        """Add times and findings of stages that ran in another process."""
+        for name, seconds in other.timings.items():
+            self.timings[name] = self.timings.get(name, 0.0) + seconds
+        self.findings += other.findings
 
     def run(self, name: str, work: Callable[[Progress], T]) -> T | None:
         """Do `work`; None, with the reason in `missing`, when it cannot be done.

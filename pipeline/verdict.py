@@ -73,7 +73,7 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     baseline = ", ".join(_metres(means[output]) for output in outputs)
     references = scored.groupby("output", sort=False)["rmse_reference"].mean()
     measured = (
-        f"its free run on {unseen} errs by {errors} m RMS in {_and(outputs)}, "
+        f"its free run on {unseen}{_about(validation)} errs by {errors} m RMS in {_and(outputs)}, "
         f"where always predicting the mean errs by {baseline} m"
     )
     if references.notna().all():
@@ -141,6 +141,11 @@ def _hardly(validation: Validation, means: pd.Series[float], outputs: list[str])
     if len(words) == 1:
         return f"In {_and(outputs)} that is {next(iter(words))}"
     return "That is " + _and([f"{word} in {_and(where)}" for word, where in words.items()])
+
+
+def _about(validation: Validation) -> str:
+    """Say what a linear model of the craft must be told of a flight: the mean of its inputs."""
+    return ", given the mean of its inputs there," if validation.own_trim else ""
 
 
 def _closed_loop(validation: Validation) -> bool:

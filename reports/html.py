@@ -22,6 +22,7 @@ from reports.figures import Figure, flight_figures
 from reports.model_figures import horizon_figure, response_figures
 from reports.model_views import identified, judgements, thrust_coefficients
 from reports.numbers import Numbers
+from reports.parameter_views import coherence, parameters
 
 
 def flight_page(
@@ -58,6 +59,8 @@ def flight_page(
         horizons=views.horizons(numbers["models"]),
         judgements=judgements(numbers["models"]),
         thrust=thrust_coefficients(numbers["thrust"], numbers["missing"]),
+        parameters=parameters(numbers["parameters"]),
+        coherence=coherence(numbers["models"]),
         models=models,
         details=details(numbers),
     )

@@ -15,9 +15,13 @@ from pipeline.verdict import Trust, Verdict, judge, summarise
 
 if TYPE_CHECKING:
     from logparse import Finding, Vehicle
-    from sysid import Model, Validation
+    from sysid import Model, PhysicalParameters, Validation
+    from sysid.excitation import Coherence
 
 Numbers = dict[str, Any]
+
+#: Frequencies, rad/s, over which coherence is summed up: slower is wind and drift, faster is noise.
+COHERENCE_BAND = (0.5, 5.0)
 
 #: Results of Elhesasy 2024, Table 4: the average over nine validation flights of its own craft, m.
 PAPER_AVERAGE = {"x": 0.3195, "y": 0.2691, "z": 0.2472}
@@ -46,6 +50,7 @@ def flight_numbers(result: FlightResult) -> Numbers:
             "rmse": [row for model in models for row in model["rmse"]],
             "models": models,
             "thrust": None if result.thrust is None else result.thrust.to_dict(),
+            "parameters": _parameters(result.parameters),
             "trajectory": _trajectory(result),
             "findings": _findings(result.findings),
             "missing": dict(result.missing),
@@ -104,8 +109,11 @@ def _models(name: str, result: FlightResult | GroupResult) -> Numbers:
         "name": name,
         "models": {each.key: each.model.to_dict() for each in result.models if each.model is not None},
         "thrust": None if result.thrust is None else result.thrust.to_dict(),
+        "parameters": _parameters(result.parameters),
         "missing": {each.key: each.missing for each in result.models if each.model is None}
-        | {stage: reason for stage, reason in result.missing.items() if stage in ("experiment", "thrust")},
+        | {
+            stage: reason for stage, reason in result.missing.items() if stage in ("experiment", "thrust", "parameters")
+        },
     }
 
 
@@ -125,9 +133,37 @@ def model_numbers(
         "horizons": _horizons(result.validation),
         "validation": None if result.validation is None else result.validation.to_dict(),
         "orders": None if result.orders is None else result.orders.to_dict(),
+        "coherence": _coherence(result.coherence),
         "model": None if result.model is None else _model_facts(result.model),
         "findings": _findings(result.findings),
         "missing": result.missing,
+    }
+
+
+def _parameters(found: PhysicalParameters | None) -> list[Numbers] | None:
+    """List physical parameters, a row for each parameter and method."""
+    if found is None:
+        return None
+    return [{str(name): value for name, value in row.items()} for row in found.table.reset_index().to_dict("records")]
+
+
+def _coherence(found: Coherence | str | None) -> Numbers | None:
+    """Sum a coherence up over the frequencies at which a multirotor answers; or say why there is none."""
+    if found is None or isinstance(found, str):
+        return None if found is None else {"missing": found}
+    band = (found.frequency >= COHERENCE_BAND[0]) & (found.frequency <= COHERENCE_BAND[1])
+    return {
+        "band_rad_s": list(COHERENCE_BAND),
+        "inputs": list(found.input_names),
+        "averages": found.averages,
+        "chance": found.threshold,
+        "outputs": {
+            output: {
+                "multiple_median": float(np.median(multiple[band])) if band.any() else None,
+                "above_chance": float(np.mean(multiple[band] > found.threshold)) if band.any() else None,
+            }
+            for output, multiple in zip(found.output_names, found.multiple.T, strict=True)
+        },
     }
 
 
@@ -267,8 +303,10 @@ def _group(group: GroupResult) -> Numbers:
         "rmse": [row for model in models for row in model["rmse"]],
         "models": models,
         "thrust": None if group.thrust is None else group.thrust.to_dict(),
+        "parameters": _parameters(group.parameters),
         "findings": _findings(group.findings),
         "missing": dict(group.missing),
+        "timings_s": dict(group.timings),
     }
 
 

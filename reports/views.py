@@ -8,6 +8,7 @@ from typing import Any
 from reports import summary
 from reports.model_views import PLACES, identified, judgements, thrust_coefficients
 from reports.numbers import PAPER_AVERAGE, Numbers, average
+from reports.parameter_views import coherence, parameters
 from reports.quantity import column, duration, number
 
 View = dict[str, Any]
@@ -21,6 +22,7 @@ def missing_stages(numbers: Numbers) -> list[tuple[str, str]]:
         "trajectory": "Trajectory",
         "experiment": "Identification",
         "thrust": "Thrust coefficients",
+        "parameters": "Physical parameters",
     }
     reasons = [(names.get(stage, stage), reason) for stage, reason in numbers["missing"].items()]
     reasons += [(summary.sentence(result["title"])[:-1], result["missing"]) for result in numbers["models"]]
@@ -225,6 +227,8 @@ def group(group: Numbers, links: dict[str, str]) -> View:
         "horizons": horizons(group["models"]),
         "judgements": judgements(group["models"]),
         "thrust": thrust_coefficients(group["thrust"], group["missing"]),
+        "parameters": parameters(group["parameters"]),
+        "coherence": coherence(group["models"]),
         "models": identified(group["models"]),
         "findings": group["findings"],
     }

@@ -155,6 +155,10 @@ def fit_transfer_functions(
         },
         reports={output: fit.report for output, fit in fits.items()},
         training=tuple(record.name for record in records),
+        input_trim={
+            name: float(np.average([record.input_trim[j] for record in records], weights=[len(r.t) for r in records]))
+            for j, name in enumerate(records[0].input_names)
+        },
         findings=tuple(findings),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -198,6 +198,10 @@ class TransferFunctionModel:
         For each output, how the fit went.
     training : tuple of str
         Names of the records used for the fit.
+    input_trim : mapping
+        Mean of each input over the training records, about which the model was fitted: for new inputs that are no
+        flight with a hover of its own (`simulate` works about the trim of the record that it is given). Empty where it
+        is not known.
     findings : tuple of Finding
     """
 
@@ -216,6 +220,7 @@ class TransferFunctionModel:
     initial_states: Mapping[str, Mapping[str, Floats]]
     reports: Mapping[str, FitReport]
     training: tuple[str, ...]
+    input_trim: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
     def simulate(self, experiment: Experiment) -> Floats:
@@ -249,19 +254,28 @@ class TransferFunctionModel:
             )
         return result
 
-    def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
+    def predict(self, experiment: Experiment, horizon: float = 1.0, simulated: Floats | None = None) -> Floats:
         """Predict every sample from what was measured up to `horizon` seconds before it.
 
         The model carries the response to the inputs, which are taken as known; what it did not explain so far
         (wind, drift) is carried on as `disturbance` says. The first samples, which have nothing measured before them,
         are the free run.
 
+        Parameters
+        ----------
+        experiment : Experiment
+        horizon : float
+            s.
+        simulated : ndarray, shape (N, p), optional
+            The free run, where it is known already.
+
         Returns
         -------
         ndarray, shape (N, p)
         """
         steps = max(round(horizon / experiment.dt), 1)
-        simulated = self.simulate(experiment)
+        if simulated is None:
+            simulated = self.simulate(experiment)
         result = simulated.copy()
         for column, output in enumerate(self.output_names):
             residual = experiment.y[:, column] - simulated[:, column]
@@ -288,6 +302,7 @@ class TransferFunctionModel:
             "units": dict(self.units),
             "initial_seconds": INITIAL_SECONDS,
             "training": list(self.training),
+            "input_trim": dict(self.input_trim),
             "transfer_functions": {
                 output: {name: function.to_dict() for name, function in row.items()}
                 for output, row in self.transfer_functions.items()
@@ -329,6 +344,7 @@ class TransferFunctionModel:
             initial_states={},
             reports={output: FitReport(**report) for output, report in values["fits"].items()},
             training=tuple(values["training"]),
+            input_trim=dict(values.get("input_trim", {})),
         )
 
     def _require(self, experiment: Experiment) -> None:

@@ -1,7 +1,7 @@
 """``rotorid simulate``: fly a simulated craft."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -40,6 +40,13 @@ def simulate(
     model: Annotated[
         str | None, typer.Option(help="Of a models.json: which models, such as motors, or flight01/motors.")
     ] = None,
+    trim: Annotated[
+        Literal["own", "training"] | None,
+        typer.Option(
+            help="Of a models.json: inputs about which its linear models work, the mean of those given, or of those "
+            "fitted. Default: own where the motion was measured, else training.",
+        ),
+    ] = None,
     show_list: Annotated[bool, typer.Option("--list", help="List all cases and their settings, and end.")] = False,
 ) -> None:
     """Fly a case of one of the papers; write a page with plots, its characteristics, its history, a log and its truth.
@@ -51,7 +58,7 @@ def simulate(
     if case.lower().endswith(".json") and Path(case).is_file():
         from pipeline.commands.replay import run_models
 
-        run_models(Path(case), inputs, model, out)
+        run_models(Path(case), inputs, model, out, trim)
         return
     import simulation
     from pipeline.errors import ConfigError

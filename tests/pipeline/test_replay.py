@@ -10,7 +10,7 @@ import reports
 import sysid
 from logparse import RotoridError
 from pipeline.errors import ConfigError
-from pipeline.replay import choose, load_models, replay
+from pipeline.replay import Trim, choose, load_models, replay
 from reports import write_replay
 from tests.reports.conftest import made_flight
 
@@ -54,24 +54,50 @@ def test_a_table_with_its_motion_is_predicted_and_judged(flight, models, table, 
 
 
 def test_without_motion_a_model_starts_at_rest(flight, models, table, tmp_path):
-    """The answer to a step of one motor is the closed form's: nothing before it, the gain in the long run."""
+    """The answer to a step on top of the hover is the closed form's: nothing before it, the gain in the long run."""
+    hover = flight.models[0].model.input_trim
     t = np.arange(0.0, 120.0, 0.1)
     step = np.where(t >= 1.0, 10.0, 0.0)
-    pd.DataFrame({"t": t, "m1": step, "m2": 0.0}).to_csv(tmp_path / "step.csv", index=False)
+    pd.DataFrame({"t": t, "m1": hover["m1"] + step, "m2": hover["m2"]}).to_csv(tmp_path / "step.csv", index=False)
     result = replay(models, tmp_path / "step.csv")
     (motors,) = result.results
-    record, y_hat = motors.predictions[0].experiment, motors.predictions[0].y_hat
+    y_hat = motors.predictions[0].y_hat
     assert not result.measured
     assert motors.validation is None
     assert any("start at rest" in note for note in result.notes)
     gain = flight.models[0].model.transfer_functions["x"]["m1"].gain
-    # Linear models work about the mean of the inputs given.
-    assert y_hat[-1, 0] - y_hat[9, 0] == pytest.approx(
-        gain * (10.0 - record.input_trim[0]) - y_hat[9, 0], rel=1e-2, abs=1e-3
-    )
-    assert y_hat[0, 0] == 0.0
+    assert y_hat[-1, 0] == pytest.approx(gain * 10.0, rel=1e-2)
+    assert y_hat[:9, 0] == pytest.approx(0.0)
     page, _ = write_replay(result, tmp_path / "out")
     assert "RMSE" not in page.read_text("utf-8")[:20000].partition("</style>")[2].partition("<script")[0]
+
+
+def test_the_trim_can_be_chosen_and_is_told(flight, models, table, tmp_path):
+    """Inputs a constant away from those fitted: their own mean hides it, the training's trim answers with the gain."""
+    model = flight.models[0].model
+    frame = pd.read_csv(table)
+    frame["m1"] += 7.0
+    frame.to_csv(tmp_path / "offset.csv", index=False)
+    runs = {trim: replay(models, tmp_path / "offset.csv", trim=trim) for trim in (None, *Trim)}
+    own, about = (runs[trim].results[0].predictions[0] for trim in (Trim.OWN, Trim.TRAINING))
+    assert np.array_equal(runs[None].results[0].predictions[0].y_hat, own.y_hat)
+    mean = dict(zip(model.input_names, own.experiment.u.mean(axis=0), strict=True))
+    assert own.experiment.input_trim == pytest.approx(list(mean.values()))
+    assert about.experiment.input_trim == pytest.approx([model.input_trim[name] for name in model.input_names])
+    assert "about the mean of the inputs given" in " ".join(runs[Trim.OWN].notes)
+    far = max(abs(mean[name] - model.input_trim[name]) for name in mean)
+    assert f"on average up to {far:.3g} away" in " ".join(runs[Trim.TRAINING].notes)
+
+
+def test_files_without_a_trim_are_run_about_the_inputs_own_mean(models, table, tmp_path):
+    content = json.loads(models.read_text())
+    del content["flights"][0]["models"]["motors"]["input_trim"]
+    (tmp_path / "models.json").write_text(json.dumps(content))
+    pd.read_csv(table)[["t", "m1", "m2"]].to_csv(tmp_path / "new.csv", index=False)
+    result = replay(tmp_path / "models.json", tmp_path / "new.csv")
+    assert "the file does not tell the inputs" in " ".join(result.notes)
+    record = result.results[0].predictions[0].experiment
+    assert record.input_trim == pytest.approx(record.u.mean(axis=0))
 
 
 def test_a_closed_loop_takes_targets(tmp_path):
