@@ -156,7 +156,9 @@ def _saturated(experiments: Sequence[Experiment]) -> list[Finding]:
 def _collinear(names: Sequence[str], u: Floats, records: int) -> tuple[float, int, list[Finding]]:
     if len(names) < 2:
         return 1.0, 1, []
-    correlation = np.atleast_2d(np.corrcoef(u.T))
+    # About the trim and not about the mean: an input that rests beside its trim acts like any other.
+    unit = u / np.linalg.norm(u, axis=0)
+    correlation = unit.T @ unit
     eigenvalues = np.linalg.eigvalsh(correlation)
     condition = float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 1e-13 * eigenvalues[-1] else float("inf")
     independent = int(np.sum(eigenvalues > INDEPENDENT * eigenvalues[-1]))

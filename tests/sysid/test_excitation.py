@@ -114,3 +114,13 @@ def test_identical_inputs_count_once():
 def test_too_short_records_are_refused_with_the_reason():
     with pytest.raises(ExperimentError, match="too short to tell their coherence"):
         coherence([record(motion(np.random.default_rng(6), 120, 8))])
+
+
+def test_an_input_that_rests_beside_its_trim_is_an_input() -> None:
+    rng = np.random.default_rng(5)
+    t = np.arange(200) / 10.0
+    u = np.column_stack([np.full(200, 1500.0), 1500.0 + 50.0 * rng.standard_normal(200)])
+    record = Experiment.from_arrays(t, u, t, input_trim=[1450.0, 1500.0])
+    found = examine([record])
+    assert found.active == (0, 1)
+    assert np.isfinite(found.condition)
