@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from sysid import Experiment, ExperimentError, validate
+from sysid import Experiment, ExperimentError, fit_transfer_functions, validate
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,21 @@ def test_verdicts_say_what_the_table_says():
     assert "the model generalises: free-run RMSE 0.5 m on 2 unseen records" in x
     assert "do not trust the free run" in z
     assert f"{validation.average['x']:.3g} m" in x
+
+
+def test_black_boxes_are_told_the_mean_of_the_inputs_and_the_verdict_says_so():
+    rng = np.random.default_rng(0)
+    records = []
+    for name in "abc":
+        u = np.repeat(rng.normal(0.0, 1.0, 60), 10)
+        y = lfilter([0.1], [1.0, -0.9], u)[:, None]
+        records.append(Experiment.from_arrays(np.arange(600) * 0.1, u, y, name=name, output_names=["z"]))
+    verdict = validate(fit_transfer_functions(records[:1], poles=1, zeros=0), records[1:])
+    assert verdict.own_trim
+    assert verdict.to_dict()["own_trim"]
+    given = "the model generalises, given each flight's own mean inputs: free-run RMSE"
+    assert given in verdict.verdicts[0]
+    assert not validate(Known(0.5), records).own_trim
 
 
 def test_one_unseen_record_does_not_show_that_a_model_generalises():

@@ -1,0 +1,107 @@
+"""Physical parameters and coherence as pages show them: numbers with their reasons, nothing flattering."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import reports
+import sysid
+from reports.numbers import flight_numbers
+from reports.parameter_views import EMPTY, coherence, parameters
+
+UNIT = "m/s^2, one motor at full command in sea-level air"
+
+
+def row(parameter, method, value, sigma, *, unit=UNIT, si=None, note=""):
+    si_value, si_sigma, si_unit = si or (None, None, "")
+    return {"parameter": parameter, "method": method, "value": value, "sigma": sigma, "unit": unit, "note": note} | {
+        "si_value": si_value,
+        "si_sigma": si_sigma,
+        "si_unit": si_unit,
+    }
+
+
+def test_a_line_for_each_parameter_and_a_column_for_each_method():
+    view = parameters(
+        [
+            row("thrust over mass", "rotor", 2.6136, 0.02, si=(10.45, 0.08, "N at full command")),
+            row("thrust over mass", "rigid body", None, None, note="the motors were not logged"),
+            row("motor lag", "rigid body", 0.0381, 0.004, unit="s"),
+        ]
+    )
+    assert view["methods"] == ["rotor", "rigid body"]
+    assert [line["label"] for line in view["rows"]] == [
+        "Thrust over mass, m/s²",
+        "… in N at full command",
+        "Motor lag, s",
+    ]
+    assert [line["cells"] for line in view["rows"]] == [
+        ["2.61 ± 0.02", EMPTY],
+        ["10.45 ± 0.08", EMPTY],
+        [EMPTY, "0.038 ± 0.004"],
+    ]
+    assert view["notes"] == [("Thrust over mass: rigid body", "The motors were not logged.")]
+    assert parameters(None) is None
+
+
+@pytest.mark.parametrize(
+    ("above", "says"),
+    [
+        ({"x": 0.9, "z": 1.0}, "Motor PWM: x and z answer to them at most frequencies."),
+        ({"x": 0.1, "z": 1.0}, "z answers to them at most frequencies; in x a linear model has little to go by."),
+        ({"x": 0.1, "z": 0.0}, "no output answers to them"),
+    ],
+)
+def test_one_sentence_says_what_the_coherence_says(above, says):
+    told = {
+        "band_rad_s": [0.5, 5.0],
+        "inputs": ["m1"],
+        "averages": 30.0,
+        "chance": 0.4,
+        "outputs": {name: {"multiple_median": 0.5, "above_chance": part} for name, part in above.items()},
+    }
+    view = coherence([{"title": "motor PWM → position", "coherence": told}])
+    assert says in view["sentences"][0]
+    assert view["table"]["heads"] == ["x", "z", "chance"]
+
+
+def test_reasons_stand_where_there_is_no_coherence():
+    view = coherence([{"title": "motor PWM → position", "coherence": {"missing": "9 s of 8 inputs are too short"}}])
+    assert view["table"] is None
+    assert view["sentences"] == ["Motor PWM → position: 9 s of 8 inputs are too short."]
+    assert coherence([{"title": "rigid body", "coherence": None}]) is None
+
+
+def test_page_json_and_models_have_both(flight, tmp_path):
+    (index := pd.MultiIndex.from_tuples([("thrust over mass", "rotor"), ("motor lag", "rotor")])).names = [
+        "parameter",
+        "method",
+    ]
+    table = pd.DataFrame(
+        {
+            "value": [2.6136, np.nan],
+            "sigma": [0.02, np.nan],
+            "unit": [UNIT, "s"],
+            "si_value": np.nan,
+            "si_sigma": np.nan,
+            "si_unit": "",
+            "note": ["", "logs are too slow"],
+        },
+        index=index,
+    )
+    found = sysid.PhysicalParameters(table, None, None, None, None, None)
+    spectra = sysid.excitation.coherence([flight.experiments["motors"]])
+    models = (dataclasses.replace(flight.models[0], coherence=spectra), *flight.models[1:])
+    result = dataclasses.replace(flight, parameters=found, models=models)
+    page = reports.write(result, tmp_path).read_text("utf-8")
+    assert "2.61 ± 0.02" in page
+    assert "Logs are too slow." in page
+    assert "How much the inputs can tell" in page
+    numbers = flight_numbers(result)
+    assert [each["value"] for each in numbers["parameters"]] == [2.6136, None]
+    band = (spectra.frequency >= 0.5) & (spectra.frequency <= 5.0)
+    told = numbers["models"][0]["coherence"]
+    assert told["outputs"]["x"]["multiple_median"] == pytest.approx(np.median(spectra.multiple[band, 0]))
+    assert reports.numbers.models(result)["flights"][0]["parameters"] == numbers["parameters"]
