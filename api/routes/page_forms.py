@@ -1,5 +1,6 @@
 """What the pages' buttons do. Each is a form that works without scripts; htmx only spares loading whole pages."""
 
+import glob
 from http import HTTPStatus
 from typing import Annotated, Any
 
@@ -8,10 +9,11 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 from pydantic import ValidationError
 
-from api.dependencies import Owner, PartsOf, from_our_pages
+from api.dependencies import Owner, Parts, PartsOf, from_our_pages
 from api.page_templates import local_path, render
 from api.problems import ProblemError
-from api.resources import AnalysisOrder, Configuration
+from api.resources import Analysis, AnalysisOrder, Configuration
+from api.results import answer
 from api.routes.analyses import check, find_analysis, unknown_analysis
 
 router = APIRouter(include_in_schema=False, dependencies=[from_our_pages])
@@ -68,7 +70,8 @@ def unshare(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) ->
 def ask_again(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Ask for the settings of another analysis of the same logs."""
     analysis = find_analysis(analysis_id, parts.catalog, owner)
-    return render(request, "again.html", {"analysis": analysis, "values": analysis.configuration, "wrong": ""})
+    view = {"analysis": analysis, "values": analysis.configuration, "wrong": "", "flights": _flights(analysis, parts)}
+    return render(request, "again.html", view)
 
 
 @router.post("/analyses/{analysis_id}/again")
@@ -80,17 +83,29 @@ async def analyse_again(request: Request, analysis_id: str, parts: PartsOf, owne
     values: dict[str, Any] = {
         name: text.strip() for name, text in form.items() if name in names and isinstance(text, str) and text.strip()
     }
-    if "training" in analysis.configuration:
+    flights = await run_in_threadpool(_flights, analysis, parts)
+    if flights:
+        chosen = [name for name in form.getlist("training") if isinstance(name, str)]
+        flights = dict.fromkeys(flights, False) | dict.fromkeys(chosen, True)
+        values["training"] = [glob.escape(name) for name in chosen] or None
+    elif "training" in analysis.configuration:
         values["training"] = analysis.configuration["training"]
     try:
         order = AnalysisOrder(logs=[log.id for log in analysis.logs], configuration=Configuration(**values))
         await run_in_threadpool(check, order)
     except (ValidationError, ProblemError) as error:
-        view = {"analysis": analysis, "values": values, "wrong": _in_words(error)}
+        view = {"analysis": analysis, "values": values, "wrong": _in_words(error), "flights": flights}
         return render(request, "again.html", view, HTTPStatus.UNPROCESSABLE_ENTITY)
     ordered = await run_in_threadpool(parts.catalog.order, order.ids, order.configuration.chosen(), owner)
     parts.runner.wake()
     return _go(f"/analyses/{ordered.id}")
+
+
+def _flights(analysis: Analysis, parts: Parts) -> dict[str, bool]:
+    """Say of every flight of a joint analysis whether it was fitted to; nothing where there is no joint model."""
+    report = answer(analysis, parts).report or {}
+    groups = report.get("groups", [])
+    return {name: part == "training" for part in ("training", "held_out") for each in groups for name in each[part]}
 
 
 def _in_words(error: ValidationError | ProblemError) -> str:

@@ -13,7 +13,7 @@ from logparse import LogError
 def analyze(task: Task, progress: Progress) -> None:
     """Behave as the first log's first word says."""
     (log, name), folder = task.logs[0], task.folder
-    word = log.read_bytes()[:64].split(maxsplit=1)[0].decode()
+    word = log.read_bytes()[:64].split(maxsplit=1)[0].decode("utf-8", "replace")
     progress("parsing", 0.0)
     match word:
         case "refused":
@@ -43,6 +43,8 @@ def analyze(task: Task, progress: Progress) -> None:
                 time.sleep(0.05)
     progress("report", 0.9)
     report = {"name": name, "rmse": [{"axis": "x", "rmse": 0.25}], "bytes": log.stat().st_size, "nothing": float("nan")}
+    if len(task.logs) > 1:
+        report["groups"] = [{"training": [name], "held_out": [flight for _, flight in task.logs[1:]]}]
     links = ""
     for _, flight in task.logs if len(task.logs) > 1 else ():
         (folder / "flights" / flight).mkdir(parents=True, exist_ok=True)

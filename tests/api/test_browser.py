@@ -89,7 +89,7 @@ def test_several_logs_each_on_its_own(page: Page) -> None:
     assert [rows.nth(row).get_by_role("link").inner_text() for row in (0, 1)] == ["two.bin", "one.bin"]
 
 
-def test_several_logs_together(page: Page) -> None:
+def test_several_logs_together(page: Page, service: httpx.Client) -> None:
     choose(page, ("a.bin", b"good a"), ("b.bin", b"good b"))
     page.get_by_role("button", name="Analyse together").click()
     page.wait_for_url("**/analyses/*")
@@ -97,6 +97,15 @@ def test_several_logs_together(page: Page) -> None:
     page.get_by_text("Flights", exact=True).click()
     page.get_by_role("link", name="b.bin").click()
     expect(page.frame_locator("iframe").get_by_role("heading", name="b.bin")).to_be_visible()
+    page.get_by_role("link", name="Analyse again").click()
+    expect(page.get_by_label("a.bin")).to_be_checked()
+    page.get_by_label("a.bin").uncheck()
+    page.get_by_label("b.bin").check()
+    assert_accessible(page)
+    page.get_by_role("button", name="Analyse").click()
+    page.wait_for_url(lambda url: not url.endswith("/again"))
+    ordered = service.get(f"/api/v1/analyses/{page.url.rpartition('/')[2]}").json()
+    assert ordered["configuration"] == {"training": ["b.bin"]}
 
 
 def test_a_log_is_dropped(page: Page) -> None:
