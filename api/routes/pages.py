@@ -1,11 +1,12 @@
 """The pages for people: drop logs, follow their analyses, read the reports; and a reference of the interface."""
 
 from http import HTTPStatus
+from importlib.resources import files
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import RedirectResponse
+from fastapi.responses import FileResponse, RedirectResponse
 
 from api.access import bearer
 from api.dependencies import Owner, Parts, PartsOf, from_our_pages
@@ -141,6 +142,12 @@ def _shown(analysis: Analysis, address: str, frame: str) -> dict[str, Any]:
         "tables": tables(analysis, address),
         "flights": flight_pages(analysis, frame),
     }
+
+
+@router.get("/static/htmx.min.js")
+def htmx() -> Response:
+    """Give htmx out of the wheel that brings it."""
+    return FileResponse(str(files("js_lib_htmx") / "static" / "htmx" / "htmx.min.js"), media_type="text/javascript")
 
 
 @router.head("/docs")

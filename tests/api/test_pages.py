@@ -97,7 +97,7 @@ def test_a_sample_is_analysed_as_if_uploaded(
 def test_htmx_comes_from_us(service: httpx.Client) -> None:
     for script in Outline(service.get("/").text).all("script"):
         assert (script["src"] or "").startswith("/static/")
-    htmx = service.get("/static/htmx/htmx.min.js")
+    htmx = service.get("/static/htmx.min.js")
     assert (htmx.status_code, htmx.text[:8]) == (200, "var htmx")
 
 
