@@ -710,13 +710,17 @@ def record(
     wind: np.ndarray,
     measured: np.ndarray,
     autopilot: AutopilotState,
+    excitation: np.ndarray,
     pack: np.ndarray,
     state: int,
     clips: int,
     mass: float,
     pwm: np.ndarray,
 ) -> None:
-    """Fill one row of a flight's records; columns as in `simulation.fly.RECORD_COLUMNS`."""
+    """Fill one row of a flight's records; columns as in `simulation.fly.RECORD_COLUMNS`.
+
+    What the autopilot puts out is what the mixer gets, `excitation` included, as ArduPilot logs it.
+    """
     row[0] = t
     put(row, 1, x[:ROTORS])
     put(row, 14, specific_force)
@@ -726,10 +730,11 @@ def record(
     put(row, 29, autopilot.angle_target)
     put(row, 32, autopilot.angle)
     put(row, 35, autopilot.rate_target)
-    put(row, 38, autopilot.torque)
+    put(row, 38, autopilot.torque + excitation[:3])
     put(row, 41, autopilot.velocity_target)
     put(row, 44, autopilot.accel_target)
     put(row, 47, autopilot.thrust[:3])
+    row[48] += excitation[3]
     put(row, 50, pack)
     row[53], row[54], row[55] = state, clips, mass
     put(row, 56, x[ROTORS : ROTORS + n])
@@ -898,6 +903,7 @@ def fly_cascade(
                 winds[k],
                 measured,
                 autopilot,
+                excitation[k // 2],
                 pack,
                 state,
                 clips,

@@ -254,7 +254,10 @@ def test_chirps_move_the_craft_as_its_inertia_says(logs, truths):
     during = (t_sid * 1e-6 < chirp["start_s"] + chirp["duration_s"]) & (frequency > 4.0) & (frequency < 6.0)
     first, last = t_sid[during][[0, -1]]
     inside = (t >= first) & (t <= last)
-    torque = out[inside] + np.interp(t[inside], t_sid, target)
+    torque = out[inside]
+    added = np.interp(t[inside], t_sid, target)
+    # As in ArduPilot, RATE holds what the mixer gets: controller and chirp together.
+    assert np.corrcoef(torque, added)[0, 1] > 0.5
     window = np.hanning(inside.sum())
     dt = 1.0 / 400.0
     f = np.fft.rfftfreq(4 * inside.sum(), dt)
