@@ -4,13 +4,12 @@ import logging
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from datetime import timedelta
-from importlib.util import find_spec
 from pathlib import Path
 
 from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 
-from api import problems
+from api import openapi, problems
 from api.access import Shares, Tokens
 from api.bodies import SmallBodies
 from api.catalog import Catalog
@@ -89,6 +88,7 @@ def create_app(
     app.state.parts = parts
     app.add_middleware(SmallBodies, uploads=("/", "/api/v1/logs"), stall=settings.upload_stall)
     problems.install(app)
+    openapi.install(app)
     if local_only:
         app.add_middleware(LocalOnly)
     app.add_middleware(SafeHeaders)
@@ -100,8 +100,6 @@ def create_app(
     app.include_router(pages.router)
     app.include_router(page_forms.router)
     app.include_router(sign_in.router)
-    if find_spec("js_lib_htmx") is not None:
-        app.mount("/static/htmx", StaticFiles(packages=[("js_lib_htmx", "static/htmx")]))
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     return app
 

@@ -63,7 +63,10 @@ class ProblemError(Exception):
 
 #: For a route's `responses`: errors have one shape whatever their status.
 RESPONSES: dict[int | str, dict[str, Any]] = {
-    "default": {"description": "Any error", "content": {MEDIA_TYPE: {"schema": Problem.model_json_schema()}}}
+    "default": {
+        "description": "Any error",
+        "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+    }
 }
 
 

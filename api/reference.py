@@ -127,20 +127,22 @@ def _kind(document: Schema, schema: Schema) -> str:
     return f"{kind}, {low:g} to {high:g}" if low is not None and high is not None else kind
 
 
-def _example(document: Schema, schema: Schema, depth: int = 0) -> Any:
+def example_of(document: Schema, schema: Schema, depth: int = 0) -> Any:
     """Make up a value of a schema, of the examples that it gives."""
     if schema.get("examples"):
         return schema["examples"][0]
     inner = _resolved(document, schema)
     if inner is not schema:
-        return _example(document, inner, depth)
+        return example_of(document, inner, depth)
     if "enum" in schema:
         return schema["enum"][0]
     match schema.get("type"):
         case "object" if depth < _DEPTH:
-            return {name: _example(document, field, depth + 1) for name, field in schema.get("properties", {}).items()}
+            return {
+                name: example_of(document, field, depth + 1) for name, field in schema.get("properties", {}).items()
+            }
         case "array":
-            return [_example(document, schema["items"], depth + 1)]
+            return [example_of(document, schema["items"], depth + 1)]
         case _ if "default" in schema:
             return schema["default"]
         case "integer" | "number":
@@ -163,7 +165,7 @@ def _curl(document: Schema, base: str, path: str, method: str, body: Schema, *, 
         if media.startswith("multipart"):
             parts.append("-F file=@FLIGHT.bin")
         else:
-            parts.append(f"--json '{json.dumps(_example(document, content['schema']))}'")
+            parts.append(f"--json '{json.dumps(example_of(document, content['schema']))}'")
     address = base + path.replace("{name}", "report.html").replace("{secret}", "SECRET")
     while "{" in address:
         address = address[: address.index("{")] + "ID" + address[address.index("}") + 1 :]
@@ -180,5 +182,5 @@ def _answers(document: Schema, operation: Schema) -> Iterator[Answer]:
         for media, body in content.items():
             example = ""
             if media == "application/json":
-                example = json.dumps(_example(document, body["schema"]), indent=2, ensure_ascii=False)
+                example = json.dumps(example_of(document, body["schema"]), indent=2, ensure_ascii=False)
             yield Answer(status, media, example)

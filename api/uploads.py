@@ -43,7 +43,7 @@ FORM = {
                     "properties": {
                         "file": {
                             "type": "array",
-                            "items": {"type": "string", "format": "binary"},
+                            "items": {"type": "string", "format": "binary", "minLength": 1},
                             "minItems": 1,
                             "maxItems": _FILES,
                             "description": "Flight logs: DataFlash (.bin, .log), telemetry (.tlog) or PX4 (.ulg); the "

@@ -82,7 +82,7 @@ def show_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> AnalysisAns
     "/{analysis_id}/events",
     summary="The progress of an analysis as server-sent events",
     response_class=StreamingResponse,
-    responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}}},
+    responses={200: {"content": {"text/event-stream": {"schema": {"description": "Events `progress` and `end`."}}}}},
 )
 def follow_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> StreamingResponse:
     """Send the analysis as an event whenever it has changed; the stream ends with the analysis."""

@@ -13,7 +13,7 @@ from api.problems import Problem, ProblemError
 router = APIRouter(tags=["operation"])
 
 
-@router.get("/healthz", summary="Whether the service is alive")
+@router.get("/healthz", summary="Whether the service is alive", responses=problems.RESPONSES)
 async def healthz() -> dict[str, str]:
     """Answer; that is the whole test."""
     return {"status": "ok"}
