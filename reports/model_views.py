@@ -69,7 +69,10 @@ def transfer_functions(model: Numbers) -> View:
         outputs.append({"key": output, "title": title, "functions": functions, "note": note})
     units = {model["units"].get(name, "") for name in model["inputs"]}
     unit = {"us": "µs"}.get(next(iter(units)), next(iter(units))) if len(units) == 1 else ""
-    about = f" ({unit} about its mean)" if unit else ""
+    # A closed loop takes targets as they are.
+    trimmed = "about its mean" if model["kind"] == "transfer-functions" else ""
+    told = " ".join(part for part in ("" if unit == "1" else unit, trimmed) if part)
+    about = f" ({told})" if told else ""
     return {
         "outputs": outputs,
         "intro": f"Position (m) from each input{about}, s in rad/s; position is the sum over the inputs. Coefficients "

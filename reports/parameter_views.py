@@ -79,11 +79,11 @@ def coherence(models: Sequence[Numbers]) -> View | None:
     outputs = list(dict.fromkeys(output for result in known for output in result["coherence"]["outputs"]))
     heads = [*outputs, "chance"] if known else []
     columns = [
-        column([result["coherence"]["outputs"].get(output, {}).get("multiple_median") for result in known], 2, 2)
+        column([result["coherence"]["outputs"].get(output, {}).get("multiple_median") for result in known], 3, 2)
         for output in outputs
     ]
     if known:
-        columns.append(column([result["coherence"]["chance"] for result in known], 2, 2))
+        columns.append(column([result["coherence"]["chance"] for result in known], 3, 2))
     rows = [
         {"kind": "", "label": result["title"], "cells": [cells[place] for cells in columns]}
         for place, result in enumerate(known)
@@ -109,7 +109,7 @@ def _worth(result: Numbers) -> str:
     if not poor:
         return f"{title}: {_and(good)} answer to them at most frequencies."
     if not good:
-        return f"{title}: no output answers to them, at most frequencies, more than unrelated signals would."
+        return f"{title}: at most frequencies no answer that chance would not give; slower motion may still follow."
     answers = f"{_and(good)} answer{'s' if len(good) == 1 else ''} to them at most frequencies"
     return f"{title}: {answers}; in {_and(poor)} a linear model has little to go by."
 

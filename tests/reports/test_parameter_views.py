@@ -51,7 +51,7 @@ def test_a_line_for_each_parameter_and_a_column_for_each_method():
     [
         ({"x": 0.9, "z": 1.0}, "Motor PWM: x and z answer to them at most frequencies."),
         ({"x": 0.1, "z": 1.0}, "z answers to them at most frequencies; in x a linear model has little to go by."),
-        ({"x": 0.1, "z": 0.0}, "no output answers to them"),
+        ({"x": 0.1, "z": 0.0}, "no answer that chance would not give"),
     ],
 )
 def test_one_sentence_says_what_the_coherence_says(above, says):
