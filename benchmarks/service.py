@@ -1,0 +1,146 @@
+"""What the service bears: many uploads at once, a very large one, and questions while its workers are busy.
+
+Everything goes over loopback against `rotorid serve` in a process of its own.
+"""
+
+import hashlib
+import os
+import re
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+
+ROOT = Path(__file__).parents[1]
+
+MB = 1_000_000
+
+_BLOCK = os.urandom(MB)
+
+
+def run() -> list[tuple[str, str, str, str, str]]:
+    with tempfile.TemporaryDirectory() as folder, _service(Path(folder)) as (address, pid):
+        started = time.perf_counter()
+        lost = upload_many(address, clients=50, size=10 * MB)
+        took = time.perf_counter() - started
+        many = peak_memory(pid)
+        growth = upload_large(address, pid, size=1000 * MB)
+        idle, busy, states = status_reads(address)
+    return [
+        ("50 clients upload 10 MB each at once: lost", f"{lost}", "-", "-", "0"),
+        ("... most memory of the server's process", f"{many:.0f} MB", "-", "-", "300 MB"),
+        ("... rate of all together", f"{500 / took:.0f} MB/s", "-", "-", "-"),
+        ("growth of the server's process over an upload of 1 GB", f"{growth:.0f} MB", "-", "-", "100 MB"),
+        (f"median of {len(states)} status reads while workers are busy", f"{busy:.1f} ms", "-", "-", "50 ms"),
+        ("... and when they are not", f"{idle:.1f} ms", "-", "-", "-"),
+    ]
+
+
+def upload_many(address: str, *, clients: int, size: int) -> int:
+    """Let many upload different logs at the same moment; gives how many are not kept as they were sent."""
+
+    def upload(number: int) -> bool:
+        digest = hashlib.sha256()
+        with httpx.Client(base_url=address, timeout=300.0) as client:
+            answer = client.post("/api/v1/logs", content=_form(b"%d" % number, size, digest), headers=_FORM)
+            kept = answer.json()
+            return answer.status_code == 201 and (kept["sha256"], kept["size"]) == (digest.hexdigest(), size)
+
+    with ThreadPoolExecutor(clients) as pool:
+        kept = list(pool.map(upload, range(clients)))
+    listed = httpx.get(f"{address}/api/v1/logs", params={"limit": 500}, timeout=60.0).json()["items"]
+    return clients - min(sum(kept), sum(log["size"] == size for log in listed))
+
+
+def upload_large(address: str, pid: int, *, size: int) -> float:
+    """Upload one log; gives how much more memory the process needed for it than before, MB."""
+    Path(f"/proc/{pid}/clear_refs").write_text("5")  # forget the peak of what was before
+    before = peak_memory(pid)
+    answer = httpx.post(
+        f"{address}/api/v1/logs", content=_form(b"large", size, hashlib.sha256()), headers=_FORM, timeout=600.0
+    )
+    assert answer.json()["size"] == size
+    return peak_memory(pid) - before
+
+
+def status_reads(address: str) -> tuple[float, float, list[str]]:
+    """Time reads of an analysis, in ms, before and while sample logs are analysed; and what they said."""
+    with httpx.Client(base_url=address, timeout=60.0) as client:
+        samples = sorted((ROOT / "sample_logs").glob("*.bin"))
+        logs = [
+            client.post("/api/v1/logs", files={"file": (path.name, path.read_bytes())}).json()["id"] for path in samples
+        ]
+        idle = statistics.median(_time(client, f"/api/v1/logs/{logs[0]}")[0] for _ in range(50))
+        analyses = [client.post("/api/v1/analyses", json={"log": log}).headers["Location"] for log in logs]
+        busy, states = [], []
+        while len(busy) < 300 and client.get(analyses[-1]).json()["state"] in ("queued", "running"):
+            took, state = _time(client, analyses[-1])
+            busy.append(took)
+            states.append(state)
+            time.sleep(0.05)
+        for analysis in analyses:
+            client.post(f"{analysis}/cancel")
+    return idle, statistics.median(busy), states
+
+
+def peak_memory(pid: int) -> float:
+    """Give the most memory that a process has had, MB."""
+    found = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
+    assert found is not None
+    return int(found[1]) * 1024 / MB
+
+
+_FORM = {"Content-Type": "multipart/form-data; boundary=b"}
+
+
+def _form(begin: bytes, size: int, digest: "hashlib._Hash") -> Iterator[bytes]:
+    """Write a form with a log of `size` bytes piece by piece, and take its digest."""
+    yield b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.bin"\r\n\r\n'
+    left = size
+    while left:
+        piece = begin + _BLOCK[len(begin) :] if left == size else _BLOCK
+        piece = piece[:left]
+        digest.update(piece)
+        left -= len(piece)
+        yield piece
+    yield b"\r\n--b--\r\n"
+
+
+def _time(client: httpx.Client, address: str) -> tuple[float, str]:
+    start = time.perf_counter()
+    answer = client.get(address)
+    return 1e3 * (time.perf_counter() - start), answer.json().get("state", "")
+
+
+@contextmanager
+def _service(data: Path) -> Iterator[tuple[str, int]]:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    address = f"http://127.0.0.1:{port}"
+    settings = {"ROTORID_DATA": str(data), "ROTORID_UPLOAD_LIMIT": "2GB", "ROTORID_UPLOAD_RATE": ""}
+    program = subprocess.Popen(
+        [sys.executable, "-c", "from pipeline.cli import main; main()", "serve", "--port", str(port)],
+        env=os.environ | settings,
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        for _ in range(600):
+            try:
+                httpx.get(f"{address}/healthz")
+                break
+            except httpx.TransportError:
+                time.sleep(0.1)
+        yield address, program.pid
+    finally:
+        program.terminate()
+        program.wait()
