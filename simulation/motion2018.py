@@ -245,7 +245,7 @@ def fly_to_point(flight: Flight = VERTICAL, gains: Gains = Gains()) -> pd.DataFr
     Raises
     ------
     ParameterError
-        The craft is too heavy for its rotors.
+        The craft is too heavy for its rotors, or stands at the target already.
     ArrivalError
         It does not arrive within the time limit: too much wind, or too little time for the distance.
     DivergenceError
@@ -260,6 +260,11 @@ def fly_to_point(flight: Flight = VERTICAL, gains: Gains = Gains()) -> pd.DataFr
             "turn, and control needs a tenth of it"
         )
     target = np.array(_ned(flight.target))
+    distance = math.dist(flight.start, flight.target)
+    if distance < ARRIVAL_DISTANCE:
+        raise ParameterError(
+            f"start and target lie {distance:g} m apart, and {ARRIVAL_DISTANCE:g} m count as arrival: nothing to fly"
+        )
     autopilot = Autopilot(craft, target, flight.speed, gains)
 
     def arrived(t: float, x: np.ndarray) -> bool:

@@ -149,6 +149,11 @@ def test_a_target_out_of_reach_is_told_with_where_the_craft_is():
         fly_to_point(dataclasses.replace(SPATIAL, wind=(-30.0, 0.0, 0.0), time_limit=30.0))
 
 
+def test_a_target_at_the_start_is_refused():
+    with pytest.raises(ParameterError, match="nothing to fly"):
+        fly_to_point(dataclasses.replace(SPATIAL, target=SPATIAL.start))
+
+
 def test_unstable_gains_do_not_arrive():
     with pytest.raises((DivergenceError, ArrivalError), match=r"diverged at|did not arrive"):
         fly_to_point(dataclasses.replace(SPATIAL, time_limit=20.0), Gains(rate=400.0, angle=60.0))
