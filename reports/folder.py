@@ -17,7 +17,11 @@ from reports.numbers import Numbers, models, numbers_of, rmse_rows
 _LOG = logging.getLogger("rotorid.reports")
 
 
-def write(result: FlightResult | FleetResult, folder: str | Path) -> Path:
+#: Plotly's script where the pages of flights share it.
+SHARED_SCRIPT = "plotly.min.js"
+
+
+def write(result: FlightResult | FleetResult, folder: str | Path, *, share_script: bool = False) -> Path:
     """Write the report as a page and as numbers, and the models; for a fleet a page per flight as well.
 
     ``report.html``, ``report.json``, ``rmse.csv``; ``models.json`` (``models.schema.json`` of this package describes
@@ -28,6 +32,9 @@ def write(result: FlightResult | FleetResult, folder: str | Path) -> Path:
     result : FlightResult or FleetResult
     folder : str or Path
         Made when missing; files of the same names are replaced.
+    share_script : bool
+        Of a fleet: the pages of flights read Plotly from one file beside ``report.html`` instead of carrying it, 2.5 MB
+        each. Such pages cannot be sent one by one.
 
     Returns
     -------
@@ -47,7 +54,9 @@ def write(result: FlightResult | FleetResult, folder: str | Path) -> Path:
     else:
         folders = folder_names([flight.name for flight in result.flights])
         _write_page(report, lambda: html.fleet_page(result, numbers, folders))
-        _write_flight_pages(result, numbers, folder, folders)
+        if share_script and result.flights:
+            (folder / SHARED_SCRIPT).write_bytes(html.plotly_script())
+        _write_flight_pages(result, numbers, folder, folders, f"../../{SHARED_SCRIPT}" if share_script else "")
     return report
 
 
@@ -61,12 +70,15 @@ def _write_page(path: Path, render: Callable[[], str]) -> None:
     path.write_text(page, encoding="utf-8")
 
 
-def _write_flight_pages(result: FleetResult, numbers: Numbers, folder: Path, folders: dict[str, str]) -> None:
+def _write_flight_pages(
+    result: FleetResult, numbers: Numbers, folder: Path, folders: dict[str, str], script_file: str
+) -> None:
     for flight, flight_numbers_ in zip(result.flights, numbers["flights"], strict=True):
         path = folder / "flights" / folders[flight.name] / "report.html"
         path.parent.mkdir(parents=True, exist_ok=True)
         joint = _joint_models(result, numbers, flight.name)
-        _write_page(path, partial(html.flight_page, flight, flight_numbers_, joint=joint, back="../../report.html"))
+        render = partial(html.flight_page, flight, flight_numbers_, joint, "../../report.html", script_file)
+        _write_page(path, render)
 
 
 def _joint_models(result: FleetResult, numbers: Numbers, flight: str) -> list[tuple[ModelResult, Numbers]]:

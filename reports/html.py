@@ -26,7 +26,11 @@ from reports.parameter_views import coherence, parameters
 
 
 def flight_page(
-    result: FlightResult, numbers: Numbers, joint: Sequence[tuple[ModelResult, Numbers]] = (), back: str | None = None
+    result: FlightResult,
+    numbers: Numbers,
+    joint: Sequence[tuple[ModelResult, Numbers]] = (),
+    back: str | None = None,
+    script_file: str = "",
 ) -> str:
     """Render the page of one flight.
 
@@ -40,6 +44,8 @@ def flight_page(
         The models of the craft with their numbers, both with what concerns this flight only.
     back : str, optional
         Link to the page of the fleet.
+    script_file : str
+        Where Plotly's script is, seen from the page; inside the page itself when empty.
     """
     figures = flight_figures(result, [model for model, _ in joint])
     ahead = horizon_figure(numbers["models"])
@@ -49,6 +55,7 @@ def flight_page(
         [*figures, *([ahead] if ahead else []), *_attach(models, result.models)],
         flight_figures=figures,
         ahead=ahead,
+        script_file=script_file,
         numbers=numbers,
         back=back,
         facts=summary.facts(numbers),
@@ -124,7 +131,12 @@ def failed_page(error: Exception) -> str:
     )
 
 
-def _render(template: str, figures: Sequence[Figure], **view: Any) -> str:
+def plotly_script() -> bytes:
+    """Give Plotly's script, for a file that several pages share."""
+    return (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
+
+
+def _render(template: str, figures: Sequence[Figure], script_file: str = "", **view: Any) -> str:
     """Fill a template in, with the figures that it shows and whatever else it names."""
     drawn = [
         {"id": figure.id, "data": figure.data, "layout": figure.layout, "height": figure.height, "time": figure.time}
@@ -137,7 +149,8 @@ def _render(template: str, figures: Sequence[Figure], **view: Any) -> str:
             figures=figures,
             rotorid=version("rotorid"),
             figures_json=script_json(drawn),
-            plotly=_packed_plotly() if figures else "",
+            plotly=_packed_plotly() if figures and not script_file else "",
+            script_file=script_file,
             style=Markup(_text("style.css")),
             script=Markup(_text("plots.js")) if figures else Markup(),
             **view,
@@ -173,5 +186,4 @@ def _text(name: str) -> str:
 @cache
 def _packed_plotly() -> Markup:
     """Pack Plotly's script as base64 of gzip: 2 MB instead of 5 in every page."""
-    script = (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
-    return Markup(base64.b64encode(gzip.compress(script, compresslevel=9, mtime=0)).decode("ascii"))
+    return Markup(base64.b64encode(gzip.compress(plotly_script(), compresslevel=9, mtime=0)).decode("ascii"))

@@ -223,6 +223,10 @@ class RigidBodyModel:
         ahead(theta, signals, shapes, flight.dt, flight.ground, self.law, initial, steps, every, out)
         return self._outputs(experiment, out)
 
+    def with_early_trim(self, experiment: Experiment) -> RigidBodyModel:
+        """Give the model with wind and thrust scale found as `simulate` finds them, so that it need not do so again."""
+        return replace(self, flights={**self.flights, experiment.name: self._trim_of(experiment)})
+
     def predict_rates(self, experiment: Experiment, horizon: float = 0.5) -> Floats:
         """Predict angular rates from those `horizon` seconds before and the torque commands since.
 

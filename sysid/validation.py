@@ -137,7 +137,9 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
     errors: dict[str, Floats] = {}
     start = {record.name: _scored_from(model, record) for record in records}
     for record in records:
-        simulated = model.simulate(record)
+        # The wind of a flight is found once, not for every horizon.
+        told = model.with_early_trim(record) if isinstance(model, RigidBodyModel) else model
+        simulated = told.simulate(record)
         predictions[record.name] = simulated
         first = start[record.name]
         if first > len(record.t) - MIN_SAMPLES:
@@ -147,12 +149,12 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
         for horizon in horizons:
             steps = max(round(horizon / record.dt), 1)
             if steps * record.dt < 0.5 * record.duration:
-                predicted, every = _ahead(model, record, horizon, steps, simulated)
+                predicted, every = _ahead(told, record, horizon, steps, simulated)
                 ahead += _horizon_rows(record, predicted, steps, trained, first + steps, every)
                 if steps == 1:
                     errors[record.name] = record.y - predicted
         if horizons and record.name not in errors:
-            errors[record.name] = record.y - _ahead(model, record, record.dt, 1, simulated)[0]
+            errors[record.name] = record.y - _ahead(told, record, record.dt, 1, simulated)[0]
     if not rows:
         longest, looked = max(record.duration for record in records), max(start.values()) * records[0].dt
         raise ExperimentError(

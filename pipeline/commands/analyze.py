@@ -109,7 +109,7 @@ def analyze(
             progress(STAGES["report"].title, 0.99)
         report: Path | None
         try:
-            report = reports.write(result, out)
+            report = reports.write(result, out, share_script=True)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
             report, unwritten = None, error
     numbers = numbers_of(result)

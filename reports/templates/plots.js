@@ -101,8 +101,11 @@
     addEventListener("beforeprint", drawAll);
   }
 
-  // Plotly travels gzipped inside the page: a third of its size, and no network is needed.
+  // Plotly lies in a file beside the pages of a folder, or travels gzipped inside the page: a third of its size, and no
+  // network is needed.
   async function loadPlotly() {
+    if (window.Plotly) return;
+    if (!document.getElementById("plotly")) throw new Error("no file");
     const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent.trim()), (c) => c.charCodeAt(0));
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
     const script = document.createElement("script");
@@ -112,8 +115,9 @@
 
   if (!figures.length) return;
   loadPlotly().then(start).catch(() => {
+    const apart = !document.getElementById("plotly");
     document.querySelectorAll(".plot").forEach((element) => {
-      element.textContent = "This browser is too old to draw the plots; the tables are complete, and a browser of 2023 or later draws the plots.";
+      element.textContent = apart ? "The plots are drawn by plotly.min.js, which lies beside the report on all flights: this page was moved away from it. The tables are complete." : "This browser is too old to draw the plots; the tables are complete, and a browser of 2023 or later draws the plots.";
       element.classList.add("no-script");
     });
   });

@@ -184,6 +184,21 @@ def test_fleet_has_a_page_for_each_flight_and_names_failures(fleet, tmp_path):
     assert "text without a single FMT row" in page
 
 
+def test_pages_of_flights_may_share_the_script_of_their_plots(fleet, tmp_path):
+    """The page on all flights stays complete in itself; those of flights say what is missing when moved away."""
+    whole = reports.write(fleet, tmp_path, share_script=True).read_text("utf-8")
+    assert 'id="plotly"' in whole
+    path = tmp_path / "flights" / "flight01" / "report.html"
+    text = path.read_text("utf-8")
+    (script,) = [attrs["src"] for tag, attrs in Page(text).elements if tag == "script" and "src" in attrs]
+    assert (path.parent / script).resolve() == (tmp_path / "plotly.min.js").resolve()
+    assert (tmp_path / "plotly.min.js").stat().st_size > 1_000_000
+    assert len(text) < 500_000
+    assert "script-src 'unsafe-inline' 'self' file:;" in text
+    assert "this page was moved away from it" in text
+    assert "'self'" not in whole.partition("</head>")[0].partition("<style>")[0]
+
+
 def test_fleet_table_is_the_papers_table_4(fleet, tmp_path):
     """Held-out flights first, then their average, then those that were fitted."""
     page = reports.write(fleet, tmp_path).read_text("utf-8")

@@ -239,6 +239,14 @@ def test_fewer_restarts_predict_the_same_where_they_restart():
     np.testing.assert_allclose(horizons.to_numpy(), every_sample, rtol=0.02)
 
 
+def test_the_wind_of_a_flight_is_found_once_and_the_same():
+    seen = record(exciting(), name="elsewhere")
+    model = fitted()
+    told = model.with_early_trim(seen)
+    assert told.flights["elsewhere"] == model.trim(seen, seconds=30.0)
+    np.testing.assert_array_equal(told.predict(seen, 1.0), model.predict(seen, 1.0))
+
+
 def test_rates_follow_from_torque_commands():
     """A second ahead within a tenth of what holding the rates would miss; refused where effectiveness is unknown."""
     seen = record(exciting())
