@@ -1,5 +1,7 @@
 """Hot loop of the responses: discrete state recursions of many channels at once."""
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -99,9 +101,65 @@ def combine(states: Floats, weights: Floats, result: Floats) -> None:
                     result[t, p * lanes + lane] += states[t, q, lane] * weights[q, p, lane]
 
 
+@njit(cache=True, nogil=True)
+def multiply_out(theta: Floats) -> tuple[Floats, Floats]:
+    """Multiply sections out and differentiate the product; see `sysid.sections.denominators`.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (groups, n)
+
+    Returns
+    -------
+    a : ndarray, shape (groups, n)
+    slope : ndarray, shape (groups, n, n)
+    """
+    groups, n = theta.shape
+    sections = (n + 1) // 2
+    a, slope, rest = np.zeros((groups, n)), np.zeros((groups, n, n)), np.empty(n + 1)
+    for g in range(groups):
+        # The product without each section in turn, which its derivative multiplies; at last the whole one.
+        for without in range(sections + 1):
+            for k in range(1, n + 1):
+                rest[k] = 0.0
+            rest[0], degree = 1.0, 0
+            for i in range(sections):
+                if i == without:
+                    continue
+                w = math.exp(theta[g, 2 * i])
+                if 2 * i + 1 < n:
+                    damping = 2.0 * w * math.exp(theta[g, 2 * i + 1])
+                    for k in range(degree + 2, 1, -1):
+                        rest[k] = w * w * rest[k] + damping * rest[k - 1] + rest[k - 2]
+                    rest[1] = w * w * rest[1] + damping * rest[0]
+                    rest[0] *= w * w
+                    degree += 2
+                else:
+                    for k in range(degree + 1, 0, -1):
+                        rest[k] = w * rest[k] + rest[k - 1]
+                    rest[0] *= w
+                    degree += 1
+            if without == sections:
+                for k in range(n):
+                    a[g, k] = rest[k]
+                break
+            first = 2 * without
+            w = math.exp(theta[g, first])
+            for k in range(degree + 1):
+                if first + 1 < n:
+                    damping = 2.0 * w * math.exp(theta[g, first + 1])
+                    slope[g, k, first] += 2.0 * w * w * rest[k]
+                    slope[g, k + 1, first] += damping * rest[k]
+                    slope[g, k + 1, first + 1] += damping * rest[k]
+                else:
+                    slope[g, k, first] = w * rest[k]
+    return a, slope
+
+
 def compile_kernels() -> None:
     """Compile what is not yet compiled, so that a time limit is not spent on it."""
     lane, pair, cube = np.zeros((1, 1)), np.zeros((2, 1)), np.zeros((1, 1, 1))
     recur(cube, lane, lane, lane, pair, 1)
     recur_few(cube, lane, lane, lane, pair)
     combine(cube, cube, lane)
+    multiply_out(lane)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -257,18 +258,25 @@ def _gramian(a: Floats) -> Floats:
     States being derivatives of one another, ``P[i, j]`` is zero for odd i + j and otherwise, but for its sign, the
     moment ``q[(i + j) / 2]`` of the first one's power spectrum: n unknowns instead of n^2.
     """
-    n = a.shape[1]
+    by_coefficient, constant, moment, sign = _moment_equations(a.shape[1])
+    rhs = np.zeros((len(a), a.shape[1], 1))
+    rhs[:, -1] = -0.5
+    equations = np.tensordot(a, by_coefficient, 1) + constant
+    return np.asarray(np.linalg.solve(equations, rhs)[:, moment, 0] * sign)
+
+
+@cache
+def _moment_equations(n: int) -> tuple[Floats, Floats, NDArray[np.int64], Floats]:
+    """Parts of the equations of moments that coefficients multiply and that they do not; index and sign of moments."""
     i, j = np.indices((n, n))
     sign = np.where((i + j) % 2 == 0, (-1.0) ** ((j - i) // 2), 0.0)
     moment = (i + j) // 2
-    equations = np.zeros((len(a), n, n))
     rows = np.arange(n)
+    by_coefficient, constant = np.zeros((n, n, n)), np.zeros((n, n))
     for k in range(n):
-        equations[:, rows, moment[:, k]] -= a[:, k, None] * sign[:, k]
-    equations[:, rows[:-1], moment[1:, n - 1]] += sign[1:, n - 1]
-    rhs = np.zeros((len(a), n, 1))
-    rhs[:, n - 1] = -0.5
-    return np.asarray(np.linalg.solve(equations, rhs)[:, moment, 0] * sign)
+        by_coefficient[k, rows, moment[:, k]] -= sign[:, k]
+    constant[rows[:-1], moment[1:, n - 1]] += sign[1:, n - 1]
+    return by_coefficient, constant, moment, sign
 
 
 def trends(samples: int, integrators: int) -> Floats:

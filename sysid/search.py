@@ -29,6 +29,9 @@ FIRST_RESIDUAL = 0.1
 #: Steps for comparing starts, and steps at most for the one that is followed to the end.
 SCOUT_STEPS, MOST_STEPS = 10, 60
 
+#: Steps of every start of own denominators; then the better half goes on to SCOUT_STEPS.
+FIRST_STEPS = 4
+
 #: Rounds of steps from separated channels, each followed by the choice of the initial responses' weight.
 SETTLING = 5
 
@@ -291,17 +294,27 @@ def _coordinate_delays(problem: Problem, theta: Floats, delays: Floats) -> Float
 
 
 def _best_of(problem: Problem, thetas: Sequence[Floats], deadline: float, report: Progress) -> tuple[Descent, int]:
-    steps, best = 0, None
+    """Follow every start for a few steps and the better half of them for more."""
+    steps = 0
+    first: list[Descent] = []
     for number, theta in enumerate(thetas):
-        report(f"own denominators, start {number + 1} of {len(thetas)}", 0.2 + 0.3 * number / len(thetas))
-        descent = descend(problem, theta, SCOUT_STEPS, deadline)
-        steps += descent.iterations
-        if best is None or descent.point.cost < best.point.cost:
-            best = descent
+        report(f"own denominators, start {number + 1} of {len(thetas)}", 0.2 + 0.2 * number / len(thetas))
+        first.append(descend(problem, theta, FIRST_STEPS, deadline))
         if time.monotonic() > deadline:
             break
-    assert best is not None
-    return best, steps
+    first.sort(key=lambda descent: descent.point.cost)
+    better = first[: (len(first) + 1) // 2]
+    best = better[0]
+    for number, descent in enumerate(better):
+        report(f"own denominators, the better {len(better)} starts", 0.4 + 0.1 * number / len(better))
+        if time.monotonic() > deadline:
+            break
+        if not descent.converged:
+            descent = descend(problem, descent.point.theta, SCOUT_STEPS - FIRST_STEPS, deadline)
+            steps += descent.iterations
+        if descent.point.cost < best.point.cost:
+            best = descent
+    return best, steps + sum(descent.iterations for descent in first)
 
 
 def _with_own(problem: Problem, plan: Plan) -> Problem:

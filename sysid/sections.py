@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid._kernels import multiply_out
 from sysid.experiment import Floats
 
 #: Damping ratios that a fit may use. Below, a mode loses nothing in any flight; fits to flights come down to 0.0003
@@ -101,38 +102,4 @@ def denominators(theta: Floats) -> tuple[Floats, Floats]:
     slope : ndarray, shape (groups, n, n)
         ``d a[g, k] / d theta[g, i]`` at ``[g, k, i]``.
     """
-    groups, n = theta.shape
-    factors: list[Floats] = []
-    derivatives: list[tuple[Floats, ...]] = []
-    one, none = np.ones(groups), np.zeros(groups)
-    for i in range(0, n - 1, 2):
-        w, damping = np.exp(theta[:, i]), 2.0 * np.exp(theta[:, i] + theta[:, i + 1])
-        factors.append(np.array([w * w, damping, one]))
-        derivatives.append((np.array([2.0 * w * w, damping]), np.array([none, damping])))
-    if n % 2:
-        w = np.exp(theta[:, n - 1])
-        factors.append(np.array([w, one]))
-        derivatives.append((np.array([w]),))
-    slope = np.zeros((n, n, groups))
-    column = 0
-    for which, own in enumerate(derivatives):
-        rest = np.ones((1, groups))
-        for other, factor in enumerate(factors):
-            if other != which:
-                rest = _multiply(rest, factor)
-        for derivative in own:
-            product = _multiply(rest, derivative)
-            slope[: len(product), column] = product
-            column += 1
-    whole = np.ones((1, groups))
-    for factor in factors:
-        whole = _multiply(whole, factor)
-    return np.ascontiguousarray(whole[:n].T), np.ascontiguousarray(slope.transpose(2, 0, 1))
-
-
-def _multiply(first: Floats, second: Floats) -> Floats:
-    """Multiply polynomials of many groups at once; shape (powers, groups), ascending."""
-    product = np.zeros((len(first) + len(second) - 1, first.shape[1]))
-    for power, coefficients in enumerate(second):
-        product[power : power + len(first)] += coefficients * first
-    return product
+    return multiply_out(np.ascontiguousarray(theta))

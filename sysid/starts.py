@@ -45,6 +45,9 @@ MODES_RIDGE, CHANNEL_RIDGE = 1e-5, 1e-8
 #: Steps of the shared modes with half of the records and then with all, and of a channel with one record and with all.
 MODES_STEPS, CHANNEL_STEPS = (14, 8), (15, 10)
 
+#: Shared modes are settled when a step lowers the cost by less than this part: they are a basis, not the answer.
+MODES_SETTLED = 2e-3
+
 #: Sets of poles from which each channel starts.
 CHANNEL_STARTS = 8
 
@@ -102,7 +105,7 @@ def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: f
     modes, rough = _shared_modes(problem, sections, band, deadline)
     if rough.point.cost > HOPELESS * sum(map(len, rough.point.residuals)):
         return None
-    fit = descend(modes, rough.point.theta, MODES_STEPS[1], deadline)
+    fit = descend(modes, rough.point.theta, MODES_STEPS[1], deadline, settled=MODES_SETTLED)
     parts = [_parts(states, fit.point, sections) for states in fit.point.states]
     theta = np.zeros((len(problem.group), problem.order))
     for j, order in enumerate(problem.all_orders):
@@ -172,11 +175,11 @@ def _shared_modes(problem: Problem, sections: int, band: Band, deadline: float) 
     half = replace(modes, inputs=modes.inputs[::2], outputs=modes.outputs[::2])
     few = half if _enough(half, sections) else modes
     rough = replace(few, initial=AT_REST * problem.initial)
-    best = descend(rough, grid, MODES_STEPS[0], deadline)
+    best = descend(rough, grid, MODES_STEPS[0], deadline, settled=MODES_SETTLED)
     initial = rough.initial
     if best.point.cost > EXPLAINED * few.samples and time.monotonic() < deadline:
         rough = replace(few, initial=IN_MOTION * problem.initial)
-        moving = descend(rough, grid, MODES_STEPS[0], deadline)
+        moving = descend(rough, grid, MODES_STEPS[0], deadline, settled=MODES_SETTLED)
         if moving.point.cost < 0.5 * best.point.cost:
             best, initial = moving, rough.initial
     return replace(modes, initial=initial), best

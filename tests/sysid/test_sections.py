@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sysid.sections import Band, clip, denominators
@@ -10,6 +10,8 @@ from sysid.sections import Band, clip, denominators
 BAND = Band(1e-3, 30.0)
 
 
+# No deadline: the first example may compile the kernel.
+@settings(deadline=None)
 @given(st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=7))
 def test_every_parameter_gives_a_stable_denominator(values):
     theta = clip(np.array([values]), BAND)
