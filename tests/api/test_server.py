@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
+import pandas as pd
 import pytest
 
 from pipeline.stages import STAGES
@@ -93,6 +94,21 @@ def test_the_report_names_the_log_and_no_path_of_the_server(server: httpx.Client
         assert "/logs/" not in text
     assert SAMPLE.stem in server.get(links["report.html"]).text
     assert answer.json()["report"]["log"]["file"] == SAMPLE.name
+
+
+@pytest.mark.slow
+def test_the_tables_of_the_log_come_as_parquet(server: httpx.Client, answer: httpx.Response) -> None:
+    found = answer.json()
+    tables = {name for name in found["files"] if name.startswith("tables/")}
+    assert {"tables/imu.parquet", "tables/motors.parquet", "tables/gps.parquet", "tables/attitude.parquet"} <= tables
+    whole = server.get(found["links"]["tables/motors.parquet"])
+    assert whole.headers["Content-Type"] == "application/vnd.apache.parquet"
+    motors = pd.read_parquet(io.BytesIO(whole.content))
+    assert motors["t"].is_monotonic_increasing
+    assert {"m1", "m8"} <= set(motors.columns)
+    end = server.get(found["links"]["tables/motors.parquet"], headers={"Range": "bytes=-4"})
+    assert (end.status_code, end.content) == (206, b"PAR1")
+    assert server.get(found["links"]["models.mat"]).content[:6] == b"MATLAB"
 
 
 @pytest.mark.slow
