@@ -259,6 +259,8 @@ class Catalog:
 
     def object_of(self, analysis: Analysis, name: str) -> str | None:
         """Give the key of a file of an analysis; None when it has none of this name."""
+        if name not in analysis.files:  # as long as it runs, without asking again
+            return None
         with self._database.read() as session:
             found = session.get(AnalysisRecord, analysis.id)
             if found is None or found.results is None or name not in found.files:

@@ -5,6 +5,7 @@ from http import HTTPStatus
 from typing import Annotated
 
 from fastapi import Depends, Request
+from fastapi.concurrency import run_in_threadpool
 
 from api.access import EVERYBODY, Shares, Tokens, bearer, unauthorized
 from api.catalog import Catalog
@@ -38,7 +39,7 @@ class Parts:
     housekeeping: Housekeeping
 
 
-def _parts(request: Request) -> Parts:
+async def _parts(request: Request) -> Parts:
     parts: Parts = request.app.state.parts
     return parts
 
@@ -46,7 +47,7 @@ def _parts(request: Request) -> Parts:
 PartsOf = Annotated[Parts, Depends(_parts)]
 
 
-def owner_of(request: Request, parts: PartsOf) -> str:
+def owner_of(request: Request, parts: Parts) -> str:
     """Say whose things the request is about; a problem when it has no valid token where one is needed."""
     if parts.settings.access is not Access.TOKENS:
         return EVERYBODY
@@ -57,10 +58,17 @@ def owner_of(request: Request, parts: PartsOf) -> str:
     return owner
 
 
-Owner = Annotated[str, Depends(owner_of)]
+async def _owner(request: Request, parts: PartsOf) -> str:
+    """Say whose things the request is about, without a thread where nobody has to be looked up."""
+    if parts.settings.access is not Access.TOKENS:
+        return EVERYBODY
+    return await run_in_threadpool(owner_of, request, parts)
 
 
-def _refuse_other_sites(request: Request) -> None:
+Owner = Annotated[str, Depends(_owner)]
+
+
+async def _refuse_other_sites(request: Request) -> None:
     """Keep pages of other sites from using a visitor's browser to send logs to a service that only it can reach."""
     if request.headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
         detail = "This request comes from a page of another site."
