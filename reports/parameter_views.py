@@ -28,22 +28,11 @@ def parameters(rows: Sequence[Numbers] | None) -> View | None:
         found = {row["method"]: row for row in rows if row["parameter"] == parameter}
         unit, _, condition = str(next(iter(found.values()))["unit"]).partition(", ")
         told = f"{_capital(parameter)}, {_written(unit)}" if unit.partition(" ")[0] != "1" else _capital(parameter)
-        lines.append(
-            {
-                "label": told,
-                "condition": condition or _bracket(unit),
-                "cells": [_cell(found.get(method), "value", "sigma") for method in methods],
-            }
-        )
+        lines.append(_line(told, condition or _bracket(unit), [_cell(found.get(m), "value", "sigma") for m in methods]))
         si_unit = next((row["si_unit"] for row in found.values() if row["si_value"] is not None), "")
         if si_unit:
-            lines.append(
-                {
-                    "label": f"… in {_written(si_unit)}",
-                    "condition": "",
-                    "cells": [_cell(found.get(method), "si_value", "si_sigma") for method in methods],
-                }
-            )
+            cells = [_cell(found.get(method), "si_value", "si_sigma") for method in methods]
+            lines.append(_line(f"… in {_written(si_unit)}", "", cells))
         reasons: dict[str, list[str]] = {}
         for method, row in found.items():
             if row["note"]:
@@ -52,6 +41,10 @@ def parameters(rows: Sequence[Numbers] | None) -> View | None:
             (f"{_capital(parameter)}: {', '.join(who)}", summary.sentence(reason)) for reason, who in reasons.items()
         ]
     return {"methods": methods, "rows": lines, "notes": notes}
+
+
+def _line(label: str, condition: str, cells: list[str]) -> View:
+    return {"label": label, "condition": condition, "cells": cells, "known": any(cell != EMPTY for cell in cells)}
 
 
 def _cell(row: Numbers | None, value: str, sigma: str) -> str:
@@ -111,7 +104,7 @@ def _worth(result: Numbers) -> str:
     if not good:
         return f"{title}: at most frequencies no answer that chance would not give; slower motion may still follow."
     answers = f"{_and(good)} answer{'s' if len(good) == 1 else ''} to them at most frequencies"
-    return f"{title}: {answers}; in {_and(poor)} a linear model has little to go by."
+    return f"{title}: {answers}, {_and(poor)} hardly more than by chance."
 
 
 def _and(words: list[str]) -> str:

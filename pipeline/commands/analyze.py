@@ -112,7 +112,8 @@ def analyze(
             report = reports.write(result, out, share_script=True)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
             report, unwritten = None, error
-    numbers = numbers_of(result)
+    # What was written need not be gathered again.
+    numbers = numbers_of(result) if report is None else json.loads((out / "report.json").read_text("utf-8"))
     failed = _print_analysis(numbers, report, as_json)
     if report is None:
         fail(f"the report could not be written: {unwritten.filename or out}: {unwritten.strerror}", SOME_FAILED)

@@ -42,6 +42,7 @@ def test_a_line_for_each_parameter_and_a_column_for_each_method():
         ["10.45 ± 0.08", EMPTY],
         [EMPTY, "0.038 ± 0.004"],
     ]
+    assert all(line["known"] for line in view["rows"])
     assert view["notes"] == [("Thrust over mass: rigid body", "The motors were not logged.")]
     assert parameters(None) is None
 
@@ -50,7 +51,7 @@ def test_a_line_for_each_parameter_and_a_column_for_each_method():
     ("above", "says"),
     [
         ({"x": 0.9, "z": 1.0}, "Motor PWM: x and z answer to them at most frequencies."),
-        ({"x": 0.1, "z": 1.0}, "z answers to them at most frequencies; in x a linear model has little to go by."),
+        ({"x": 0.1, "z": 1.0}, "z answers to them at most frequencies, x hardly more than by chance."),
         ({"x": 0.1, "z": 0.0}, "no answer that chance would not give"),
     ],
 )
@@ -98,6 +99,7 @@ def test_page_json_and_models_have_both(flight, tmp_path):
     page = reports.write(result, tmp_path).read_text("utf-8")
     assert "2.61 ± 0.02" in page
     assert "Logs are too slow." in page
+    assert "not determined by any method" in page
     assert "How much the inputs can tell" in page
     numbers = flight_numbers(result)
     assert [each["value"] for each in numbers["parameters"]] == [2.6136, None]
