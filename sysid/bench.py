@@ -171,7 +171,7 @@ class Bench:
         Raises
         ------
         BenchError
-            When fewer than four levels of PWM lie within the range.
+            When fewer than four levels of PWM lie within the range, or no thrust was measured in it.
         """
         craft = vehicle or Vehicle()
         volts = voltage if voltage is not None else (max(self.voltages) if self.voltages else None)
@@ -188,6 +188,8 @@ class Bench:
             )
         rows = np.column_stack([c, c * c])
         (linear, square), covariance = least_squares(rows, t)
+        if not linear + square > 0.0:
+            raise BenchError("no thrust at full command: was the motor armed, and does the stand pull or push?")
         full, expo = linear + square, square / (linear + square)
         spread = np.array([-square, linear]) / full**2
         return CommandCurve(

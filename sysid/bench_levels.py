@@ -134,6 +134,8 @@ def through_origin(speed: pd.Series[float], force: pd.Series[float], unit: str) 
     w, y = np.asarray(speed, dtype=np.float64), np.asarray(force, dtype=np.float64)
     known = np.isfinite(w) & np.isfinite(y) & (w > 0.0)
     if np.count_nonzero(known) < 3:
+        if np.isfinite(w).any() and not np.nanmax(w) > 0.0:
+            return Estimate(None, None, unit, "the rotor never turned")
         missing = "rotor speed" if not np.isfinite(w).any() else "thrust" if unit == "N s^2" else "torque"
         return Estimate(None, None, unit, f"{missing} was not measured")
     values, covariance = least_squares(w[known, None] ** 2, y[known])

@@ -189,6 +189,16 @@ def test_what_the_motors_cannot_do_is_refused(tmp_path):
         bench.coefficients("m9")
 
 
+def test_a_motor_that_never_turned_gives_reasons_and_no_numbers(tmp_path):
+    rows = [f"{pwm},0,16,0" for pwm in (1200, 1300, 1400, 1500, 1600)]
+    head = "ESC signal (µs),Thrust (N),Voltage (V),RPM"
+    bench = analyse_bench(read_bench([sweep(tmp_path, head=head, rows=rows)]))
+    k = bench.coefficients("m1").thrust
+    assert (k.value, k.reason) == (None, "the rotor never turned")
+    with pytest.raises(BenchError, match="no thrust at full command"):
+        bench.command_curve()
+
+
 def test_weak_motor_shows(tmp_path):
     good = [sweep(tmp_path, f"{k}.csv") for k in range(3)]
     weak = sweep(tmp_path, "weak.csv", rows=[f"{p:.0f},{9.0 * ((p - 1000) / 1000) ** 1.5:.4f},15.8" for p in PWM])
