@@ -68,7 +68,7 @@ def upload_large(address: str, pid: int, *, size: int) -> float:
         f"{address}/api/v1/logs", content=_form(b"large", size, hashlib.sha256()), headers=_FORM, timeout=600.0
     )
     assert answer.json()["size"] == size
-    return peak_memory(pid) - before
+    return max(0.0, peak_memory(pid) - before)
 
 
 def status_reads(address: str) -> tuple[float, float, list[str]]:
