@@ -18,7 +18,7 @@ from api.incoming import Incoming, Upload
 from api.problems import Problem, ProblemError
 
 #: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
-_BATCH = 1 << 20
+_BATCH = 1 << 18
 
 #: Bytes that must arrive before an upload counts as going on: who sends less only holds a connection.
 _LEAST = 1 << 10
