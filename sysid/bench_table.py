@@ -147,7 +147,8 @@ def _read(path: Path, motor: str) -> tuple[pd.DataFrame, float | None, list[Find
         text = path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise BenchError(f"{path}: {error.strerror or error}") from error
-    lines = [line for line in text.splitlines() if line.strip(" ,;\t")]
+    numbered = [(at, line) for at, line in enumerate(text.splitlines(), start=1) if line.strip(" ,;\t")]
+    lines = [line for _, line in numbered]
     head = next((k for k, line in enumerate(lines) if _assign(_cells(line, line)).keys() >= {"pwm", "thrust"}), None)
     if head is None:
         found = _assign(_cells(lines[0], lines[0])) if lines else {}
@@ -175,11 +176,28 @@ def _read(path: Path, motor: str) -> tuple[pd.DataFrame, float | None, list[Find
     rows = pd.DataFrame(data)
     at = columns.get("motor", -1)
     rows.insert(0, "motor", [_motor(row[at]) if 0 <= at < len(row) else motor for row in cells])
-    measured = rows["pwm"].notna() & rows["thrust"].notna()
+    measured = np.isfinite(rows["pwm"]) & np.isfinite(rows["thrust"])
     if not measured.any():
         raise BenchError(f"{path.name}: no row has both PWM and thrust as numbers")
+    findings += _unread(path.name, [numbered[head + 1 + k][0] for k in np.flatnonzero(~measured)])
     air = density[measured.to_numpy() & np.isfinite(density)]
     return rows[measured], float(np.median(air)) if len(air) else None, findings
+
+
+def _unread(file: str, lines: Sequence[int]) -> list[Finding]:
+    """Name the lines without both PWM and thrust."""
+    if not lines:
+        return []
+    where = ", ".join(str(line) for line in lines[:5]) + (" ..." if len(lines) > 5 else "")
+    return [
+        Finding(
+            "bench-row-unread",
+            Severity.WARNING,
+            f"{file}: {len(lines)} row(s) without PWM and thrust as numbers (line {where}); left out",
+            "fill in what the stand measured, or delete these lines",
+            {"file": file, "rows": len(lines)},
+        )
+    ]
 
 
 def _cells(line: str, header: str) -> list[str]:

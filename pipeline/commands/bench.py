@@ -1,11 +1,13 @@
 """``rotorid bench``: thrust and torque coefficients and trim from thrust-stand tables."""
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from pipeline.commands.exits import SOME_FAILED
 from pipeline.commands.output import prepare
 
 
@@ -36,6 +38,8 @@ def bench(
     from sysid.bench import analyse_bench
     from sysid.bench_table import read_bench
 
+    if weight is not None and not (math.isfinite(weight) and weight > 0.0):
+        raise typer.BadParameter(f"{weight:g} N is no weight of a craft: mass times 9.81", param_hint="--weight")
     prepare(out)
     found = analyse_bench(read_bench(tables), density)
     numbers = found.to_dict(weight, voltage, motors)
@@ -46,9 +50,12 @@ def bench(
     found.coefficient_table().to_csv(out / "coefficients.csv")
     if as_json:
         typer.echo(text)
-        return
-    console().print(_summary(numbers), markup=False)
-    typer.echo(out / "bench.html")
+    else:
+        console().print(_summary(numbers), markup=False)
+        typer.echo(out / "bench.html")
+    if any("reason" in row for row in numbers["trim"]):
+        # The table was used; what was asked of it, the trim, could not be had.
+        raise typer.Exit(SOME_FAILED)
 
 
 def _summary(numbers: dict[str, Any]) -> str:

@@ -42,8 +42,16 @@ def test_bench_writes_page_and_numbers(stand, tmp_path):
 
 def test_bench_says_what_a_motor_cannot_lift(stand, tmp_path):
     done = RUN.invoke(app, ["bench", str(stand), "--weight", "900", "--out", str(tmp_path / "o"), "--json"])
+    assert done.exit_code == 1
     reasons = [row["reason"] for row in json.loads(done.stdout)["trim"]]
     assert "its share of the weight is 225.00 N" in reasons[0]
+
+
+@pytest.mark.parametrize("weight", ["0", "-1", "nan", "inf"])
+def test_a_weight_that_is_none_is_wrong_usage(stand, tmp_path, weight):
+    done = RUN.invoke(app, ["bench", str(stand), "--weight", weight, "--out", str(tmp_path / "o")])
+    assert done.exit_code == 2, done.output
+    assert not (tmp_path / "o").exists()
 
 
 def test_unusable_table_is_refused_in_a_sentence(tmp_path):

@@ -142,6 +142,23 @@ def test_implausible_rows_are_named_and_left_out(tmp_path, change, finding):
     assert faulty.trim("m1", 16.0).pwm == pytest.approx(clean.trim("m1", 16.0).pwm, abs=15.0)
 
 
+def test_rows_without_numbers_are_named_by_their_lines(tmp_path):
+    rows = [
+        "1000,0,15.8",
+        "abc,1,15.8",
+        "1200,1.1,15.8",
+        "1300,nan,15.8",
+        "",
+        "1400,,15.8",
+        "1500,4,15.8",
+        "1600,inf,1",
+    ]
+    table = read_bench([sweep(tmp_path, rows=[*rows, "1800,8,15.8"])])
+    assert len(table.rows) == 4
+    (finding,) = [each for each in table.findings if each.id == "bench-row-unread"]
+    assert "4 row(s) without PWM and thrust as numbers (line 3, 5, 7, 9); left out" in finding.reason
+
+
 def test_pwm_out_of_order_and_negative_thrust_throughout(tmp_path):
     rows = [
         f"{pwm:.0f},{-12.0 * ((pwm - 1000.0) / 1000.0) ** 1.5:.4f},15.8"
