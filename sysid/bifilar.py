@@ -27,6 +27,15 @@ THREAD = 0.02
 #: A time this many scaled median deviations from the median is a miscount.
 MISCOUNTED = 5.0
 
+#: What a stop-watch shows, s: however alike the times are, their mean is known to 1/sqrt(12) of it only.
+RESOLUTION = 0.01
+
+#: An inertia whose standard uncertainty exceeds this part of it is not determined.
+DETERMINED = 0.5
+
+#: Lengths, masses, times and g of any pendulum, SI: wide enough for all, so narrow that nothing overflows.
+RANGE = (1e-6, 1e6)
+
 
 @dataclass(frozen=True, slots=True)
 class BifilarResult:
@@ -40,7 +49,8 @@ class BifilarResult:
     std, variance : float
         Of the inertias of the single repetitions, as in Table 1: how well swings repeat.
     sigma : float
-        Standard uncertainty of `inertia`: repetition over the root of their number, mass, lengths and g together.
+        Standard uncertainty of `inertia`: repetition over the root of their number (or `RESOLUTION`, where that is
+        larger), mass, lengths and g together.
     parts : dict of str to float
         Relative contributions: ``period``, ``mass``, ``length``, ``distance``, ``gravity``.
     period : float
@@ -60,12 +70,18 @@ class BifilarResult:
     repetitions: int
     findings: tuple[Finding, ...]
 
+    @property
+    def determined(self) -> bool:
+        """Whether the inertia is known better than to half of it."""
+        return self.sigma <= DETERMINED * self.inertia
+
     def to_dict(self) -> dict[str, Any]:
         """Give numbers for JSON."""
         plain = {name: getattr(self, name) for name in self.__slots__ if name != "findings"}
         return {
             "kind": "bifilar",
             **plain,
+            "determined": self.determined,
             "unit": "kg m^2",
             "findings": [
                 {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
@@ -123,18 +139,27 @@ def bifilar(
     Raises
     ------
     BenchError
-        When a number is not positive, or fewer than two repetitions are usable.
+        When a number is not positive or beyond any pendulum's, an uncertainty is negative, or fewer than two
+        repetitions are usable.
     """
     _require_positive(
         {"mass": mass, "thread length": threads.length, "thread distance": threads.distance, "gravity": gravity}
     )
+    for name, sigma in {
+        "mass": mass_sigma,
+        "thread length": threads.length_sigma,
+        "thread distance": threads.distance_sigma,
+    }.items():
+        if not 0.0 <= sigma <= RANGE[1]:
+            raise BenchError(f"standard uncertainty of {name} must be 0 or more, not {sigma:g}")
     periods, findings = _periods(times, oscillations, axis)
     factor = mass * gravity * threads.distance**2 / (4.0 * math.pi**2 * threads.length)
     single = factor * periods**2
     period = float(periods.mean())
     inertia = factor * period**2
+    repetition = float(periods.std(ddof=1)) / math.sqrt(len(periods))
     parts = {
-        "period": 2.0 * float(periods.std(ddof=1)) / math.sqrt(len(periods)) / period,
+        "period": 2.0 * max(repetition, RESOLUTION / math.sqrt(12.0) / oscillations) / period,
         "mass": mass_sigma / mass,
         "length": threads.length_sigma / threads.length,
         "distance": 2.0 * threads.distance_sigma / threads.distance,
@@ -152,12 +177,25 @@ def bifilar(
                 {"inertia": inertia},
             )
         )
+    relative = math.sqrt(sum(part**2 for part in parts.values()))
+    if relative > DETERMINED:
+        worst = max(parts, key=lambda name: parts[name])
+        findings.append(
+            Finding(
+                "bifilar-undetermined",
+                Severity.WARNING,
+                f"the inertia is known to {100.0 * relative:.0f} % only, most of it from the {worst} "
+                f"({100.0 * parts[worst]:.0f} %): it is not determined",
+                f"measure the {worst} better",
+                {"relative": relative, "worst": worst},
+            )
+        )
     return BifilarResult(
         axis=axis,
         inertia=inertia,
         std=float(single.std(ddof=1)),
         variance=float(single.var(ddof=1)),
-        sigma=inertia * math.sqrt(sum(part**2 for part in parts.values())),
+        sigma=inertia * relative,
         parts=parts,
         period=period,
         repetitions=len(periods),
@@ -239,6 +277,8 @@ def _require_positive(numbers: dict[str, float]) -> None:
     for name, value in numbers.items():
         if not (math.isfinite(value) and value > 0.0):
             raise BenchError(f"{name} must be a positive number, not {value:g}")
+        if not RANGE[0] <= value <= RANGE[1]:
+            raise BenchError(f"{name} of {value:g} is beyond any pendulum's; give s, m and kg")
 
 
 def _periods(times: Sequence[float], oscillations: int, axis: str) -> tuple[np.ndarray, list[Finding]]:

@@ -1,7 +1,6 @@
 """``rotorid bench``: thrust and torque coefficients and trim from thrust-stand tables."""
 
 import json
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,6 +8,7 @@ import typer
 
 from pipeline.commands.exits import SOME_FAILED
 from pipeline.commands.output import prepare
+from pipeline.commands.quantities import not_negative
 
 
 def bench(
@@ -21,13 +21,18 @@ def bench(
             "or one for each motor in order.",
         ),
     ],
-    weight: Annotated[float | None, typer.Option(min=0.0, help="Weight of the craft, N (mass times 9.81).")] = None,
-    voltage: Annotated[float | None, typer.Option(min=0.0, help="Battery voltage to answer for, V.")] = None,
+    weight: Annotated[
+        float | None, typer.Option(callback=not_negative, help="Weight of the craft, N (mass times 9.81).")
+    ] = None,
+    voltage: Annotated[
+        float | None, typer.Option(callback=not_negative, help="Battery voltage to answer for, V.")
+    ] = None,
     motors: Annotated[
         int | None, typer.Option(min=1, help="Motors that share the weight. Default: those tested, or 4 for one table.")
     ] = None,
     density: Annotated[
-        float | None, typer.Option(min=0.0, help="Air at the stand, kg/m^3. Default: what the table says, or 1.225.")
+        float | None,
+        typer.Option(callback=not_negative, help="Air at the stand, kg/m^3. Default: what the table says, or 1.225."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for bench.html, bench.json and coefficients.csv.")] = Path("bench"),
     as_json: Annotated[bool, typer.Option("--json", help="Write bench.json to stdout instead of the table.")] = False,
@@ -38,8 +43,8 @@ def bench(
     from sysid.bench import analyse_bench
     from sysid.bench_table import read_bench
 
-    if weight is not None and not (math.isfinite(weight) and weight > 0.0):
-        raise typer.BadParameter(f"{weight:g} N is no weight of a craft: mass times 9.81", param_hint="--weight")
+    if weight == 0.0:
+        raise typer.BadParameter("0 N is no weight of a craft: mass times 9.81", param_hint="--weight")
     prepare(out)
     found = analyse_bench(read_bench(tables), density)
     numbers = found.to_dict(weight, voltage, motors)

@@ -71,3 +71,16 @@ def test_bifilar_prints_inertia_and_checks_the_thread():
     assert "warning: the simple pendulum gives g" in done.output
     numbers = json.loads(RUN.invoke(app, ["bifilar", *arguments, "--json"]).stdout)
     assert numbers["inertia"] == pytest.approx(2.6 * 9.80665 * 9.0 * 0.04 / (39.4784 * 1.96), rel=1e-4)
+
+
+def test_bifilar_writes_no_zero_for_what_is_not_determined():
+    hung = ["10.0", "10.0", "--mass", "1", "--length", "1", "--distance", "0.2"]
+    done = RUN.invoke(app, ["bifilar", *hung, "--mass-sigma", "5"])
+    assert done.output.startswith("I is not determined: about 0.01 kg m^2 with a standard uncertainty of 0.05 kg m^2")
+    assert "inertias of the single repetitions: 0 kg m^2" in done.output
+
+
+def test_nan_is_called_no_number():
+    done = RUN.invoke(app, ["bifilar", "10", "10", "--mass", "nan", "--length", "1", "--distance", "0.2"])
+    assert done.exit_code == 2
+    assert "nan is not a number" in done.output

@@ -268,3 +268,28 @@ def test_miscounted_swings_and_bad_numbers():
     for times, mass in (([30.0], 2.6), ([30.0, -1.0], 2.6), ([30.0, 30.0], 0.0)):
         with pytest.raises(BenchError):
             bifilar(times, mass, Threads(1.96, 0.2))
+
+
+def test_numbers_beyond_any_pendulum_are_refused():
+    for times, mass, more in (
+        ([1e300, 1e300], 1.0, {}),
+        ([1e-300, 1e-300], 1.0, {}),
+        ([30.0, 30.0], 1e300, {}),
+        ([30.0, 30.0], 1.0, {"mass_sigma": math.nan}),
+        ([30.0, 30.0], 1.0, {"mass_sigma": -1.0}),
+    ):
+        with pytest.raises(BenchError):
+            bifilar(times, mass, Threads(1.96, 0.2), **more)
+
+
+def test_identical_times_are_known_to_the_stop_watch_only():
+    result = bifilar([10.0, 10.0, 10.0], 1.0, Threads(1.0, 0.2))
+    assert result.std == 0.0
+    assert result.parts["period"] == pytest.approx(2.0 * 0.01 / math.sqrt(12.0) / 10.0)
+
+
+def test_a_mass_hardly_known_leaves_the_inertia_undetermined():
+    result = bifilar([10.0, 10.1], 1.0, Threads(1.0, 0.2), mass_sigma=5.0)
+    assert not result.determined
+    (finding,) = result.findings
+    assert "most of it from the mass (500 %)" in finding.reason
