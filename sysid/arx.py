@@ -18,7 +18,7 @@ from scipy.signal import lfilter, lfiltic
 
 from logparse import Finding, Severity
 from sysid.excitation import examine
-from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.experiment import Experiment, ExperimentError, Floats, ModelOrderError, horizon_steps, require_alike
 from sysid.response import INITIAL_SECONDS
 
 #: Largest modulus of a pole of a free run: slower ones are moved here, unstable ones mirrored to the inside.
@@ -122,7 +122,7 @@ class ArxModel:
         ndarray, shape (N, p)
         """
         self._require(experiment)
-        steps = max(round(horizon / experiment.dt), 1)
+        steps = horizon_steps(horizon, experiment.dt)
         result = experiment.y.copy()
         for column, output in enumerate(self.output_names):
             a, drive = self.differences[output].a, self._drive(experiment, output)
@@ -204,7 +204,7 @@ def fit_arx(experiments: Sequence[Experiment], na: int = 5, nb: int = 5, delay: 
         When the records differ in kind, no input moves, or there are fewer samples than coefficients.
     """
     if na < 0 or nb < 1 or delay < 0:
-        raise ValueError(f"na must be at least 0, nb at least 1, delay at least 0, not {na}, {nb}, {delay}")
+        raise ModelOrderError(f"na must be at least 0, nb at least 1, delay at least 0, not {na}, {nb}, {delay}")
     records = require_alike(experiments)
     excitation = examine(records)
     active = list(excitation.active)

@@ -32,7 +32,7 @@ from scipy.signal import lsim
 
 from logparse import Finding, Severity
 from sysid.disturbance import Disturbance, fit_disturbance
-from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.experiment import Experiment, ExperimentError, Floats, ModelOrderError, horizon_steps, require_alike
 from sysid.pem import fit_transfer_functions
 from sysid.response import INITIAL_SECONDS
 from sysid.search import Progress
@@ -107,7 +107,7 @@ class ClosedLoopModel:
 
         References are taken as known; the error that the model does not explain is carried on.
         """
-        steps = max(round(horizon / experiment.dt), 1)
+        steps = horizon_steps(horizon, experiment.dt)
         result = self.simulate(experiment)
         residuals = experiment.y - result
         for column, name in enumerate(self.output_names):
@@ -209,7 +209,7 @@ def fit_closed_loop(
         are fewer samples than parameters.
     """
     if not 2 <= zeros < poles:
-        raise ValueError(f"zeros must be at least 2 and fewer than poles, not {zeros} for {poles} poles")
+        raise ModelOrderError(f"zeros must be at least 2 and fewer than poles, not {zeros} for {poles} poles")
     records = require_alike(experiments)
     first = records[0]
     if first.input_names != first.output_names:

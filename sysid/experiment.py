@@ -26,6 +26,30 @@ class ExperimentError(RotoridError):
     """Records that cannot be used for identification: not uniform, not finite, too short, or not alike."""
 
 
+class ModelOrderError(RotoridError, ValueError):
+    """Poles, zeros, delays or a structure that no model can have."""
+
+
+def horizon_steps(horizon: float, dt: float) -> int:
+    """Give a prediction horizon in samples, at least one.
+
+    Parameters
+    ----------
+    horizon : float
+        s.
+    dt : float
+        s.
+
+    Raises
+    ------
+    ExperimentError
+        When the horizon is not a positive number.
+    """
+    if not (np.isfinite(horizon) and horizon > 0.0):
+        raise ExperimentError(f"the prediction horizon must be a positive number of seconds, not {horizon:g}")
+    return max(round(horizon / dt), 1)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
     """Inputs and outputs of one flight, or one part of it, sampled uniformly.
@@ -107,12 +131,14 @@ class Experiment:
         time = np.ascontiguousarray(t, dtype=np.float64)
         inputs = _columns(u)
         outputs = _columns(y)
-        if time.ndim != 1 or len(time) < MIN_SAMPLES:
-            raise ExperimentError(f"{name}: {time.size} samples; a record needs at least {MIN_SAMPLES}")
+        if time.ndim != 1:
+            raise ExperimentError(f"{name}: t must have one dimension, not {time.ndim}")
         if inputs.shape[0] != len(time) or outputs.shape[0] != len(time):
             raise ExperimentError(
                 f"{name}: t has {len(time)} samples, u {inputs.shape[0]} and y {outputs.shape[0]}; they must agree"
             )
+        if len(time) < MIN_SAMPLES:
+            raise ExperimentError(f"{name}: {time.size} samples; a record needs at least {MIN_SAMPLES}")
         names_u = tuple(input_names or (f"u{k + 1}" for k in range(inputs.shape[1])))
         names_y = tuple(output_names or (f"y{k + 1}" for k in range(outputs.shape[1])))
         if len(names_u) != inputs.shape[1] or len(names_y) != outputs.shape[1]:

@@ -19,7 +19,7 @@ from logparse import Finding, Severity
 from sysid._kernels import compile_kernels
 from sysid.disturbance import Disturbance, fit_disturbance
 from sysid.excitation import Excitation, examine
-from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.experiment import Experiment, ExperimentError, Floats, ModelOrderError, require_alike
 from sysid.response import INITIAL_SECONDS, free_run
 from sysid.search import FIRST_RESIDUAL, Found, Plan, Progress, expected_energy, search
 from sysid.sections import denominators_of_orders, resolvable_band
@@ -86,6 +86,8 @@ def fit_transfer_functions(
     ------
     ExperimentError
         When the records differ in kind, no input moves, or there are fewer samples than parameters.
+    ModelOrderError
+        When no model can have these poles, zeros, integrators, delays or structure. (Also a ValueError.)
     """
     records = require_alike(experiments)
     shape = (len(records[0].output_names), len(records[0].input_names))
@@ -93,11 +95,11 @@ def fit_transfer_functions(
     orders, counts = _channels(poles, zeros, fixed, structure, shape)
     late = np.zeros(shape) if delays is None else _spread(delays, shape, "delays").astype(np.float64)
     if not np.all((late >= 0.0) & (late < min(record.duration for record in records))):
-        raise ValueError("delays must be at least 0 and shorter than the records")
+        raise ModelOrderError("delays must be at least 0 and shorter than the records")
     if hold not in ("zoh", "foh"):
-        raise ValueError(f"hold must be 'zoh' or 'foh', not {hold!r}")
+        raise ModelOrderError(f"hold must be 'zoh' or 'foh', not {hold!r}")
     if delays is None and not 0.0 < longest_delay < 0.5 * min(record.duration for record in records):
-        raise ValueError("longest_delay must be above 0 and less than half of the shortest record")
+        raise ModelOrderError("longest_delay must be above 0 and less than half of the shortest record")
     excitation = examine(records)
     report = progress or (lambda stage, fraction: None)
     compile_kernels()
@@ -194,7 +196,7 @@ class _OutputFit:
 def _spread(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.float64]:
     array = np.asarray(values)
     if array.ndim > 2 or (array.ndim > 0 and array.shape not in (shape, shape[1:])):
-        raise ValueError(
+        raise ModelOrderError(
             f"{name} must be one number, one for each of the {shape[1]} inputs, or an array of "
             f"{shape[0]} outputs x {shape[1]} inputs, not of shape {array.shape}"
         )
@@ -208,19 +210,21 @@ def _channels(
     orders = _spread(poles, shape, "poles").astype(np.int64)
     given = _spread(zeros, shape, "zeros").astype(np.int64)
     if np.ndim(poles) == 0 and np.any(orders < 1):
-        raise ValueError(f"poles must be at least 1, not {np.asarray(poles)}")
+        raise ModelOrderError(f"poles must be at least 1, not {np.asarray(poles)}")
     if np.ndim(zeros) == 0 and np.ndim(poles) > 0:
         given = np.minimum(given, np.maximum(orders - 1, 0))
     wrong = (given < 0) | (orders < 0) | ((given >= orders) & (orders > 0))
     if wrong.any():
         i, j = np.argwhere(wrong)[0]
-        raise ValueError(f"zeros must be at least 0 and fewer than poles, not {given[i, j]} for {orders[i, j]} poles")
+        raise ModelOrderError(
+            f"zeros must be at least 0 and fewer than poles, not {given[i, j]} for {orders[i, j]} poles"
+        )
     if np.any((orders > 0) & (orders < integrators[:, None])) or np.any(integrators < 0):
-        raise ValueError(f"integrators must be at least 0 and no more than poles, not {integrators.tolist()}")
+        raise ModelOrderError(f"integrators must be at least 0 and no more than poles, not {integrators.tolist()}")
     if structure not in ("per_input", "common"):
-        raise ValueError(f"structure must be 'per_input' or 'common', not {structure!r}")
+        raise ModelOrderError(f"structure must be 'per_input' or 'common', not {structure!r}")
     if structure == "common" and any(len(set(row[row > 0])) > 1 for row in orders):
-        raise ValueError("a common denominator has one number of poles for all inputs of an output")
+        raise ModelOrderError("a common denominator has one number of poles for all inputs of an output")
     return orders, np.where(orders > 0, given + 1, 0)
 
 

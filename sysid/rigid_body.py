@@ -30,7 +30,7 @@ import numpy as np
 from logparse import Finding, MissingDataError, Vehicle
 from sysid._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
 from sysid.body_motion import LAG, THETA, Motion, motion
-from sysid.experiment import Experiment, Floats
+from sysid.experiment import Experiment, Floats, horizon_steps
 from sysid.motor_effects import MotorEffect
 from sysid.rotation import AXES, logged_motors, run_rates, torque_commands
 from sysid.trim import fit_trim
@@ -217,7 +217,7 @@ class RigidBodyModel:
         """
         flight = self._motion(experiment)
         theta, shapes = self._theta(flight, self._trim_of(experiment))
-        steps = min(max(round(horizon / flight.dt), 1), len(flight.t) - 1)
+        steps = min(horizon_steps(horizon, flight.dt), len(flight.t) - 1)
         out = np.full((len(flight.t), 3), np.nan)
         signals, initial = flight.signals(theta[LAG]), np.hstack([flight.position, flight.velocity])
         ahead(theta, signals, shapes, flight.dt, flight.ground, self.law, initial, steps, every, out)

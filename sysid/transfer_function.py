@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from logparse import Finding
 from sysid.disturbance import Disturbance
-from sysid.experiment import Experiment, ExperimentError, Floats
+from sysid.experiment import Experiment, ExperimentError, Floats, horizon_steps
 from sysid.response import INITIAL_SECONDS, free_run
 
 #: A coefficient whose standard deviation exceeds this part of its value is reported as not determined.
@@ -259,7 +259,7 @@ class TransferFunctionModel:
 
         The model carries the response to the inputs, which are taken as known; what it did not explain so far
         (wind, drift) is carried on as `disturbance` says. The first samples, which have nothing measured before them,
-        are the free run.
+        are the free run: all of them, where the horizon is longer than the record.
 
         Parameters
         ----------
@@ -273,7 +273,7 @@ class TransferFunctionModel:
         -------
         ndarray, shape (N, p)
         """
-        steps = max(round(horizon / experiment.dt), 1)
+        steps = horizon_steps(horizon, experiment.dt)
         if simulated is None:
             simulated = self.simulate(experiment)
         result = simulated.copy()

@@ -11,7 +11,7 @@ import pandas as pd
 
 from logparse import Finding
 from sysid.arx import ArxModel
-from sysid.experiment import MIN_SAMPLES, Experiment, ExperimentError, Floats, require_alike
+from sysid.experiment import MIN_SAMPLES, Experiment, ExperimentError, Floats, horizon_steps, require_alike
 from sysid.residuals import ResidualTest, examine_residuals
 from sysid.response import INITIAL_SECONDS
 from sysid.rigid_body import RigidBodyModel
@@ -147,7 +147,7 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
         trained = record.name in model.training
         rows += _free_run_rows(record, simulated, trained, first)
         for horizon in horizons:
-            steps = max(round(horizon / record.dt), 1)
+            steps = horizon_steps(horizon, record.dt)
             if steps * record.dt < 0.5 * record.duration:
                 predicted, every = _ahead(told, record, horizon, steps, simulated)
                 ahead += _horizon_rows(record, predicted, steps, trained, first + steps, every)

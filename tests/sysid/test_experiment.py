@@ -49,6 +49,7 @@ def test_split_and_window_carry_everything_along():
         ({"t": T[::-1]}, "not uniform"),
         ({"t": np.where(T == 0.0, np.nan, T)}, "time has values that are not finite"),
         ({"u": T[:50]}, "they must agree"),
+        ({"t": T[:5], "u": T[:6], "y": T[:5]}, "t has 5 samples, u 6 and y 5; they must agree"),
         ({"t": T[:3], "u": T[:3], "y": T[:3]}, "at least"),
         ({"input_names": ["a", "b"]}, "2 input names for 1 inputs"),
         ({"y": np.zeros((100, 0))}, "shape"),

@@ -1,11 +1,14 @@
 """Transfer functions from simulated records: the truth within the model's own uncertainty, and bad input."""
 
 import json
+import math
 
 import numpy as np
 import pytest
 
+from logparse import RotoridError
 from sysid import Experiment, ExperimentError, fit_transfer_functions
+from sysid.experiment import horizon_steps
 from tests.sysid.simulated import TRUE, motion, simulated_record
 
 POLES, ZEROS = 3, 1
@@ -150,6 +153,15 @@ def test_bad_input_is_refused():
         fit_transfer_functions([still], 2, 1)
     with pytest.raises(ValueError, match="fewer than poles"):
         fit_transfer_functions([record], 3, 3)
+    for wrong in ({"poles": 0}, {"poles": 2, "zeros": 2}, {"poles": 2, "zeros": 1, "structure": "none"}):
+        with pytest.raises(RotoridError):
+            fit_transfer_functions([record], **{"zeros": 0, **wrong})
+
+
+@pytest.mark.parametrize("horizon", [-1.0, 0.0, math.nan, math.inf])
+def test_a_horizon_that_is_none_is_refused(horizon):
+    with pytest.raises(ExperimentError, match="horizon must be a positive number of seconds"):
+        horizon_steps(horizon, 0.1)
 
 
 def test_a_constant_output_gives_a_model_without_effect():
