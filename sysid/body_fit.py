@@ -9,13 +9,14 @@ import numpy as np
 
 from logparse import Finding, Severity, Vehicle
 from sysid._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
+from sysid.airspeed import AirDoubt, doubt_of_air
 from sysid.body_motion import SHARED, THETA, Motion, motion, reference_voltage
 from sysid.equation_error import EquationErrorFit, fit_equation_error
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.motor_effects import fit_motor_effects
 from sysid.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice
 from sysid.rigid_body import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
-from sysid.rotation import COHERENT, RotationFit, centre_of_gravity, fit_rotation, logged_motors
+from sysid.rotation import COHERENT, STILL, RotationFit, centre_of_gravity, fit_rotation, logged_motors
 from sysid.thrust_curve import REFERENCE_DENSITY, motor_commands
 from sysid.trim import trim_from, trim_prior
 from sysid.wind import WIND_EXPONENT, FlightTrim, wind_knots, wind_shapes
@@ -56,10 +57,14 @@ ABSOLUTE = {
     "cg_x": 0.03,
     "cg_y": 0.03,
 }
-_DRAG_RELATIVE = 0.5
+_DRAG_RELATIVE = 0.25
 
 #: Standard error that a lag and a delay of rotation are given, s: within it one stands for the other.
 _LAG_SIGMA = 0.005
+
+#: Part of a gain by which one lag and straight lines between samples misrepresent motors, filters and staircases of
+#: commands; the scatter of stretches, which all share it, does not show it.
+GAIN_FLOOR = 0.01
 
 #: Steps by which another law of drag must have shown that it fits better.
 _RIVAL_STEPS = 6
@@ -141,9 +146,11 @@ def fit_rigid_body(
                 "use longer flights, or leave out flights in which the craft was disturbed",
             )
         )
+    trims = [_trim(fine, i, knots[i]) for i in range(len(motions))]
+    air = doubt_of_air(motions, trims, varies=wind_spacing is not None)
     turning = _rotation(records, vehicle, voltage)
-    parameters, covariance, estimated = _parameters(fine, prior, motions, records, vehicle, voltage, turning)
-    findings += _undetermined(parameters) + _drag_apart(parameters, motions, fine)
+    parameters, covariance, estimated = _parameters(fine, prior, air, records, vehicle, voltage, turning)
+    findings += _undetermined(parameters) + _drag_apart(parameters, motions, fine, air)
     return RigidBodyModel(
         name="rigid body, thrust and drag from PWM and attitude",
         parameters={name: _in_si(parameter, parameters, mass) for name, parameter in parameters.items()},
@@ -156,7 +163,7 @@ def fit_rigid_body(
         vehicle=vehicle,
         reference_density=REFERENCE_DENSITY,
         reference_voltage=voltage,
-        flights={flight.name: _trim(fine, i, knots[i]) for i, flight in enumerate(motions)},
+        flights={flight.name: air.widened(trim) for flight, trim in zip(motions, trims, strict=True)},
         rotation_fit={} if turning is None else {axis: fit.coherent for axis, fit in turning.axes.items()},
         rmse=fine.rmse,
         training=tuple(record.name for record in records),
@@ -334,7 +341,7 @@ def _trim(fine: OutputErrorFit, flight: int, knots: Floats) -> FlightTrim:
 def _parameters(
     fine: OutputErrorFit,
     prior: Prior,
-    motions: Sequence[Motion],
+    air: AirDoubt,
     records: Sequence[Experiment],
     vehicle: Vehicle,
     voltage: float | None,
@@ -343,6 +350,10 @@ def _parameters(
     """Judge every parameter; give them with the covariance of those that were estimated."""
     result: dict[str, BodyParameter] = {}
     sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
+    held = prior.sigma[:SHARED] == 0.0
+    extra = np.array([air.of(name) for name in THETA]) * np.abs(fine.values[:SHARED])
+    extra[held] = 0.0
+    sigma = np.hypot(sigma, extra)
     unlogged = len(records[0].input_names) < len(vehicle.motors)
     for k, name in enumerate(THETA):
         value, reason = float(fine.values[k]), ""
@@ -352,12 +363,14 @@ def _parameters(
             reason = f"only {len(records[0].input_names)} of {len(vehicle.motors)} motors are logged"
         else:
             reason = _doubt(name, value, float(sigma[k]))
+            if air.of(name) > _DRAG_RELATIVE:
+                reason = air.reason(name)
             if not reason and name not in ("motor_lag", "climb_loss") and value in (prior.low[k], prior.high[k]):
                 reason = f"the estimate ran into its limit of {value:g}"
         result[name] = _parameter(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason)
     size = len(THETA) + len(ROTATION_UNITS)
     covariance = np.zeros((size, size))
-    covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
+    covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED] + np.diag(extra**2)
     numbers: dict[str, tuple[float, float, str]] = {}
     if turning is None:
         why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
@@ -365,19 +378,22 @@ def _parameters(
         numbers = dict.fromkeys(ROTATION_UNITS, (0.0, float("inf"), why))
     else:
         for axis, fit in turning.axes.items():
-            reason = "" if fit.coherent >= COHERENT else _incoherent(axis, fit.coherent, turning.source)
+            reason = "" if fit.coherent >= COHERENT else _incoherent(axis, fit.coherent, fit.moved, turning.source)
             # Noise in the command makes the gain too small by up to what is not coherent.
-            spread = float(np.hypot(fit.gain_sigma, (1.0 - fit.coherent) * fit.gain))
+            parts = np.array([fit.gain_sigma, (1.0 - fit.coherent) * fit.gain, GAIN_FLOOR * fit.gain])
+            spread = float(np.linalg.norm(parts))
             numbers[f"{axis}_gain"] = (fit.gain, spread, reason)
             numbers[f"{axis}_damping"] = (fit.damping, fit.damping_sigma, reason)
         # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
         for name, value in (("torque_lag", turning.lag), ("torque_delay", turning.delay)):
             best = max(turning.axes.values(), key=lambda fit: fit.coherent)
-            reason = "" if best.coherent >= COHERENT else "the axes were hardly moved"
+            reason = "" if best.coherent >= COHERENT else "no axis has a determined gain"
             numbers[name] = (value, _LAG_SIGMA, reason)
         numbers["yaw_lead"] = (turning.axes["yaw"].lead, _LAG_SIGMA, numbers["yaw_gain"][2])
+        constant = _constant_motors(records)
+        why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
         for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, vehicle, voltage), strict=True):
-            numbers[name] = (value, spread, "")
+            numbers[name] = (value, spread, why if constant else "")
     for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):
         value, spread, reason = numbers[name]
         reason = reason or _doubt(name, value, spread)
@@ -386,11 +402,22 @@ def _parameters(
     return result, covariance, (*THETA, *ROTATION_UNITS)
 
 
-def _incoherent(axis: str, coherent: float, source: str) -> str:
+def _constant_motors(records: Sequence[Experiment]) -> list[str]:
+    """Motors whose output stands still in any of the flights."""
+    still = [np.ptp(record.u, axis=0) == 0.0 for record in records]
+    return [name for j, name in enumerate(records[0].input_names) if any(part[j] for part in still)]
+
+
+def _incoherent(axis: str, coherent: float, moved: float, source: str) -> str:
     text = f"the {source} explain only {100.0 * max(coherent, 0.0):.0f} % of the angular acceleration in {axis}"
-    slow = "they are logged too slowly, or " if source == "motor outputs" else ""
     log = "log RATE and " if source == "motor outputs" else ""
-    return f"{text}: {slow}the axis was hardly moved; {log}fly sticks or SYSTEMID on it"
+    if moved < STILL:
+        return f"{text}: the axis was hardly moved ({moved:.2g} rad/s); {log}fly sticks or SYSTEMID on it"
+    why = "outputs and rates do not belong together"
+    if source == "motor outputs":
+        why = "outputs are logged too slowly, or do not reach the motors"
+    advice = f"{log}check the motors' order, their outputs and the logs' times"
+    return f"{text}, although the axis moved ({moved:.2g} rad/s): {why}; {advice}"
 
 
 def _doubt(name: str, value: float, sigma: float) -> str:
@@ -463,7 +490,7 @@ def _undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:
 
 
 def _drag_apart(
-    parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: OutputErrorFit
+    parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: OutputErrorFit, air: AirDoubt
 ) -> list[Finding]:
     """Give the whole drag at the speed flown where its linear and quadratic parts cannot be told apart."""
     findings = []
@@ -479,6 +506,7 @@ def _drag_apart(
         weights[[THETA.index(name) for name in names]] = speed, speed**2
         drag = float(weights @ fine.values)
         sigma = float(np.sqrt(max(float(weights @ fine.covariance @ weights), 0.0)))
+        sigma = float(np.hypot(sigma, air.of(names[0]) * drag))
         if speed > _SLOW and sigma < _DRAG_RELATIVE * drag:
             findings.append(
                 Finding(

@@ -39,6 +39,10 @@ LOWEST, HIGHEST, NYQUIST_PART = 0.4, 10.0, 0.4
 #: Coherent part below which a gain is not believed: noise in the command would bias it by up to the rest.
 COHERENT = 0.9
 
+#: Angular rate (root mean square in the band) below which an axis was hardly moved, rad/s: that of a swing by one
+#: degree at 0.6 Hz.
+STILL = 0.05
+
 #: Time over which the scale of the controller's outputs is averaged, s.
 SCALE_SECONDS = 10.0
 
@@ -63,6 +67,8 @@ class AxisFit:
         Part of the angular acceleration's power in the band that the command explains (R^2).
     lead : float
         Torque of the rotors' own acceleration over that of their drag, as a time, s; in yaw only, else 0.
+    moved : float
+        Root mean square of the angular rate in the band, rad/s.
     """
 
     gain: float
@@ -71,6 +77,7 @@ class AxisFit:
     damping_sigma: float
     coherent: float
     lead: float
+    moved: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,7 +224,11 @@ def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float
         bounds=[(0.0, 0.3), (-0.05, 0.2)],
     )
     lag, delay = (float(value) for value in solved.x)
-    axes = {axis: _axis(omega, q[:, :, k], w[:, :, k], lag, delay, axis == "yaw") for k, axis in enumerate(AXES)}
+    moved = _band_rates(w, records[0].dt)
+    axes = {
+        axis: _axis(omega, q[:, :, k], w[:, :, k], lag, delay, axis == "yaw", float(moved[k]))
+        for k, axis in enumerate(AXES)
+    }
     return RotationFit(axes=axes, lag=lag, delay=delay, source=source)
 
 
@@ -339,7 +350,14 @@ def _remainder(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: f
     return total
 
 
-def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float, lead: bool) -> AxisFit:
+def _band_rates(w: np.ndarray, dt: float) -> Floats:
+    """Root mean square of the rates in the band, from coefficients (S, F, 3) of Hann-tapered stretches (Parseval)."""
+    size = round(STRETCH_SECONDS / dt)
+    power = 2.0 * np.sum(np.abs(w) ** 2, axis=1).mean(axis=0)
+    return np.asarray(np.sqrt(power / (size * np.sum(np.hanning(size) ** 2))))
+
+
+def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float, lead: bool, moved: float) -> AxisFit:
     design, target = _design(omega, q, w, lag, delay, lead)
     values = _solve(design, target)
     residual = target - design @ values
@@ -359,4 +377,5 @@ def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float,
         damping_sigma=float(sigma[1]),
         coherent=coherent,
         lead=float(values[2] / values[0]) if lead and values[0] != 0.0 else 0.0,
+        moved=moved,
     )
