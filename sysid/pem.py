@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
 
 from logparse import Finding, Severity
@@ -30,6 +31,9 @@ from sysid.uncertainty import parameter_covariance
 __all__ = ["Progress", "fit_transfer_functions"]
 
 Integers = NDArray[np.int64]
+
+#: An input whose effect has at least this chance of being none, over all inputs, is not seen to act.
+CHANCE = 0.001
 
 
 def fit_transfer_functions(
@@ -471,8 +475,43 @@ def _judge(
                     {"output": output, "time_constant": 1.0 / slowest, "longest_record": longest},
                 )
             )
+        if idle := _idle_inputs(output, report, fits[output].functions):
+            findings.append(idle)
         if report.fit_percent == 0.0 and all(np.ptp(r.y[:, r.output_names.index(output)]) == 0.0 for r in records):
             findings.append(
                 Finding("constant-output", Severity.WARNING, f"output {output} is constant: there is nothing to fit")
             )
     return findings
+
+
+def _idle_inputs(output: str, report: FitReport, functions: Mapping[str, TransferFunction]) -> Finding | None:
+    """Say when no input acts on the output by more than chance: what is explained is drift and initial state.
+
+    Wald's test of each input's numerator against zero, with the covariance that is valid for coloured residuals.
+    """
+    chances = []
+    for function in functions.values():
+        n = len(function.num)
+        if function.covariance is None or not function.num.any():
+            continue
+        covariance = function.covariance[:n, :n]
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        if not np.isfinite(covariance).all():
+            chances.append(1.0)
+        elif not sigma.all():
+            return None
+        else:
+            apart = function.num / sigma
+            wald = apart @ np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=1e-10, hermitian=True) @ apart
+            chances.append(float(chi2.sf(wald, n)))
+    if not chances or min(chances) * len(chances) < CHANCE:
+        return None
+    return Finding(
+        "inputs-explain-nothing",
+        Severity.WARNING,
+        f"no input is seen to act on {output}: the effect of each is no larger than chance gives. The fit of "
+        f"{report.fit_percent:.0f} % on the training records comes from drift, the initial state and noise",
+        "do not use this model; check that inputs and outputs belong to the same flight and time, and that the craft "
+        "was moved by these inputs",
+        {"output": output, "chance": min(chances), "fit_percent": report.fit_percent},
+    )

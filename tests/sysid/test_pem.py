@@ -164,6 +164,20 @@ def test_a_horizon_that_is_none_is_refused(horizon):
         horizon_steps(horizon, 0.1)
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_inputs_that_explain_nothing_are_said_to(seed):
+    """A drift fits by slow poles and the initial state to 60 % and more, whatever the inputs."""
+    rng, t = np.random.default_rng([21, seed]), 0.1 * np.arange(400)
+    unrelated = 1500.0 + 50.0 * rng.standard_normal((400, 2))
+    for y in (np.exp(0.2 * t), np.cumsum(rng.standard_normal(400))):
+        model = fit_transfer_functions([Experiment.from_arrays(t, unrelated, y)], 2, 1)
+        assert "inputs-explain-nothing" in {finding.id for finding in model.findings}
+
+
+def test_inputs_that_act_are_not_called_idle(joint):
+    assert "inputs-explain-nothing" not in {finding.id for finding in joint[1].findings}
+
+
 def test_a_constant_output_gives_a_model_without_effect():
     record = simulated_record(11, samples=200)
     level = Experiment.from_arrays(record.t, record.u, np.full(200, 4.0))
