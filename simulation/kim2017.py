@@ -19,6 +19,8 @@ from simulation.rotor import QuadraticRotor
 from simulation.vehicle import Multirotor, RotorMount
 
 MASS = 2.6
+#: Time constant of the rotors, s; the paper models none.
+LAG = 0.02
 #: Table 1 [kg m^2]. Too large by about a hundred for 2.6 kg (all of it at the rotors would give 0.4), but the
 #: printed input matrix and gain were computed with them.
 INERTIA = np.diag((3.63, 3.25, 5.51))
@@ -96,7 +98,7 @@ def at_voltage(table: np.ndarray, voltage: float) -> np.ndarray:
 def quadcopter(voltage: float = 16.0) -> Multirotor:
     """Build the craft with the coefficients of Table 3 at a battery voltage [V].
 
-    The paper models no motor lag; 20 ms stand in for it.
+    The paper models no motor lag; `LAG` stands in for it.
     """
     k = at_voltage(THRUST_COEFFICIENTS, voltage)
     b = at_voltage(TORQUE_COEFFICIENTS, voltage)
@@ -115,7 +117,7 @@ def quadcopter(voltage: float = 16.0) -> Multirotor:
         mass=MASS,
         inertia=INERTIA,
         rotors=mounts,
-        drive=Drive(speed_max=1400.0, response=FirstOrder(0.02)),
+        drive=Drive(speed_max=1400.0, response=FirstOrder(LAG)),
         frame_class=1,
         frame_type=1,
     )
@@ -158,6 +160,32 @@ class HeightGains:
     proportional: float = -80.0
     integral: float = -200.0
     rate: float = -120.0
+
+
+def height_fault(height: HeightGains, voltage: float = 16.0) -> str:
+    """Say which gain makes the height loop unstable about hover; empty when it is stable.
+
+    With ``a`` the vertical acceleration per rad/s of all rotors and ``tau`` their lag, the loop's characteristic
+    polynomial is ``tau s^4 + s^3 - a (rate s^2 + proportional s + integral)``.
+    """
+    a = 2.0 * float(at_voltage(THRUST_COEFFICIENTS, voltage) @ at_voltage(TRIM_SPEEDS, voltage)) / MASS
+    gains = {"height_rate": height.rate, "height_p": height.proportional, "height_i": height.integral}
+    polynomial = [LAG, 1.0, *(-a * gain for gain in gains.values())]
+    # Without an integral the loop has a root at zero that is not its own.
+    growth = float(np.roots(polynomial if height.integral else polynomial[:-1]).real.max())
+    if growth <= 0.0:
+        return ""
+    wrong = [f"{name} = {gain:g}" for name, gain in gains.items() if gain > 0.0]
+    if wrong:
+        why = f"{' and '.join(wrong)} must be negative, as down is positive"
+    elif not height.rate:
+        why = "height_rate = 0 leaves it without damping; it must be negative"
+    else:
+        why = (
+            f"height_i = {height.integral:g} is too strong for height_p = {height.proportional:g} and "
+            f"height_rate = {height.rate:g}"
+        )
+    return f"the height loop is unstable with these gains, an error grows e-fold in {1.0 / growth:.2g} s: {why}"
 
 
 def recovery(

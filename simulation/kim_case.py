@@ -8,7 +8,7 @@ import pandas as pd
 
 from simulation import kim2017
 from simulation.atmosphere import GRAVITY
-from simulation.errors import ParameterError
+from simulation.errors import DivergenceError, ParameterError
 from simulation.outcome import Fact, Outcome, Plot
 from simulation.paper_log import write_paper_log
 
@@ -55,15 +55,22 @@ _NOTES = (
 
 def simulate(name: str, summary: str, settings: Recovery) -> Outcome:
     """Level the craft from the start of Table 5."""
-    path = kim2017.recovery(
-        voltage=settings.voltage,
-        duration=settings.duration,
-        roll_deg=settings.roll,
-        pitch_deg=settings.pitch,
-        height=kim2017.HeightGains(
-            proportional=settings.height_p, integral=settings.height_i, rate=settings.height_rate
-        ),
+    height_gains = kim2017.HeightGains(
+        proportional=settings.height_p, integral=settings.height_i, rate=settings.height_rate
     )
+    fault = kim2017.height_fault(height_gains, settings.voltage)
+    try:
+        path = kim2017.recovery(
+            voltage=settings.voltage,
+            duration=settings.duration,
+            roll_deg=settings.roll,
+            pitch_deg=settings.pitch,
+            height=height_gains,
+        )
+    except DivergenceError as error:
+        if not fault:
+            raise
+        raise DivergenceError(f"{error}; {fault}") from error
     w, x, y, z = (path[f"q_{axis}"] for axis in "wxyz")
     angles = pd.DataFrame(
         {
@@ -86,7 +93,8 @@ def simulate(name: str, summary: str, settings: Recovery) -> Outcome:
         name=name,
         summary=summary,
         facts=_facts(settings, path, angles),
-        notes=_NOTES,
+        notes=(f"{fault[0].upper()}{fault[1:]}.", *_NOTES) if fault else _NOTES,
+        fault=fault,
         plots=(
             Plot(
                 "Roll and pitch go to zero (figure 12).",

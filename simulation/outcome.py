@@ -66,6 +66,8 @@ class Outcome:
         Index `t` [s]; names of columns carry their units.
     write_log : callable
         Writes the flight's log and its truth into a folder and gives the files.
+    fault : str
+        What is wrong with the settings although the flight came to its end, such as unstable gains; else empty.
     """
 
     name: str
@@ -76,6 +78,7 @@ class Outcome:
     write_log: Callable[[Path], list[Path]]
     notes: tuple[str, ...] = ()
     tables: tuple[Table, ...] = field(default=())
+    fault: str = ""
 
 
 def write(outcome: Outcome, folder: Path) -> list[Path]:

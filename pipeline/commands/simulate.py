@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from pipeline.commands.exits import SOME_FAILED, fail
 from pipeline.commands.output import prepare
 
 if TYPE_CHECKING:
@@ -80,13 +81,17 @@ def simulate(
         cases = simulation.find(case)
         changes = (simulation.read_settings(config) if config else {}) | simulation.parse_settings(settings or ())
         prepare(out)
+        faults: list[str] = []
         with shown() as progress:
             for number, each in enumerate(cases):
                 progress(each.name, number / len(cases))
                 outcome = each.run(changes)
                 _write(outcome, out, whole=len(cases) == 1)
+                faults += [f"{each.name}: {outcome.fault}"] if outcome.fault else []
     except simulation.ParameterError as error:
         raise ConfigError(str(error)) from error
+    if faults:
+        fail("\n".join(faults), SOME_FAILED)
 
 
 def _write(outcome: "Outcome", out: Path, *, whole: bool) -> None:

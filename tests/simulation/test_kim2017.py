@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simulation import DivergenceError, ParameterError, kim2017, propagate
+from simulation import CASES, DivergenceError, ParameterError, kim2017, propagate
 from simulation.atmosphere import GRAVITY
 from simulation.controllers import hover_linearisation, lqr
 
@@ -101,6 +101,30 @@ def test_printed_height_gains_alone_do_not_hold_height():
     except DivergenceError:
         return
     assert height.iloc[-1] > 100.0
+
+
+@pytest.mark.parametrize(
+    ("gains", "words"),
+    [
+        ({"proportional": 80.0}, "height_p = 80 must be negative"),
+        ({"rate": 0.0}, "height_rate = 0 leaves it without damping"),
+        ({"integral": -2000.0}, "height_i = -2000 is too strong"),
+    ],
+)
+def test_the_gain_that_makes_height_unstable_is_named(gains, words):
+    assert words in kim2017.height_fault(kim2017.HeightGains(**gains))
+
+
+@pytest.mark.parametrize("voltage", [13.0, 14.5, 16.0])
+def test_the_gains_of_the_case_are_stable_at_all_voltages(voltage):
+    assert not kim2017.height_fault(kim2017.HeightGains(), voltage)
+    assert not kim2017.height_fault(kim2017.HeightGains(integral=0.0), voltage)
+
+
+def test_unstable_height_is_told_with_the_flight():
+    outcome = CASES["kim-recovery"].run({"height_p": 80.0, "duration": 1.0})
+    assert "height_p = 80" in outcome.fault
+    assert "height_p = 80" in outcome.notes[0]
 
 
 def test_lqr_without_authority_is_refused():
