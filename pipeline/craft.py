@@ -105,9 +105,8 @@ def _places(result: FlightResult, times: Sequence[datetime]) -> NDArray[np.float
     return np.column_stack(pymap3d.ned2ecef(*ned, origin.lat, origin.lon, origin.alt, deg=False))
 
 
-def craft_name(flights: Sequence[FlightResult]) -> str:
+def craft_name(vehicle: Vehicle) -> str:
     """Name a craft for people, such as ``"ArduCopter octa plus"``."""
-    vehicle = flights[0].log.vehicle
     return (
         " ".join(
             part for part in (vehicle.firmware or vehicle.autopilot, vehicle.frame_class, vehicle.frame_type) if part

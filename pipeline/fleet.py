@@ -101,7 +101,7 @@ def analyze_fleet(
     crafts = sorted((craft for craft in kept if len(craft) > 1), key=len, reverse=True)
     start, whole = share * len(files), 0.99 - share * len(files)
     for number, craft in enumerate(crafts):
-        name = craft_name(craft)
+        name = craft_name(craft[0].log.vehicle)
 
         def report_group(stage: str, fraction: float, number: int = number, name: str = name) -> None:
             progress(f"{name}, jointly: {stage}", start + whole * (number + fraction) / len(crafts))
@@ -218,7 +218,7 @@ def analyze_group(
     findings = thrust.findings if thrust is not None else ()
     parameters = compare_parameters(_cut(training, RIGID_BODY_KEY), ordered, config, stages)
     return GroupResult(
-        name=craft_name(flights),
+        name=craft_name(flights[0].log.vehicle),
         vehicle=flights[0].log.vehicle,
         training=tuple(flight.name for flight in training),
         held_out=tuple(flight.name for flight in held_out),

@@ -1,0 +1,53 @@
+"""Entries: what is kept of a flight where its trajectory is not."""
+
+import dataclasses
+import json
+
+import numpy as np
+
+from pipeline.entry import TRACK_ROWS, FlightEntry, GroupEntry, flight_entry, partition
+from tests.reports.conftest import made_flight
+
+FLIGHT = made_flight("day 1/flight01", fit=False)
+
+
+def test_a_flight_survives_json():
+    entry = flight_entry(FLIGHT, folder="day_1_flight01", source="s3://logs/flight01.BIN", key="k", coverage={"x": 1.5})
+    assert FlightEntry.from_dict(json.loads(json.dumps(entry.to_dict(), allow_nan=False))) == entry
+    assert entry.start_utc == FLIGHT.log.start_utc
+    assert entry.flight == FLIGHT.flight
+    assert entry.experiments == ("motors",)
+    assert not entry.modelled
+    assert "voltage" in entry.missing["thrust"]
+    assert "not asked for" in entry.missing["motors"]
+
+
+def test_a_log_without_a_flight_survives_json():
+    bare = dataclasses.replace(FLIGHT, flight=None, trajectory=None, experiments={}, models=())
+    entry = flight_entry(bare, folder="a", source="a.bin", key="k")
+    assert FlightEntry.from_dict(json.loads(json.dumps(entry.to_dict(), allow_nan=False))) == entry
+    assert entry.track == ()
+    assert not entry.position_known
+
+
+def test_the_track_follows_the_trajectory():
+    entry = flight_entry(FLIGHT, folder="a", source="a.bin", key="k")
+    track = np.array(entry.track)
+    assert TRACK_ROWS / 2 <= len(track) <= TRACK_ROWS
+    states = FLIGHT.trajectory.states
+    for column, name in enumerate(("p_n", "p_e", "p_d"), start=1):
+        flown = np.interp(track[:, 0], states.index, states[name])
+        assert np.abs(track[:, column] - flown).max() < 0.051, "rounded to a decimetre"
+
+
+def test_a_craft_survives_json():
+    entry = GroupEntry(
+        name="octa", folder="octa", key="k", craft="c", vehicle="v", training=("a",), held_out=("b",), split="so"
+    )
+    assert GroupEntry.from_dict(json.loads(json.dumps(entry.to_dict()))) == entry
+
+
+def test_partitions_tell_crafts_apart_and_suit_folders():
+    names = {partition("a|b|1", "Octa Quad/X"), partition("a|b|2", "Octa Quad/X"), partition("a", None)}
+    assert len(names) == 3
+    assert all(name.replace("-", "").isalnum() for name in names)
