@@ -217,7 +217,8 @@ def sensor_tables(log: Instruments, imu_rate: float) -> list[MessageTable]:
                 "EnrgTot": energy.to_numpy(),
                 "Temp": 0.0,
                 "Res": log.vehicle.battery.resistance,
-                "RemPct": np.floor(100.0 * (1.0 - battery["charge"].to_numpy() / 3600.0 / capacity)),
+                # As the autopilot does, nothing is left of a pack that gives more than it should hold.
+                "RemPct": np.floor(100.0 * np.maximum(0.0, 1.0 - battery["charge"].to_numpy() / 3600.0 / capacity)),
                 "H": 1,
                 "SH": 0,
             },
