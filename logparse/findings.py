@@ -1,8 +1,10 @@
 """Verdicts on a log, a trajectory or a fit, as values: never a print, never a silent drop."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 
 class Severity(StrEnum):
@@ -36,3 +38,16 @@ class Finding:
     reason: str
     advice: str = ""
     evidence: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give it as text and numbers for JSON; None for evidence that is not finite."""
+        return {
+            "id": self.id,
+            "severity": str(self.severity),
+            "reason": self.reason,
+            "advice": self.advice,
+            "evidence": {
+                name: None if isinstance(value, float) and not math.isfinite(value) else value
+                for name, value in self.evidence.items()
+            },
+        }

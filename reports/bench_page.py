@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any
 
-from reports.figures import Figure, Trace, layout_of
+from reports.figure import Figure, Trace, layout_of
 from reports.html import _render
 from reports.quantity import number, uncertain
 from sysid.bench import Bench
@@ -51,7 +51,7 @@ def bench_page(
         trims=trims,
         coefficients=_coefficients(bench, voltage),
         curve=_curve(bench, voltage),
-        findings=[{"severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in bench.findings],
+        findings=[finding.to_dict() for finding in bench.findings],
         bench_figures=drawn,
     )
 

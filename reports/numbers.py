@@ -343,17 +343,7 @@ def _findings(findings: Iterable[Finding]) -> list[Numbers]:
     """List findings, worst first, each once."""
     worst = ("error", "warning", "info")
     once = {(finding.id, finding.reason): finding for finding in findings}.values()
-    return [_finding(finding) for finding in sorted(once, key=lambda finding: worst.index(finding.severity))]
-
-
-def _finding(finding: Finding) -> Numbers:
-    return {
-        "id": finding.id,
-        "severity": str(finding.severity),
-        "reason": finding.reason,
-        "advice": finding.advice,
-        "evidence": dict(finding.evidence),
-    }
+    return [finding.to_dict() for finding in sorted(once, key=lambda finding: worst.index(finding.severity))]
 
 
 def plain(numbers: Numbers) -> Numbers:

@@ -152,16 +152,7 @@ class ArxModel:
             "units": dict(self.units),
             "training": list(self.training),
             "differences": {output: difference.to_dict() for output, difference in self.differences.items()},
-            "findings": [
-                {
-                    "id": finding.id,
-                    "severity": str(finding.severity),
-                    "reason": finding.reason,
-                    "advice": finding.advice,
-                    "evidence": dict(finding.evidence),
-                }
-                for finding in self.findings
-            ],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
     def _drive(self, experiment: Experiment, output: str) -> Floats:

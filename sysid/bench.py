@@ -269,9 +269,7 @@ class Bench:
                 for found in [self.coefficients(motor, volt)]
             ],
             "trim": [],
-            "findings": [
-                {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
-            ],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
         if weight is not None:
             for motor in self.motors:

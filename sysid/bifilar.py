@@ -83,9 +83,7 @@ class BifilarResult:
             **plain,
             "determined": self.determined,
             "unit": "kg m^2",
-            "findings": [
-                {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
-            ],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
 
@@ -226,7 +224,7 @@ class ThreadCheck:
             "kind": "thread-check",
             "gravity": self.gravity,
             "length": self.length,
-            "findings": [{"id": f.id, "severity": str(f.severity), "reason": f.reason} for f in self.findings],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
 

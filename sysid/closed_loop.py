@@ -135,16 +135,7 @@ class ClosedLoopModel:
             "following_rms": dict(self.following),
             "disturbance": {name: value.to_dict() for name, value in self.disturbance.items()},
             "fits": {name: report.to_dict() for name, report in self.reports.items()},
-            "findings": [
-                {
-                    "id": finding.id,
-                    "severity": str(finding.severity),
-                    "reason": finding.reason,
-                    "advice": finding.advice,
-                    "evidence": dict(finding.evidence),
-                }
-                for finding in self.findings
-            ],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
     @classmethod

@@ -226,9 +226,7 @@ class Kim2017Model:
             "rmse": dict(self.rmse),
             "explained": dict(self.explained),
             "training": list(self.training),
-            "findings": [
-                {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
-            ],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
     def _specific(self) -> Floats:

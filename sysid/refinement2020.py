@@ -112,9 +112,7 @@ class Refinement2020Model:
             "reference_voltage": self.reference_voltage,
             "time_constant": self.time_constant,
             "training": list(self.training),
-            "findings": [
-                {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
-            ],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
 

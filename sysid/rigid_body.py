@@ -340,9 +340,7 @@ class RigidBodyModel:
             "rmse": self.rmse,
             "motors": {name: effect.to_dict() for name, effect in self.motors.items()},
             "training": list(self.training),
-            "findings": [
-                {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
-            ],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
     @classmethod

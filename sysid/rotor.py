@@ -145,9 +145,7 @@ class RotorModel:
             "reference_voltage": self.reference_voltage,
             "rmse": dict(self.rmse),
             "training": list(self.training),
-            "findings": [
-                {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
-            ],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
 

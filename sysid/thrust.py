@@ -130,9 +130,7 @@ class ThrustModel:
             "effort": dict(self.effort),
             "per_motor": {name: value.to_dict() for name, value in self.per_motor.items()},
             "training": list(self.training),
-            "findings": [
-                {"id": f.id, "severity": str(f.severity), "reason": f.reason, "advice": f.advice} for f in self.findings
-            ],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
 

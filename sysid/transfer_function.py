@@ -310,16 +310,7 @@ class TransferFunctionModel:
             "disturbance": {output: value.to_dict() for output, value in self.disturbance.items()},
             "initial_energy": dict(self.initial_energy),
             "fits": {output: report.to_dict() for output, report in self.reports.items()},
-            "findings": [
-                {
-                    "id": finding.id,
-                    "severity": str(finding.severity),
-                    "reason": finding.reason,
-                    "advice": finding.advice,
-                    "evidence": dict(finding.evidence),
-                }
-                for finding in self.findings
-            ],
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
     @classmethod
