@@ -21,7 +21,7 @@ class Service:
         with socket.create_server(("127.0.0.1", 0)) as free:
             self.port = free.getsockname()[1]
         self._settings = {"ROTORID_DATA": str(data), "ROTORID_WORKERS": "2", "ROTORID_LEASE": "1.5", **settings}
-        self.client = httpx.Client(base_url=f"http://127.0.0.1:{self.port}", timeout=30.0)
+        self.client = httpx.Client(base_url=f"http://127.0.0.1:{self.port}", timeout=PATIENCE)
         self.start()
 
     def start(self) -> None:
@@ -29,7 +29,7 @@ class Service:
         self.process = subprocess.Popen(
             [sys.executable, "-m", "tests.api.serving", str(self.port)], cwd=PROJECT, env=os.environ | self._settings
         )
-        wait_until(self.answers, 60.0)
+        wait_until(self.answers)
 
     def answers(self) -> bool:
         """Say whether it is up."""
@@ -71,9 +71,13 @@ def is_analysis(pid: int) -> bool:
         return False
 
 
-def wait_until(holds: Callable[[], bool], seconds: float, pause: float = 0.05) -> None:
+#: Seconds after which something that should come to hold is taken not to: no test ends by it unless it fails.
+PATIENCE = 300.0
+
+
+def wait_until(holds: Callable[[], bool], pause: float = 0.05) -> None:
     """Look again and again; fail when something does not come to hold."""
-    deadline = time.monotonic() + seconds
+    deadline = time.monotonic() + PATIENCE
     while not holds():
         assert time.monotonic() < deadline, "waited too long"
         time.sleep(pause)

@@ -85,16 +85,16 @@ def test_a_worker_and_the_scheduler_die_and_every_analysis_ends_once(cluster: Cl
         assert set(states()) == {"queued"}  # the scheduler is not there yet
         scheduler = cluster.start_scheduler()
         first = cluster.start_worker()
-        wait_until(lambda: any(is_analysis(pid) for pid in descendants(first.pid)), 60.0)
+        wait_until(lambda: any(is_analysis(pid) for pid in descendants(first.pid)))
         for pid in [first.pid, *descendants(first.pid)]:
             os.kill(pid, signal.SIGKILL)
         cluster.start_worker()
-        wait_until(lambda: "done" in states(), 60.0, pause=0.2)
+        wait_until(lambda: "done" in states(), pause=0.2)
         scheduler.kill()
         scheduler.wait()
         cluster.start_scheduler()
         cluster.start_worker()
-        wait_until(lambda: set(states()) == {"done"}, 240.0, pause=0.5)
+        wait_until(lambda: set(states()) == {"done"}, pause=0.5)
         for address in analyses:
             found = service.client.get(address).json()
             assert found["report"]["bytes"] == 6

@@ -29,24 +29,31 @@ def state_of(client: httpx.Client, address: str) -> str:
 
 def test_poisonous_logs_fail_alone_after_so_many_attempts(tmp_path: Path) -> None:
     """Good logs beside them are done; the poison is tried as often as it may, and no more."""
-    settings = Settings(data=tmp_path, workers=2, deaths=3, time_limit=2.0, memory_limit=600_000_000)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
-        addresses = {
-            content: started(client, content)[1]
-            for content in (b"crash", b"good 1", b"hang", b"good 2", b"greedy", b"killed", b"good 3")
-        }
-        wait_until(lambda: all(client.get(at).json()["ended"] for at in addresses.values()), 60.0, pause=0.1)
-        answers = {content: client.get(at).json() for content, at in addresses.items()}
-    ends = {
-        content: (answer["state"], answer["attempts"], (answer["problem"] or {}).get("type", "").rpartition(":")[2])
-        for content, answer in answers.items()
-    }
+    settings = Settings(data=tmp_path, workers=2, deaths=3, memory_limit=600_000_000)
+    ends = ends_of(settings, b"crash", b"good 1", b"good 2", b"greedy", b"killed", b"good 3")
     assert ends == {
         b"crash": ("failed", 3, "analysis-crashed"),
         b"killed": ("failed", 3, "analysis-too-large"),  # the kernel's way to say so
-        b"hang": ("failed", 1, "analysis-too-slow"),
         b"greedy": ("failed", 1, "analysis-too-large"),
         **dict.fromkeys((b"good 1", b"good 2", b"good 3"), ("done", 1, "")),
+    }
+
+
+def test_logs_that_never_end_give_their_place_to_the_next(tmp_path: Path) -> None:
+    """All of them hang: on a busy computer a time so short may end a good log as well."""
+    ends = ends_of(Settings(data=tmp_path, workers=1, time_limit=1.0), b"hang 1", b"hang 2")
+    assert ends == dict.fromkeys((b"hang 1", b"hang 2"), ("failed", 1, "analysis-too-slow"))
+
+
+def ends_of(settings: Settings, *contents: bytes) -> dict[bytes, tuple[str, int, str]]:
+    """Have logs analysed; gives for each its state, how often it was tried, and the type of its problem."""
+    with running(create_app(settings, standins.analyze, preload=())) as client:
+        addresses = {content: started(client, content)[1] for content in contents}
+        wait_until(lambda: all(client.get(at).json()["ended"] for at in addresses.values()), pause=0.1)
+        answers = {content: client.get(at).json() for content, at in addresses.items()}
+    return {
+        content: (answer["state"], answer["attempts"], (answer["problem"] or {}).get("type", "").rpartition(":")[2])
+        for content, answer in answers.items()
     }
 
 
@@ -60,21 +67,21 @@ def patient_service(tmp_path: Path) -> Iterator[httpx.Client]:
 def test_a_running_analysis_is_cancelled(patient_service: httpx.Client, tmp_path: Path) -> None:
     _, address = started(patient_service, b"hang")
     _, waiting = started(patient_service, b"good, but second")
-    wait_until(lambda: state_of(patient_service, address) == "running", 30.0)
+    wait_until(lambda: state_of(patient_service, address) == "running")
     cancelled = patient_service.post(f"{address}/cancel")
     assert (cancelled.status_code, cancelled.json()["state"]) == (200, "cancelled")
-    wait_until(lambda: state_of(patient_service, waiting) == "done", 30.0)  # its process is gone and its place free
+    wait_until(lambda: state_of(patient_service, waiting) == "done")  # its process is gone and its place free
     again = patient_service.post(f"{address}/cancel").json()
     assert (again["state"], again["ended"]) == ("cancelled", cancelled.json()["ended"])
     assert patient_service.post(f"{waiting}/cancel").json()["state"] == "done"
-    wait_until(lambda: not list((tmp_path / "scratch").glob("*/*")), 10.0)
+    wait_until(lambda: not list((tmp_path / "scratch").glob("*/*")))
 
 
 def test_a_waiting_analysis_is_cancelled_and_never_begun(patient_service: httpx.Client) -> None:
     _, first = started(patient_service, b"slow")
     _, second = started(patient_service, b"good log")
     assert patient_service.post(f"{second}/cancel").json()["state"] == "cancelled"
-    wait_until(lambda: state_of(patient_service, first) == "done", 30.0)
+    wait_until(lambda: state_of(patient_service, first) == "done")
     assert patient_service.get(second).json()["attempts"] == 0
 
 
@@ -84,12 +91,12 @@ def test_what_is_deleted_while_it_is_worked_on_stays_deleted(
 ) -> None:
     log, address = started(patient_service, b"hang")
     _, waiting = started(patient_service, b"good, but second")
-    wait_until(lambda: state_of(patient_service, address) == "running", 30.0)
+    wait_until(lambda: state_of(patient_service, address) == "running")
     gone = f"/api/v1/logs/{log}" if what == "log" else address
     assert patient_service.delete(gone).status_code == 204
     assert patient_service.delete(gone).status_code == 404
     assert patient_service.get(address).status_code == 404
-    wait_until(lambda: state_of(patient_service, waiting) == "done", 30.0)
+    wait_until(lambda: state_of(patient_service, waiting) == "done")
     assert (tmp_path / "objects" / "logs" / log).exists() == (what == "analysis")
     assert not any(path.is_file() for path in (tmp_path / "objects" / address.rpartition("/")[0]).rglob("*"))
 
@@ -98,7 +105,7 @@ def test_logs_of_one_name_are_analysed_together(patient_service: httpx.Client) -
     files = [("file", ("a.bin", b"good one")), ("file", ("a.bin", b"good two"))]
     logs = [log["id"] for log in patient_service.post("/api/v1/logs", files=files).json()["logs"]]
     address = patient_service.post("/api/v1/analyses", json={"logs": logs}).headers["Location"]
-    wait_until(lambda: bool(patient_service.get(address).json()["ended"]), 30.0)
+    wait_until(lambda: bool(patient_service.get(address).json()["ended"]))
     assert state_of(patient_service, address) == "done"
 
 
@@ -108,7 +115,7 @@ def test_two_servers_share_one_queue_and_do_nothing_twice(tmp_path: Path) -> Non
     with ExitStack() as stack:
         clients = [stack.enter_context(running(create_app(settings, standins.analyze, preload=()))) for _ in range(2)]
         addresses = [started(clients[number % 2], b"brief %d" % number)[1] for number in range(16)]
-        wait_until(lambda: all(clients[0].get(at).json()["ended"] for at in addresses), 60.0, pause=0.1)
+        wait_until(lambda: all(clients[0].get(at).json()["ended"] for at in addresses), pause=0.1)
         answers = [clients[number % 2].get(at).json() for number, at in enumerate(addresses)]
         assert {(answer["state"], answer["attempts"]) for answer in answers} == {("done", 1)}
         folders = list((tmp_path / "scratch").iterdir())
@@ -132,4 +139,4 @@ def test_a_service_that_cannot_read_its_queue_waits_for_it(tmp_path: Path, monke
     monkeypatch.setattr(app.state.parts.runner._queue, "claim", claim_later)
     with running(app) as client:
         _, address = started(client, b"good log")
-        wait_until(lambda: state_of(client, address) == "done", 30.0)
+        wait_until(lambda: state_of(client, address) == "done")

@@ -53,7 +53,7 @@ def test_kills_lose_nothing_and_do_nothing_twice(service: Service, kills: int) -
     def all_ended() -> bool:
         return all(service.client.get(address).json()["ended"] for address in analyses)
 
-    wait_until(all_ended, 120.0, pause=0.5)
+    wait_until(all_ended, pause=0.5)
     for address, log in analyses.items():
         answer = service.client.get(address).json()
         if answer["state"] == "failed":  # its workers were shot as often as an analysis is begun
@@ -78,7 +78,7 @@ def test_a_database_that_is_gone_for_ten_seconds_delays_but_breaks_nothing(tmp_p
         try:
             log = service.client.post("/api/v1/logs", files={"file": ("a.bin", b"slow one")}).json()["id"]
             address = service.client.post("/api/v1/analyses", json={"logs": [log]}).headers["Location"]
-            wait_until(lambda: service.client.get(address).json()["state"] == "running", 30.0)
+            wait_until(lambda: service.client.get(address).json()["state"] == "running")
             database.stop()
             gone = time.monotonic()
             for refused in (
@@ -95,8 +95,8 @@ def test_a_database_that_is_gone_for_ten_seconds_delays_but_breaks_nothing(tmp_p
             assert not unfinished(service.data)
             time.sleep(max(0.0, gone + 10.0 - time.monotonic()))
             database.start()
-            wait_until(lambda: service.client.get("/readyz").status_code == 200, 30.0)
-            wait_until(lambda: service.client.get(address).json()["state"] == "done", 60.0, pause=0.2)
+            wait_until(lambda: service.client.get("/readyz").status_code == 200)
+            wait_until(lambda: service.client.get(address).json()["state"] == "done", pause=0.2)
             assert service.client.post("/api/v1/logs", files={"file": ("b.bin", b"another")}).status_code == 201
         finally:
             service.close()
@@ -108,7 +108,7 @@ def test_a_locked_database_delays_but_breaks_nothing(tmp_path: Path) -> None:
     try:
         log = service.client.post("/api/v1/logs", files={"file": ("a.bin", b"slow one")}).json()["id"]
         address = service.client.post("/api/v1/analyses", json={"logs": [log]}).headers["Location"]
-        wait_until(lambda: service.client.get(address).json()["state"] == "running", 30.0)
+        wait_until(lambda: service.client.get(address).json()["state"] == "running")
         blocker = sqlite3.connect(tmp_path / "data" / "rotorid.db", isolation_level=None)
         blocker.execute("BEGIN IMMEDIATE")
         refused = service.client.post("/api/v1/logs", files={"file": ("b.bin", b"another")})
@@ -118,7 +118,7 @@ def test_a_locked_database_delays_but_breaks_nothing(tmp_path: Path) -> None:
         assert service.client.get(address).status_code == 200  # readers are not held up
         blocker.execute("ROLLBACK")
         blocker.close()
-        wait_until(lambda: service.client.get(address).json()["state"] == "done", 60.0)
+        wait_until(lambda: service.client.get(address).json()["state"] == "done")
         assert service.client.post("/api/v1/logs", files={"file": ("b.bin", b"another")}).status_code == 201
     finally:
         service.close()
@@ -134,7 +134,7 @@ def test_what_died_in_the_middle_of_an_upload_leaves_nothing(tmp_path: Path) -> 
             f"Content-Length: {len(body) + 1000}\r\n\r\n"
         )
         connection.sendall(head.encode() + body)
-        wait_until(lambda: bool(unfinished(service.data)), 30.0)
+        wait_until(lambda: bool(unfinished(service.data)))
         service.kill()
     service.start()
     assert not unfinished(service.data)

@@ -169,7 +169,7 @@ def test_what_a_dead_server_left_behind_is_cleared_away(tmp_path: Path) -> None:
     left.mkdir(parents=True)
     (left / "upload").write_bytes(b"half")
     with running(create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())):
-        wait_until(lambda: not left.exists(), 5.0)
+        wait_until(lambda: not left.exists())
     assert not list((tmp_path / "scratch").iterdir())
 
 
