@@ -258,19 +258,47 @@ def _saturation(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
         )
 
 
-def _vibration(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
+def vibration(log: "FlightLog", start: float, stop: float) -> dict[str, float] | None:
+    """Vibration as the autopilot measures it, worst axis, and how often the accelerometer hit its range.
+
+    Returns
+    -------
+    dict or None
+        ``p95`` [m/s^2], ``above`` (part of the time above what calls for action) and ``clips``; None where not logged.
+    """
     name, axes = ("VIBE", ("VibeX", "VibeY", "VibeZ"))
     if "VIBRATION" in log.messages:
         name, axes = ("VIBRATION", ("vibration_x", "vibration_y", "vibration_z"))
     if name not in log.messages:
-        return
+        return None
     frame = log.messages[name]
-    frame = frame[(frame.index >= flight.start) & (frame.index <= flight.stop)]
+    frame = frame[(frame.index >= start) & (frame.index <= stop)]
     if not len(frame) or not set(axes) <= set(frame.columns):
+        return None
+    worst = frame[list(axes)].to_numpy(float).max(axis=1)
+    worst = worst[np.isfinite(worst)]
+    if not len(worst):
+        return None
+    clips = [column for column in frame.columns if str(column).lower().startswith("clip")]
+    # The counters run for each accelerometer by itself.
+    by = "IMU" if "IMU" in frame else None
+    parts = [part for _, part in frame.groupby(by)] if by else [frame]
+    count = max(
+        (float(part[column].iloc[-1] - part[column].iloc[0]) for part in parts for column in clips), default=0.0
+    )
+    return {
+        "p95": float(np.percentile(worst, 95.0)),
+        "above": float((worst > _VIBRATION).mean()),
+        "clips": count,
+    }
+
+
+def _vibration(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
+    measured = vibration(log, flight.start, flight.stop)
+    if measured is None:
         return
-    share = float((frame[list(axes)].to_numpy() > _VIBRATION).any(axis=1).mean())
+    share, worst, count = measured["above"], measured["p95"], measured["clips"]
     if share > 0.05:
-        worst = float(np.percentile(frame[list(axes)].to_numpy().max(axis=1), 95.0))
         yield Finding(
             "vibration",
             Severity.WARNING,
@@ -279,13 +307,6 @@ def _vibration(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
             "Balance the propellers and soften the mount of the autopilot.",
             {"share": share, "p95": worst},
         )
-    clips = [column for column in frame.columns if str(column).lower().startswith("clip")]
-    # The counters run for each accelerometer by itself.
-    by = "IMU" if "IMU" in frame else None
-    parts = [part for _, part in frame.groupby(by)] if by else [frame]
-    count = max(
-        (float(part[column].iloc[-1] - part[column].iloc[0]) for part in parts for column in clips), default=0.0
-    )
     if count > 0:
         yield Finding(
             "accelerometer-clipping",

@@ -9,6 +9,7 @@ import sysid
 from logparse import Finding, FlightLog, MissingDataError, health
 from pipeline.comparison import compare_parameters
 from pipeline.config import AnalysisConfig
+from pipeline.coverage import measure
 from pipeline.craft import fingerprint
 from pipeline.identification import identify
 from pipeline.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
@@ -90,6 +91,10 @@ def analyze(
             stages.missing["experiment"] = models[0].missing
             models = []
 
+    coverage = None
+    if flight is not None and trajectory is not None:
+        coverage = stages.run("coverage", lambda _: measure(log, trajectory, flight, models))
+
     # Findings about the fits stay with their models; those of the experiments are about the log.
     later = (part.findings for part in (trajectory, thrust, *experiments.values()) if part is not None)
     return FlightResult(
@@ -106,6 +111,7 @@ def analyze(
         models=tuple(models),
         thrust=thrust,
         parameters=parameters,
+        coverage=coverage,
         findings=(*log.findings, *checked, *(finding for part in later for finding in part), *stages.findings),
         missing=stages.missing,
         timings=stages.timings,

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from estimation import Trajectory
     from logparse import Finding, Vehicle
+    from pipeline.coverage import Coverage
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.excitation import Coherence
 
@@ -152,8 +153,8 @@ class FlightResult:
     """One log, analysed as far as its content allows.
 
     A stage that could not be done leaves None here and its reason in `missing` under the stage's name:
-    ``"flight"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``, ``"parameters"``; a model says itself why it is not
-    there.
+    ``"flight"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``, ``"parameters"``, ``"coverage"``; a model says
+    itself why it is not there.
 
     Attributes
     ----------
@@ -173,6 +174,8 @@ class FlightResult:
         Fitted to the first part of the flight.
     parameters : PhysicalParameters or None
         By every method, from the first part of the flight.
+    coverage : Coverage or None
+        How fast, how high, in which wind it flew, how it moved and how well that was logged.
     findings : tuple of Finding
         Of every stage, in the order of the work.
     missing : mapping of str to str
@@ -194,6 +197,7 @@ class FlightResult:
     models: tuple[ModelResult, ...] = ()
     thrust: ThrustModel | None = None
     parameters: PhysicalParameters | None = None
+    coverage: Coverage | None = None
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)
