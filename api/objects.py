@@ -5,10 +5,8 @@ object only when it is complete. Names are made of ids and of our own file names
 """
 
 import errno
-import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
@@ -17,6 +15,7 @@ from urllib.parse import urlsplit
 import fsspec
 
 from api.ids import new_id
+from pipeline.store import as_os_error, sync
 
 #: How the name of an object that is still being written ends.
 _PARTIAL = ".partial"
@@ -48,7 +47,7 @@ class Objects:
     def prepare(self) -> None:
         """Make sure that objects can be written; OSError, or what the storage says, where they cannot."""
         probe = str(self._root / f"{new_id()}{_PARTIAL}")  # others may probe at the same time
-        with _as_os_error():
+        with as_os_error():
             self._files.makedirs(str(self._root), exist_ok=True)
             self._files.pipe_file(probe, b"probe")
             self._files.rm_file(probe)
@@ -56,7 +55,7 @@ class Objects:
     def put(self, source: Path, key: str) -> None:
         """Keep a file, which is on a disk and synced, under `key`; in a folder on the same disk it moves."""
         if self.folder is None:
-            with _as_os_error():
+            with as_os_error():
                 self._files.put_file(str(source), str(self._root / key))
             return
         target = self.folder / key
@@ -69,26 +68,26 @@ class Objects:
                 raise
             _copy(source, target)
         for folder in {target.parent, *(each.parent for each in made)}:
-            _sync(folder)
+            sync(folder)
 
     def fetch(self, key: str, target: Path) -> None:
         """Copy an object to a file, or let the file be another name for it; FileNotFoundError where there is none."""
         if self.folder is None:
-            with _as_os_error():
+            with as_os_error():
                 self._files.get_file(str(self._root / key), str(target))
         else:
             target.symlink_to((self.folder / key).resolve(strict=True))
 
     def read(self, key: str, start: int = 0, stop: int | None = None) -> bytes:
         """Read an object, or the bytes from `start` to before `stop` of it; FileNotFoundError where there is none."""
-        with _as_os_error():
+        with as_os_error():
             content: bytes = self._files.cat_file(str(self._root / key), start=start, end=stop)
         return content
 
     def list(self, prefix: str) -> Iterator[Object]:
         """List the objects below a prefix, also those that are only partly written."""
         try:
-            with _as_os_error():
+            with as_os_error():
                 self._files.invalidate_cache()  # other servers write there as well
                 found = self._files.find(str(self._root / prefix), detail=True)
         except FileNotFoundError:
@@ -103,22 +102,11 @@ class Objects:
         """Remove an object, or all objects below a prefix; nothing happens where there is none."""
         path = str(self._root / key)
         try:
-            with _as_os_error():
+            with as_os_error():
                 self._files.invalidate_cache()
                 self._files.rm(path, recursive=True)
         except FileNotFoundError:
             return
-
-
-@contextmanager
-def _as_os_error() -> Iterator[None]:
-    """Let every storage fail in one way: the libraries behind fsspec have exceptions of their own."""
-    try:
-        yield
-    except OSError:
-        raise
-    except Exception as error:
-        raise OSError(errno.EIO, f"{type(error).__name__}: {error}") from error
 
 
 def _copy(source: Path, target: Path) -> None:
@@ -126,16 +114,7 @@ def _copy(source: Path, target: Path) -> None:
     partial = target.with_name(target.name + _PARTIAL)
     try:
         shutil.copyfile(source, partial)
-        _sync(partial)
+        sync(partial)
         partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
-
-
-def _sync(path: Path) -> None:
-    """Have a file, or the names in a folder, on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
