@@ -1,0 +1,136 @@
+"""Values of several flights with their standard errors together: what is common, what differs, what goes with it.
+
+Random-effects meta-regression (Thompson and Sharp 1999; Viechtbauer 2010)::
+
+    y_i = x_i beta + u_i + e_i,     u_i ~ N(0, tau^2) between flights,     e_i ~ N(0, sigma_i^2) as each flight says
+
+tau^2 is Paule and Mandel's (1982; DerSimonian and Kacker 2007): the value at which the weighted sum of squares of the
+residuals equals its expectation, or 0 where it is below that even for tau = 0. Beta is judged by Student's t with as
+many degrees of freedom as there are values more than coefficients (Knapp and Hartung 2003), whose factor on the
+covariance, the same sum of squares over its expectation, is 1 for this tau and not allowed below 1 (Röver, Knapp and
+Friede 2015), so that flights which agree by luck do not make every difference significant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import chi2, norm, t
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+
+#: Smallest standard error taken seriously, as a part of the largest value: below it is rounding.
+_FINEST = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MetaRegression:
+    """What values of several flights say together.
+
+    Attributes
+    ----------
+    beta : ndarray, shape (q,)
+        One coefficient for each column of the design.
+    covariance : ndarray, shape (q, q)
+    tau : float
+        Standard deviation between flights beyond their own standard errors.
+    df : int
+        Degrees of freedom; 0 where there are as many values as coefficients. Then tau cannot be told and is taken as 0.
+    q : float
+        Weighted sum of squares of the residuals without any scatter between flights (Cochran's Q).
+    weights : ndarray, shape (n,)
+        Of the values, ``1 / (sigma^2 + tau^2)``.
+    """
+
+    beta: Floats
+    covariance: Floats
+    tau: float
+    df: int
+    q: float
+    weights: Floats
+
+    @property
+    def q_p(self) -> float:
+        """Probability of a larger Q if flights differed by their standard errors only; 1 without degrees of freedom."""
+        return float(chi2.sf(self.q, self.df)) if self.df else 1.0
+
+    @property
+    def i2(self) -> float:
+        """Part of the scatter that is not the flights' own errors (Higgins and Thompson 2002), 0 to 1."""
+        return max(0.0, 1.0 - self.df / self.q) if self.q > 0.0 else 0.0
+
+    def test(self, contrast: ArrayLike) -> tuple[float, float, float]:
+        """Judge a combination of coefficients against zero.
+
+        Parameters
+        ----------
+        contrast : array_like, shape (q,)
+
+        Returns
+        -------
+        tuple of float
+            Estimate, standard error, two-sided p.
+        """
+        weights = np.asarray(contrast, dtype=np.float64)
+        estimate = float(weights @ self.beta)
+        sigma = float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))
+        if sigma == 0.0:
+            return estimate, sigma, 1.0 if estimate == 0.0 else 0.0
+        ratio = abs(estimate) / sigma
+        return estimate, sigma, float(2.0 * (t.sf(ratio, self.df) if self.df else norm.sf(ratio)))
+
+
+def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | None = None) -> MetaRegression:
+    """Fit a random-effects meta-regression.
+
+    Parameters
+    ----------
+    values, sigmas : array_like, shape (n,)
+        Finite; one value and its standard error for each flight.
+    design : array_like, shape (n, q), optional
+        What the values may depend on; a column of ones (the mean) when not given.
+
+    Raises
+    ------
+    ValueError
+        There are fewer values than coefficients, or the design does not tell them apart.
+    """
+    y = np.asarray(values, dtype=np.float64)
+    x = np.ones((len(y), 1)) if design is None else np.asarray(design, dtype=np.float64)
+    if x.ndim != 2 or len(x) != len(y) or len(y) < x.shape[1] or np.linalg.matrix_rank(x) < x.shape[1]:
+        raise ValueError(f"{len(y)} values cannot determine the coefficients of a design of shape {x.shape}")
+    variance = np.maximum(np.asarray(sigmas, dtype=np.float64), _FINEST * max(float(np.abs(y).max()), 1e-300)) ** 2
+    df = len(y) - x.shape[1]
+
+    def fit(between: float) -> tuple[Floats, Floats, float]:
+        root = 1.0 / np.sqrt(variance + between)
+        beta: Floats = np.linalg.lstsq(x * root[:, None], y * root, rcond=None)[0]
+        return beta, root**2, float(np.sum(((y - x @ beta) * root) ** 2))
+
+    q = fit(0.0)[2]
+    between = 0.0
+    if df and q > df:
+        most = max(q / df, 2.0) * float(variance.max())
+        while fit(most)[2] > df:
+            most *= 4.0
+        between = float(brentq(lambda value: fit(value)[2] - df, 0.0, most, xtol=1e-12 * most, rtol=1e-10))
+    beta, weights, _ = fit(between)
+    covariance: Floats = np.linalg.inv(x.T @ (x * weights[:, None]))
+    return MetaRegression(beta=beta, covariance=covariance, tau=between**0.5, df=df, q=q, weights=weights)
+
+
+def holm(p: Sequence[float]) -> list[float]:
+    """Adjust p values such that the chance of any false alarm among them stays below the level (Holm 1979)."""
+    order = sorted(range(len(p)), key=lambda k: p[k])
+    adjusted, worst = [0.0] * len(p), 0.0
+    for rank, k in enumerate(order):
+        worst = max(worst, min(1.0, (len(p) - rank) * p[k]))
+        adjusted[k] = worst
+    return adjusted
