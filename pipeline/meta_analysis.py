@@ -111,7 +111,7 @@ def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | No
 
     def fit(between: float) -> tuple[Floats, Floats, float]:
         root = 1.0 / np.sqrt(variance + between)
-        beta: Floats = np.linalg.lstsq(x * root[:, None], y * root, rcond=None)[0]
+        beta = np.asarray(np.linalg.lstsq(x * root[:, None], y * root, rcond=None)[0], dtype=np.float64)
         return beta, root**2, float(np.sum(((y - x @ beta) * root) ** 2))
 
     q = fit(0.0)[2]
@@ -122,7 +122,7 @@ def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | No
             most *= 4.0
         between = float(brentq(lambda value: fit(value)[2] - df, 0.0, most, xtol=1e-12 * most, rtol=1e-10))
     beta, weights, _ = fit(between)
-    covariance: Floats = np.linalg.inv(x.T @ (x * weights[:, None]))
+    covariance = np.asarray(np.linalg.inv(x.T @ (x * weights[:, None])), dtype=np.float64)
     return MetaRegression(beta=beta, covariance=covariance, tau=between**0.5, df=df, q=q, weights=weights)
 
 
