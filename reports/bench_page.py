@@ -8,7 +8,7 @@ from importlib.metadata import version
 from typing import Any
 
 from reports.figure import Figure, Trace, layout_of
-from reports.html import _render
+from reports.html import render
 from reports.quantity import number, uncertain
 from sysid.bench import Bench
 from sysid.bench_table import BenchError
@@ -41,7 +41,7 @@ def bench_page(
     ]
     drawn = [figure for figure in figures if figure is not None]
     trims, sentences = _trims(bench, weight, voltage, motors)
-    return _render(
+    return render(
         "bench.html",
         drawn,
         numbers={"rotorid": version("rotorid")},

@@ -4,12 +4,11 @@ import csv
 import json
 import logging
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from pipeline.names import folder_names
-from pipeline.results import FleetResult, FlightResult, ModelResult
+from pipeline.results import FleetResult, FlightResult
 from reports import html
 from reports.exports import write_exports
 from reports.numbers import Numbers, models, numbers_of, rmse_rows
@@ -76,22 +75,8 @@ def _write_flight_pages(
     for flight, flight_numbers_ in zip(result.flights, numbers["flights"], strict=True):
         path = folder / "flights" / folders[flight.name] / "report.html"
         path.parent.mkdir(parents=True, exist_ok=True)
-        joint = _joint_models(result, numbers, flight.name)
-        render = partial(html.flight_page, flight, flight_numbers_, joint, "../../report.html", script_file)
+        render = partial(html.flight_page, flight, flight_numbers_, "../../report.html", script_file)
         _write_page(path, render)
-
-
-def _joint_models(result: FleetResult, numbers: Numbers, flight: str) -> list[tuple[ModelResult, Numbers]]:
-    """Gather the models of the craft that a flight belongs to, with what concerns this flight only."""
-    return [
-        (
-            replace(model, predictions=tuple(part for part in model.predictions if part.experiment.name == flight)),
-            facts | {"rmse": [row for row in facts["rmse"] if row["flight"] == flight]},
-        )
-        for group, group_numbers in zip(result.groups, numbers["groups"], strict=True)
-        if flight in (*group.training, *group.held_out)
-        for model, facts in zip(group.models, group_numbers["models"], strict=True)
-    ]
 
 
 def _json(value: object) -> str:

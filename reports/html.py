@@ -18,20 +18,15 @@ from markupsafe import Markup, escape
 from pipeline.results import FleetResult, FlightResult, ModelResult
 from reports import summary, views
 from reports.details import details
-from reports.figures import Figure, flight_figures
+from reports.figure import Figure
+from reports.flight_figures import flight_figures
 from reports.model_figures import horizon_figure, response_figures
 from reports.model_views import identified, judgements, thrust_coefficients
 from reports.numbers import Numbers
 from reports.parameter_views import coherence, parameters
 
 
-def flight_page(
-    result: FlightResult,
-    numbers: Numbers,
-    joint: Sequence[tuple[ModelResult, Numbers]] = (),
-    back: str | None = None,
-    script_file: str = "",
-) -> str:
+def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None, script_file: str = "") -> str:
     """Render the page of one flight.
 
     Parameters
@@ -40,17 +35,15 @@ def flight_page(
         For the plots.
     numbers : dict
         Of the same result, for everything else.
-    joint : sequence of (ModelResult, dict)
-        The models of the craft with their numbers, both with what concerns this flight only.
     back : str, optional
         Link to the page of the fleet.
     script_file : str
         Where Plotly's script is, seen from the page; inside the page itself when empty.
     """
-    figures = flight_figures(result, [model for model, _ in joint])
+    figures = flight_figures(result)
     ahead = horizon_figure(numbers["models"])
     models = identified(numbers["models"])
-    return _render(
+    return render(
         "flight.html",
         [*figures, *([ahead] if ahead else []), *_attach(models, result.models)],
         flight_figures=figures,
@@ -62,7 +55,7 @@ def flight_page(
         sentences=summary.sentences(numbers),
         verdicts=views.verdicts(numbers["models"]),
         missing=views.missing_stages(numbers),
-        rmse=views.flight_rmse(numbers["models"], [facts for _, facts in joint]),
+        rmse=views.flight_rmse(numbers["models"]),
         horizons=views.horizons(numbers["models"]),
         judgements=judgements(numbers["models"]),
         thrust=thrust_coefficients(numbers["thrust"], numbers["missing"]),
@@ -107,7 +100,7 @@ def fleet_page(result: FleetResult, numbers: Numbers, folders: dict[str, str]) -
         figures += [view["ahead"]] if view["ahead"] else []
         figures += _attach(view["models"], group.models, f"{number}-")
         groups.append(view)
-    return _render(
+    return render(
         "fleet.html",
         figures,
         numbers=numbers,
@@ -136,19 +129,15 @@ def plotly_script() -> bytes:
     return (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
 
 
-def _render(template: str, figures: Sequence[Figure], script_file: str = "", **view: Any) -> str:
+def render(template: str, figures: Sequence[Figure], script_file: str = "", **view: Any) -> str:
     """Fill a template in, with the figures that it shows and whatever else it names."""
-    drawn = [
-        {"id": figure.id, "data": figure.data, "layout": figure.layout, "height": figure.height, "time": figure.time}
-        for figure in figures
-    ]
     return (
         _environment()
         .get_template(template)
         .render(
             figures=figures,
             rotorid=version("rotorid"),
-            figures_json=script_json(drawn),
+            figures_json=script_json([figure.packed() for figure in figures]),
             plotly=_packed_plotly() if figures and not script_file else "",
             script_file=script_file,
             style=Markup(_text("style.css")),

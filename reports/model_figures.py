@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.results import ModelResult
-from reports.figures import Figure, Trace, layout_of, model_color, plotly_text, short
+from reports.figure import Figure, Trace, layout_of, model_color, plotly_text, short
 from reports.numbers import Numbers
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel
 from sysid.frequency_response import Root, frequency_response, poles, zeros

@@ -10,9 +10,9 @@ from pipeline.names import printable
 from pipeline.replay import Replay
 from pipeline.results import ModelResult
 from reports import html, summary, views
-from reports.figures import compare
 from reports.model_views import judgements
 from reports.numbers import model_numbers, overall
+from reports.prediction_figures import compare
 
 
 def write_replay(replay: Replay, folder: str | Path) -> list[Path]:
@@ -61,7 +61,7 @@ def _page(replay: Replay) -> str:
     numbers = [model_numbers(result, "replay", replay.name, flight=replay.name) for result in replay.results]
     missing = [(summary.sentence(result.title)[:-1], result.missing) for result in replay.results if result.missing]
     titles = ", ".join(result.title for result in ran)
-    return html._render(
+    return html.render(
         "replay.html",
         [compare(record, ran, measured=replay.measured)],
         name=replay.name,
@@ -70,7 +70,7 @@ def _page(replay: Replay) -> str:
         verdicts=views.verdicts(numbers) if replay.measured else [],
         sentences=[f"{record.duration:.0f} s of inputs, run through: {titles}.", *replay.notes],
         missing=missing,
-        rmse=views.flight_rmse([], numbers, "the stored models"),
+        rmse=views.flight_rmse([], numbers),
         horizons=views.horizons(numbers),
         ahead=None,
         judgements=judgements(numbers),

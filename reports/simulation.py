@@ -11,8 +11,8 @@ from typing import Any, Protocol
 
 import pandas as pd
 
-from reports.figures import Figure, layout_of, line
-from reports.html import _render
+from reports.figure import Figure, layout_of, line
+from reports.html import render
 
 #: Colours of the lines of a plot, in their order, and the line style beyond the first eight.
 _COLORS = tuple(f"@c{k}" for k in range(1, 9))
@@ -89,7 +89,7 @@ def simulation_page(
         Names of the files beside the page.
     """
     figures = [_figure(number, plot) for number, plot in enumerate(plots, start=1)]
-    return _render(
+    return render(
         "simulation.html",
         figures,
         numbers={"rotorid": version("rotorid")},

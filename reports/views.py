@@ -59,7 +59,7 @@ def _rmse_lines(rows: Iterable[Numbers]) -> list[list[str]]:
 
 
 def flight_rmse(
-    own: Sequence[Numbers], others: Sequence[Numbers], whose: str = "the joint models of the craft"
+    own: Sequence[Numbers], others: Sequence[Numbers] = (), whose: str = "the stored models"
 ) -> View | None:
     """Lay out what the flight's own models and those of others achieve on it, beside guesses without a model.
 

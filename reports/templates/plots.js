@@ -2,14 +2,46 @@
 "use strict";
 (function () {
   const figures = JSON.parse(document.getElementById("figures").textContent);
+  const byId = new Map(figures.map((figure) => [figure.id, figure]));
+  // A place in the page shows one of its figures; most have only one.
+  const places = new Map();
+  for (const figure of figures) if (!places.has(figure.place)) places.set(figure.place, figure.id);
   const drawn = new Set();
+  // On paper plots are as wide as a page of A4 or Letter is between its margins.
+  const PRINT_WIDTH = 670;
   let timeRange = null;
   let following = false;
+  let printing = false;
+
+  const elementOf = (place) => document.getElementById("plot-" + place);
+  const shownAt = (place) => byId.get(places.get(place));
+
+  async function unzip(text) {
+    const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Response(stream).text();
+  }
+
+  // Figures travel gzipped, long lines as differences of whole numbers.
+  async function unpack(figure) {
+    if (figure.data) return figure;
+    const { data, layout } = JSON.parse(await unzip(figure.packed));
+    for (const trace of data) for (const axis of ["x", "y"]) if (trace[axis]?.deltas) trace[axis] = undo(trace[axis]);
+    return Object.assign(figure, { data, layout });
+  }
+
+  function undo({ scale, deltas }) {
+    const values = new Float64Array(deltas.length);
+    let sum = 0;
+    deltas.forEach((delta, k) => { values[k] = delta === null ? NaN : (sum += delta) / scale; });
+    return values;
+  }
 
   function themed(value) {
     if (typeof value === "string" && /^@[a-z]+[0-9]?$/.test(value)) {
       return getComputedStyle(document.documentElement).getPropertyValue("--" + value.slice(1)).trim();
     }
+    if (ArrayBuffer.isView(value)) return value;
     if (Array.isArray(value)) return typeof value[0] === "number" ? value : value.map(themed);
     if (value && typeof value === "object") {
       return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, themed(item)]));
@@ -17,50 +49,69 @@
     return value;
   }
 
-  function layoutOf(figure) {
+  function layoutOf(figure, element) {
     const layout = themed(figure.layout);
     layout.height = figure.height;
+    if (printing) layout.width = Math.min(PRINT_WIDTH, element.clientWidth || PRINT_WIDTH);
     layout.dragmode = matchMedia("(pointer: coarse)").matches ? false : "zoom";
     if (figure.time && timeRange) layout.xaxis = Object.assign({}, layout.xaxis, timeRange);
     return layout;
   }
 
-  function draw(figure) {
-    const element = document.getElementById("plot-" + figure.id);
-    const first = !drawn.has(figure.id);
-    if (first) { element.textContent = ""; element.classList.remove("waiting"); }
-    drawn.add(figure.id);
-    Plotly.react(element, themed(figure.data), layoutOf(figure), { responsive: true, displaylogo: false, displayModeBar: false });
-    if (first && figure.time) element.on("plotly_relayout", (change) => follow(figure, change));
-    if (first) offerChoice(figure, element);
+  function draw(place) {
+    const element = elementOf(place), figure = shownAt(place), first = !drawn.has(place);
+    if (!figure.data) return;
+    if (first) { element.textContent = ""; element.classList.remove("waiting"); element.style.height = ""; }
+    drawn.add(place);
+    Plotly.react(element, themed(figure.data), layoutOf(figure, element), { responsive: !printing, displaylogo: false, displayModeBar: false });
+    if (first) {
+      element.on("plotly_relayout", (change) => { if (shownAt(place).time) follow(place, change); });
+      offerChoice(place, element);
+    }
   }
 
   // What a click into the legend does, for the keyboard, for fingers and for screen readers as well.
-  function offerChoice(figure, element) {
-    const groups = [...new Set(figure.data.map((trace) => trace.legendgroup).filter(Boolean))];
+  function offerChoice(place, element) {
+    const groups = [...new Set(shownAt(place).data.map((trace) => trace.legendgroup).filter(Boolean))];
     if (groups.length < 2) return;
     const choice = document.createElement("fieldset");
     choice.className = "choice";
     const legend = document.createElement("legend");
     legend.textContent = "Shown";
     choice.append(legend);
+    const members = (group) => shownAt(place).data.flatMap((trace, index) => (trace.legendgroup === group ? [index] : []));
+    const isShown = (group) => members(group).some((index) => shownAt(place).data[index].visible !== "legendonly");
     for (const group of groups) {
       const label = document.createElement("label"), box = document.createElement("input");
-      const members = figure.data.flatMap((trace, index) => (trace.legendgroup === group ? [index] : []));
-      const isShown = () => element.data[members[0]].visible !== "legendonly";
       box.type = "checkbox";
-      box.checked = isShown();
+      box.checked = isShown(group);
       box.addEventListener("change", () => {
-        Plotly.restyle(element, { visible: box.checked ? true : "legendonly" }, members);
+        Plotly.restyle(element, { visible: box.checked ? true : "legendonly" }, members(group));
       });
       element.on("plotly_restyle", () => {
-        box.checked = isShown();
-        for (const index of members) figure.data[index].visible = element.data[index].visible;
+        for (const index of members(group)) if (element.data[index]) shownAt(place).data[index].visible = element.data[index].visible;
+        box.checked = isShown(group);
       });
       label.append(box, " ", group);
       choice.append(label);
     }
     element.before(choice);
+  }
+
+  // What is shown of one flight stays shown of the next.
+  function keepShown(from, to) {
+    const visible = new Map(from.data.filter((trace) => trace.legendgroup).map((trace) => [trace.legendgroup, trace.visible]));
+    for (const trace of to.data) if (visible.has(trace.legendgroup)) trace.visible = visible.get(trace.legendgroup);
+  }
+
+  async function choose(select) {
+    const place = select.dataset.place, before = shownAt(place), after = byId.get(select.value);
+    const link = select.parentElement.parentElement.querySelector("a");
+    if (link) link.href = select.selectedOptions[0].dataset.page;
+    await unpack(after);
+    if (before.data && before !== after) keepShown(before, after);
+    places.set(place, after.id);
+    if (drawn.has(place)) draw(place);
   }
 
   // Zooming one time axis zooms all; a double click shows everything again.
@@ -74,16 +125,18 @@
       return;
     }
     following = true;
-    const others = figures.filter((figure) => figure.time && figure.id !== source.id && drawn.has(figure.id));
-    Promise.all(others.map((figure) =>
-      Plotly.relayout("plot-" + figure.id, timeRange
+    const others = [...drawn].filter((place) => place !== source && shownAt(place).time);
+    Promise.all(others.map((place) =>
+      Plotly.relayout(elementOf(place), timeRange
         ? { "xaxis.range": timeRange.range.slice() }
-        : { "xaxis.range": figure.layout.xaxis.range.slice() }))).finally(() => { following = false; });
+        : { "xaxis.range": shownAt(place).layout.xaxis.range.slice() }))).finally(() => { following = false; });
   }
 
-  // What is folded away is not printed, and has no size to be drawn at.
-  function drawAll() {
-    figures.filter((figure) => document.getElementById("plot-" + figure.id).offsetParent).forEach(draw);
+  // What is folded away is not printed, and has no size to be drawn at. Paper is light whatever the screen is.
+  function print(begins) {
+    printing = begins;
+    document.documentElement.classList.toggle("printing", begins);
+    for (const place of places.keys()) if (begins ? elementOf(place).offsetParent : drawn.has(place)) draw(place);
   }
 
   function start() {
@@ -91,14 +144,20 @@
       for (const entry of entries) {
         if (!entry.isIntersecting) continue;
         watcher.unobserve(entry.target);
-        draw(figures.find((figure) => "plot-" + figure.id === entry.target.id));
+        const place = entry.target.id.slice("plot-".length);
+        unpack(shownAt(place)).then(() => draw(place));
       }
     }, { rootMargin: "600px" });
-    figures.forEach((figure) => watcher.observe(document.getElementById("plot-" + figure.id)));
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-      figures.filter((figure) => drawn.has(figure.id)).forEach(draw);
+    for (const place of places.keys()) watcher.observe(elementOf(place));
+    document.querySelectorAll("select[data-place]").forEach((select) => {
+      select.addEventListener("change", () => choose(select));
+      if (select.value !== places.get(select.dataset.place)) choose(select);  // the browser remembered a choice
     });
-    addEventListener("beforeprint", drawAll);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawn.forEach(draw));
+    addEventListener("beforeprint", () => print(true));
+    addEventListener("afterprint", () => print(false));
+    // Printing does not wait: what may have to be drawn for it must be unpacked by then.
+    return Promise.all([...places.values()].map((id) => unpack(byId.get(id))));
   }
 
   // Plotly lies in a file beside the pages of a folder, or travels gzipped inside the page: a third of its size, and no
@@ -106,10 +165,8 @@
   async function loadPlotly() {
     if (window.Plotly) return;
     if (!document.getElementById("plotly")) throw new Error("no file");
-    const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent.trim()), (c) => c.charCodeAt(0));
-    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
     const script = document.createElement("script");
-    script.textContent = await new Response(stream).text();
+    script.textContent = await unzip(document.getElementById("plotly").textContent.trim());
     document.head.append(script);
   }
 
@@ -117,6 +174,7 @@
   loadPlotly().then(start).catch(() => {
     const apart = !document.getElementById("plotly");
     document.querySelectorAll(".plot").forEach((element) => {
+      if (element.querySelector(".main-svg")) return;
       element.textContent = apart ? "The plots are drawn by plotly.min.js, which lies beside the report on all flights: this page was moved away from it. The tables are complete." : "This browser is too old to draw the plots; the tables are complete, and a browser of 2023 or later draws the plots.";
       element.classList.add("no-script");
     });

@@ -7,7 +7,8 @@ import pandas as pd
 import plotly.graph_objects as go
 import pytest
 
-from reports.figures import MOST_POINTS, flight_figures, motors
+from reports.figure import MOST_POINTS
+from reports.flight_figures import flight_figures, motors
 
 
 def themed(value):

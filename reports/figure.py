@@ -1,0 +1,208 @@
+"""What all plots of a report are made of: lines, bands and layouts, as Plotly takes them, in plain dicts.
+
+Colours are names such as ``"@ink"`` that the page replaces by those of its light or dark theme; the same name means the
+same thing in every plot: ``@ink`` measured, ``@gps``, ``@baro``, and for every kind of model its own (`MODEL_COLORS`).
+Figures whose `time` is true share one time axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.results import Span
+from reports.packing import compact, pack
+
+#: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.
+MOST_POINTS = 1500
+#: Samples further apart than this, s, are not joined by a line.
+LONGEST_JOIN = 1.5
+TIME_TITLE = "time on the log’s clock (s)"
+
+#: Colour of each kind of model, everywhere; further kinds share the last.
+MODEL_COLORS = {"motors": "@own", "mixer": "@mixer", "reference": "@joint", "rigid_body": "@body"}
+
+Trace = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One plot of the page.
+
+    Attributes
+    ----------
+    id : str
+        Of its element in the page.
+    caption : str
+        What to see in it.
+    data, layout : list and dict
+        As Plotly takes them.
+    height : int
+        Pixels.
+    time : bool
+        Whether its x axis is the time shared by the page.
+    place : str
+        Of several figures with one place the page shows one, as its reader chooses; its own when empty.
+    """
+
+    id: str
+    caption: str
+    data: list[Trace]
+    layout: dict[str, Any]
+    height: int
+    time: bool = True
+    place: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give what JSON can say, long lines as differences (`reports.packing`)."""
+        return {
+            "id": self.id,
+            "caption": self.caption,
+            "data": [compact(trace) for trace in self.data],
+            "layout": self.layout,
+            "height": self.height,
+            "time": self.time,
+            "place": self.place,
+        }
+
+    def packed(self) -> dict[str, Any]:
+        """Give what travels in a page."""
+        drawing = self.to_dict()
+        return {
+            "id": self.id,
+            "place": self.place or self.id,
+            "height": self.height,
+            "time": self.time,
+            "packed": pack({"data": drawing["data"], "layout": self.layout}),
+        }
+
+
+def short(title: str) -> str:
+    """Leave out of a model's title what legends have no room for: where it leads to."""
+    return title.partition(" →")[0]
+
+
+def model_color(key: str) -> str:
+    """Give the colour that a kind of model has everywhere."""
+    return MODEL_COLORS.get(key, "@body")
+
+
+def layout_of(**parts: Any) -> dict[str, Any]:
+    """Lay a plot out as all of a report are: transparent, legend above, quiet grid."""
+    base: dict[str, Any] = {
+        "margin": {"l": 58, "r": 14, "t": 46, "b": 44},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "font": {"family": "system-ui, sans-serif", "size": 12, "color": "@text"},
+        "legend": {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"},
+        "hovermode": "closest",
+    }
+    base.update(parts)
+    for name, axis in base.items():
+        if name.startswith(("xaxis", "yaxis")):
+            base[name] = {
+                "gridcolor": "@grid",
+                "linecolor": "@grid",
+                "zerolinecolor": "@grid",
+                "automargin": False,
+            } | axis
+    return base
+
+
+def time_axis(span: Span | None) -> dict[str, Any]:
+    """Lay out an axis of time that begins by showing a stretch of it."""
+    axis: dict[str, Any] = {"title": {"text": TIME_TITLE}, "hoverformat": ".1f"}
+    return axis if span is None else axis | {"range": [span.start, span.stop]}
+
+
+def margin(span: Span | None) -> Span | None:
+    """Widen a stretch of time a little, so that its ends do not lie on the frame of a plot."""
+    return None if span is None else Span(span.start - 0.02 * span.duration, span.stop + 0.02 * span.duration)
+
+
+def band(span: Span, color: str, opacity: float) -> dict[str, Any]:
+    """Tint a stretch of time behind the lines."""
+    return {
+        "type": "rect",
+        "xref": "x",
+        "yref": "paper",
+        "x0": span.start,
+        "x1": span.stop,
+        "y0": 0,
+        "y1": 1,
+        "fillcolor": color,
+        "opacity": opacity,
+        "line": {"width": 0},
+        "layer": "below",
+    }
+
+
+def band_label(span: Span, text: str) -> dict[str, Any]:
+    """Name a tinted stretch of time above the plot."""
+    return {
+        "x": span.start,
+        "y": 1,
+        "xref": "x",
+        "yref": "paper",
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "text": plotly_text(text),
+        "showarrow": False,
+        "font": {"size": 11, "color": "@quiet"},
+    }
+
+
+def plotly_text(text: str) -> str:
+    """Escape text for Plotly, which reads some HTML in labels."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def line(
+    x: ArrayLike,
+    y: ArrayLike,
+    name: str,
+    color: str,
+    width: float = 2.0,
+    decimals: int = 3,
+    hover: str | None = None,
+    time: NDArray[np.float64] | None = None,
+    most: int = MOST_POINTS,
+) -> Trace:
+    """Draw y over x as a line of `most` points, broken where `time` (x when not given) has a gap."""
+    step = max(1, -(-np.size(x) // most))
+    xs, ys = np.asarray(x, dtype=float)[::step], np.asarray(y, dtype=float)[::step]
+    time = xs if time is None else time[::step]
+    # A line across a gap would show what nobody measured.
+    gaps = np.flatnonzero(np.diff(time) > max(LONGEST_JOIN, 5.0 * float(np.median(np.diff(time))))) + 1
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": rounded(np.insert(xs, gaps, np.nan), 3),
+        "y": rounded(np.insert(ys, gaps, np.nan), decimals),
+        "name": name,
+        "line": {"color": color, "width": width},
+        "hovertemplate": f"{hover or '%{x:.1f} s: %{y:.4g}'}<extra>{name}</extra>",
+    }
+
+
+def padded(data: Iterable[Trace], axis: str) -> list[float]:
+    """Give the range of an axis with room around what is drawn."""
+    values = [value for trace in data for value in trace[axis] if value is not None]
+    pad = max(0.06 * (max(values) - min(values)), 0.5)
+    return [min(values) - pad, max(values) + pad]
+
+
+def dots(x: ArrayLike, y: ArrayLike, name: str, color: str) -> Trace:
+    """Draw points that no line joins."""
+    trace = line(x, y, name, color, time=np.arange(np.size(x), dtype=float))
+    del trace["line"]
+    return trace | {"mode": "markers", "marker": {"color": color, "size": 4}, "hoverinfo": "skip"}
+
+
+def rounded(values: NDArray[np.float64], decimals: int) -> list[float | None]:
+    """Round for a plot; what is not finite becomes a gap."""
+    return [float(value) if np.isfinite(value) else None for value in np.round(values, decimals)]

@@ -1,0 +1,218 @@
+"""The plots of one flight: where it went, how high, what the motors were told, and how its own models did."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+import pymap3d
+from numpy.typing import NDArray
+
+from logparse import Geodetic
+from pipeline.results import FlightResult, Span
+from reports.figure import (
+    Figure,
+    Trace,
+    band,
+    band_label,
+    dots,
+    layout_of,
+    line,
+    margin,
+    padded,
+    plotly_text,
+    rounded,
+    time_axis,
+)
+from reports.numbers import mode_spans
+from reports.prediction_figures import prediction
+
+Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
+
+
+def flight_figures(result: FlightResult) -> list[Figure]:
+    """Draw what was flown and how the models did; a plot whose data is missing is left out."""
+    candidates = (track(result), altitude(result), motors(result), prediction(result))
+    return [figure for figure in candidates if figure is not None]
+
+
+def track(result: FlightResult) -> Figure | None:
+    """Draw the flight seen from above, east to the right and north up, with equal scales."""
+    data: list[Trace] = []
+    span = result.flight
+    if result.trajectory is not None and not result.position_known:
+        return None
+    if result.trajectory is not None:
+        states = _within(result.trajectory.states, span)
+        if states.empty:
+            return None
+        north, east = states["p_n"].to_numpy(), states["p_e"].to_numpy()
+        gps = _gps_offsets(result)
+        if gps is not None:
+            data.append(dots(gps[1], gps[0], "GPS", "@gps"))
+        hover = "%{x:.1f} m east<br>%{y:.1f} m north"
+        data.append(line(east, north, "flown", "@ink", hover=hover, time=states.index.to_numpy(dtype=float)))
+        for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
+            data.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "x": rounded(east[[at]], 2),
+                    "y": rounded(north[[at]], 2),
+                    "name": label,
+                    "marker": {"symbol": symbol, "size": 10, "color": "@ink", "line": {"width": 2}},
+                    "hoverinfo": "name",
+                }
+            )
+    else:
+        gps = _gps_offsets(result)
+        if gps is None:
+            return None
+        data.append(dots(gps[1], gps[0], "GPS", "@gps"))
+    layout = layout_of(
+        xaxis={"title": {"text": "east (m)"}, "zeroline": False, "range": padded(data, "x")},
+        yaxis={
+            "title": {"text": "north (m)"},
+            "zeroline": False,
+            "range": padded(data, "y"),
+            "scaleanchor": "x",
+            "scaleratio": 1,
+        },
+    )
+    return Figure(
+        "track",
+        "The flight from above, both axes to the same scale, metres from the origin of the local frame.",
+        data,
+        layout,
+        430,
+        time=False,
+    )
+
+
+def altitude(result: FlightResult) -> Figure | None:
+    """Draw height above the start of the flight as estimated and as the sensors saw it."""
+    data: list[Trace] = []
+    span = margin(result.flight)
+    for table, column, name, color in (
+        (result.baro, "alt", "barometer", "@baro"),
+        (result.gps, "alt", "GPS", "@gps"),
+    ):
+        if table is not None and column in table:
+            values = _within(table[column], span).dropna()
+            if len(values) > 1:
+                data.append(line(values.index, values - _start(values, result.flight), name, color, width=1.2))
+    if result.trajectory is not None:
+        up = -_within(result.trajectory.states["p_d"], span)
+        if len(up) > 1:
+            data.append(line(up.index, up - _start(up, result.flight), "estimated", "@ink"))
+    if not data:
+        return None
+    layout = layout_of(
+        xaxis=time_axis(span),
+        yaxis={"title": {"text": "height (m)"}},
+        **_modes(result),
+    )
+    caption = (
+        "Height above the start of the flight. The estimate should run between barometer and GPS. "
+        "Bands are flight modes."
+    )
+    return Figure("altitude", caption, data, layout, 300)
+
+
+def motors(result: FlightResult) -> Figure | None:
+    """Draw the commands of every motor in a row of its own."""
+    if result.motors is None or result.motors.shape[1] == 0:
+        return None
+    span = margin(result.flight)
+    table = _within(result.motors, span)
+    if len(table) < 2:
+        return None
+    count = table.shape[1]
+    values = table.to_numpy(dtype=float)
+    inside = _within(result.motors, result.flight).to_numpy(dtype=float)
+    used = inside[np.isfinite(inside)]
+    if used.size == 0:
+        return None
+    low, high = (float(v) for v in np.percentile(used, [0.5, 99.5]))
+    pad = max(0.15 * (high - low), 10.0)
+    row = 1.0 / count
+    data: list[Trace] = []
+    axes: dict[str, Any] = {}
+    labels = []
+    for number in range(count):
+        suffix = "" if number == 0 else str(number + 1)
+        name = str(table.columns[number]).removeprefix("m")
+        data.append(
+            line(table.index, values[:, number], f"motor {name}", "@ink", width=1.0, decimals=0)
+            | {"yaxis": f"y{suffix}", "showlegend": False}
+        )
+        top = 1.0 - number * row
+        axes[f"yaxis{suffix}"] = {
+            "domain": [top - row * 0.86, top],
+            "range": [low - pad, high + pad],
+            "nticks": 3,
+            "tickfont": {"size": 10},
+        }
+        labels.append(
+            {
+                "text": plotly_text(name),
+                "x": 0,
+                "xref": "paper",
+                "xanchor": "right",
+                "xshift": -40,
+                "y": 0.5,
+                "yref": f"y{suffix} domain",
+                "showarrow": False,
+                "font": {"size": 13},
+            }
+        )
+    axes["xaxis"] = time_axis(span) | {"anchor": f"y{count}" if count > 1 else "y"}
+    modes = _modes(result)
+    modes["annotations"] += labels
+    layout = layout_of(**axes, **modes)
+    caption = (
+        "PWM command of every motor (µs), one row for each motor number, all to the same scale. "
+        "Motors of a healthy craft in hover stay close to each other and away from their limits."
+    )
+    return Figure("motors", caption, data, layout, 70 + 58 * count)
+
+
+def _modes(result: FlightResult) -> dict[str, Any]:
+    """Draw flight modes as quiet bands, every other one tinted, with their names on top."""
+    shapes, labels = [], []
+    for number, mode in enumerate(mode_spans(result)):
+        span = Span(mode["start_s"], mode["stop_s"])
+        if number % 2 == 1:
+            shapes.append(band(span, "@band", 1.0))
+        if result.flight is not None and span.duration > 0.06 * result.flight.duration:
+            labels.append(band_label(span, str(mode["mode"])))
+    return {"shapes": shapes, "annotations": labels}
+
+
+def _within(table: Frame, span: Span | None) -> Frame:
+    return table if span is None else table.loc[span.start : span.stop]
+
+
+def _start(values: pd.Series, flight: Span | None) -> float:
+    """Value at the start of the flight: heights are drawn relative to it."""
+    if flight is None:
+        return float(values.iloc[0])
+    return float(values.iloc[min(int(values.index.searchsorted(flight.start)), len(values) - 1)])
+
+
+def _gps_offsets(result: FlightResult) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Give the GPS fixes in metres north and east of the trajectory's origin, else of the first fix."""
+    if result.gps is None:
+        return None
+    table = _within(result.gps[["lat", "lon"]], result.flight).dropna()
+    if len(table) < 2:
+        return None
+    lat, lon = table["lat"].to_numpy(dtype=float), table["lon"].to_numpy(dtype=float)
+    origin = Geodetic(lat[0], lon[0], 0.0)
+    if result.trajectory is not None:
+        origin = result.trajectory.origin
+        if not np.isfinite([origin.lat, origin.lon, origin.alt]).all():
+            return None
+    north, east, _ = pymap3d.geodetic2ned(lat, lon, origin.alt, origin.lat, origin.lon, origin.alt, deg=False)
+    return np.asarray(north), np.asarray(east)
