@@ -90,7 +90,7 @@ def _frames(
             frame: pd.DataFrame = getattr(log.tables, name) if group == "tables" else log.messages[name]
             units = dict(frame.attrs.get("units", {}))
             if group == "tables":
-                units = {str(column): _unit(name, str(column)) for column in frame}
+                units = {str(column): unit(name, str(column)) for column in frame}
             t = frame.index.to_numpy()
             inside = np.ones(len(t), dtype=bool)
             if start is not None:
@@ -103,12 +103,12 @@ def _frames(
             yield group, name, rows
 
 
-def _unit(table: str, column: str) -> str:
-    """Give the unit of a canonical column: the part of its description before the semicolon."""
+def unit(table: str, column: str) -> str:
+    """Give the unit of a canonical column: the part of its description before the semicolon; empty without one."""
     columns = COLUMNS[table]
     described = columns.get(column) or columns.get(re.sub(r"\d+$", "{k}", column), "")
-    unit = described.partition(";")[0]
-    return "" if " " in unit or unit == "1" else unit
+    first = described.partition(";")[0]
+    return "" if " " in first or first == "1" else first
 
 
 def _chain(

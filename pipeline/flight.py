@@ -106,6 +106,7 @@ def analyze(
         modes=tables.modes,
         gps=tables.gps,
         baro=tables.baro,
+        tables=tables,
         trajectory=trajectory,
         experiments=experiments,
         models=tuple(models),

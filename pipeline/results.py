@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimation import Trajectory
-    from logparse import Finding, Vehicle
+    from logparse import Finding, Tables, Vehicle
     from pipeline.coverage import Coverage
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.excitation import Coherence
@@ -165,6 +165,8 @@ class FlightResult:
         The analysed airborne interval, the longest of the log.
     motors, modes, gps, baro : DataFrame or None
         Canonical tables as logged, for plots.
+    tables : Tables or None
+        All canonical tables, for the datasets.
     trajectory : Trajectory or None
     experiments : mapping of str to Experiment
         The airborne segment at `AnalysisConfig.rate`, by the key of the kind of model that it serves.
@@ -192,6 +194,7 @@ class FlightResult:
     modes: pd.DataFrame | None = None
     gps: pd.DataFrame | None = None
     baro: pd.DataFrame | None = None
+    tables: Tables | None = None
     trajectory: Trajectory | None = None
     experiments: Mapping[str, Experiment] = field(default_factory=dict)
     models: tuple[ModelResult, ...] = ()

@@ -1,0 +1,141 @@
+"""Tables and experiments of flights as Parquet: hive-partitioned by vehicle and flight, for any query engine.
+
+``tables/TABLE/vehicle=V/flight=F/part.parquet`` holds a canonical table (`logparse.COLUMNS`) or the trajectory, with
+time `t` as first column, numbers as float64 and the unit of each column in its metadata;
+``experiments/KIND/vehicle=V/flight=F/part.parquet`` what a kind of model is fitted to: inputs ``u_NAME``, outputs
+``y_NAME`` and context ``context_NAME``, with all else of the experiment as JSON in the metadata of the schema.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+import sysid
+from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS
+from logparse import COLUMNS, Finding, Motor, Severity, Vehicle
+from logparse.export import unit
+from pipeline.results import FlightResult
+
+#: The names of both datasets, which are folders of the store.
+TABLES, EXPERIMENTS = "tables", "experiments"
+
+#: Under which the schema's metadata has what the columns of an experiment do not tell.
+_METADATA = b"rotorid"
+
+
+def part(dataset: str, name: str, vehicle: str, flight: str) -> str:
+    """Say where in the store a flight's part of a table lies."""
+    return f"{dataset}/{name}/vehicle={vehicle}/flight={flight}/part.parquet"
+
+
+def write_tables(result: FlightResult, folder: Path) -> dict[str, Path]:
+    """Write ``NAME.parquet`` for each canonical table of a log and for its trajectory; give the files by name."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = {}
+    for name, frame, units in _frames(result):
+        written[name] = folder / f"{name}.parquet"
+        _write(frame, units, written[name])
+    return written
+
+
+def _frames(result: FlightResult) -> Iterator[tuple[str, pd.DataFrame, Mapping[str, str]]]:
+    for name in COLUMNS:
+        frame = getattr(result.tables, name, None)
+        if frame is not None and len(frame):
+            yield name, frame, {str(column): unit(name, str(column)) for column in frame}
+    if result.trajectory is not None:
+        states, sigma = result.trajectory.states, result.trajectory.sigma.add_prefix("sigma_")
+        described = {**STATE_COLUMNS, **{f"sigma_{name}": text for name, text in SIGMA_COLUMNS.items()}}
+        units = {name: text.partition(";")[0] for name, text in described.items()}
+        yield "trajectory", states.join(sigma), units
+
+
+def _write(frame: pd.DataFrame, units: Mapping[str, str], path: Path) -> None:
+    """Write a table whose columns have one type in every log: engines take the types of the first file for all."""
+    columns = {"t": pa.array(frame.index.to_numpy(dtype=float))}
+    for name in frame.columns:
+        column = frame[name]
+        if pd.api.types.is_numeric_dtype(column.dtype):
+            columns[str(name)] = pa.array(column.to_numpy(dtype=float))
+        else:
+            columns[str(name)] = pa.array([None if pd.isna(value) else str(value) for value in column], pa.string())
+    schema = pa.schema(
+        pa.field(name, column.type, metadata={"unit": known} if (known := {"t": "s", **units}.get(name)) else None)
+        for name, column in columns.items()
+    )
+    pq.write_table(pa.table(list(columns.values()), schema=schema), path)
+
+
+def write_experiments(result: FlightResult, folder: Path) -> dict[str, Path]:
+    """Write ``KIND.parquet`` for each experiment of a flight; give the files by kind."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = {kind: folder / f"{kind}.parquet" for kind in result.experiments}
+    for kind, experiment in result.experiments.items():
+        write_experiment(experiment, written[kind])
+    return written
+
+
+def write_experiment(experiment: sysid.Experiment, path: Path) -> None:
+    """Write an experiment such that `read_experiment` gives it back, to the last bit."""
+    columns = {"t": experiment.t}
+    columns |= {f"u_{name}": experiment.u[:, k] for k, name in enumerate(experiment.input_names)}
+    columns |= {f"y_{name}": experiment.y[:, k] for k, name in enumerate(experiment.output_names)}
+    context = experiment.context
+    if context is not None:
+        columns |= {f"context_{name}": context[name].to_numpy() for name in context}
+    metadata = {
+        "name": experiment.name,
+        "input_names": experiment.input_names,
+        "output_names": experiment.output_names,
+        "context": None if context is None else [str(name) for name in context],
+        "index": None if context is None else context.index.name,
+        "units": dict(experiment.units),
+        "input_trim": experiment.input_trim.tolist(),
+        "output_trim": experiment.output_trim.tolist(),
+        "vehicle": None if experiment.vehicle is None else asdict(experiment.vehicle),
+        "findings": [finding.to_dict() for finding in experiment.findings],
+    }
+    table = pa.table({name: pa.array(np.ascontiguousarray(column)) for name, column in columns.items()})
+    pq.write_table(table.replace_schema_metadata({_METADATA: json.dumps(metadata, default=float)}), path)
+
+
+def read_experiment(content: bytes) -> sysid.Experiment:
+    """Read what `write_experiment` wrote."""
+    table = pq.read_table(pa.BufferReader(content))
+    metadata = json.loads(table.schema.metadata[_METADATA])
+    t = table["t"].to_numpy()
+    context = None
+    if metadata["context"] is not None:
+        named = {name: table[f"context_{name}"].to_numpy() for name in metadata["context"]}
+        context = pd.DataFrame(named, index=pd.Index(t, name=metadata["index"]))
+    return sysid.Experiment(
+        name=metadata["name"],
+        t=t,
+        u=np.column_stack([table[f"u_{name}"].to_numpy() for name in metadata["input_names"]]),
+        y=np.column_stack([table[f"y_{name}"].to_numpy() for name in metadata["output_names"]]),
+        input_names=tuple(metadata["input_names"]),
+        output_names=tuple(metadata["output_names"]),
+        units=metadata["units"],
+        input_trim=np.array(metadata["input_trim"]),
+        output_trim=np.array(metadata["output_trim"]),
+        context=context,
+        vehicle=None if metadata["vehicle"] is None else _vehicle(metadata["vehicle"]),
+        findings=tuple(
+            Finding(**{**finding, "severity": Severity(finding["severity"])}) for finding in metadata["findings"]
+        ),
+    )
+
+
+def _vehicle(facts: dict[str, object]) -> Vehicle:
+    known = {each.name for each in fields(Vehicle)} - {"motors"}
+    motors = facts["motors"]
+    assert isinstance(motors, list)
+    return Vehicle(motors=tuple(Motor(**motor) for motor in motors), **{name: facts[name] for name in known})  # type: ignore[arg-type]
