@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from datetime import datetime
 from typing import Any
@@ -60,6 +60,14 @@ class FlightEntry:
         Why a stage or a kind of model gave nothing, by its key.
     coverage : mapping
         What the flight excited and covered, as `pipeline.coverage` sums it up.
+    board : str or None
+        The autopilot's own id, as in `pipeline.LogFacts`.
+    build, tune : mapping
+        How the craft is built, and its gains and filters, as `pipeline.craft.build_of` and `tune_of` list them.
+    parameters : tuple of mapping
+        What the flight alone says about its craft, as `pipeline.flight_parameters` lists it.
+    findings : tuple of mapping
+        ``id severity reason advice evidence`` of what the log, the trajectory and the fits had to say.
     timings : mapping of str to float
         Seconds that each stage took.
     """
@@ -86,6 +94,11 @@ class FlightEntry:
     modelled: bool = False
     missing: Mapping[str, str] = field(default_factory=dict)
     coverage: Mapping[str, Any] = field(default_factory=dict)
+    board: str | None = None
+    build: Mapping[str, str | float | None] = field(default_factory=dict)
+    tune: Mapping[str, str | float] = field(default_factory=dict)
+    parameters: tuple[Mapping[str, Any], ...] = ()
+    findings: tuple[Mapping[str, Any], ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
@@ -103,7 +116,8 @@ class FlightEntry:
         known["flight"] = None if entry["flight"] is None else Span(*entry["flight"])
         known["origin"] = None if entry["origin"] is None else tuple(entry["origin"])
         known["track"] = tuple(tuple(row) for row in entry["track"])
-        known["experiments"] = tuple(entry["experiments"])
+        for name in ("experiments", "parameters", "findings"):
+            known[name] = tuple(entry[name])
         return cls(**known)
 
 
@@ -161,7 +175,8 @@ def flight_entry(
         As the attributes of `FlightEntry`.
     coverage : mapping, optional
     """
-    from pipeline.craft import craft_name
+    from pipeline.craft import build_of, craft_name
+    from pipeline.flight_parameters import flight_parameters
 
     log = result.log
     models = {each.key: each.missing for each in result.models if each.missing}
@@ -188,8 +203,21 @@ def flight_entry(
         modelled=result.thrust is not None or any(each.model is not None for each in result.models),
         missing={**models, **result.missing},
         coverage=coverage or {},
+        board=log.board,
+        build=build_of(log.vehicle),
+        tune=dict(log.tune),
+        parameters=tuple(flight_parameters(result)),
+        findings=tuple(_findings(result)),
         timings=dict(result.timings),
     )
+
+
+def _findings(result: FlightResult) -> Iterator[dict[str, Any]]:
+    """List what the log and the fits had to say, each once."""
+    fits = (finding for model in result.models for finding in model.findings)
+    once = {(finding.id, finding.reason): finding for finding in (*result.findings, *fits)}
+    for finding in once.values():
+        yield finding.to_dict()
 
 
 def partition(craft: str, frame_class: str | None) -> str:

@@ -11,7 +11,9 @@ import sysid
 from logparse import LogError, RotoridError
 from pipeline.comparison import compare_parameters
 from pipeline.config import AnalysisConfig
+from pipeline.coverage import summarise
 from pipeline.craft import by_craft, craft_name
+from pipeline.entry import flight_entry
 from pipeline.errors import ConfigError
 from pipeline.flight import analyze
 from pipeline.identification import identify
@@ -92,7 +94,14 @@ def analyze_fleet(
     failures = tuple(outcome for outcome in ordered if isinstance(outcome, Failure))
     groups = []
     passed_over += [Failure(file, "no flight log") for file, _ in files if outcomes[file] is None]
-    kept = by_craft(flights)
+    by_name = {flight.name: flight for flight in flights}
+    entries = [
+        flight_entry(
+            flight, folder=flight.name, source=str(flight.log.path), key=flight.log.sha256, coverage=summarise(flight)
+        )
+        for flight in flights
+    ]
+    kept = [tuple(by_name[entry.name] for entry in craft) for craft in by_craft(entries)]
     passed_over += [
         Failure(flight.log.path, "another recording of a flight that is here too, left out of the joint fit")
         for flight in flights

@@ -10,7 +10,7 @@ from logparse import Finding, FlightLog, MissingDataError, health
 from pipeline.comparison import compare_parameters
 from pipeline.config import AnalysisConfig
 from pipeline.coverage import measure
-from pipeline.craft import fingerprint
+from pipeline.craft import fingerprint, tune_of
 from pipeline.identification import identify
 from pipeline.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.names import printable
@@ -170,6 +170,7 @@ def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:
 def _facts(log: FlightLog, path: Path) -> LogFacts:
     with path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    simulated = log.tables.truth is not None
     return LogFacts(
         path=path,
         size=path.stat().st_size,
@@ -179,6 +180,8 @@ def _facts(log: FlightLog, path: Path) -> LogFacts:
         start_utc=log.start_utc,
         boots=len(log.boots),
         vehicle=log.vehicle,
-        craft=fingerprint(log.vehicle, log.parameters, simulated=log.tables.truth is not None),
+        craft=fingerprint(log.vehicle, log.parameters, simulated=simulated),
+        tune=tune_of(log.vehicle, log.parameters),
+        board=None if simulated else log.vehicle.board_id,
         flights=tuple(Span(flight.start, flight.stop) for flight in log.flights),
     )

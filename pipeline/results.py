@@ -63,6 +63,10 @@ class LogFacts:
         Equal for logs of the same craft, see `pipeline.craft.fingerprint`.
     flights : tuple of Span
         Airborne intervals.
+    tune : mapping
+        Gains and filters of the autopilot's loops and its firmware, see `pipeline.craft.tune_of`.
+    board : str or None
+        The autopilot's own id; None where it was not logged, or made up by a simulator.
     """
 
     path: Path
@@ -75,6 +79,8 @@ class LogFacts:
     vehicle: Vehicle
     craft: str
     flights: tuple[Span, ...]
+    tune: Mapping[str, str | float] = field(default_factory=dict)
+    board: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

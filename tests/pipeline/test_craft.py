@@ -2,56 +2,56 @@
 
 import dataclasses
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-import sysid
-from estimation import Trajectory
-from logparse import Geodetic, Vehicle
-from pipeline import AnalysisConfig, FlightResult, LogFacts, Span
-from pipeline.craft import by_craft, fingerprint, same_flight
+from logparse import Motor, Vehicle
+from pipeline.craft import build_of, by_craft, changes, fingerprint, kept_apart, same_flight, tune_of
+from pipeline.entry import FlightEntry
+from pipeline.results import Span
 
 OCTA = Vehicle(autopilot="ArduPilot", frame_class="octa", frame_type="plus")
+NOON = datetime(2024, 5, 2, 9, 30, tzinfo=UTC)
 
 
 def flown(
     name: str,
     *,
-    start: datetime = datetime(2024, 5, 2, 9, 30, tzinfo=UTC),
+    start: datetime | None = NOON,
     form: str = "dataflash",
     craft: str = "octa",
     lat: float = 0.8,
     sha256: str | None = None,
-) -> FlightResult:
-    t = np.arange(0.0, 60.0, 0.1)
-    states = pd.DataFrame({"p_n": 3.0 * t, "p_e": 0.0, "p_d": -10.0}, index=t)
-    trajectory = Trajectory(
-        states=states,
-        sigma=pd.DataFrame({"p_n": 0.5, "p_e": 0.5}, index=t),
-        covariance=np.zeros((0, 9, 9)),
-        origin=Geodetic(lat, 0.1, 100.0),
-        method="strapdown",
-    )
-    return FlightResult(
+    board: str | None = None,
+    vehicle: Vehicle = OCTA,
+    tune: dict[str, str | float] | None = None,
+) -> FlightEntry:
+    track = tuple((float(t), 3.0 * float(t), 0.0, -10.0) for t in np.arange(0.0, 60.0, 0.5))
+    return FlightEntry(
         name=name,
-        log=LogFacts(
-            path=Path(f"{name}.bin"),
-            size=1,
-            sha256=sha256 or name,
-            format=form,
-            duration=60.0,
-            start_utc=start,
-            boots=1,
-            vehicle=OCTA,
-            craft=craft,
-            flights=(Span(5.0, 55.0),),
-        ),
-        config=AnalysisConfig(),
+        folder=name,
+        source=f"{name}.bin",
+        key=name,
+        sha256=sha256 or name,
+        size=1,
+        format=form,
+        boots=1,
+        start_utc=start,
+        duration=60.0,
+        craft=craft,
+        craft_name="octa",
+        frame_class=vehicle.frame_class,
+        vehicle=craft,
         flight=Span(5.0, 55.0),
-        trajectory=trajectory,
-        experiments={"motors": sysid.Experiment.from_arrays(t, np.ones(len(t)), np.ones(len(t)), name=name)},
+        origin=(lat, 0.1, 100.0),
+        track=track,
+        position_known=True,
+        experiments=("motors",),
+        board=board,
+        build=build_of(vehicle),
+        tune=tune or {},
     )
 
 
@@ -77,7 +77,7 @@ def test_the_next_flight_is_another():
 
 
 def test_crafts_are_kept_apart_and_flights_without_motors_left_out():
-    bare = dataclasses.replace(flown("d", lat=0.3), experiments={})
+    bare = dataclasses.replace(flown("d", lat=0.3), experiments=())
     crafts = by_craft([flown("c", craft="quad", lat=0.1), flown("b"), flown("a", lat=0.2), bare])
     assert [[flight.name for flight in craft] for craft in crafts] == [["c"], ["a", "b"]]
 
@@ -96,8 +96,95 @@ def test_tuning_tells_crafts_apart_where_no_board_id_does():
 
 
 def test_what_drifted_without_gps_is_no_flight_to_fit():
-    lost = flown("a")
-    assert lost.trajectory is not None
-    drifting = dataclasses.replace(lost.trajectory, sigma=lost.trajectory.sigma * 1000.0)
-    crafts = by_craft([dataclasses.replace(lost, trajectory=drifting), flown("b", lat=0.2)])
+    lost = dataclasses.replace(flown("a"), position_known=False)
+    crafts = by_craft([lost, flown("b", lat=0.2)])
     assert [[flight.name for flight in craft] for craft in crafts] == [["b"]]
+
+
+def test_three_recordings_of_a_flight_are_one():
+    """Two telemetry streams and the board: they are found alike in pairs, and only the board's is kept."""
+    seconds = [NOON + timedelta(seconds=k) for k in range(3)]
+    flights = [
+        flown("ground a", form="tlog", start=seconds[1]),
+        flown("ground b", form="tlog", start=seconds[2]),
+        flown("board", start=seconds[0]),
+        flown("next day", start=NOON + timedelta(days=1)),
+    ]
+    assert [[flight.name for flight in craft] for craft in by_craft(flights)] == [["board", "next day"]]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 6), st.integers(0, 2), st.sampled_from(["dataflash", "tlog"])), min_size=1, max_size=8
+    )
+)
+def test_of_any_flights_each_is_kept_once(flights):
+    """Starts 20 s apart overlap by more than half; places 1e-4 rad apart are 600 m apart. Compared pair by pair."""
+    entries = [
+        flown(f"{k}", start=NOON + timedelta(seconds=20 * when), lat=0.8 + 1e-4 * where, form=form)
+        for k, (when, where, form) in enumerate(flights)
+    ]
+    kept = [flight for craft in by_craft(entries) for flight in craft]
+    for flight in entries:
+        assert flight in kept or any(_reached(flight, other, entries) for other in kept)
+    for a in kept:
+        assert not any(same_flight(a, b) for b in kept if a is not b)
+
+
+def _reached(flight, other, entries):
+    """Whether two recordings are the same flight, directly or through others."""
+    found, new = {flight.name}, [flight]
+    while new:
+        at = new.pop()
+        for each in entries:
+            if each.name not in found and same_flight(at, each):
+                found.add(each.name)
+                new.append(each)
+    return other.name in found
+
+
+def test_a_changed_tune_is_said_between_the_flights_where_it_changed():
+    days = [NOON + timedelta(days=k) for k in range(3)]
+    gains = [{"ATC_RAT_RLL_P": p, "ATC_RAT_PIT_P": 0.135, "firmware": "ArduCopter 4.5.7"} for p in (0.135, 0.135, 0.18)]
+    flights = [
+        flown(f"{k}", start=day, board="x", tune=gain) for k, (day, gain) in enumerate(zip(days, gains, strict=True))
+    ]
+    (change,) = changes(flights[::-1])
+    assert (change.id, change.evidence["before"], change.evidence["after"]) == ("tune-changed", "1", "2")
+    assert "ATC_RAT_RLL_P 0.135 → 0.18" in change.reason
+    assert not changes(flights[:2])
+
+
+def test_a_parameter_that_a_log_lacks_did_not_change():
+    assert not changes([flown("a", tune={"PSC_VELXY_P": 2.0}), flown("b", tune={})])
+
+
+def test_a_changed_thrust_curve_keeps_flights_apart_and_says_so():
+    other = dataclasses.replace(OCTA, thrust_expo=0.5)
+    boarded = [dataclasses.replace(vehicle, board_id="x") for vehicle in (OCTA, other)]
+    prints = [fingerprint(vehicle, {}, simulated=False) for vehicle in boarded]
+    assert len(set(prints)) == 2
+    flights = [
+        flown("a", board="x", craft=prints[0]),
+        flown("b", board="x", craft=prints[1], vehicle=other, lat=0.1),
+        flown("c", board="y", craft="another", lat=0.2),
+    ]
+    found = kept_apart(by_craft(flights))
+    (reason,) = found[prints[0]]
+    assert "thrust_expo 0.65 → 0.5" in reason.reason
+    assert "b" in reason.reason
+    assert not found["another"]
+
+
+def test_what_is_learned_in_flight_is_no_change_of_tune():
+    logged = {
+        "ATC_RAT_RLL_P": 0.1,
+        "MOT_THST_HOVER": 0.3,
+        "INS_GYROFFS_X": 0.01,
+        "WPNAV_SPEED": 500.0,
+        "PSC_VELXY_P": 2.0,
+    }
+    vehicle = Vehicle(firmware="ArduCopter", version="4.5.7", motors=(Motor(1, 1, 0.0, 1, 0, 0.0, 0.0, 0.0),))
+    assert tune_of(vehicle, logged) == {"ATC_RAT_RLL_P": 0.1, "PSC_VELXY_P": 2.0, "firmware": "ArduCopter 4.5.7"}
+    assert build_of(vehicle)["motors"] == 1
