@@ -18,7 +18,15 @@ from scipy.signal import lfilter, lfiltic
 
 from logparse import Finding, Severity
 from sysid.excitation import examine
-from sysid.experiment import Experiment, ExperimentError, Floats, ModelOrderError, horizon_steps, require_alike
+from sysid.experiment import (
+    Experiment,
+    ExperimentError,
+    Floats,
+    ModelOrderError,
+    horizon_steps,
+    require_alike,
+    require_signals,
+)
 from sysid.response import INITIAL_SECONDS
 
 #: Largest modulus of a pole of a free run: slower ones are moved here, unstable ones mirrored to the inside.
@@ -164,12 +172,7 @@ class ArxModel:
         return drive
 
     def _require(self, experiment: Experiment) -> None:
-        if experiment.input_names != self.input_names or experiment.output_names != self.output_names:
-            raise ExperimentError(
-                f"{experiment.name} has inputs {', '.join(experiment.input_names)} and outputs "
-                f"{', '.join(experiment.output_names)}; the model takes {', '.join(self.input_names)} and gives "
-                f"{', '.join(self.output_names)}"
-            )
+        require_signals(experiment, self.input_names, self.output_names)
         if abs(experiment.rate - self.rate) > 1e-3 * self.rate:
             raise ExperimentError(
                 f"{experiment.name} is sampled at {experiment.rate:.4g} Hz, but a discrete-time model holds for the "

@@ -32,7 +32,15 @@ from scipy.signal import lsim
 
 from logparse import Finding, Severity
 from sysid.disturbance import Disturbance, fit_disturbance
-from sysid.experiment import Experiment, ExperimentError, Floats, ModelOrderError, horizon_steps, require_alike
+from sysid.experiment import (
+    Experiment,
+    ExperimentError,
+    Floats,
+    ModelOrderError,
+    horizon_steps,
+    require_alike,
+    require_signals,
+)
 from sysid.pem import fit_transfer_functions
 from sysid.response import INITIAL_SECONDS
 from sysid.search import Progress
@@ -93,7 +101,7 @@ class ClosedLoopModel:
 
     def simulate(self, experiment: Experiment) -> Floats:
         """Run freely from the references and the mean error of the first three seconds; shape (N, p)."""
-        self._require(experiment)
+        require_signals(experiment, self.input_names, self.output_names)
         result = np.empty_like(experiment.y)
         early = slice(0, _scored(experiment) + 1)
         for column, name in enumerate(self.output_names):
@@ -161,13 +169,6 @@ class ClosedLoopModel:
             following=dict(values["following_rms"]),
             training=tuple(values["training"]),
         )
-
-    def _require(self, experiment: Experiment) -> None:
-        if experiment.input_names != self.input_names or experiment.output_names != self.output_names:
-            raise ExperimentError(
-                f"{experiment.name} has inputs {', '.join(experiment.input_names)} and outputs "
-                f"{', '.join(experiment.output_names)}; the model takes references {', '.join(self.input_names)}"
-            )
 
 
 def fit_closed_loop(

@@ -319,6 +319,22 @@ def require_alike(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
     return records
 
 
+def require_signals(experiment: Experiment, input_names: Sequence[str], output_names: Sequence[str]) -> None:
+    """Check that a record has the inputs and outputs of a model, in its order.
+
+    Raises
+    ------
+    ExperimentError
+        When they differ.
+    """
+    if experiment.input_names != tuple(input_names) or experiment.output_names != tuple(output_names):
+        raise ExperimentError(
+            f"{experiment.name} has inputs {', '.join(experiment.input_names)} and outputs "
+            f"{', '.join(experiment.output_names)}; the model takes {', '.join(input_names)} and gives "
+            f"{', '.join(output_names)}"
+        )
+
+
 def _columns(values: ArrayLike) -> Floats:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 1:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from logparse import Finding
 from sysid.disturbance import Disturbance
-from sysid.experiment import Experiment, ExperimentError, Floats, horizon_steps
+from sysid.experiment import Experiment, Floats, horizon_steps, require_signals
 from sysid.response import INITIAL_SECONDS, free_run
 
 #: A coefficient whose standard deviation exceeds this part of its value is reported as not determined.
@@ -234,7 +234,7 @@ class TransferFunctionModel:
         -------
         ndarray, shape (N, p)
         """
-        self._require(experiment)
+        require_signals(experiment, self.input_names, self.output_names)
         result = np.empty_like(experiment.y)
         for column, output in enumerate(self.output_names):
             row = self.transfer_functions[output]
@@ -337,14 +337,6 @@ class TransferFunctionModel:
             training=tuple(values["training"]),
             input_trim=dict(values.get("input_trim", {})),
         )
-
-    def _require(self, experiment: Experiment) -> None:
-        if experiment.input_names != self.input_names or experiment.output_names != self.output_names:
-            raise ExperimentError(
-                f"{experiment.name} has inputs {', '.join(experiment.input_names)} and outputs "
-                f"{', '.join(experiment.output_names)}; the model takes {', '.join(self.input_names)} and gives "
-                f"{', '.join(self.output_names)}"
-            )
 
 
 def _finite(values: ArrayLike) -> list[float | None]:
