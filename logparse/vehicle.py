@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -176,7 +176,6 @@ def describe(
         motors = motor_table(frame_class, frame_type, _channels(parameters, frame_class, format))
     if frame_class == "y6" and frame_type not in ("y6b", "y6f"):
         frame_type = "y6a"
-    levels = pwm_range(parameters)
     autopilot = _autopilot(messages)
     if autopilot is None and (firmware is not None or "FORMAT_VERSION" in parameters or format.startswith("dataflash")):
         autopilot = "ArduPilot"
@@ -190,12 +189,7 @@ def describe(
         frame_type=frame_type,
         frame_source=source,
         motors=motors,
-        pwm_min=levels.pwm_min,
-        pwm_max=levels.pwm_max,
-        spin_arm=levels.spin_arm,
-        spin_min=levels.spin_min,
-        spin_max=levels.spin_max,
-        thrust_expo=levels.thrust_expo,
+        **asdict(pwm_range(parameters)),
         battery_voltage_max=_first(parameters, "MOT_BAT_VOLT_MAX", "MOT_THST_BAT_MAX"),
         battery_voltage_min=_first(parameters, "MOT_BAT_VOLT_MIN", "MOT_THST_BAT_MIN"),
     )
@@ -378,7 +372,6 @@ def assumed_outputs(motors: Iterable[Motor], parameters: Mapping[str, float]) ->
 def _describe_px4(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str, float]) -> Vehicle:
     """Describe the craft of a PX4 log by its control allocation (CA_ROTORn) or airframe (SYS_AUTOSTART) parameters."""
     motors, frame_class, frame_type, source = _px4_motors(parameters)
-    levels = pwm_range(parameters)
     vehicle = Vehicle(
         autopilot="PX4",
         firmware="PX4",
@@ -386,12 +379,7 @@ def _describe_px4(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str,
         frame_type=frame_type,
         frame_source=source,
         motors=motors,
-        pwm_min=levels.pwm_min,
-        pwm_max=levels.pwm_max,
-        spin_arm=levels.spin_arm,
-        spin_min=levels.spin_min,
-        spin_max=levels.spin_max,
-        thrust_expo=levels.thrust_expo,
+        **asdict(pwm_range(parameters)),
     )
     info = messages.get("information")
     if info is not None and {"key", "value"} <= set(info.columns):
