@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simulation._parameters import DriveParameters, ResponseParameters
-from simulation.errors import ParameterError
+from simulation.errors import ParameterError, require_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,10 +40,7 @@ class ThirdOrder:
     catch_up: float = 0.005
 
     def __post_init__(self) -> None:
-        for name in ("a1", "a2", "a3", "speed_limit", "acceleration_limit", "catch_up"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ParameterError(f"drive: {name} must be positive, not {value:g}")
+        require_positive("drive", self, ("a1", "a2", "a3", "speed_limit", "acceleration_limit", "catch_up"))
         if not (math.isfinite(self.lead) and self.lead >= 0.0):
             raise ParameterError(f"drive: lead must not be negative, not {self.lead:g} s")
         if self.a1 * self.a2 <= self.a3:
@@ -76,8 +73,7 @@ class FirstOrder:
     time_constant: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.time_constant) and self.time_constant > 0.0):
-            raise ParameterError(f"drive: time_constant must be positive, not {self.time_constant:g}")
+        require_positive("drive", self, ("time_constant",))
 
     @property
     def order(self) -> int:
@@ -127,10 +123,7 @@ class Drive:
     efficiency: float = 0.7
 
     def __post_init__(self) -> None:
-        for name in ("speed_max", "voltage_reference", "efficiency"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ParameterError(f"drive: {name} must be positive, not {value:g}")
+        require_positive("drive", self, ("speed_max", "voltage_reference", "efficiency"))
         if not 0.0 <= self.expo <= 1.0:
             raise ParameterError(f"drive: expo must lie in 0..1, not {self.expo:g}")
         if not 0.0 <= self.spin_arm <= self.spin_min < self.spin_max <= 1.0:

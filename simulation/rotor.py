@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from simulation._kernels import induced_velocity
 from simulation._parameters import BladeParameters
 from simulation.atmosphere import SEA_LEVEL_DENSITY
-from simulation.errors import ParameterError
+from simulation.errors import require_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,10 +28,7 @@ class QuadraticRotor:
     reference_density: float = SEA_LEVEL_DENSITY
 
     def __post_init__(self) -> None:
-        for name in ("thrust_coefficient", "torque_coefficient", "reference_density"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ParameterError(f"rotor: {name} must be positive, not {value:g}")
+        require_positive("rotor", self, ("thrust_coefficient", "torque_coefficient", "reference_density"))
 
     def thrust(self, speed: float, density: float = SEA_LEVEL_DENSITY) -> float:
         """Thrust [N] at `speed` [rad/s] in air of `density` [kg/m^3]."""
@@ -77,10 +74,7 @@ class BladeElementRotor:
     efficiency: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("radius", "pitch", "chord", "blades", "lift_slope", "efficiency"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ParameterError(f"rotor: {name} must be positive, not {value:g}")
+        require_positive("rotor", self, ("radius", "pitch", "chord", "blades", "lift_slope", "efficiency"))
 
     @property
     def parameters(self) -> BladeParameters:
