@@ -23,7 +23,6 @@ from logparse import Finding, Severity, Vehicle
 from sysid.bench_levels import (
     Coefficients,
     CommandCurve,
-    Estimate,
     Level,
     Trim,
     at_voltage,
@@ -33,6 +32,7 @@ from sysid.bench_levels import (
     weak_motors,
 )
 from sysid.bench_table import BenchError, BenchTable
+from sysid.estimate import Estimate
 from sysid.thrust_curve import REFERENCE_DENSITY, motor_commands
 
 #: How far outside the tested voltages lines are followed, in parts of the voltage.

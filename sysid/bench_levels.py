@@ -4,31 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from logparse import Finding, Severity
 from sysid.bench_table import NOISE
+from sysid.estimate import Estimate
 from sysid.experiment import Floats
 
 #: Voltages closer than this are one, V: what a pack sags by along a sweep is part of the test, not another test.
 APART = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A number with its standard error; None when not determined, with the reason."""
-
-    value: float | None
-    sigma: float | None
-    unit: str
-    reason: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,14 +10,15 @@ import numpy as np
 from logparse import Finding, Severity, Vehicle
 from sysid._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
 from sysid.airspeed import AirDoubt, doubt_of_air
-from sysid.body_motion import SHARED, THETA, Motion, motion, reference_voltage
+from sysid.body_motion import SHARED, THETA, Motion, motion
 from sysid.equation_error import EquationErrorFit, fit_equation_error
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.motor_effects import fit_motor_effects
 from sysid.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice
 from sysid.rigid_body import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
 from sysid.rotation import COHERENT, STILL, RotationFit, centre_of_gravity, fit_rotation, logged_motors
-from sysid.thrust_curve import REFERENCE_DENSITY, motor_commands
+from sysid.thrust_curve import REFERENCE_DENSITY, motor_commands, reference_voltage
+from sysid.thrust_regression import vehicle_of
 from sysid.trim import trim_from, trim_prior
 from sysid.wind import WIND_EXPONENT, FlightTrim, wind_knots, wind_shapes
 
@@ -129,7 +130,7 @@ def fit_rigid_body(
     unknown = set(priors or {}) - set(THETA)
     if unknown:
         raise ExperimentError(f"no such parameter: {', '.join(sorted(unknown))}; there are {', '.join(THETA)}")
-    vehicle, findings = _vehicle(records)
+    vehicle, findings = vehicle_of(records[0])
     voltage = reference_voltage(records)
     findings += [*_motor_outputs(records, vehicle), *_gaps(records, vehicle, mass, voltage)]
     motions = [motion(record, vehicle, voltage) for record in records]
@@ -170,22 +171,6 @@ def fit_rigid_body(
         findings=tuple(findings),
         motors={} if turning is None else fit_motor_effects(records, vehicle, voltage, turning),
     )
-
-
-def _vehicle(records: Sequence[Experiment]) -> tuple[Vehicle, list[Finding]]:
-    vehicle = records[0].vehicle
-    if vehicle is not None:
-        return vehicle, []
-    vehicle = Vehicle()
-    return vehicle, [
-        Finding(
-            "assumed-thrust-curve",
-            Severity.WARNING,
-            "the log does not tell the motors' PWM range and thrust curve; ArduPilot's defaults are assumed "
-            f"({vehicle.pwm_min:.0f}-{vehicle.pwm_max:.0f} us, MOT_THST_EXPO {vehicle.thrust_expo})",
-            "log parameters",
-        )
-    ]
 
 
 def _motor_outputs(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]:

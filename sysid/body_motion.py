@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from logparse import MissingDataError, Vehicle
 from sysid._rigid_kernels import GRAVITY, SIGNALS, path
 from sysid.experiment import Experiment, ExperimentError, Floats
-from sysid.thrust_curve import REFERENCE_DENSITY, motor_commands
+from sysid.thrust_curve import REFERENCE_DENSITY, lagged, motor_commands
 
 #: Parameters of translation in the order of the kernels; then thrust scale and wind of the flight.
 THETA = (
@@ -85,8 +83,8 @@ class Motion:
         columns[:, 9] = self.density
         lag = max(lag, 0.0)
         for place, values in ((10, self.linear), (11, self.square)):
-            columns[:, place] = first_order(values, self.dt, lag)
-            later = first_order(values, self.dt, lag + _LAG_STEP)
+            columns[:, place] = lagged(values, lag, self.dt)
+            later = lagged(values, lag + _LAG_STEP, self.dt)
             columns[:, place + 2] = (later - columns[:, place]) / _LAG_STEP
         return columns
 
@@ -112,28 +110,6 @@ class Motion:
         initial = np.concatenate([self.position[start], self.velocity[start]])
         path(theta, self.signals(theta[LAG]), shapes, self.dt, self.ground, law, start, initial, out)
         return out
-
-
-def first_order(values: Floats, dt: float, lag: float) -> Floats:
-    """Pass straight lines between samples through ``lag y' = x - y``, exactly, starting settled."""
-    if lag <= 0.0:
-        return np.asarray(values, dtype=np.float64)
-    decay = np.exp(-dt / lag)
-    ramp = 1.0 - lag / dt * (1.0 - decay)
-    b, a = [ramp, 1.0 - decay - ramp], [1.0, -decay]
-    out, _ = lfilter(b, a, values, zi=[values[0] * (1.0 - ramp)])
-    return np.asarray(out)
-
-
-def reference_voltage(records: Sequence[Experiment]) -> float | None:
-    """Median voltage over the records; None where one of them lacks it."""
-    parts = []
-    for record in records:
-        if record.context is None or "voltage" not in record.context:
-            return None
-        parts.append(record.context["voltage"].to_numpy(np.float64))
-    voltages = np.concatenate(parts)
-    return float(np.median(voltages)) if np.isfinite(voltages).all() else None
 
 
 def motion(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motion:

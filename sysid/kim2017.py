@@ -40,14 +40,13 @@ from sysid.kim2017_windows import (
 )
 from sysid.motor_geometry import MotorGeometry, motor_geometry
 from sysid.motor_signals import too_slow, unexplained
-from sysid.thrust_curve import Law, reference_voltage, rotor_speeds
+from sysid.thrust_curve import Law, rotor_speeds
 from sysid.thrust_regression import (
     ThrustCoefficient,
     air_sigma_of,
     coefficient,
+    conditions_of,
     mass_unknown,
-    unknown_air,
-    vehicle_of,
     weak_motors,
 )
 
@@ -278,9 +277,7 @@ def fit_kim2017(
     for label, value in {"mass": mass, "arm": arm, "inertia": None if inertia is None else min(inertia)}.items():
         if value is not None and not value > 0.0:
             raise ExperimentError(f"{label} must be positive, not {value}")
-    vehicle, findings = vehicle_of(records[0])
-    voltage = reference_voltage(records)
-    findings += unknown_air(records, voltage)
+    vehicle, voltage, findings = conditions_of(records)
     geometry = motor_geometry(records[0])
     if law is None:
         law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND

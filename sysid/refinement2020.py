@@ -43,13 +43,12 @@ from sysid.refinement_instants import (
     fit_stacked,
     solve_instants,
 )
-from sysid.thrust_curve import Law, lagged, reference_voltage, rotor_speeds
+from sysid.thrust_curve import Law, lagged, rotor_speeds
 from sysid.thrust_regression import (
     air_sigma_of,
+    conditions_of,
     mass_unknown,
     require_specific_force,
-    unknown_air,
-    vehicle_of,
 )
 
 
@@ -146,9 +145,7 @@ def fit_refinement2020(
     """
     records = require_alike(experiments)
     require_specific_force(records, mass)
-    vehicle, findings = vehicle_of(records[0])
-    voltage = reference_voltage(records)
-    findings += unknown_air(records, voltage)
+    vehicle, voltage, findings = conditions_of(records)
     geometry = motor_geometry(records[0])
     if law is None:
         law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND

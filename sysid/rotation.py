@@ -23,9 +23,8 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from logparse import Motor, Vehicle
-from sysid.body_motion import first_order
 from sysid.experiment import Experiment, Floats
-from sysid.thrust_curve import REFERENCE_DENSITY, curve, motor_commands
+from sysid.thrust_curve import REFERENCE_DENSITY, curve, lagged, motor_commands
 
 AXES = ("roll", "pitch", "yaw")
 
@@ -258,7 +257,7 @@ def run_rates(
     steps = min(max(round(horizon / dt), 1), len(t) - 1)
     out = np.empty_like(rates)
     for k in range(3):
-        late = first_order(np.interp(t - delay, t, drive[:, k]), dt, lag)
+        late = lagged(np.interp(t - delay, t, drive[:, k]), lag, dt)
         late = late + lead[k] * np.gradient(late, dt)
         # Offsets of moments, such as a centre of gravity to one side, do not turn the craft on average.
         late = late - late.mean() + damping[k] * rates[:, k].mean()

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
 from logparse import Finding, Severity, Vehicle
+from sysid.estimate import Estimate
 from sysid.excitation import examine
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.thrust_curve import (
@@ -24,7 +25,6 @@ from sysid.thrust_curve import (
     column,
     lagged,
     motor_commands,
-    reference_voltage,
     rotor_speeds,
     thrust_signals,
 )
@@ -36,14 +36,13 @@ from sysid.thrust_regression import (
     blocks_of,
     body_down,
     coefficient,
+    conditions_of,
     covariance_of,
     mass_unknown,
     regress,
     require_specific_force,
     scatter_between,
     uneven_motors,
-    unknown_air,
-    vehicle_of,
     weak_motors,
 )
 
@@ -70,20 +69,6 @@ LAG_RATE, LONGEST_LAG = 20.0, 0.5
 SEPARABLE = 1e4
 
 
-@dataclass(frozen=True, slots=True)
-class Constant:
-    """A number of the rotor with its standard error, or why there is none."""
-
-    value: float | None
-    sigma: float | None
-    unit: str
-    reason: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RotorModel:
     """Thrust of the rotors against what is logged of them.
@@ -98,9 +83,9 @@ class RotorModel:
     per_motor : mapping
     thrust_expo : float
         Curvature in use: the autopilot's, unless the flights clearly show another.
-    expo : Constant
+    expo : Estimate
         Curvature as identified.
-    time_constant : Constant
+    time_constant : Estimate
         First-order lag from signal to thrust, s, with every delay of the log's in it.
     damping : float
         Loss of thrust per mass with climbing speed along body z, 1/s.
@@ -119,8 +104,8 @@ class RotorModel:
     common: ThrustCoefficient
     per_motor: Mapping[str, ThrustCoefficient]
     thrust_expo: float
-    expo: Constant
-    time_constant: Constant
+    expo: Estimate
+    time_constant: Estimate
     damping: float
     mass: float | None
     reference_voltage: float | None
@@ -169,9 +154,8 @@ def fit_rotor(experiments: Sequence[Experiment], mass: float | None = None) -> R
     records = require_alike(experiments)
     require_specific_force(records, mass)
     findings = [f for f in examine(records).findings if f.id == "saturated-input"]
-    vehicle, assumed = vehicle_of(records[0])
-    voltage = reference_voltage(records)
-    findings += [*assumed, *unknown_air(records, voltage)]
+    vehicle, voltage, unknown = conditions_of(records)
+    findings += unknown
     motors = records[0].input_names
     tried = {Law.COMMAND: [blocks_of(record, vehicle, voltage) for record in records]}
     usable = sum(len(block.force) for block in tried[Law.COMMAND])
@@ -186,7 +170,7 @@ def fit_rotor(experiments: Sequence[Experiment], mass: float | None = None) -> R
     def blocks_at(value: float) -> list[Blocks]:
         return [blocks_of(record, vehicle, voltage, law, value) for record in records]
 
-    thrust_expo, expo = vehicle.thrust_expo, Constant(None, None, "1", "thrust follows rotor speed")
+    thrust_expo, expo = vehicle.thrust_expo, Estimate(None, None, "1", "thrust follows rotor speed")
     if law is Law.COMMAND:
         expo = _curvature(blocks_at, vehicle.thrust_expo)
         other = _other_curve(expo, vehicle)
@@ -317,7 +301,7 @@ def _slow(records: Sequence[Experiment], vehicle: Vehicle, law: Law) -> list[Fin
     ]
 
 
-def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Constant:
+def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Estimate:
     """Find the curvature by variable projection, with its standard error from the full linearisation."""
     # Unlike motors would bend a common curve: each has its own thrust where signals tell them apart.
     apart = _condition(blocks_at(start)) < SEPARABLE
@@ -339,11 +323,11 @@ def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Cons
     sigma = float(np.sqrt(max(covariance_of(regressors, residuals)[-1, -1], 0.0)))
     if not np.isfinite(sigma) or sigma > EXPO_DETERMINED or not -0.45 < expo < 1.45:
         told = f"the standard error is {sigma:.2f}" if np.isfinite(sigma) and sigma < 10.0 else "thrust hardly varies"
-        return Constant(None, None, "1", f"{told}, so that the autopilot's curve ({start:g}) is used")
-    return Constant(expo, sigma, "1")
+        return Estimate(None, None, "1", f"{told}, so that the autopilot's curve ({start:g}) is used")
+    return Estimate(expo, sigma, "1")
 
 
-def _other_curve(found: Constant, vehicle: Vehicle) -> list[Finding]:
+def _other_curve(found: Estimate, vehicle: Vehicle) -> list[Finding]:
     """Say when thrust clearly follows another curve than the one that the autopilot inverts."""
     if found.value is None or found.sigma is None:
         return []
@@ -382,10 +366,10 @@ def _per_motor(
     }
 
 
-def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, law: Law, expo: float) -> Constant:
+def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, law: Law, expo: float) -> Estimate:
     """Find the first-order lag from signal to specific force."""
     if records[0].rate < LAG_RATE:
-        return Constant(
+        return Estimate(
             None, None, "s", f"records at {records[0].rate:.3g} Hz do not show it; {LAG_RATE:g} Hz or more would"
         )
     signals = [thrust_signals(r, law, vehicle, voltage, expo).sum(axis=1, keepdims=True) for r in records]
@@ -412,5 +396,5 @@ def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None,
     sigma = float(np.sqrt(max(covariance_of(full, left, round(1.0 / dt))[2, 2], 0.0)))
     if not np.isfinite(sigma) or sigma > 0.5 * tau or tau > 0.98 * LONGEST_LAG:
         most = f"below {tau + 2.0 * sigma:.2f} s" if np.isfinite(sigma) and sigma < LONGEST_LAG else "unknown"
-        return Constant(None, None, "s", f"the flights do not show it ({most})")
-    return Constant(tau, sigma, "s")
+        return Estimate(None, None, "s", f"the flights do not show it ({most})")
+    return Estimate(tau, sigma, "s")

@@ -22,7 +22,7 @@ import numpy as np
 from logparse import Finding, Severity
 from sysid.excitation import examine
 from sysid.experiment import Experiment, ExperimentError, require_alike
-from sysid.thrust_curve import REFERENCE_DENSITY, command_for, motor_pwm, reference_voltage
+from sysid.thrust_curve import REFERENCE_DENSITY, command_for, motor_pwm
 from sysid.thrust_regression import (
     AIR_SIGMA,
     BLOCK_SECONDS,
@@ -30,13 +30,12 @@ from sysid.thrust_regression import (
     air_sigma_of,
     blocks_of,
     coefficient,
+    conditions_of,
     mass_unknown,
     regress,
     require_specific_force,
     scatter_between,
     uneven_motors,
-    unknown_air,
-    vehicle_of,
 )
 
 #: Condition number of the motors' regressors above which differences between motors are not read.
@@ -154,9 +153,8 @@ def fit_thrust(experiments: Sequence[Experiment], mass: float | None = None) -> 
     records = require_alike(experiments)
     require_specific_force(records, mass)
     findings = [f for f in examine(records).findings if f.id in ("constant-input", "saturated-input")]
-    vehicle, assumed = vehicle_of(records[0])
-    reference = reference_voltage(records)
-    findings += [*assumed, *unknown_air(records, reference)]
+    vehicle, reference, unknown = conditions_of(records)
+    findings += unknown
     blocks = [blocks_of(record, vehicle, reference) for record in records]
     usable = sum(len(block.force) for block in blocks)
     motors = records[0].input_names

@@ -142,11 +142,11 @@ def thrust_signals(
 
 
 def lagged(signals: Floats, time_constant: float, dt: float) -> Floats:
-    """Pass columns through a first-order lag from its steady state, exact for inputs linear between samples.
+    """Pass signals through a first-order lag from its steady state, exact for inputs linear between samples.
 
     Parameters
     ----------
-    signals : ndarray, shape (N, k)
+    signals : ndarray, shape (N, k) or (N,)
     time_constant, dt : float
         s.
     """

@@ -11,7 +11,7 @@ import numpy as np
 from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.covariance import autocovariance, coloured_information
 from sysid.experiment import Experiment, ExperimentError, Floats
-from sysid.thrust_curve import Law, column, motor_commands, relative_density, thrust_signals
+from sysid.thrust_curve import Law, column, motor_commands, reference_voltage, relative_density, thrust_signals
 
 #: Averaging time, s: longer than the motor outputs' aliasing, shorter than manoeuvres.
 BLOCK_SECONDS = 1.0
@@ -258,7 +258,14 @@ def weak_motors(per_motor: Mapping[str, ThrustCoefficient], air: float) -> list[
     ]
 
 
-def unknown_air(records: Sequence[Experiment], voltage: float | None) -> list[Finding]:
+def conditions_of(records: Sequence[Experiment]) -> tuple[Vehicle, float | None, list[Finding]]:
+    """Give the craft, the voltage at which its coefficients are to hold, and what is not known of them and the air."""
+    vehicle, assumed = vehicle_of(records[0])
+    voltage = reference_voltage(records)
+    return vehicle, voltage, [*assumed, *_unknown_air(records, voltage)]
+
+
+def _unknown_air(records: Sequence[Experiment], voltage: float | None) -> list[Finding]:
     """Say when density or battery voltage are not known."""
     findings = []
     if not all(np.isfinite(column(record, "density")).all() for record in records):

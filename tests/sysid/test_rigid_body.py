@@ -13,7 +13,8 @@ from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
 from sysid import Experiment, ExperimentError, fit_rigid_body, validate
 from sysid._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG, accelerations, path, path_sensitivities
-from sysid.body_motion import Motion, first_order, rotation_matrices
+from sysid.body_motion import Motion, rotation_matrices
+from sysid.thrust_curve import lagged
 from tests.sysid.flown_craft import HOVER, flown, record
 
 RATE = 25.0
@@ -163,9 +164,9 @@ def test_accelerations_agree_with_the_path():
 
 def test_a_lag_follows_a_ramp_at_a_constant_distance():
     t = np.arange(0.0, 2.0, 0.02)
-    late = first_order(3.0 * t, 0.02, 0.1)
+    late = lagged(3.0 * t, 0.1, 0.02)
     np.testing.assert_allclose(late, 3.0 * (t - 0.1 * (1.0 - np.exp(-t / 0.1))), atol=1e-12)
-    np.testing.assert_array_equal(first_order(t, 0.02, 0.0), t)
+    np.testing.assert_array_equal(lagged(t, 0.0, 0.02), t)
 
 
 def test_every_parameter_of_the_octocopter_is_found():
