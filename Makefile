@@ -7,7 +7,7 @@ READY  := $(VENV)/.ready
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup analyze test lint bench serve lock clean
+.PHONY: help setup analyze test lint bench docs serve lock clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -37,6 +37,10 @@ lint: setup  ## ruff, mypy --strict and the import direction
 bench: setup  ## compare speed and accuracy with the peers, print one table
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e ".[dev,peers]"
 	@$(BIN)/python -m benchmarks
+
+docs: setup  ## build the documentation into out/docs
+	@$(BIN)/python -m sphinx -b html -q -W --keep-going docs out/docs
+	@echo out/docs/index.html
 
 serve: setup  ## start the web service on http://127.0.0.1:8000
 	@$(BIN)/rotorid serve
