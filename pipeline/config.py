@@ -19,7 +19,10 @@ class AnalysisConfig:
     training_fraction : float
         One log: the part of the airborne time, from its start, that the model is fitted to; the rest judges it.
     training : tuple of str
-        Several logs: names (shell patterns) of the logs to fit on; all others judge. Empty: every second flight.
+        Several logs: names (shell patterns) of the logs to fit on; all others judge. Empty: chosen by what was flown
+        (`pipeline.split`).
+    validation : tuple of str
+        Several logs: names (shell patterns) of the logs that judge; all others train, unless `training` names those.
     scan_orders : bool
         Also try other numbers of poles and zeros and recommend one; takes as long as ten more fits.
     estimation_rate : float
@@ -34,6 +37,7 @@ class AnalysisConfig:
     mass: float | None = None
     training_fraction: float = 0.7
     training: tuple[str, ...] = ()
+    validation: tuple[str, ...] = ()
     scan_orders: bool = False
     estimation_rate: float = 50.0
     time_limit: float = 120.0

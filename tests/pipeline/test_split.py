@@ -1,0 +1,152 @@
+"""The split into flights that train and flights that judge: what an engineer would ask of it, for any folder."""
+
+import dataclasses
+from collections import Counter
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline import AnalysisConfig
+from pipeline.split import MOST_TRAINING, choose_split, day_of, excitation, places_of
+from tests.pipeline.test_craft import flown
+
+DAY = datetime(2024, 5, 2, 9, 30, tzinfo=UTC)
+CONFIG = AnalysisConfig()
+
+
+def flight(name, moves=1.0, *, day=0, place=0, sigma=0.5, noise=0.05, hour=0):
+    """Fly at one of several places, 64 km apart, on one of several days, moving so much."""
+    entry = flown(name, start=DAY + timedelta(days=day, hours=hour), lat=0.8 + 0.01 * place)
+    return dataclasses.replace(
+        entry,
+        coverage={
+            "excitation": {"acceleration_rms": moves, "acceleration_noise": noise},
+            "health": {"position_sigma": {"median": sigma, "max": sigma}},
+        },
+    )
+
+
+FLEETS = st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.floats(0.2, 5.0)), min_size=2, max_size=38).map(
+    lambda flights: [flight(f"f{k:02d}", moves, day=d, place=p) for k, (d, p, moves) in enumerate(flights)]
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(FLEETS)
+def test_halves_are_even_at_every_place_and_on_every_day(flights):
+    split = choose_split(flights, CONFIG)
+    assert sorted((*split.training, *split.held_out)) == [each.name for each in flights]
+    assert abs(len(split.training) - len(split.held_out)) <= 1
+    places = places_of(flights)
+    for level in (lambda each: places[each.name], day_of):
+        ahead = Counter()
+        for each in flights:
+            ahead[level(each)] += 1 if each.name in split.training else -1
+        assert max(map(abs, ahead.values())) <= 1
+
+
+@settings(max_examples=100, deadline=None)
+@given(FLEETS, st.randoms(use_true_random=False))
+def test_the_order_of_the_files_does_not_matter_and_the_liveliest_flight_trains(flights, random):
+    split = choose_split(flights, CONFIG)
+    best = max(excitation(each) for each in flights)
+    assert any(excitation(each) == best for each in flights if each.name in split.training)
+    shuffled = list(flights)
+    random.shuffle(shuffled)
+    assert choose_split(shuffled, CONFIG) == split
+
+
+def test_both_sides_cover_the_range_of_excitation():
+    """Every flight on a day of its own at a place of its own: excitation alone decides. 30 fleets, unseen by design."""
+    for seed in range(30):
+        moves = np.random.default_rng(seed).lognormal(0.0, 0.7, 16)
+        flights = [flight(f"f{k:02d}", float(m), day=k, place=k) for k, m in enumerate(moves)]
+        split = choose_split(flights, CONFIG)
+        order = sorted(flights, key=excitation)
+        for quarter in range(4):
+            part = [each.name in split.training for each in order[4 * quarter : 4 * quarter + 4]]
+            assert 1 <= sum(part) <= 3, "neither side lacks a quarter of the range"
+
+
+def test_pairs_of_a_day_are_divided_by_excitation_too():
+    flights = [flight(f"f{k}", 1.0 + k, day=k // 4) for k in range(8)]
+    split = choose_split(flights, CONFIG)
+    assert "f7" in split.training
+    for first in range(0, 8, 2):
+        assert (f"f{first}" in split.training) != (f"f{first + 1}" in split.training), "one of each pair"
+
+
+def test_two_flights_and_one():
+    split = choose_split([flight("calm", 0.3), flight("lively", 2.0)], CONFIG)
+    assert (split.training, split.held_out) == (("lively",), ("calm",))
+    split = choose_split([flight("only")], CONFIG)
+    assert (split.training, split.held_out) == (("only",), ())
+    assert "no other is there to judge" in split.sentence
+
+
+def test_poor_position_and_standing_still_never_train_and_say_why():
+    flights = [flight("a", 0.06), flight("b", sigma=9.0), flight("c"), flight("d", 2.0)]
+    split = choose_split(flights, CONFIG)
+    assert split.training == ("d",)
+    assert set(split.held_out) == {"a", "b", "c"}
+    assert "9.0 m" in split.never_train["b"]
+    assert "hardly moves" in split.never_train["a"]
+    assert "a never trains" in split.sentence
+    assert "b never trains" in split.sentence
+
+
+def test_where_nothing_can_train_nothing_does():
+    split = choose_split([flight("a", 0.01), flight("b", 0.02)], CONFIG)
+    assert split.training == ()
+    assert split.held_out == ("a", "b")
+    assert split.sentence.startswith("no flight can train: a never trains")
+
+
+def test_the_sentence_has_the_numbers():
+    flights = [flight(f"f{k}", 0.5 + k, day=k // 2, place=k % 2) for k in range(6)]
+    sentence = choose_split(flights, CONFIG).sentence
+    for part in ("3 of 6 flights train and 3 judge", "place (2)", "day (3)", "5.5 m/s²"):
+        assert part in sentence
+
+
+def test_large_fleets_train_on_no_more_than_help():
+    flights = [
+        flight(f"f{k:03d}", float(m), day=k // 7, place=k % 3)
+        for k, m in enumerate(np.random.default_rng(7).lognormal(0.0, 0.5, 203))
+    ]
+    split = choose_split(flights, CONFIG)
+    assert len(split.training) == MOST_TRAINING
+    assert len(split.held_out) == 203 - MOST_TRAINING
+    chosen = [each for each in flights if each.name in split.training]
+    assert max(map(excitation, flights)) == max(map(excitation, chosen))
+    assert set(places_of(flights).values()) == {places_of(flights)[each.name] for each in chosen}
+    assert len({day_of(each) for each in chosen}) >= MOST_TRAINING // 2
+    assert "less than 2.5 %" in split.sentence
+
+
+def test_names_of_the_user_count():
+    flights = [flight(name) for name in ("march1", "march2", "april1", "april2")]
+    split = choose_split(flights, AnalysisConfig(training=("MARCH*",)))
+    assert (split.training, split.held_out) == (("march1", "march2"), ("april1", "april2"))
+    split = choose_split(flights, AnalysisConfig(validation=("april?",)))
+    assert (split.training, split.held_out) == (("march1", "march2"), ("april1", "april2"))
+    split = choose_split(flights, AnalysisConfig(training=("march1",), validation=("april*", "march1")))
+    assert (split.training, split.held_out) == (("march1",), ("april1", "april2"))
+    assert list(split.unused) == ["march2"]
+    assert "by the user" in split.sentence
+
+
+def test_a_day_is_that_of_the_sun_at_the_place():
+    """23:30 UTC is the next morning in Sydney, and the same day in Zurich."""
+    late = dataclasses.replace(flown("x", start=datetime(2024, 5, 2, 22, 30, tzinfo=UTC)), origin=(-0.59, 2.64, 0.0))
+    assert day_of(late) == "2024-05-03"
+    assert day_of(dataclasses.replace(late, origin=(0.83, 0.15, 0.0))) == "2024-05-02"
+
+
+def test_flights_without_coverage_or_date_are_divided_all_the_same():
+    bare = [dataclasses.replace(flown(f"f{k}", start=None), origin=None, track=()) for k in range(5)]
+    split = choose_split(bare, CONFIG)
+    assert len(split.training) in (2, 3)
+    assert not split.never_train
