@@ -182,7 +182,7 @@ def _rate_outputs(tables: Tables) -> Inputs:
                 "throttle-from-ctun",
                 Severity.INFO,
                 "RATE does not log the throttle; it is taken from CTUN, which is slower",
-                "set ATTITUDE_FAST (bit 1) in LOG_BITMASK",
+                "set ATTITUDE_FAST (bit 0) in LOG_BITMASK",
             )
         )
     return Inputs(
