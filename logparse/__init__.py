@@ -1,11 +1,19 @@
-"""Flight logs of Pixhawk autopilots: any format in, messages, canonical tables and findings out."""
+"""Flight logs of Pixhawk autopilots: any format in, messages, canonical tables and findings out.
+
+What needs pandas is imported when it is first used: errors and findings are also for those who do without.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 from logparse.errors import LogError, MissingDataError, RotoridError
 from logparse.findings import Finding, Severity
-from logparse.log import FlightLog, Messages, read_log
-from logparse.source import Boot, MessageSource
-from logparse.tables import COLUMNS, Geodetic, Tables
-from logparse.vehicle import Motor, Vehicle
+
+if TYPE_CHECKING:
+    from logparse.log import FlightLog, Messages, read_log
+    from logparse.source import Boot, MessageSource
+    from logparse.tables import COLUMNS, Geodetic, Tables
+    from logparse.vehicle import Motor, Vehicle
 
 __all__ = [
     "COLUMNS",
@@ -24,3 +32,23 @@ __all__ = [
     "Vehicle",
     "read_log",
 ]
+
+_HOME = {
+    "COLUMNS": "logparse.tables",
+    "Boot": "logparse.source",
+    "FlightLog": "logparse.log",
+    "Geodetic": "logparse.tables",
+    "MessageSource": "logparse.source",
+    "Messages": "logparse.log",
+    "Motor": "logparse.vehicle",
+    "Tables": "logparse.tables",
+    "Vehicle": "logparse.vehicle",
+    "read_log": "logparse.log",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module 'logparse' has no attribute {name!r}")
+    globals()[name] = value = getattr(import_module(_HOME[name]), name)
+    return value

@@ -1,4 +1,4 @@
-"""The command line: ``rotorid analyze | inspect | export | craft | bench | bifilar | simulate | serve``.
+"""The command line: ``rotorid analyze | compare | inspect | export | craft | bench | bifilar | simulate | serve``.
 
 Each command is a file in `pipeline.commands`; heavy rooms are imported inside the commands, so that help and usage
 errors come at once.
@@ -7,13 +7,16 @@ errors come at once.
 import logging
 import os
 import sys
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.completion import install_callback, show_callback
+from typer.core import TyperGroup, TyperOption
 
 from pipeline.commands.analyze import analyze
 from pipeline.commands.bench import bench
 from pipeline.commands.bifilar import bifilar
+from pipeline.commands.compare import compare
 from pipeline.commands.craft import craft
 from pipeline.commands.exits import OK, SOME_FAILED, WRONG_USAGE, fail
 from pipeline.commands.export import export
@@ -22,18 +25,50 @@ from pipeline.commands.serve import serve
 from pipeline.commands.simulate import simulate
 from pipeline.commands.token import tokens
 
+
+class Group(TyperGroup):
+    """Commands whose help comes at once.
+
+    Typer's own ``--help`` has no default: where it is not given, as before a command, Pydantic is imported to find that
+    nothing is of the right type.
+    """
+
+    def get_help_option(self, ctx: Any) -> TyperOption | None:
+        """Give the option, not asked for unless it is given."""
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.default = False
+        return option
+
+
 app = typer.Typer(
     name="rotorid",
+    cls=Group,
     help="From Pixhawk/ArduPilot flight logs to models of the craft, with a report that says what they are worth.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    # Help as plain text: to draw boxes around it, Rich would take longer to import than help may take to come.
+    rich_markup_mode=None,
+    # Our own options below: Typer's have no default, for which it imports Pydantic whatever the command.
+    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-# In the order in which people use them, which is the order of the help.
-for _command in (analyze, inspect, export, craft, bench, bifilar, simulate, serve):
-    app.command()(_command)
-app.add_typer(tokens)
+# In the order in which people use them, which is the order of the help; each with what it does in so few words that a
+# narrow terminal shows them all.
+for _command, _summary in (
+    (analyze, "Logs to trajectories, models and a report."),
+    (compare, "Tell what changed between two reports."),
+    (inspect, "Show what is in a log and what to log better."),
+    (export, "Write messages and tables as files for other programs."),
+    (craft, "Physical parameters of a craft by every method."),
+    (bench, "Thrust and torque coefficients from a thrust stand."),
+    (bifilar, "Moment of inertia from a bifilar pendulum."),
+    (simulate, "Fly a case of the papers, or run models.json."),
+    (serve, "Start the web service."),
+):
+    app.command(short_help=_summary)(_command)
+app.add_typer(tokens, cls=Group, short_help="Make, list and revoke the service's tokens.")
 
 
 def main() -> NoReturn:
@@ -80,6 +115,16 @@ def _version(wanted: bool) -> None:
 def rotorid(
     _: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+    _install: Annotated[
+        bool,
+        typer.Option(
+            "--install-completion", callback=install_callback, help="Let the current shell complete commands."
+        ),
+    ] = False,
+    _show: Annotated[
+        bool,
+        typer.Option("--show-completion", callback=show_callback, help="Show what that would add to the shell."),
     ] = False,
 ) -> None:
     """From Pixhawk/ArduPilot flight logs to models of the craft, with a report that says what they are worth."""

@@ -13,7 +13,7 @@ from pipeline.commands.output import console, prepare
 from pipeline.config import AnalysisConfig
 
 if TYPE_CHECKING:
-    from reports.numbers import Numbers
+    from reports.rows import Numbers
 
 _DEFAULT = AnalysisConfig()
 
@@ -65,6 +65,8 @@ def analyze(
 
     One log is fitted on the first part of its flight and judged on the rest. Of several logs each is analysed for
     itself; flights of the same craft are then fitted jointly and judged on the other flights.
+
+    Example: rotorid analyze flights --out report --training 'march*'
 
     Exit status: 0 all fine, 1 some logs failed (each is named with its reason) or no log gave a model, 2 wrong usage.
     """

@@ -37,7 +37,10 @@ def bench(
     out: Annotated[Path, typer.Option(help="Folder for bench.html, bench.json and coefficients.csv.")] = Path("bench"),
     as_json: Annotated[bool, typer.Option("--json", help="Write bench.json to stdout instead of the table.")] = False,
 ) -> None:
-    """Fit thrust and torque coefficients to a thrust-stand test and find the PWM that carries a weight."""
+    """Fit thrust and torque coefficients to a thrust-stand test and find the PWM that carries a weight.
+
+    Example: rotorid bench motor1.csv motor2.csv --weight 42.1 --voltage 15.2
+    """
     from pipeline.commands.output import console
     from reports.bench_page import bench_page
     from sysid.bench import analyse_bench

@@ -35,7 +35,10 @@ def bifilar(
     axis: Annotated[str, typer.Option(help="Name of the axis, for the answer.")] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Write the numbers as JSON to stdout.")] = False,
 ) -> None:
-    """Compute a moment of inertia, its spread and its uncertainty from timed swings."""
+    """Compute a moment of inertia, its spread and its uncertainty from timed swings.
+
+    Example: rotorid bifilar 21.32 21.29 21.35 --mass 1.24 --length 1.5 --distance 0.21 --axis xx
+    """
     from reports.quantity import number, uncertain
     from sysid.bifilar import Threads, check_thread
     from sysid.bifilar import bifilar as weigh

@@ -40,7 +40,10 @@ def craft(
     ] = Path("craft"),
     as_json: Annotated[bool, typer.Option("--json", help="Write the table as JSON to stdout.")] = False,
 ) -> None:
-    """Identify thrust, inertia, torque and drag by every method side by side, and write the craft for simulators."""
+    """Identify thrust, inertia, torque and drag by every method side by side, and write the craft for simulators.
+
+    Example: rotorid craft flight1.bin flight2.bin --mass 4.3 --arm 0.32 --out craft
+    """
     import logparse
     import sysid
     from estimation import estimate

@@ -39,7 +39,10 @@ def export(
     start: Annotated[float | None, typer.Option(help="Leave out what was before, s on the log's clock.")] = None,
     end: Annotated[float | None, typer.Option(help="Leave out what was after, s on the log's clock.")] = None,
 ) -> None:
-    """Write messages as logged and canonical tables (SI units) as files for other programs."""
+    """Write messages as logged and canonical tables (SI units) as files for other programs.
+
+    Example: rotorid export flight.bin --format csv --messages RCOU,imu --start 60 --end 120
+    """
     import logparse
     from logparse.export import export as write_tables
 

@@ -15,7 +15,10 @@ def inspect(
     boot: Boot = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write everything as JSON to stdout.")] = False,
 ) -> None:
-    """Show what is in a log: craft, flights, tables with their rates and gaps, and what to log better next time."""
+    """Show what is in a log: craft, flights, tables with their rates and gaps, and what to log better next time.
+
+    Example: rotorid inspect flight.bin
+    """
     import logparse
     from logparse.inspection import inspect as look_into
 

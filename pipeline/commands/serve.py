@@ -19,6 +19,8 @@ def serve(
 
     On this computer it is open; with another --host it asks for tokens (see `rotorid token --help`). Everything else
     is set by environment variables that begin with ROTORID_; docs/service.md lists them.
+
+    Example: rotorid serve --host 0.0.0.0 --port 8080 --workers 4
     """
     import api
 

@@ -55,6 +55,10 @@ def simulate(
     sample-logs writes the logs of sample_logs/ with their truth, the same to the last bit on every run.
 
     With a models.json of `rotorid analyze` and --inputs: run its models instead, and write what they predict.
+
+    Example: rotorid simulate motion-wind --set wind=3 --out flown
+
+    Example: rotorid simulate out/models.json --inputs other.bin --model motors --out replayed
     """
     if case.lower().endswith(".json") and Path(case).is_file():
         from pipeline.commands.replay import run_models

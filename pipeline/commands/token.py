@@ -18,7 +18,10 @@ def create(
     owner: Annotated[str, typer.Argument(help="Whose token it is; logs belong to their owner, who may have several.")],
     days: Annotated[float | None, typer.Option(min=0.0, help="Days until it expires. Default: never.")] = None,
 ) -> None:
-    """Make a token and print it: it is shown this once, the service keeps only its digest."""
+    """Make a token and print it: it is shown this once, the service keeps only its digest.
+
+    Example: rotorid token create "Ada Lovelace" --days 90
+    """
     from api.server import open_tokens
 
     if not 0 < len(owner.strip()) <= 100:
@@ -29,7 +32,10 @@ def create(
 
 @tokens.command("list")
 def list_tokens() -> None:
-    """List the tokens: number, owner, when it was made and when it expires."""
+    """List the tokens: number, owner, when it was made and when it expires.
+
+    Example: rotorid token list
+    """
     from api.server import open_tokens
 
     with open_tokens() as known:
@@ -40,7 +46,10 @@ def list_tokens() -> None:
 
 @tokens.command()
 def revoke(token: Annotated[str, typer.Argument(help="Its number, as `rotorid token list` shows it.")]) -> None:
-    """Make a token worthless, at once."""
+    """Make a token worthless, at once.
+
+    Example: rotorid token revoke 3
+    """
     from api.server import open_tokens
 
     with open_tokens() as known:
