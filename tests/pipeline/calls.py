@@ -1,0 +1,64 @@
+"""Calls for other processes, which meet the test through named pipes: opening one waits for the other side."""
+
+import os
+import signal
+from pathlib import Path
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def process_id(_: object = None) -> int:
+    return os.getpid()
+
+
+def environment(name: str) -> str | None:
+    return os.environ.get(name)
+
+
+def refuse(reason: str) -> None:
+    raise ValueError(reason)
+
+
+def unsendable() -> object:
+    return lambda: None
+
+
+def hoard(_: object, kept: list[bytes] = []) -> int:  # noqa: B006
+    """Keep 20 MB for good."""
+    kept.append(os.urandom(20_000_000))
+    return os.getpid()
+
+
+def stay(pipe: Path) -> None:
+    """Tell the own process id and stay until killed; the pipe ends with the process."""
+    with pipe.open("w") as told:
+        told.write(f"{os.getpid()}\n")
+        told.flush()
+        signal.pause()
+
+
+def stay_at_first(folder: Path) -> str:
+    """Stay until killed, but not a second time."""
+    marker = folder / "tried"
+    if not marker.exists():
+        marker.touch()
+        stay(folder / "pipe")
+    return "done"
+
+
+def die_or_note(task: tuple[Path, str]) -> str:
+    """Write down when it begins and ends; die if that is its name."""
+    diary, name = task
+    _note(diary, f"{name} begins")
+    if name == "poison":
+        _note(diary, "poison ends")
+        os.kill(os.getpid(), signal.SIGKILL)
+    _note(diary, f"{name} ends")
+    return name
+
+
+def _note(diary: Path, line: str) -> None:
+    with diary.open("a") as file:
+        file.write(f"{line}\n")

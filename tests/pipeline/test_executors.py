@@ -1,0 +1,198 @@
+"""Processes side by side: what one dies of costs that call only, and nothing outlives whoever started them."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from pipeline import executors
+from pipeline.executors import ATTEMPTS, Processes, WorkerDiedError, as_done, count_workers
+from tests.pipeline import calls
+
+PROJECT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def pair():
+    with Processes(2, preload=()) as pool:
+        yield pool
+
+
+@pytest.fixture
+def pipe(tmp_path):
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    return path
+
+
+def test_calls_and_what_they_raise_come_back(pair):
+    assert list(pair.map(calls.square, range(5))) == [0, 1, 4, 9, 16]
+    with pytest.raises(ValueError, match="too short") as raised:
+        pair.submit(calls.refuse, "too short").result()
+    assert "calls.py" in raised.value.__notes__[0]  # the other process's traceback
+    with pytest.raises(TypeError, match="cannot be sent between processes"):
+        pair.submit(calls.unsendable).result()
+    with pytest.raises((TypeError, AttributeError)):
+        pair.submit(lambda: None).result()
+    assert pair.submit(calls.environment, "OPENBLAS_NUM_THREADS").result() == "1"
+
+
+def test_a_killed_worker_is_replaced_and_its_call_tried_again(pair, tmp_path, pipe):
+    lost = pair.submit(calls.stay_at_first, tmp_path)
+    others = [pair.submit(calls.square, number) for number in range(4)]
+    with pipe.open() as told:
+        os.kill(int(told.readline()), signal.SIGKILL)
+    assert lost.result() == "done"
+    assert [future.result() for future in others] == [0, 1, 4, 9]
+
+
+def test_what_kills_every_worker_fails_alone_and_is_tried_alone(pair, tmp_path):
+    diary = tmp_path / "diary"
+    names = ["a", "b", "poison", "c", "d", "e", "f"]
+    tasks = [(diary, name) for name in names]
+    outcomes = {name: future.exception() for (_, name), future in as_done(pair, calls.die_or_note, tasks)}
+    death = outcomes.pop("poison")
+    assert isinstance(death, WorkerDiedError)
+    assert "SIGKILL" in str(death)
+    assert f"{ATTEMPTS} times" in str(death)
+    assert outcomes == dict.fromkeys("abcdef")
+    lines = diary.read_text().splitlines()
+    attempts = [at for at, line in enumerate(lines) if line == "poison begins"]
+    assert len(attempts) == ATTEMPTS
+    for at in attempts[1:]:
+        began, ended = ([line.split()[0] for line in lines[:at] if line.endswith(end)] for end in ("begins", "ends"))
+        assert sorted(began) == sorted(ended)
+        assert lines[at + 1] == "poison ends"
+
+
+def test_a_worker_that_keeps_memory_is_replaced(monkeypatch):
+    monkeypatch.setattr(executors, "KEPT_MEMORY", 50_000_000)
+    with Processes(1, preload=()) as pool:
+        workers = list(pool.map(calls.hoard, range(6)))
+    assert len(set(workers)) == 2
+    assert workers == sorted(workers, key=workers.index)
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from pipeline.executors import Processes, as_done
+from tests.pipeline import calls
+if __name__ == "__main__":
+    with Processes(2, preload=()) as pool:
+        for _ in as_done(pool, calls.stay, [Path(sys.argv[1])] * 5):
+            pass
+"""
+
+
+@pytest.mark.parametrize("ended_by", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_at_once_with_whoever_started_them(ended_by, tmp_path, pipe):
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    program_file = tmp_path / "program.py"
+    program_file.write_text(PROGRAM)
+    program = subprocess.Popen(
+        [sys.executable, program_file, pipe],
+        env=os.environ | {"PYTHONPATH": str(PROJECT), "TMPDIR": str(scratch)},
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    with pipe.open() as told:
+        told.readline()
+        told.readline()
+        if ended_by == signal.SIGINT:  # a terminal sends it to all of them
+            os.killpg(program.pid, ended_by)
+        else:
+            program.send_signal(ended_by)
+        assert told.read() == ""  # comes when the last worker is gone; three calls never began
+    _, errors = program.communicate()
+    assert program.returncode == -ended_by
+    assert not [path for path in scratch.iterdir() if path.name.startswith("rotorid-")]
+    if ended_by == signal.SIGINT:
+        assert errors.count(b"Traceback") == 1
+        assert errors.rstrip().endswith(b"KeyboardInterrupt")
+
+
+def test_temporary_files_of_a_killed_worker_go_too(pair, tmp_path, pipe):
+    assert Path(pair.submit(tempfile.gettempdir).result()).is_relative_to(tempfile.gettempdir())
+    lost = pair.submit(calls.stay_at_first, tmp_path)
+    with pipe.open() as told:
+        worker = int(told.readline())
+        folder = pair.submit(tempfile.mkdtemp).result()
+        assert Path(folder).is_dir()
+        os.kill(worker, signal.SIGKILL)
+    lost.result()
+    pair.shutdown()
+    assert not Path(folder).exists()
+
+
+def test_no_more_tasks_are_in_flight_than_keep_the_workers_busy():
+    class Counting(ThreadPoolExecutor):
+        in_flight = 3
+        submitted = 0
+
+        def submit(self, *args, **named):
+            self.submitted += 1
+            return super().submit(*args, **named)
+
+    taken = 0
+
+    def tasks():
+        nonlocal taken
+        for number in range(20):
+            taken += 1
+            yield number
+
+    with Counting(2) as pool:
+        done = {}
+        for task, future in as_done(pool, calls.square, tasks()):
+            done[task] = future.result()
+            assert taken <= len(done) + 3
+    assert done == {number: number**2 for number in range(20)}
+
+
+def test_an_executor_that_breaks_fails_tasks_and_not_the_loop():
+    class Broken(ThreadPoolExecutor):
+        def submit(self, *_, **__):
+            raise BrokenExecutor("killed")
+
+    with Broken(1) as pool:
+        outcomes = [future.exception() for _, future in as_done(pool, calls.square, range(100))]
+    assert len(outcomes) == 100
+    assert all(isinstance(outcome, BrokenExecutor) for outcome in outcomes)
+
+
+def test_futures_of_any_executor_will_do():
+    class Immediate(ThreadPoolExecutor):
+        def submit(self, function, /, *args, **named):
+            future = Future()
+            future.set_result(function(*args, **named))
+            return future
+
+    with Immediate(1) as pool:
+        assert sorted(future.result() for _, future in as_done(pool, calls.square, [3, 2])) == [4, 9]
+
+
+@pytest.mark.parametrize(
+    ("sizes", "memory_gb", "cores", "count"),
+    [
+        ([10_000_000] * 200, 64.0, 16, 16),  # as many as there are processors
+        ([10_000_000] * 3, 64.0, 16, 3),  # no more than there are logs
+        ([10_000_000] * 200, 2.5, 16, 4),  # 0.49 GB each of 2 GB
+        ([2_000_000_000] + [10_000_000] * 200, 16.0, 16, 9),  # 8.45 GB for one, 0.49 GB for each of the others
+        ([2_000_000_000] * 2, 4.0, 8, 1),  # one is tried in any case
+        ([], 4.0, 8, 1),
+    ],
+)
+def test_workers_are_counted_by_processors_and_memory(sizes, memory_gb, cores, count):
+    assert count_workers(sizes, int(memory_gb * 1e9), cores) == count
+
+
+def test_the_user_may_choose_how_many_workers():
+    with executors.processes(7, sizes=[1, 1]) as pool:
+        assert pool.count == 2
