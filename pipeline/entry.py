@@ -64,6 +64,8 @@ class FlightEntry:
         The autopilot's own id, as in `pipeline.LogFacts`.
     build, tune : mapping
         How the craft is built, and its gains and filters, as `pipeline.craft.build_of` and `tune_of` list them.
+    mixer : mapping of str to list of float
+        Roll, pitch and yaw factor of each motor by its name, as in `logparse.Motor`.
     parameters : tuple of mapping
         What the flight alone says about its craft, as `pipeline.flight_parameters` lists it.
     findings : tuple of mapping
@@ -97,6 +99,7 @@ class FlightEntry:
     board: str | None = None
     build: Mapping[str, str | float | None] = field(default_factory=dict)
     tune: Mapping[str, str | float] = field(default_factory=dict)
+    mixer: Mapping[str, list[float]] = field(default_factory=dict)
     parameters: tuple[Mapping[str, Any], ...] = ()
     findings: tuple[Mapping[str, Any], ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict)
@@ -206,6 +209,7 @@ def flight_entry(
         board=log.board,
         build=build_of(log.vehicle),
         tune=dict(log.tune),
+        mixer={f"m{motor.number}": [motor.roll, motor.pitch, motor.yaw] for motor in log.vehicle.motors},
         parameters=tuple(flight_parameters(result)),
         findings=tuple(_findings(result)),
         timings=dict(result.timings),

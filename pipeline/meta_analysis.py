@@ -110,9 +110,10 @@ def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | No
     df = len(y) - x.shape[1]
 
     def fit(between: float) -> tuple[Floats, Floats, float]:
-        root = 1.0 / np.sqrt(variance + between)
-        beta = np.asarray(np.linalg.lstsq(x * root[:, None], y * root, rcond=None)[0], dtype=np.float64)
-        return beta, root**2, float(np.sum(((y - x @ beta) * root) ** 2))
+        weights = 1.0 / (variance + between)
+        weighted = x * weights[:, None]
+        beta = np.asarray(np.linalg.solve(x.T @ weighted, weighted.T @ y), dtype=np.float64)
+        return beta, weights, float(weights @ (y - x @ beta) ** 2)
 
     q = fit(0.0)[2]
     between = 0.0

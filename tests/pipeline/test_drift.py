@@ -1,0 +1,221 @@
+"""Parameters followed over flights: what is there is found at its rate, what is not is not claimed."""
+
+import dataclasses
+import json
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from logparse.frames import motor_table
+from pipeline.drift import follow
+from pipeline.flight_parameters import SHARES
+from pipeline.history import ALPHA, Step, Trend
+from tests.pipeline.test_craft import flown
+
+START = datetime(2025, 6, 1, 8, tzinfo=UTC)
+
+#: Parameters with a typical value, standard error of one flight and true scatter between flights.
+CRAFT = {
+    "thrust over mass": (8.5, 0.03, 0.10),
+    "motor lag": (0.05, 0.004, 0.0),
+    "yaw torque over inertia": (22.0, 0.8, 0.5),
+    "linear drag over mass": (0.25, 0.05, 0.0),
+}
+
+
+def flights_of(values, unit="u", days=1.0):
+    """Make flights from series: parameter -> [(value, sigma) per flight], on days one after the other."""
+    count = len(next(iter(values.values())))
+    return [
+        dataclasses.replace(
+            flown(f"f{k:02d}", start=START + timedelta(days=days * k)),
+            parameters=tuple(
+                {"parameter": name, "method": "rigid body", "value": v[k][0], "sigma": v[k][1], "unit": unit}
+                for name, v in values.items()
+            ),
+        )
+        for k in range(count)
+    ]
+
+
+def series(random, count, drift=None, step=None):
+    """Draw each parameter of every flight; `drift` and `step` name a parameter and its change in its own unit."""
+    values = {}
+    for name, (value, sigma, between) in CRAFT.items():
+        errors = sigma * random.uniform(0.6, 1.6, count)
+        true = value + between * random.standard_normal(count)
+        if drift and drift[0] == name:
+            true = true + drift[1] * np.arange(count)
+        if step and step[0] == name:
+            true = true + step[1] * (np.arange(count) >= count // 2)
+        values[name] = list(zip(true + errors * random.standard_normal(count), errors, strict=True))
+    return values
+
+
+def history_of(drift, parameter):
+    return next(each for each in drift.parameters if each.parameter == parameter)
+
+
+def test_false_alarms_keep_to_the_rate_for_the_whole_craft():
+    """300 crafts of 4 to 14 flights, nothing changes: at most 5 % have any alarm at all, 15 of 300; 25 is 3 sigma."""
+    random = np.random.default_rng(20261121)
+    alarmed = sum(
+        any(
+            each.change is not None
+            for each in follow(flights_of(series(random, int(random.integers(4, 15))))).parameters
+        )
+        for _ in range(300)
+    )
+    assert alarmed <= 25
+
+
+def test_a_drift_is_found_with_its_power_and_size():
+    """Thrust falls by 1 % per flight over ten flights that differ by 1.2 %: nearly always found, never another."""
+    random = np.random.default_rng(4)
+    found = []
+    for _ in range(40):
+        drift = follow(flights_of(series(random, 10, drift=("thrust over mass", -0.085))))
+        history = history_of(drift, "thrust over mass")
+        if history.trend.significant:
+            found.append(history.trend.per_flight)
+        assert sum(each.change is not None for each in drift.parameters if each is not history) <= 1
+    assert len(found) >= 34
+    assert np.mean(found) == pytest.approx(-0.085, rel=0.1)
+
+
+def test_a_step_is_found_where_it_is():
+    """Other propellers from the seventh of twelve flights on: 8 % more thrust."""
+    drift = follow(flights_of(series(np.random.default_rng(5), 12, step=("thrust over mass", 0.68))))
+    history = history_of(drift, "thrust over mass")
+    assert isinstance(history.change, Step)
+    assert (history.change.before, history.change.after) == ("f05", "f06")
+    assert history.change.change == pytest.approx(0.68, abs=0.2)
+    (finding,) = drift.findings
+    assert finding.id == "parameter-step"
+    assert "between f05 and f06 it rose by" in finding.reason
+    assert "propellers" in finding.advice
+
+
+def test_scatter_between_flights_is_told_from_their_own_errors():
+    random = np.random.default_rng(6)
+    drift = follow(flights_of(series(random, 30)))
+    thrust, lag = history_of(drift, "thrust over mass"), history_of(drift, "motor lag")
+    assert thrust.between == pytest.approx(0.10, rel=0.35)
+    assert thrust.q_p < 0.001
+    assert "beyond their own errors" in thrust.sentence
+    assert lag.between < 0.003
+    assert "no more than their own errors" in lag.sentence
+    for history, (value, *_) in zip((thrust, lag), (CRAFT["thrust over mass"], CRAFT["motor lag"]), strict=True):
+        assert abs(history.mean - value) < 4.0 * history.mean_sigma
+
+
+def test_dates_order_the_flights_and_make_the_slope_per_day():
+    values = {"thrust over mass": [(8.5 - 0.1 * k, 0.01) for k in range(6)]}
+    flights = flights_of(values, days=2.0)
+    renamed = [dataclasses.replace(flight, name=f"z{9 - k}") for k, flight in enumerate(flights)]
+    drift = follow(renamed[::-1])
+    (history,) = drift.parameters
+    assert drift.order == "date"
+    assert drift.flights == ("z9", "z8", "z7", "z6", "z5", "z4")
+    assert isinstance(history.change, Trend)
+    assert history.trend.per_flight == pytest.approx(-0.1)
+    assert history.trend.per_day == pytest.approx(-0.05)
+    undated = follow([dataclasses.replace(flight, start_utc=None) for flight in flights])
+    assert (undated.order, undated.parameters[0].trend.per_day) == ("name", None)
+
+
+def test_the_method_that_most_flights_have_is_followed_and_others_are_kept():
+    flights = flights_of({"motor lag": [(0.05, 0.001)] * 5})
+    other = {"parameter": "motor lag", "method": "rotor", "value": 0.06, "sigma": 0.0001, "unit": "s"}
+    flights = [dataclasses.replace(f, parameters=(*f.parameters, other)) if k < 3 else f for k, f in enumerate(flights)]
+    (history,) = follow(flights).parameters
+    assert history.method == "rigid body"
+    assert [point.value for point in history.others["rotor"]] == [0.06] * 3
+
+
+def test_few_flights_say_what_they_can():
+    assert follow([]) is None
+    assert follow(flights_of({"motor lag": [(0.05, 0.001)]})) is None
+    (history,) = follow(flights_of({"motor lag": [(0.05, 0.001), (0.052, 0.001)]})).parameters
+    assert history.trend is None
+    assert "4 flights are needed" in history.sentence
+    (constant,) = follow(flights_of({"motor lag": [(0.05, 0.001)] * 5})).parameters
+    assert constant.change is None
+
+
+def test_it_is_json():
+    drift = follow(flights_of(series(np.random.default_rng(8), 6)))
+    numbers = json.loads(json.dumps(drift.to_dict(), allow_nan=False))
+    assert [each["parameter"] for each in numbers["parameters"]] == list(CRAFT)
+    assert len(numbers["parameters"][0]["flights"]) == 6
+
+
+FRAMES = {"quad": "x", "hexa": "x", "octa": "plus"}
+
+
+def hovering(random, frame, count, *, weak=None, loss=0.0, shift=0.0, scatter=0.004, sigma=0.001):
+    """Fly a craft whose controller restores moments by roll, pitch and yaw alone, and log the motors' shares.
+
+    `weak` loses `loss` of its thrust from flight to flight; the centre of gravity moves ahead by `shift`; wind and load
+    change the trims by `scatter` between flights.
+    """
+    motors = motor_table(frame, FRAMES[frame], None)
+    factors = np.array([[m.roll, m.pitch, m.yaw] for m in motors])
+    basis, _ = np.linalg.qr(factors)
+    flights = []
+    for k in range(count):
+        trim = scatter * random.standard_normal(3)
+        if weak is not None:
+            trim = trim + basis[weak - 1] * loss * k
+        trim[1] += np.sign(basis[:, 1] @ factors[:, 1]) * shift * k
+        shares = 1.0 + basis @ trim + sigma * random.standard_normal(len(motors))
+        rows = [
+            {"parameter": f"m{m.number}", "method": SHARES, "value": float(s), "sigma": sigma, "unit": "mean"}
+            for m, s in zip(motors, shares, strict=True)
+        ]
+        flights.append(
+            dataclasses.replace(
+                flown(f"f{k:02d}", start=START + timedelta(days=k)),
+                parameters=tuple(rows),
+                mixer={f"m{m.number}": [m.roll, m.pitch, m.yaw] for m in motors},
+            )
+        )
+    return flights
+
+
+@pytest.mark.parametrize("frame", list(FRAMES))
+def test_a_weakening_motor_is_named(frame):
+    """2 % of one motor's thrust per flight over ten flights, in trims that scatter by 0.4 %: 20 crafts, any motor."""
+    random = np.random.default_rng(11)
+    count = len(motor_table(frame, FRAMES[frame], None))
+    named, losses = 0, []
+    for k in range(20):
+        weak = 1 + k % count
+        motors = follow(hovering(random, frame, 10, weak=weak, loss=0.02)).motors
+        named += motors.weakening == f"m{weak}"
+        if motors.weakening == f"m{weak}":
+            losses.append(motors.loss)
+            assert f"motor m{weak} is weakening" in motors.sentence
+    # The right motor fails a 5 % test of fit about once in twenty.
+    assert named >= 17
+    assert np.mean(losses) == pytest.approx(0.02, rel=0.1)
+
+
+def test_motors_that_do_not_weaken_are_not_accused():
+    random = np.random.default_rng(12)
+    accused = sum(follow(hovering(random, "octa", 10)).motors.weakening is not None for _ in range(100))
+    assert accused <= 100 * ALPHA + 3 * (100 * ALPHA * (1 - ALPHA)) ** 0.5
+
+
+def test_a_moving_centre_of_gravity_is_no_weak_motor():
+    drift = follow(hovering(np.random.default_rng(13), "octa", 10, shift=0.02))
+    assert drift.motors.weakening is None
+    assert "a shift of the centre of gravity explains it" in drift.motors.sentence
+    assert [finding.id for finding in drift.findings] == ["hover-trim-drift"]
+
+
+def test_two_flights_do_not_tell_of_motors_but_show_their_shares():
+    motors = follow(hovering(np.random.default_rng(14), "quad", 2)).motors
+    assert "cannot be told" in motors.sentence
+    assert set(motors.points[0]["shares"]) == {"m1", "m2", "m3", "m4"}
