@@ -1,6 +1,27 @@
-"""Reports: results as pages, tables and files."""
+"""Reports: results as pages, tables and files.
 
-from reports.folder import write
-from reports.replay import write_replay
+Names are imported when they are first used, so that a report's numbers can be read without the rooms that made them.
+"""
 
-__all__ = ["write", "write_replay"]
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from reports.fleet import write_fleet
+    from reports.folder import publish, write
+    from reports.replay import write_replay
+
+__all__ = ["publish", "write", "write_fleet", "write_replay"]
+
+_HOME = {
+    "publish": "reports.folder",
+    "write": "reports.folder",
+    "write_fleet": "reports.fleet",
+    "write_replay": "reports.replay",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module 'reports' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from importlib.metadata import version
 
 import numpy as np
-from pipeline.meta_analysis import holm, meta_regression
 from scipy import stats
 
+from pipeline.meta_analysis import holm, meta_regression
 from reports.numbers import plain
-from reports.rows import Numbers, average
 from reports.quantity import number, uncertain
+from reports.rows import Numbers, average
 
 #: Chance of calling any parameter of a pair changed when none did.
 SIGNIFICANCE = 0.05

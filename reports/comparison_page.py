@@ -14,8 +14,8 @@ from reports.comparison import change
 from reports.figure import Figure, layout_of
 from reports.html import render
 from reports.markdown import markdown_table
-from reports.rows import Numbers
 from reports.quantity import number, uncertain
+from reports.rows import Numbers
 
 _WORDS = {True: "changed", False: "no change seen"}
 

@@ -3,8 +3,8 @@
 import math
 
 from reports import summary
-from reports.numbers import Numbers
 from reports.quantity import duration, number, size
+from reports.rows import Numbers
 
 Row = tuple[str, str]
 

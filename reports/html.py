@@ -5,25 +5,25 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
-from urllib.parse import quote
 
 import jinja2
 from markupsafe import Markup, escape
 
-from pipeline.results import FleetResult, FlightResult, ModelResult
+from pipeline.results import FlightResult
 from reports import summary, views
+from reports.coverage_views import excitation, flight_coverage
 from reports.details import details
 from reports.figure import Figure
 from reports.flight_figures import flight_figures
 from reports.model_figures import horizon_figure, response_figures
 from reports.model_views import identified, judgements, thrust_coefficients
-from reports.numbers import Numbers
 from reports.parameter_views import coherence, parameters
+from reports.rows import Numbers
 
 
 def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None, script_file: str = "") -> str:
@@ -43,9 +43,10 @@ def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None,
     figures = flight_figures(result)
     ahead = horizon_figure(numbers["models"])
     models = identified(numbers["models"])
+    responses = {each.key: response_figures(each) for each in result.models}
     return render(
         "flight.html",
-        [*figures, *([ahead] if ahead else []), *_attach(models, result.models)],
+        [*figures, *([ahead] if ahead else []), *attach(models, responses)],
         flight_figures=figures,
         ahead=ahead,
         script_file=script_file,
@@ -62,56 +63,21 @@ def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None,
         parameters=parameters(numbers["parameters"]),
         coherence=coherence(numbers["models"]),
         models=models,
+        covered=flight_coverage(numbers["coverage"]),
+        excitation=excitation(numbers["coverage"]),
         details=details(numbers),
     )
 
 
-def _attach(models: Sequence[views.View], results: Sequence[ModelResult], prefix: str = "") -> list[Figure]:
-    """Put the plots of each model's outputs beside their formulae; give them all for the page."""
+def attach(models: Sequence[views.View], responses: Mapping[str, Mapping[str, list[Figure]]]) -> list[Figure]:
+    """Put the plots of each model's outputs, by key and output, beside their formulae; give them all for the page."""
     drawn = []
-    for view, result in zip(models, results, strict=True):
-        figures = response_figures(result, prefix)
+    for view in models:
+        figures = responses.get(view["key"], {})
         for output in view["outputs"]:
             output["figures"] = figures.get(output["key"], [])
             drawn += output["figures"]
     return drawn
-
-
-def fleet_page(result: FleetResult, numbers: Numbers, folders: dict[str, str]) -> str:
-    """Render the page of several logs.
-
-    Parameters
-    ----------
-    result : FleetResult
-    numbers : dict
-        Of the same result.
-    folders : dict of str to str
-        Folder of every flight's own page, by the flight's name.
-    """
-    flights, failures = numbers["flights"], numbers["failures"]
-    links = {name: f"flights/{quote(folder)}/report.html" for name, folder in folders.items()}
-    counts = [f"{len(flights)} log{'s' if len(flights) != 1 else ''} analysed"]
-    if failures:
-        counts.append(f"{len(failures)} gave nothing")
-    groups, figures = [], []
-    for number, (group, facts) in enumerate(zip(result.groups, numbers["groups"], strict=True)):
-        view = views.group(facts, links)
-        view["ahead"] = horizon_figure(facts["models"], f"horizons-{number}")
-        figures += [view["ahead"]] if view["ahead"] else []
-        figures += _attach(view["models"], group.models, f"{number}-")
-        groups.append(view)
-    return render(
-        "fleet.html",
-        figures,
-        numbers=numbers,
-        title=f"{len(flights)} flight logs" if len(flights) != 1 else "1 flight log",
-        facts=" · ".join(counts),
-        groups=groups,
-        alone="No craft has two usable flights here, so there is no joint model; every flight stands for itself.",
-        failures=[(failure["file"], failure["reason"]) for failure in failures],
-        flights=views.flight_rows(flights, links),
-        passed_over=summary.passed_over(numbers),
-    )
 
 
 def failed_page(error: Exception) -> str:

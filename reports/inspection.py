@@ -5,8 +5,8 @@ from rich.table import Table
 from rich.text import Text
 
 from reports import summary
-from reports.numbers import Numbers
 from reports.quantity import duration, number
+from reports.rows import Numbers
 
 _STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
 _WORDS = {"error": "error", "warning": "warning", "info": "note"}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.results import ModelResult
 from reports.figure import Figure, Trace, layout_of, model_color, plotly_text, short
-from reports.numbers import Numbers
+from reports.rows import Numbers
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel
 from sysid.frequency_response import Root, frequency_response, poles, zeros
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from reports import summary
 from reports.formula import transfer_function
-from reports.numbers import Numbers
 from reports.quantity import MINUS, column, complex_numbers, number, uncertain
+from reports.rows import Numbers
 
 View = dict[str, Any]
 

@@ -10,26 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline.names import printable
-from pipeline.results import FleetResult, FlightResult, GroupResult, ModelResult, Span
+from pipeline.results import FlightResult, GroupResult, ModelResult, Span
 from pipeline.verdict import Trust, Verdict, judge, summarise
+from reports.rows import Numbers, average, held_out
 
 if TYPE_CHECKING:
     from logparse import Finding, Vehicle
     from sysid import Model, PhysicalParameters, Validation
     from sysid.excitation import Coherence
 
-Numbers = dict[str, Any]
-
 #: Frequencies, rad/s, over which coherence is summed up: slower is wind and drift, faster is noise.
 COHERENCE_BAND = (0.5, 5.0)
-
-#: Results of Elhesasy 2024, Table 4: the average over nine validation flights of its own craft, m.
-PAPER_AVERAGE = {"x": 0.3195, "y": 0.2691, "z": 0.2472}
-
-
-def numbers_of(result: FlightResult | FleetResult) -> Numbers:
-    """Gather what is known of one log or several: what report.json holds."""
-    return flight_numbers(result) if isinstance(result, FlightResult) else fleet_numbers(result)
 
 
 def flight_numbers(result: FlightResult) -> Numbers:
@@ -52,6 +43,8 @@ def flight_numbers(result: FlightResult) -> Numbers:
             "thrust": None if result.thrust is None else result.thrust.to_dict(),
             "parameters": _parameters(result.parameters),
             "trajectory": _trajectory(result),
+            "coverage": _given(result, "coverage"),
+            "advice": _advice(result),
             "findings": _findings(result.findings),
             "missing": dict(result.missing),
             "timings_s": dict(result.timings),
@@ -59,49 +52,49 @@ def flight_numbers(result: FlightResult) -> Numbers:
     )
 
 
-def fleet_numbers(result: FleetResult) -> Numbers:
-    """Gather what is known of a folder of logs: the joint models first, then every flight for itself."""
+def group_numbers(group: GroupResult) -> Numbers:
+    """Gather what is known of one craft from several flights; whatever is not finite becomes None."""
+    models = [
+        model_numbers(each, "joint", "flights that it was not fitted to", craft=group.name) for each in group.models
+    ]
     return plain(
         {
-            "kind": "fleet",
+            "kind": "craft",
             "rotorid": version("rotorid"),
-            "groups": [_group(group) for group in result.groups],
-            "flights": [flight_numbers(flight) for flight in result.flights],
-            "failures": [{"file": failure.path.name, "reason": failure.reason} for failure in result.failures],
-            "passed_over": [{"file": unused.path.name, "reason": unused.reason} for unused in result.passed_over],
-            "timings_s": dict(result.timings),
+            "name": group.name,
+            "vehicle": _vehicle(group.vehicle),
+            "training": list(group.training),
+            "held_out": list(group.held_out),
+            "split": group.split,
+            "verdict": overall(models),
+            "rmse": [row for model in models for row in model["rmse"]],
+            "models": models,
+            "thrust": None if group.thrust is None else group.thrust.to_dict(),
+            "parameters": _parameters(group.parameters),
+            "coverage": _given(group, "coverage"),
+            "drift": _given(group, "drift"),
+            "advice": _advice(group),
+            "findings": _findings(group.findings),
+            "missing": dict(group.missing),
+            "timings_s": dict(group.timings),
         }
     )
 
 
-def rmse_rows(numbers: Numbers) -> list[Numbers]:
-    """List all RMSE rows of a report, joint models first."""
-    if numbers["kind"] == "flight":
-        return list(numbers["rmse"])
-    rows = [row for group in numbers["groups"] for row in group["rmse"]]
-    return rows + [row for flight in numbers["flights"] for row in flight["rmse"]]
+def _given(result: FlightResult | GroupResult, name: str) -> Numbers | None:
+    found = getattr(result, name, None)
+    return None if found is None else found.to_dict()
 
 
-def average(rows: Sequence[Numbers], key: str = "rmse_m") -> Numbers:
-    """Average a column of RMSE rows over flights, output by output, as the last line of the paper's Table 4 does."""
-    outputs = list(rows[0][key]) if rows else []
-    return {
-        output: float(np.mean([math.nan if row[key][output] is None else row[key][output] for row in rows]))
-        for output in outputs
-    }
+def _advice(result: FlightResult | GroupResult) -> list[Numbers]:
+    return [each.to_dict() for each in getattr(result, "advice", ())]
 
 
-def models(result: FlightResult | FleetResult) -> Numbers:
+def models(result: FlightResult | GroupResult) -> Numbers:
     """Gather the fitted models with every coefficient and its covariance: what models.json holds."""
-    if isinstance(result, FlightResult):
-        return plain({"rotorid": version("rotorid"), "flights": [_models(result.name, result)]})
-    return plain(
-        {
-            "rotorid": version("rotorid"),
-            "joint": [_models(group.name, group) for group in result.groups],
-            "flights": [_models(flight.name, flight) for flight in result.flights],
-        }
-    )
+    own = isinstance(result, FlightResult)
+    owner = _models(result.name, result)
+    return plain({"rotorid": version("rotorid"), "joint": [] if own else [owner], "flights": [owner] if own else []})
 
 
 def _models(name: str, result: FlightResult | GroupResult) -> Numbers:
@@ -129,7 +122,7 @@ def model_numbers(
         "note": result.note,
         "verdict": {"trust": str(verdict.trust), "sentence": verdict.sentence},
         "rmse": rows,
-        "rmse_average_m": average([row for row in rows if row["part"] == "held-out"]),
+        "rmse_average_m": average(held_out({"rmse": rows})),
         "horizons": _horizons(result.validation),
         "validation": None if result.validation is None else result.validation.to_dict(),
         "orders": None if result.orders is None else result.orders.to_dict(),
@@ -287,27 +280,6 @@ def _rmse_rows(result: ModelResult, scope: str, flight: str | None, craft: str |
             }
         )
     return sorted(rows, key=lambda row: row["part"] == "training")
-
-
-def _group(group: GroupResult) -> Numbers:
-    models = [
-        model_numbers(each, "joint", "flights that it was not fitted to", craft=group.name) for each in group.models
-    ]
-    return {
-        "name": group.name,
-        "vehicle": _vehicle(group.vehicle),
-        "training": list(group.training),
-        "held_out": list(group.held_out),
-        "split": group.split,
-        "verdict": overall(models),
-        "rmse": [row for model in models for row in model["rmse"]],
-        "models": models,
-        "thrust": None if group.thrust is None else group.thrust.to_dict(),
-        "parameters": _parameters(group.parameters),
-        "findings": _findings(group.findings),
-        "missing": dict(group.missing),
-        "timings_s": dict(group.timings),
-    }
 
 
 def _model_facts(model: Model) -> Numbers:

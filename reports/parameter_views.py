@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from reports import summary
-from reports.numbers import Numbers
 from reports.quantity import column, number, uncertain
+from reports.rows import Numbers
 
 View = dict[str, Any]
 

@@ -130,3 +130,15 @@ def complex_numbers(
         elif imaginary > 0.0:
             texts.append((f"{part(real)} ± {part(imaginary)} i", known))
     return texts
+
+
+def per_degree(unit: str) -> tuple[float, str]:
+    """Give the factor and the unit in which people read a quantity: degrees for radians, else itself."""
+    if unit == "rad" or unit.startswith("rad/"):
+        return 180.0 / math.pi, unit.replace("rad", "°", 1)
+    return 1.0, unit.replace("^2", "²").replace("^3", "³")
+
+
+def counted(count: int, noun: str) -> str:
+    """Write a number of things: ``1 flight``, ``12 flights``."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"

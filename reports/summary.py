@@ -2,8 +2,8 @@
 
 import math
 
-from reports.numbers import Numbers
 from reports.quantity import duration, number, size, uncertain
+from reports.rows import Numbers
 
 FORMATS = {
     "dataflash": "DataFlash log",

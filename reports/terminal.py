@@ -9,8 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from reports import summary
-from reports.numbers import Numbers, average
 from reports.quantity import column, number
+from reports.rows import Numbers, average
 
 _STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
 

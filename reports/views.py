@@ -6,10 +6,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from reports import summary
-from reports.model_views import PLACES, identified, judgements, thrust_coefficients
-from reports.numbers import PAPER_AVERAGE, Numbers, average
-from reports.parameter_views import coherence, parameters
+from reports.model_views import PLACES
 from reports.quantity import column, duration, number
+from reports.rows import Numbers
 
 View = dict[str, Any]
 
@@ -50,7 +49,7 @@ def verdicts(models: Sequence[Numbers]) -> list[View]:
     ]
 
 
-def _rmse_lines(rows: Iterable[Numbers]) -> list[list[str]]:
+def rmse_lines(rows: Iterable[Numbers]) -> list[list[str]]:
     """Write the cells of RMSE rows with aligned decimal points, one list for each row."""
     rows = list(rows)
     outputs = list(rows[0]["rmse_m"]) if rows else []
@@ -91,7 +90,7 @@ def flight_rmse(
             lines += _guesses(rows[0][1])
     if not lines:
         return None
-    cells = iter(_rmse_lines(row for _, _, row in lines if row is not None))
+    cells = iter(rmse_lines(row for _, _, row in lines if row is not None))
     outputs = next(list(row["rmse_m"]) for _, _, row in lines if row is not None)
     return {
         "caption": "Root-mean-square error of the free run: position predicted from the inputs and the initial state "
@@ -110,77 +109,6 @@ def _guesses(row: Numbers) -> list[tuple[str, str, Numbers]]:
         ("baseline", "… always predicting its mean", row | {"rmse_m": row["rmse_mean_m"]}),
         ("baseline", "… standing still", row | {"rmse_m": row["rmse_constant_position_m"]}),
     ]
-
-
-def group_average(group: Numbers) -> View | None:
-    """Set the models side by side with their average errors over the flights held out: the last line of Table 4."""
-    judged = [result for result in group["models"] if result["rmse_average_m"]]
-    if not judged:
-        return None
-    outputs = list(judged[0]["rmse_average_m"])
-    lines = [("", result["title"], {"rmse_m": result["rmse_average_m"]}) for result in judged]
-    held = [row for row in judged[0]["rmse"] if row["part"] == "held-out"]
-    lines.append(("baseline", "Always predicting the mean", {"rmse_m": average(held, "rmse_mean_m")}))
-    lines.append(("baseline", "Standing still", {"rmse_m": average(held, "rmse_constant_position_m")}))
-    if outputs == list(PAPER_AVERAGE):
-        lines.append(("baseline", "Elhesasy 2024, average of nine flights of its own craft", {"rmse_m": PAPER_AVERAGE}))
-    cells = _rmse_lines(row for _, _, row in lines)
-    count = len(held)
-    return {
-        "caption": "Root-mean-square error of the joint models’ free run over whole flights, from the inputs and the "
-        f"initial state alone, averaged over the {count} flight{'s' if count != 1 else ''} held out. "
-        f"{group['split'][0].upper()}{group['split'][1:]}.",
-        "label": "Model",
-        "outputs": outputs,
-        "rows": [
-            {"kind": kind, "label": label, "link": None, "cells": line}
-            for (kind, label, _), line in zip(lines, cells, strict=True)
-        ],
-    }
-
-
-def group_rmse(group: Numbers, links: dict[str, str]) -> View | None:
-    """Lay the joint models' errors out as Table 4 of Elhesasy 2024: a line per held-out flight, and their average."""
-    judged = [result for result in group["models"] if result["rmse"]]
-    if not judged:
-        return None
-    outputs = list(judged[0]["rmse"][0]["rmse_m"])
-    flights = {
-        part: list(dict.fromkeys(row["flight"] for result in judged for row in result["rmse"] if row["part"] == part))
-        for part in ("held-out", "training")
-    }
-    lines: list[tuple[str, str, str | None, list[Numbers]]] = []
-    for part, names in flights.items():
-        for name in names:
-            lines.append((part, name, links.get(name), [_row(result, name) for result in judged]))
-        if part == "held-out" and names:
-            lines.append(("average", "Average", None, [result["rmse_average_m"] or {} for result in judged]))
-    columns = [
-        column([cells[number].get(output) for _, _, _, cells in lines])
-        for number in range(len(judged))
-        for output in outputs
-    ]
-    said = {
-        "held-out": "Held out: these flights judge the models",
-        "training": "Fitted: these flights show only how closely the models can follow",
-    }
-    rows: list[View] = []
-    for place, (part, label, link, _) in enumerate(lines):
-        if part in said and (place == 0 or lines[place - 1][0] != part):
-            rows.append({"kind": "part", "label": said[part]})
-        kind = "average" if part == "average" else ""
-        rows.append({"kind": kind, "label": label, "link": link, "cells": [cells[place] for cells in columns]})
-    return {
-        "caption": "The same flight by flight, RMSE in metres.",
-        "label": "Flight",
-        "models": [result["title"] for result in judged],
-        "outputs": outputs,
-        "rows": rows,
-    }
-
-
-def _row(result: Numbers, flight: str) -> Numbers:
-    return next((dict(row["rmse_m"]) for row in result["rmse"] if row["flight"] == flight), {})
 
 
 def horizons(models: Sequence[Numbers]) -> View | None:
@@ -212,52 +140,3 @@ def horizons(models: Sequence[Numbers]) -> View | None:
 
 def _curve(result: Numbers, output: str, key: str) -> dict[float, float]:
     return {row["horizon_s"]: row[key] for row in result["horizons"] if row["output"] == output}
-
-
-def group(group: Numbers, links: dict[str, str]) -> View:
-    """Gather what the fleet's page shows of one craft."""
-    return {
-        "name": group["name"],
-        "verdict": group["verdict"],
-        "verdicts": verdicts(group["models"]),
-        "sentences": summary.joint_sentences(group),
-        "missing": missing_stages(group),
-        "rmse": group_average(group),
-        "flights": group_rmse(group, links),
-        "horizons": horizons(group["models"]),
-        "judgements": judgements(group["models"]),
-        "thrust": thrust_coefficients(group["thrust"], group["missing"]),
-        "parameters": parameters(group["parameters"]),
-        "coherence": coherence(group["models"]),
-        "models": identified(group["models"]),
-        "findings": group["findings"],
-    }
-
-
-def flight_rows(flights: Sequence[Numbers], links: dict[str, str]) -> list[View]:
-    """List every flight with what the best of its own models achieves, or why there is none."""
-    chosen = [summary.best(flight["models"]) for flight in flights]
-    held = [None if result is None else _held_out(result) for result in chosen]
-    cells = iter(_rmse_lines(row for row in held if row is not None))
-    views = []
-    for flight, result, row in zip(flights, chosen, held, strict=True):
-        airborne = flight["flight"]["duration_s"] if flight["flight"] else None
-        trust = "unknown" if result is None else result["verdict"]["trust"]
-        views.append(
-            {
-                "name": flight["name"],
-                "link": links[flight["name"]],
-                "craft": summary.frame(flight["vehicle"]),
-                "airborne": "–" if airborne is None else duration(airborne),
-                "model": "" if result is None else result["title"],
-                "cells": [] if row is None else next(cells),
-                "reason": "" if row is not None else summary.first_reason(flight),
-                "trust": trust,
-                "word": summary.TRUST_WORDS[trust],
-            }
-        )
-    return views
-
-
-def _held_out(result: Numbers) -> Numbers:
-    return next(row for row in result["rmse"] if row["part"] == "held-out")

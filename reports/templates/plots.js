@@ -42,7 +42,8 @@
       return getComputedStyle(document.documentElement).getPropertyValue("--" + value.slice(1)).trim();
     }
     if (ArrayBuffer.isView(value)) return value;
-    if (Array.isArray(value)) return typeof value[0] === "number" ? value : value.map(themed);
+    // Of numbers alone, but for the ends of a scale of colours.
+    if (Array.isArray(value)) return typeof value[0] === "number" && typeof value[1] !== "string" ? value : value.map(themed);
     if (value && typeof value === "object") {
       return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, themed(item)]));
     }

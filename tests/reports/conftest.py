@@ -1,5 +1,6 @@
 """A flight whose truth is simple, taken through the real identification, for pages and files to be made of."""
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -10,8 +11,11 @@ import pytest
 import sysid
 from estimation import Trajectory
 from logparse import Finding, Geodetic, Motor, Severity, Vehicle
-from pipeline import AnalysisConfig, FleetResult, FlightResult, GroupResult, LogFacts, ModelResult, Prediction, Span
-from pipeline.results import Failure
+from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFacts, ModelResult, Prediction, Span
+from pipeline.names import folder_names
+from pipeline.store import open_store
+from reports import publish
+from reports.fleet import compose
 
 #: A kind of model that the log could not give.
 WITHOUT_REFERENCE = ModelResult(
@@ -149,13 +153,17 @@ def flight() -> FlightResult:
 
 
 @pytest.fixture(scope="session")
-def fleet(flight: FlightResult) -> FleetResult:
-    other = made_flight("flight02", seed=2, fit=False)
+def other() -> FlightResult:
+    return made_flight("flight02", seed=2, fit=False)
+
+
+@pytest.fixture(scope="session")
+def craft(flight: FlightResult, other: FlightResult) -> GroupResult:
     assert flight.experiment is not None
     assert other.experiment is not None
     model = sysid.fit_transfer_functions([flight.experiment], poles=2, zeros=1)
     plain = sysid.fit_transfer_functions([flight.experiment], poles=1, zeros=0, structure="common")
-    group = GroupResult(
+    return GroupResult(
         name="ArduCopter quad plus",
         vehicle=flight.log.vehicle,
         training=("flight01",),
@@ -168,9 +176,29 @@ def fleet(flight: FlightResult) -> FleetResult:
         ),
         missing={"thrust": "no accelerometer"},
     )
-    return FleetResult(
-        flights=(flight, other),
-        failures=(Failure(Path("/logs/notes.bin"), "not a flight log: text without a single FMT row"),),
-        groups=(group,),
-        config=AnalysisConfig(),
+
+
+FAILURES = [{"file": "notes.bin", "reason": "not a flight log: text without a single FMT row"}]
+
+
+def composed(folder: Path, flights: Sequence[FlightResult], crafts: Sequence[GroupResult] = (), **facts) -> Path:
+    """Publish flights and crafts below a folder and compose the report on all of them; give its page."""
+    names = folder_names([flight.name for flight in flights])
+    for flight in flights:
+        publish(flight, folder / "flights" / names[flight.name])
+    for number, group in enumerate(crafts):
+        publish(group, folder / "crafts" / f"craft{number}")
+    facts = {"failures": FAILURES, "config": {"rate": 10.0, "mass": None}} | facts
+    compose(
+        open_store(folder),
+        [f"flights/{name}" for name in names.values()],
+        [f"crafts/craft{number}" for number in range(len(crafts))],
+        **facts,
     )
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="session")
+def fleet(flight, other, craft, tmp_path_factory) -> Path:
+    """Give the folder of a report on two flights of one craft."""
+    return composed(tmp_path_factory.mktemp("fleet"), [flight, other], [craft]).parent

@@ -19,13 +19,12 @@ from scipy.io import loadmat
 
 import reports
 from logparse import Finding, Severity
-from pipeline import FleetResult
 from pipeline.names import folder_names
-from pipeline.results import Failure
 from reports import html, summary
-from reports.numbers import fleet_numbers, flight_numbers, plain
+from reports.numbers import flight_numbers, plain
 from reports.packing import unpack
 from reports.quantity import column
+from tests.reports.conftest import composed
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>\u2028"
 
@@ -136,9 +135,8 @@ def hostile(flight):
 
 def test_text_from_a_log_cannot_break_out(flight, tmp_path):
     evil = hostile(flight)
-    fleet = FleetResult(flights=(evil,), failures=(), groups=(), config=evil.config)
     own = Page(reports.write(flight, tmp_path / "own").read_text("utf-8"))
-    pages = [reports.write(evil, tmp_path / "one"), reports.write(fleet, tmp_path / "fleet")]
+    pages = [reports.write(evil, tmp_path / "one"), composed(tmp_path / "fleet", [evil])]
     pages += (tmp_path / "fleet" / "flights").rglob("report.html")
     assert len(pages) == 3
     for path in pages:
@@ -150,6 +148,10 @@ def test_text_from_a_log_cannot_break_out(flight, tmp_path):
         assert not [attrs for _, attrs in page.elements if any(name.startswith("on") for name in attrs)]
         assert "alert(1)" in "".join(page.text), "hostile text must be shown, as text"
         assert all(figure["data"] is not None for figure in drawn(html))
+    summary = (tmp_path / "fleet" / "report.md").read_text("utf-8")
+    assert "alert" in summary
+    assert "<script" not in summary
+    assert "<img" not in summary
 
 
 def test_mode_names_are_text_for_plotly_too(flight, tmp_path):
@@ -179,51 +181,51 @@ def test_plain_reduces_numpy_to_json():
     assert value == {"a": 1.5, "b": [1, 2], "c": True, "d": [None, [1.0, 2.0]], "e": None}
 
 
-def test_fleet_has_a_page_for_each_flight_and_names_failures(fleet, tmp_path):
-    page = reports.write(fleet, tmp_path).read_text("utf-8")
+def test_fleet_has_a_page_for_each_flight_and_names_failures(fleet):
+    page = (fleet / "report.html").read_text("utf-8")
     for name in ("flight01", "flight02"):
         assert f'href="flights/{name}/report.html"' in page
-        assert (tmp_path / "flights" / name / "report.html").is_file()
+        assert 'href="../../report.html"' in (fleet / "flights" / name / "report.html").read_text("utf-8")
     assert "notes.bin" in page
     assert "text without a single FMT row" in page
 
 
-def test_pages_of_flights_may_share_the_script_of_their_plots(fleet, tmp_path):
+def test_pages_of_flights_share_the_script_of_their_plots(fleet):
     """The page on all flights stays complete in itself; those of flights say what is missing when moved away."""
-    whole = reports.write(fleet, tmp_path, share_script=True).read_text("utf-8")
+    whole = (fleet / "report.html").read_text("utf-8")
     assert 'id="plotly"' in whole
-    path = tmp_path / "flights" / "flight01" / "report.html"
+    path = fleet / "flights" / "flight01" / "report.html"
     text = path.read_text("utf-8")
     (script,) = [attrs["src"] for tag, attrs in Page(text).elements if tag == "script" and "src" in attrs]
-    assert (path.parent / script).resolve() == (tmp_path / "plotly.min.js").resolve()
-    assert (tmp_path / "plotly.min.js").stat().st_size > 1_000_000
+    assert (path.parent / script).resolve() == (fleet / "plotly.min.js").resolve()
+    assert (fleet / "plotly.min.js").stat().st_size > 1_000_000
     assert len(text) < 500_000
     assert "script-src 'unsafe-inline' 'self' file:;" in text
     assert "this page was moved away from it" in text
     assert "'self'" not in whole.partition("</head>")[0].partition("<style>")[0]
 
 
-def test_fleet_table_is_the_papers_table_4(fleet, tmp_path):
-    """Held-out flights first, then their average, then those that were fitted."""
-    page = reports.write(fleet, tmp_path).read_text("utf-8")
+def test_fleet_table_is_the_papers_table_4(fleet):
+    """Held-out flights first, then their average beside the paper's, then those that were fitted."""
+    page = (fleet / "report.html").read_text("utf-8")
     table = page[page.index('<table class="side">') :]
     table = table[: table.index("</table>")]
     assert table.index("motor PWM") < table.index("mixer commands")
-    order = [table.index(mark) for mark in ("Held out", "flight02", "Average", "Fitted", "flight01")]
+    order = [table.index(mark) for mark in ("Held out", "flight02", "Average", "Elhesasy 2024", "Fitted", "flight01")]
     assert order == sorted(order)
-    numbers = fleet_numbers(fleet)
+    numbers = strict((fleet / "report.json").read_text("utf-8"))
     joint = numbers["groups"][0]["models"][0]
     held_out = [row for row in joint["rmse"] if row["part"] == "held-out"]
     assert joint["rmse_average_m"] == held_out[0]["rmse_m"]
-    lines = [line for line in rows_of(tmp_path / "rmse.csv") if line["scope"] == "joint" and line["model"] == "motors"]
+    lines = [line for line in rows_of(fleet / "rmse.csv") if line["scope"] == "joint" and line["model"] == "motors"]
     assert [(line["flight"], line["part"]) for line in lines] == [("flight02", "held-out"), ("flight01", "training")]
 
 
-def test_models_stand_side_by_side_on_the_first_screen(fleet, tmp_path):
+def test_models_stand_side_by_side_on_the_first_screen(fleet):
     """Every model has its own verdict before the first table, and one good model does not speak for a bad one."""
-    page = reports.write(fleet, tmp_path).read_text("utf-8")
+    page = (fleet / "report.html").read_text("utf-8")
     answer = page[page.index('class="answer') : page.index("<table")]
-    numbers = fleet_numbers(fleet)
+    numbers = strict((fleet / "report.json").read_text("utf-8"))
     for model in numbers["groups"][0]["models"][:2]:
         assert html_escaped(model["verdict"]["sentence"]) in answer
     assert "no position targets; set NTUN (bit 5) in LOG_BITMASK" in page
@@ -265,14 +267,12 @@ def test_folders_are_safe_and_unique(names, folders):
 
 def test_a_name_that_is_not_utf8_costs_nothing(flight, tmp_path):
     odd = dataclasses.replace(flight, log=dataclasses.replace(flight.log, path=Path("/logs/bad\udcff\udcfename.bin")))
-    lost = Failure(Path("/logs/lost\udcff.bin"), "lost\udcff.bin is empty")
-    page = reports.write(FleetResult(flights=(odd,), failures=(lost,), groups=(), config=odd.config), tmp_path)
+    composed(tmp_path, [odd])
     numbers = strict((tmp_path / "report.json").read_text("utf-8"))
     assert numbers["flights"][0]["log"]["file"] == r"bad\xff\xfename.bin"
-    assert r"lost\xff.bin" in page.read_text("utf-8")
 
 
-def test_a_page_that_cannot_be_drawn_costs_only_itself(fleet, tmp_path, monkeypatch):
+def test_a_page_that_cannot_be_drawn_costs_only_itself(flight, other, tmp_path, monkeypatch):
     drawn = html.flight_page
 
     def failing(result, *arguments, **options):
@@ -281,16 +281,16 @@ def test_a_page_that_cannot_be_drawn_costs_only_itself(fleet, tmp_path, monkeypa
         return drawn(result, *arguments, **options)
 
     monkeypatch.setattr(html, "flight_page", failing)
-    page = reports.write(fleet, tmp_path).read_text("utf-8")
+    page = composed(tmp_path, [flight, other]).read_text("utf-8")
     assert "notes.bin" in page
     assert "a &lt;bug&gt;" in (tmp_path / "flights" / "flight01" / "report.html").read_text("utf-8")
     assert "no voltage was logged" in (tmp_path / "flights" / "flight02" / "report.html").read_text("utf-8")
     assert (tmp_path / "report.json").is_file()
 
 
-def test_what_was_passed_over_is_named_everywhere(fleet, tmp_path):
-    unused = [Failure(Path(f"/logs/{k}.txt"), "no flight log") for k in range(7)]
-    page = reports.write(dataclasses.replace(fleet, passed_over=tuple(unused)), tmp_path).read_text("utf-8")
+def test_what_was_passed_over_is_named_everywhere(flight, tmp_path):
+    unused = [{"file": f"{k}.txt", "reason": "no flight log"} for k in range(7)]
+    page = composed(tmp_path, [flight], passed_over=unused).read_text("utf-8")
     line = "Passed over: 0.txt, 1.txt, 2.txt, 3.txt, 4.txt and 2 more (no flight log)."
     assert line in page
     numbers = strict((tmp_path / "report.json").read_text("utf-8"))
@@ -304,9 +304,9 @@ def schema() -> dict:
 
 def test_models_are_as_their_schema_says(flight, fleet, tmp_path):
     jsonschema.Draft202012Validator.check_schema(schema())
-    for name, result in (("flight", flight), ("fleet", fleet)):
-        reports.write(result, tmp_path / name)
-        models = strict((tmp_path / name / "models.json").read_text("utf-8"))
+    reports.write(flight, tmp_path)
+    for folder in (fleet, fleet / "crafts" / "craft0", tmp_path):
+        models = strict((folder / "models.json").read_text("utf-8"))
         jsonschema.validate(models, schema())
     broken = models | {"flights": [models["flights"][0] | {"models": {"motors": {"kind": "transfer-functions"}}}]}
     with pytest.raises(jsonschema.ValidationError):
@@ -315,11 +315,10 @@ def test_models_are_as_their_schema_says(flight, fleet, tmp_path):
 
 def test_matlab_and_spreadsheets_get_the_same_coefficients(flight, fleet, tmp_path):
     reports.write(flight, tmp_path / "flight")
-    reports.write(fleet, tmp_path / "fleet")
     fitted = flight.models[0].model.transfer_functions["y"]["m2"]
     motors = loadmat(tmp_path / "flight" / "models.mat", struct_as_record=False)["motors"][0, 0]
     assert motors.num[1, 1][0].tolist() == fitted.num.tolist()
-    joint = loadmat(tmp_path / "fleet" / "models.mat", struct_as_record=False)["craft1"][0, 0]
+    joint = loadmat(fleet / "models.mat", struct_as_record=False)["craft1"][0, 0]
     assert {"motors", "mixer"} <= set(joint._fieldnames)
     lines = [
         line

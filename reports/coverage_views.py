@@ -1,0 +1,111 @@
+"""What pages say of what was flown: the range of each quantity fitted and judged, and where judging went beyond."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from reports.quantity import MINUS, number, per_degree
+from reports.rows import Numbers
+
+View = dict[str, Any]
+
+#: Flights outside of what was fitted that are named one by one.
+MOST_OUTSIDE = 12
+
+
+def coverage_table(coverage: Numbers | None) -> View | None:
+    """Tabulate the range of each quantity in flights fitted to and in those that judge."""
+    if coverage is None or not coverage["quantities"]:
+        return None
+    rows = []
+    for each in coverage["quantities"].values():
+        degrees, unit = per_degree(each["unit"])
+        fitted = each.get("fitted")
+        low_high = None if fitted is None else [value * degrees for value in fitted]
+        rows.append(
+            {
+                "kind": "",
+                "label": f"{each['title'][:1].upper()}{each['title'][1:]}, {unit}",
+                "cells": [
+                    _range(low_high),
+                    _range(_reach(each, "training", degrees)),
+                    _range(_reach(each, "held_out", degrees)),
+                ],
+            }
+        )
+    return {
+        "caption": "What was flown: the range that the models may be trusted in, and all values met with.",
+        "label": "Quantity",
+        "heads": ["fitted, usual", "fitted, all", "judged, all"],
+        "rows": rows,
+    }
+
+
+def _reach(quantity: Numbers, part: str, factor: float) -> list[float] | None:
+    """Give the edges of the bins that hold any time."""
+    filled = [place for place, seconds in enumerate(quantity[part]) if seconds]
+    if not filled:
+        return None
+    step = quantity["step"] * factor
+    return [(quantity["first"] + filled[0]) * step, (quantity["first"] + filled[-1] + 1) * step]
+
+
+def _range(edges: Sequence[float | None] | None) -> str:
+    if edges is None or any(edge is None for edge in edges):
+        return "–"
+    return " to ".join(f"{edge:.3g}".replace("-", MINUS) for edge in edges if edge is not None)
+
+
+def outside(coverage: Numbers | None) -> list[str]:
+    """Name the flights that judge models on flying that they were not fitted to, the farthest first."""
+    if coverage is None:
+        return []
+    sentences = []
+    found = sorted(coverage["outside"], key=lambda each: -(each["part"] or 0.0))
+    for each in found[:MOST_OUTSIDE]:
+        quantity = coverage["quantities"][each["quantity"]]
+        degrees, unit = per_degree(quantity["unit"])
+        low, high = (edge * degrees for edge in each["fitted"])
+        sentences.append(
+            f"{each['flight']}: {100.0 * each['part']:.0f} % of its time at {quantity['title']} outside of the "
+            f"{_range([low, high])} {unit} fitted, as far as {number(each['reach'] * degrees, 2)} {unit}"
+        )
+    more = len(found) - len(sentences)
+    return [*sentences, f"and {more} more"] if more > 0 else sentences
+
+
+def flight_coverage(coverage: Numbers | None) -> View | None:
+    """Tabulate what one flight covered: usual range, median and extremes of each quantity."""
+    if coverage is None or not coverage["quantities"]:
+        return None
+    rows = []
+    for each in coverage["quantities"].values():
+        degrees, unit = per_degree(each["unit"])
+        cells = [number(each[key] * degrees).replace("-", MINUS) for key in ("min", "p05", "median", "p95", "max")]
+        rows.append({"kind": "", "label": f"{each['title'][:1].upper()}{each['title'][1:]}, {unit}", "cells": cells})
+    return {
+        "caption": "",
+        "label": "Quantity",
+        "heads": ["least", "5 %", "median", "95 %", "most"],
+        "rows": rows,
+    }
+
+
+def excitation(coverage: Numbers | None) -> list[str]:
+    """Say how much a flight moved in each axis, and the wind."""
+    if coverage is None:
+        return []
+    found = coverage["excitation"]
+    words: dict[str, list[str]] = {}
+    for axis, each in found["axes"].items():
+        words.setdefault(each["word"], []).append(axis)
+    moved = "; ".join(f"{', '.join(axes)}: {word}" for word, axes in words.items())
+    sentences = [f"Excitation: {moved}. The nose pointed in {found['headings']} of 8 sectors of heading."]
+    wind = coverage["wind"]
+    if wind is not None:
+        degrees, _ = per_degree("rad")
+        sentences.append(
+            f"Mean wind {number(wind['speed'], 2)} m/s from {wind['from'] * degrees:.0f}°, as the rigid body has it."
+        )
+    return sentences

@@ -1,0 +1,203 @@
+"""Plots of parameters over flights: whether the craft changes, and whether a motor weakens."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from reports.figure import Figure, Trace, layout_of, plotly_text
+from reports.model_figures import INPUT_COLORS
+from reports.quantity import per_degree
+from reports.rows import Numbers
+
+#: Parameters that one figure holds, a small plot for each.
+MOST_PLOTS = 6
+#: Fewer points show no course.
+FEWEST_POINTS = 3
+
+
+def drift_figures(drift: Numbers | None, prefix: str) -> tuple[list[Figure], list[Figure]]:
+    """Draw motors and parameters over flights.
+
+    Returns
+    -------
+    shown, folded : list of Figure
+        What tells most, and all the rest: parameters that change come first.
+    """
+    if drift is None:
+        return [], []
+    shown: list[Figure] = []
+    folded: list[Figure] = []
+    motors = _motors(drift, f"{prefix}shares")
+    if motors is not None:
+        shown.append(motors)
+    worth = [each for each in drift["parameters"] if len(each["points"]) >= FEWEST_POINTS]
+    worth.sort(key=lambda each: not changes(each))
+    for first in range(0, len(worth), MOST_PLOTS):
+        some = worth[first : first + MOST_PLOTS]
+        (shown if first == 0 else folded).append(_parameters(some, drift, f"{prefix}course-{first}"))
+    return shown, folded
+
+
+def changes(parameter: Numbers) -> bool:
+    """Tell whether a parameter is seen to change over the flights."""
+    return any(parameter[kind] is not None and parameter[kind]["significant"] for kind in ("trend", "step"))
+
+
+def _place(drift: Numbers, point: Numbers) -> Any:
+    """Give the place of a flight on the axis: its start where all are known, else its name."""
+    return _utc(point["start_utc"]) if _dated(drift) else point["flight"]
+
+
+def _utc(start: str) -> str:
+    """Write a date as Plotly takes it."""
+    return start[:19].replace("T", " ")
+
+
+def _dated(drift: Numbers) -> bool:
+    points = [point for each in drift["parameters"] for point in each["points"]]
+    return drift["order"] == "date" and all(point["start_utc"] for point in points)
+
+
+def _axis(drift: Numbers) -> dict[str, Any]:
+    if _dated(drift):
+        return {"type": "date", "title": {"text": "start of the flight (UTC)"}}
+    return {
+        "type": "category",
+        "categoryorder": "array",
+        "categoryarray": list(drift["flights"]),
+        "title": {"text": "flight"},
+        "showticklabels": len(drift["flights"]) <= 16,
+        "tickangle": -40,
+        "automargin": True,
+    }
+
+
+def _parameters(parameters: Sequence[Numbers], drift: Numbers, name: str) -> Figure:
+    data: list[Trace] = []
+    axes: dict[str, Any] = {}
+    labels = []
+    count = len(parameters)
+    for place, each in enumerate(parameters):
+        suffix = "" if place == 0 else str(place + 1)
+        degrees, unit = per_degree(each["unit"].partition(",")[0])
+        points = each["points"]
+        at = [_place(drift, point) for point in points]
+        color = "@bad" if changes(each) else "@ink"
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "x": at,
+                "y": [_short(point["value"], degrees) for point in points],
+                "error_y": {
+                    "array": [_short(point["sigma"], degrees) for point in points],
+                    "color": color,
+                    "thickness": 1.2,
+                    "width": 0,
+                },
+                "marker": {"color": color, "size": 6},
+                "text": [plotly_text(point["flight"]) for point in points],
+                "yaxis": f"y{suffix}",
+                "showlegend": False,
+                "name": "value",
+                "hovertemplate": f"%{{text}}: %{{y:.4g}} {plotly_text(unit)}<extra></extra>",
+            }
+        )
+        data += _course(each, at, degrees, suffix)
+        top = 1.0 - place / count
+        axes[f"yaxis{suffix}"] = {
+            "domain": [top - 0.74 / count, top - 0.12 / count],
+            "title": {"text": plotly_text(unit), "font": {"size": 11}},
+            "nticks": 4,
+        }
+        labels.append(
+            {
+                "text": plotly_text(f"{each['parameter']}, {each['method']}"),
+                "x": 0,
+                "xref": "paper",
+                "xanchor": "left",
+                "y": 1,
+                "yref": f"y{suffix} domain",
+                "yanchor": "bottom",
+                "showarrow": False,
+                "font": {"size": 12},
+            }
+        )
+    axes["xaxis"] = _axis(drift) | {"anchor": f"y{count}" if count > 1 else "y"}
+    layout = layout_of(**axes, annotations=labels)
+    layout["margin"] = layout["margin"] | {"l": 78, "t": 10}
+    caption = (
+        "Each parameter as every flight by itself gives it, with one standard error; the line is its mean, or its "
+        "trend where one is seen. Scatter beyond the error bars is what differs between flights: wind, battery, "
+        "temperature."
+    )
+    return Figure(name, caption, data, layout, 90 + 135 * count, time=False)
+
+
+def _course(parameter: Numbers, at: Sequence[Any], degrees: float, suffix: str) -> list[Trace]:
+    """Draw the mean, or the trend where it is more than chance; through the points, in their order."""
+    mean, trend = parameter["mean"], parameter["trend"]
+    if mean is None or not at:
+        return []
+    points = parameter["points"]
+    if trend is not None and trend["significant"]:
+        middle = sum(point["number"] for point in points) / len(points)
+        y = [mean + trend["per_flight"] * (point["number"] - middle) for point in points]
+    else:
+        y = [mean] * len(points)
+    return [
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "x": list(at),
+            "y": [_short(value, degrees) for value in y],
+            "line": {"color": "@quiet", "width": 1.2},
+            "yaxis": f"y{suffix}",
+            "showlegend": False,
+            "hoverinfo": "skip",
+        }
+    ]
+
+
+def _motors(drift: Numbers, name: str) -> Figure | None:
+    motors = drift["motors"]
+    if motors is None or not motors["points"]:
+        return None
+    names = list(dict.fromkeys(motor for point in motors["points"] for motor in point["shares"]))
+    data: list[Trace] = []
+    for place, motor in enumerate(names):
+        points = [point for point in motors["points"] if motor in point["shares"]]
+        color = INPUT_COLORS[place % len(INPUT_COLORS)]
+        weak = motor == motors["weakening"]
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "lines+markers",
+                "x": [_place(drift, point) for point in points],
+                "y": [_short(point["shares"][motor][0]) for point in points],
+                "error_y": {
+                    "array": [_short(point["shares"][motor][1]) for point in points],
+                    "color": color,
+                    "thickness": 1,
+                    "width": 0,
+                },
+                "name": motor,
+                "legendgroup": motor,
+                "line": {"color": color, "width": 3 if weak else 1.2, "dash": "solid" if place < 4 else "dash"},
+                "marker": {"color": color, "size": 8 if weak else 5},
+                "text": [plotly_text(point["flight"]) for point in points],
+                "hovertemplate": f"%{{text}}: %{{y:.4f}}<extra>{plotly_text(motor)}</extra>",
+            }
+        )
+    layout = layout_of(xaxis=_axis(drift), yaxis={"title": {"text": "command over mean of all"}})
+    caption = (
+        "What each motor is commanded in hover, over the mean of all motors, flight by flight: a motor that weakens is "
+        "told more from flight to flight, while its opposite is told the same."
+    )
+    return Figure(name, caption, data, layout, 330, time=False)
+
+
+def _short(value: float | None, factor: float = 1.0) -> float | None:
+    """Keep five digits: changes of a parameter are small against it."""
+    return None if value is None else float(f"{value * factor:.5g}")

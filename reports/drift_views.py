@@ -1,0 +1,62 @@
+"""What pages say of parameters over flights: value, scatter, trend, and whether any of it is more than chance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from reports import summary
+from reports.drift_figures import changes
+from reports.quantity import number, per_degree, uncertain
+from reports.rows import Numbers
+
+View = dict[str, Any]
+
+
+def drift_table(drift: Numbers | None) -> View | None:
+    """Tabulate each parameter over the flights, those that change first."""
+    if drift is None or not drift["parameters"]:
+        return None
+    rows = []
+    for each in sorted(drift["parameters"], key=lambda each: not changes(each)):
+        degrees, unit = per_degree(each["unit"].partition(",")[0])
+        trend = each["trend"]
+        rows.append(
+            {
+                "kind": "strong" if changes(each) else "",
+                "label": f"{each['parameter'][:1].upper()}{each['parameter'][1:]}, {each['method']} ({unit})",
+                "cells": [
+                    str(len(each["points"])),
+                    _written(each["mean"], each["mean_sigma"], degrees),
+                    "–" if each["between"] is None else number(each["between"] * degrees, 2),
+                    "–" if trend is None else _written(trend["per_flight"], trend["per_flight_sigma"], degrees),
+                    "–" if trend is None or trend["p_adjusted"] is None else _chance(trend["p_adjusted"]),
+                ],
+            }
+        )
+    return {
+        "caption": "Mean over flights with one standard error, scatter between flights beyond their own errors, trend "
+        "per flight, and the chance of such a trend where nothing changes, corrected for the number of parameters.",
+        "label": "Parameter",
+        "heads": ["flights", "mean", "scatter", "trend per flight", "p"],
+        "rows": rows,
+    }
+
+
+def drift_sentences(drift: Numbers | None) -> list[str]:
+    """Say what changes over the flights; of what does not, only that."""
+    if drift is None:
+        return []
+    said = [drift["motors"]["sentence"]] if drift["motors"] is not None else []
+    said += [each["sentence"] for each in drift["parameters"] if changes(each)]
+    steady = sum(not changes(each) for each in drift["parameters"])
+    if steady and steady == len(drift["parameters"]):
+        said.append(f"None of the {steady} parameters followed over {len(drift['flights'])} flights is seen to change")
+    return [summary.sentence(each) for each in said if each]
+
+
+def _written(value: float | None, sigma: float | None, factor: float) -> str:
+    return "–" if value is None else uncertain(factor * value, None if sigma is None else factor * sigma)
+
+
+def _chance(p: float) -> str:
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"

@@ -1,0 +1,112 @@
+"""What the page on all flights shows beside its crafts: flights, health of logs, what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+from urllib.parse import quote
+
+from reports import summary
+from reports.quantity import counted, duration, number
+from reports.rows import Numbers, held_out
+from reports.views import rmse_lines
+
+View = dict[str, Any]
+
+
+def links(flights: Sequence[Numbers]) -> dict[str, str]:
+    """Give the page of every flight, by its name."""
+    return {flight["name"]: f"{quote(flight['folder'])}/report.html" for flight in flights}
+
+
+def title(numbers: Numbers) -> str:
+    """Name the report: by its craft where there is one, else by its logs."""
+    flights = counted(len(numbers["flights"]), "flight log")
+    crafts = numbers["groups"]
+    if len(crafts) == 1:
+        return f"{crafts[0]['name']}: {flights}"
+    return f"{flights} of {len(crafts)} craft" if crafts else flights
+
+
+def facts(numbers: Numbers) -> str:
+    """One line under the title: how many logs, how long in the air, from when to when."""
+    flights = numbers["flights"]
+    airborne = sum(flight["flight"]["duration_s"] for flight in flights if flight["flight"])
+    starts = sorted(flight["log"]["start_utc"] for flight in flights if flight["log"]["start_utc"])
+    parts = [f"{counted(len(flights), 'log')} analysed"]
+    for key, words in (("failures", "gave nothing"), ("duplicates", "copies"), ("passed_over", "passed over")):
+        if numbers[key]:
+            parts.append(f"{len(numbers[key])} {words}")
+    if airborne:
+        parts.append(f"{duration(airborne)} in the air")
+    if starts:
+        days = sorted({start[:10] for start in (starts[0], starts[-1])})
+        parts.append(" to ".join(days))
+    return " · ".join(parts)
+
+
+def flight_rows(numbers: Numbers, pages: dict[str, str]) -> list[View]:
+    """List every flight with what was flown, its health, and what the best of its own models achieves."""
+    flights = numbers["flights"]
+    parts = {
+        name: word
+        for craft in numbers["groups"]
+        for key, word in (("training", "fitted"), ("held_out", "judges"))
+        for name in craft[key]
+    }
+    chosen = [summary.best(flight["models"]) for flight in flights]
+    held = [None if result is None else held_out(result)[0] for result in chosen]
+    cells = iter(rmse_lines(row for row in held if row is not None))
+    return [
+        _flight_row(flight, pages[flight["name"]], parts.get(flight["name"], "–"), result)
+        | {
+            "cells": [] if row is None else next(cells),
+            "reason": "" if row is not None else summary.first_reason(flight),
+        }
+        for flight, result, row in zip(flights, chosen, held, strict=True)
+    ]
+
+
+def _flight_row(flight: Numbers, page: str, part: str, result: Numbers | None) -> View:
+    flown = flight["flight"] or {}
+    trust = "unknown" if result is None else result["verdict"]["trust"]
+    wind = (flight["coverage"] or {}).get("wind")
+    errors, warnings = (sum(f["severity"] == kind for f in flight["findings"]) for kind in ("error", "warning"))
+    health = [counted(count, noun) for count, noun in ((errors, "error"), (warnings, "warning")) if count]
+    return {
+        "name": flight["name"],
+        "link": page,
+        "craft": summary.frame(flight["vehicle"]),
+        "start": "–" if not flight["log"]["start_utc"] else flight["log"]["start_utc"][:10],
+        "airborne": "–" if not flown else duration(flown["duration_s"]),
+        "height": _digits(flown.get("height_m")),
+        "speed": _digits(flown.get("speed_max_m_s")),
+        "wind": "–" if wind is None else _digits(wind["speed"]),
+        "health": ", ".join(health) or "good",
+        "part": part,
+        "model": "" if result is None else result["title"],
+        "trust": trust,
+        "word": summary.TRUST_WORDS[trust],
+    }
+
+
+def _digits(value: float | None) -> str:
+    return "–" if value is None else number(value, 2)
+
+
+def common_findings(numbers: Numbers) -> tuple[list[View], list[View]]:
+    """List findings about logs, each with the flights that it holds for: what must worry, and notes."""
+    total = len(numbers["flights"])
+    found = [
+        finding
+        | {
+            "where": f"{finding['example']}"
+            if len(finding["flights"]) == 1
+            else f"{len(finding['flights'])} of {total} logs; of {finding['example']}, for one",
+        }
+        for finding in numbers["findings"]
+    ]
+    return (
+        [finding for finding in found if finding["severity"] != "info"],
+        [finding for finding in found if finding["severity"] == "info"],
+    )
