@@ -92,19 +92,18 @@ def _of_flight(flight: Numbers) -> Subject:
 
 
 def _of_craft(craft: Numbers, config: Numbers, flights: Sequence[Numbers]) -> Subject:
-    followed = (craft.get("drift") or {}).get("parameters", [])
+    followed = (craft["drift"] or {}).get("parameters", [])
     return Subject(
         name=craft["name"],
         numbers=craft,
         config=config,
         flights=flights,
         points={
-            (each["parameter"], each["method"]): [
-                (point["value"], point["sigma"])
-                for point in each["points"]
-                if point["value"] is not None and point["sigma"]
+            (each["parameter"], method): [
+                (row["value"], row["sigma"]) for row in rows if row["value"] is not None and row["sigma"]
             ]
             for each in followed
+            for method, rows in {each["method"]: each["flights"], **each["others"]}.items()
         },
         units={each["parameter"]: each["unit"] for each in followed},
     )
