@@ -28,9 +28,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.signal import lsim
+from scipy.linalg import expm
 
 from logparse import Finding, Severity
+from sysid._kernels import recur_few
 from sysid.disturbance import Disturbance, fit_disturbance
 from sysid.experiment import (
     Experiment,
@@ -110,13 +111,14 @@ class ClosedLoopModel:
             result[:, column] = answer + self.offset_trust[name] * apart
         return result
 
-    def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
+    def predict(self, experiment: Experiment, horizon: float = 1.0, simulated: Floats | None = None) -> Floats:
         """Predict every sample from what was measured up to `horizon` seconds before it; shape (N, p).
 
-        References are taken as known; the error that the model does not explain is carried on.
+        References are taken as known; the error that the model does not explain is carried on. `simulated` is the free
+        run, where it is known already.
         """
         steps = horizon_steps(horizon, experiment.dt)
-        result = self.simulate(experiment)
+        result = self.simulate(experiment) if simulated is None else simulated.copy()
         residuals = experiment.y - result
         for column, name in enumerate(self.output_names):
             result[:, column] += self.disturbance[name].predict(residuals[:, column], experiment.dt, steps)
@@ -339,8 +341,20 @@ def _respond(function: TransferFunction, reference: Floats, dt: float) -> Floats
     c = (function.num - function.den)[None, 1:]
     t = np.arange(len(reference)) * dt
     steady = reference[0] + (reference[1] - reference[0]) / dt * t
-    error = lsim((a, np.eye(n, 1), c, np.zeros((1, 1))), reference - steady, t, interp=True)[1]
-    return np.asarray(reference + np.ravel(error))
+    # States, input and its slope over one step, for an input that runs straight between samples.
+    generator = np.zeros((n + 2, n + 2))
+    generator[:n, :n], generator[0, n], generator[n, n + 1] = a * dt, dt, 1.0
+    step = expm(generator)
+    ramp = step[:n, n + 1]
+    inputs = np.ascontiguousarray((reference - steady)[:, None])
+    states = recur_few(
+        np.ascontiguousarray(step[None, :n, :n].transpose(0, 2, 1)),
+        np.ascontiguousarray((step[:n, n] - ramp)[None]),
+        np.ascontiguousarray(ramp[None]),
+        np.zeros((1, n)),
+        inputs,
+    )
+    return np.asarray(reference + states[:, :, 0] @ c[0])
 
 
 def _scored(record: Experiment) -> int:

@@ -11,6 +11,7 @@ import pandas as pd
 
 from logparse import Finding
 from sysid.arx import ArxModel
+from sysid.closed_loop import ClosedLoopModel
 from sysid.experiment import MIN_SAMPLES, Experiment, ExperimentError, Floats, horizon_steps, require_alike
 from sysid.residuals import ResidualTest, examine_residuals
 from sysid.response import INITIAL_SECONDS
@@ -22,6 +23,10 @@ HORIZONS = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 #: Predictions a second that a horizon's error is averaged over, at most: more are no further news of so slow a motion.
 RESTARTS = 10.0
+
+#: Steps that such predictions may integrate over for one horizon of one record: on a long flight hundreds of restarts
+#: tell the error of a long horizon as well as thousands.
+MOST_STEPS = 200_000
 
 #: Samples over which the velocity at the start of a free run is taken, s.
 VELOCITY_SECONDS = 1.0
@@ -206,7 +211,7 @@ _HORIZON_COLUMNS = [
 
 
 def _ahead(model: Model, record: Experiment, horizon: float, steps: int, simulated: Floats) -> tuple[Floats, int]:
-    """Predict so far ahead; a model that integrates anew from every restart at most `RESTARTS` times a second.
+    """Predict so far ahead; a model that integrates anew from every restart does so as often as is worth it.
 
     Returns
     -------
@@ -215,10 +220,10 @@ def _ahead(model: Model, record: Experiment, horizon: float, steps: int, simulat
         Restarts are at multiples of it; other samples mean nothing. One sample ahead, where residuals are tested,
         nothing is left out.
     """
-    every = max(round(1.0 / (RESTARTS * record.dt)), 1)
+    every = max(round(1.0 / (RESTARTS * record.dt)), len(record.t) * steps // MOST_STEPS, 1)
     if every > 1 and steps > 1 and isinstance(model, RigidBodyModel):
         return model.predict(record, horizon, every), every
-    if isinstance(model, TransferFunctionModel):
+    if isinstance(model, TransferFunctionModel | ClosedLoopModel):
         return model.predict(record, horizon, simulated), 1
     return model.predict(record, horizon), 1
 
