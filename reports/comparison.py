@@ -19,7 +19,7 @@ from scipy import stats
 from pipeline.meta_analysis import holm, meta_regression
 from reports.numbers import plain
 from reports.quantity import number, uncertain
-from reports.rows import Numbers, average
+from reports.rows import Numbers, average, held_out
 
 #: Chance of calling any parameter of a pair changed when none did.
 SIGNIFICANCE = 0.05
@@ -235,11 +235,11 @@ def _errors(a: Subject, b: Subject) -> list[Numbers]:
     after = {model["key"]: model for model in b.numbers["models"]}
     for model in a.numbers["models"]:
         other = after.get(model["key"])
-        if other is None or not (_held_out(model) and _held_out(other)):
+        if other is None or not (held_out(model) and held_out(other)):
             continue
         for output in model["rmse_average_m"]:
-            left, right = ([row["rmse_m"][output] for row in _held_out(each)] for each in (model, other))
-            means = [average(_held_out(each), "rmse_mean_m")[output] for each in (model, other)]
+            left, right = ([row["rmse_m"][output] for row in held_out(each)] for each in (model, other))
+            means = [average(held_out(each), "rmse_mean_m")[output] for each in (model, other)]
             error, later = model["rmse_average_m"][output], other["rmse_average_m"][output]
             rows.append(
                 {
@@ -253,10 +253,6 @@ def _errors(a: Subject, b: Subject) -> list[Numbers]:
                 }
             )
     return rows
-
-
-def _held_out(model: Numbers) -> list[Numbers]:
-    return [row for row in model["rmse"] if row["part"] == "held-out"]
 
 
 def _different(a: Sequence[float | None], b: Sequence[float | None]) -> float | None:
