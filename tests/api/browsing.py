@@ -8,6 +8,8 @@ from typing import Any, TypeAlias
 import httpx
 from playwright.sync_api import Browser, Page
 
+from tests.api.programs import PATIENCE
+
 PHONE = {"width": 390, "height": 844}
 
 File: TypeAlias = tuple[str, bytes]
@@ -81,7 +83,7 @@ def watched(
 ) -> Iterator[Page]:
     """Open a page; at the end no script may have failed, nothing have been refused by our policy, no answer be 5xx."""
     context = browser.new_context(base_url=str(service.base_url), **settings)
-    context.set_default_timeout(30_000)
+    context.set_default_timeout(PATIENCE * 1000.0)
     page, faults = context.new_page(), []
     page.on("pageerror", lambda error: faults.append(str(error)))
 

@@ -13,6 +13,7 @@ from api import Settings, create_app
 from api.connections import PatientProtocol
 from api.server import Server
 from tests.api import standins
+from tests.api.programs import PATIENCE
 
 
 def unfinished(data: Path) -> list[Path]:
@@ -28,7 +29,7 @@ def running(app: FastAPI) -> Iterator[httpx.Client]:
     )
     listener = socket.create_server(("127.0.0.1", 0))
     address = f"http://127.0.0.1:{listener.getsockname()[1]}"
-    with listener, httpx.Client(base_url=address, timeout=60.0) as client:
+    with listener, httpx.Client(base_url=address, timeout=PATIENCE) as client:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:
@@ -47,15 +48,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def service(folder: Path) -> Iterator[httpx.Client]:
     """Run a service whose pipeline is a stand-in, with limits that a test can reach."""
-    settings = Settings(data=folder, upload_limit=4_000_000, workers=2, time_limit=60.0, memory_limit=600_000_000)
+    settings = Settings(data=folder, upload_limit=4_000_000, workers=2, memory_limit=600_000_000)
     with running(create_app(settings, standins.analyze, preload=())) as client:
         yield client
 
 
 @pytest.fixture
 def hasty_service(tmp_path: Path) -> Iterator[httpx.Client]:
-    """Run a service that gives uploads half a second and analyses one."""
-    settings = Settings(data=tmp_path, upload_stall=0.5, workers=1, time_limit=1.0)
+    """Run a service that gives uploads half a second."""
+    settings = Settings(data=tmp_path, upload_stall=0.5, workers=1)
     with running(create_app(settings, standins.analyze, preload=())) as client:
         yield client
 

@@ -3,7 +3,6 @@
 import os
 import pwd
 import shutil
-import socket
 import subprocess
 import tempfile
 from collections.abc import Iterator
@@ -11,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+
+from tests.api.programs import free_port
 
 
 def programs() -> Path:
@@ -31,8 +32,7 @@ class Server:
         self._folder = folder
         if self._user is not None:
             shutil.chown(folder, self._user, pwd.getpwnam(self._user).pw_gid)
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self._port = free.getsockname()[1]
+        self._port = free_port()
         self.url = f"postgresql+psycopg://rotorid@127.0.0.1:{self._port}/postgres"
         self._run("initdb", "-U", "rotorid", "-A", "trust", "-E", "UTF8", "--no-sync")
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import httpx
@@ -13,14 +14,34 @@ import httpx
 PROJECT = Path(__file__).parents[2]
 
 
+#: Seconds after which something that should come to hold is taken not to: no test ends by it unless it fails.
+PATIENCE = 300.0
+
+
+def free_port() -> int:
+    """Find a port for a program of its own, outside the range from which the kernel gives ports to clients.
+
+    From there another test's connection could take it before the program does, or while the program is restarted.
+    """
+    first = 10_000 + os.getpid() * 199 % 20_000
+    for port in range(first, first + 1000):
+        if port not in _given:
+            with suppress(OSError), socket.create_server(("127.0.0.1", port)):
+                _given.add(port)
+                return port
+    raise OSError("no port is free")
+
+
+_given: set[int] = set()
+
+
 class Service:
     """A service in a process of its own."""
 
     def __init__(self, data: Path, **settings: str) -> None:
         self.data = data
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.port = free.getsockname()[1]
-        self._settings = {"ROTORID_DATA": str(data), "ROTORID_WORKERS": "2", "ROTORID_LEASE": "1.5", **settings}
+        self.port = free_port()
+        self._settings = {"ROTORID_DATA": str(data), "ROTORID_WORKERS": "2", "ROTORID_LEASE": "3", **settings}
         self.client = httpx.Client(base_url=f"http://127.0.0.1:{self.port}", timeout=PATIENCE)
         self.start()
 
@@ -66,13 +87,9 @@ def children(pid: int) -> list[int]:
 def is_analysis(pid: int) -> bool:
     """Tell a process that analyses, which is nice, from those that keep house for `multiprocessing`."""
     try:
-        return os.getpriority(os.PRIO_PROCESS, pid) >= 5
+        return os.getpriority(os.PRIO_PROCESS, pid) > os.getpriority(os.PRIO_PROCESS, 0)
     except ProcessLookupError:
         return False
-
-
-#: Seconds after which something that should come to hold is taken not to: no test ends by it unless it fails.
-PATIENCE = 300.0
 
 
 def wait_until(holds: Callable[[], bool], pause: float = 0.05) -> None:

@@ -38,7 +38,7 @@ def analyze(task: Task, progress: Progress) -> None:
                 time.sleep(0.1)
         case "until":
             progress("transfer functions", 0.4)
-            signal_file = Path(log.read_text().split(maxsplit=1)[1])
+            signal_file = Path(log.read_text().split("|")[1])
             while not signal_file.exists():
                 time.sleep(0.05)
     progress("report", 0.9)

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.api.programs import PROJECT, Service, children, is_analysis, wait_until
+from tests.api.programs import PROJECT, Service, children, free_port, is_analysis, wait_until
 
 
 class Cluster:
@@ -19,8 +18,7 @@ class Cluster:
 
     def __init__(self, folder: Path) -> None:
         pytest.importorskip("distributed")
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self._port = free.getsockname()[1]
+        self._port = free_port()
         self.address = f"tcp://127.0.0.1:{self._port}"
         self._folder = folder
         # Each analysis is a process of its own, which a daemon may not start.
@@ -71,7 +69,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 def test_a_worker_and_the_scheduler_die_and_every_analysis_ends_once(cluster: Cluster, tmp_path: Path) -> None:
     with ExitStack() as stack:
         # Four at the same time, but the cluster does one: the others wait there for longer than a lease.
-        settings = {"ROTORID_SCHEDULER": cluster.address, "ROTORID_WORKERS": "4", "ROTORID_LEASE": "1.5"}
+        settings = {"ROTORID_SCHEDULER": cluster.address, "ROTORID_WORKERS": "4", "ROTORID_LEASE": "3"}
         service = stack.enter_context(closing(Service(tmp_path / "data", **settings)))
         logs = [
             service.client.post("/api/v1/logs", files={"file": ("a.bin", b"slow %d" % number)}).json()["id"]

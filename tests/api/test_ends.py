@@ -30,7 +30,15 @@ def state_of(client: httpx.Client, address: str) -> str:
 def test_poisonous_logs_fail_alone_after_so_many_attempts(tmp_path: Path) -> None:
     """Good logs beside them are done; the poison is tried as often as it may, and no more."""
     settings = Settings(data=tmp_path, workers=2, deaths=3, memory_limit=600_000_000)
-    ends = ends_of(settings, b"crash", b"good 1", b"good 2", b"greedy", b"killed", b"good 3")
+    contents = (b"crash", b"good 1", b"good 2", b"greedy", b"killed", b"good 3")
+    with running(create_app(settings, standins.analyze, preload=())) as client:
+        addresses = {content: started(client, content)[1] for content in contents}
+        wait_until(lambda: all(client.get(at).json()["ended"] for at in addresses.values()), pause=0.1)
+        answers = {content: client.get(at).json() for content, at in addresses.items()}
+    ends = {
+        content: (answer["state"], answer["attempts"], (answer["problem"] or {}).get("type", "").rpartition(":")[2])
+        for content, answer in answers.items()
+    }
     assert ends == {
         b"crash": ("failed", 3, "analysis-crashed"),
         b"killed": ("failed", 3, "analysis-too-large"),  # the kernel's way to say so
@@ -39,22 +47,18 @@ def test_poisonous_logs_fail_alone_after_so_many_attempts(tmp_path: Path) -> Non
     }
 
 
-def test_logs_that_never_end_give_their_place_to_the_next(tmp_path: Path) -> None:
-    """All of them hang: on a busy computer a time so short may end a good log as well."""
-    ends = ends_of(Settings(data=tmp_path, workers=1, time_limit=1.0), b"hang 1", b"hang 2")
-    assert ends == dict.fromkeys((b"hang 1", b"hang 2"), ("failed", 1, "analysis-too-slow"))
-
-
-def ends_of(settings: Settings, *contents: bytes) -> dict[bytes, tuple[str, int, str]]:
-    """Have logs analysed; gives for each its state, how often it was tried, and the type of its problem."""
+def test_an_endless_analysis_is_ended_and_gives_its_place_to_the_next(tmp_path: Path, upload: Upload) -> None:
+    """Both hang: on a busy computer a time so short may end a good log as well."""
+    settings = Settings(data=tmp_path, workers=1, time_limit=1.0)
     with running(create_app(settings, standins.analyze, preload=())) as client:
-        addresses = {content: started(client, content)[1] for content in contents}
-        wait_until(lambda: all(client.get(at).json()["ended"] for at in addresses.values()), pause=0.1)
-        answers = {content: client.get(at).json() for content, at in addresses.items()}
-    return {
-        content: (answer["state"], answer["attempts"], (answer["problem"] or {}).get("type", "").rpartition(":")[2])
-        for content, answer in answers.items()
-    }
+        _, first = started(client, b"hang")
+        response = upload(client, b"hang second")
+        assert response.status_code == 422
+        assert response.json()["type"] == "urn:rotorid:problem:analysis-too-slow"
+        assert "ended after 1 s" in response.json()["detail"]
+        ended = client.get(first).json()
+    assert (ended["state"], ended["attempts"]) == ("failed", 1)
+    assert ended["problem"]["type"] == "urn:rotorid:problem:analysis-too-slow"
 
 
 @pytest.fixture

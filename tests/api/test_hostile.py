@@ -19,7 +19,7 @@ from api import Settings, create_app
 from logparse import LogError, containers, read_log
 from tests.api import standins
 from tests.api.conftest import running, unfinished
-from tests.api.programs import wait_until
+from tests.api.programs import PATIENCE, wait_until
 
 Upload = Callable[..., httpx.Response]
 
@@ -28,7 +28,7 @@ PART = b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.bin"\r\
 
 
 def connect(client: httpx.Client) -> socket.socket:
-    return socket.create_connection((client.base_url.host, client.base_url.port or 80), timeout=20.0)
+    return socket.create_connection((client.base_url.host, client.base_url.port or 80), timeout=PATIENCE)
 
 
 def exchange(client: httpx.Client, request: bytes) -> bytes:
@@ -199,9 +199,9 @@ def impatient_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
         yield client
 
 
-def drip(connection: socket.socket, seconds: float) -> bytes:
+def drip(connection: socket.socket) -> bytes:
     """Send a byte now and then; gives what is answered before the other side closes."""
-    deadline = time.monotonic() + seconds
+    deadline = time.monotonic() + PATIENCE
     connection.settimeout(0.1)
     answer = b""
     while time.monotonic() < deadline:
@@ -236,7 +236,7 @@ def test_whoever_sends_drop_by_drop_is_cut_off(
 ) -> None:
     with connect(impatient_service) as connection:
         connection.sendall(begin)
-        assert drip(connection, 10.0).startswith(status)
+        assert drip(connection).startswith(status)
     assert not unfinished(tmp_path)
 
 

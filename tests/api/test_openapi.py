@@ -12,6 +12,7 @@ from schemathesis.specs.openapi.checks import positive_data_acceptance
 from api import Settings, create_app
 from tests.api import standins
 from tests.api.conftest import running
+from tests.api.programs import PATIENCE
 
 Upload = Callable[..., httpx.Response]
 
@@ -76,10 +77,10 @@ def test_nothing_breaks_and_everything_is_as_documented(
         )
         @given(case=operation.as_strategy())
         def check(case: schemathesis.Case) -> None:
-            case.call_and_validate(timeout=30.0, excluded_checks=[positive_data_acceptance])
+            case.call_and_validate(timeout=PATIENCE, excluded_checks=[positive_data_acceptance])
             if case.path_parameters:  # once more for something that exists, if it is still there
                 case.path_parameters = {name: known[name] for name in case.path_parameters}
                 if case.method != "DELETE":
-                    case.call_and_validate(timeout=30.0, excluded_checks=[positive_data_acceptance])
+                    case.call_and_validate(timeout=PATIENCE, excluded_checks=[positive_data_acceptance])
 
         check()

@@ -23,7 +23,7 @@ from api.log_lines import HideSecrets, JsonLines
 from api.server import serve
 from tests.api import standins
 from tests.api.conftest import running, unfinished
-from tests.api.programs import PROJECT, wait_until
+from tests.api.programs import PATIENCE, PROJECT, wait_until
 
 Upload = Callable[..., httpx.Response]
 
@@ -200,7 +200,7 @@ def test_a_service_writes_json_lines_when_asked(tmp_path: Path) -> None:
             cwd=PROJECT,
             capture_output=True,
             text=True,
-            timeout=120.0,
+            timeout=PATIENCE,
             check=False,
         )
     assert result.returncode != 0

@@ -5,11 +5,10 @@ import io
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import httpx
@@ -17,16 +16,11 @@ import pandas as pd
 import pytest
 
 from pipeline.stages import STAGES
+from tests.api.programs import PATIENCE, free_port, wait_until
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample_logs" / "octa01_zurich_calm.bin"
 ROTORID = Path(sys.executable).with_name("rotorid")
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        port: int = listener.getsockname()[1]
-        return port
 
 
 @pytest.fixture(scope="module")
@@ -41,19 +35,18 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
         text=True,
     )
     try:
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120.0) as client:
-            deadline = time.monotonic() + 60.0
-            while True:
-                try:
-                    client.get("/healthz")
-                    break
-                except httpx.ConnectError:
-                    assert process.poll() is None, process.stdout and process.stdout.read()
-                    assert time.monotonic() < deadline
-                    time.sleep(0.1)
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=1000.0) as client:
+
+            def answers() -> bool:
+                assert process.poll() is None, process.stdout and process.stdout.read()
+                with suppress(httpx.ConnectError):
+                    return client.get("/healthz").is_success
+                return False
+
+            wait_until(answers)
             yield client
         process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=15.0)
+        output, _ = process.communicate(timeout=PATIENCE)
         assert "Traceback" not in output
     finally:
         process.kill()
@@ -155,7 +148,7 @@ def test_a_wrong_setting_is_told_in_a_line(variable: str, value: str, says: str)
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=30.0,
+        timeout=PATIENCE,
         check=False,
     )
     assert result.returncode == 1

@@ -9,6 +9,7 @@ import httpx
 import pytest
 
 from tests.api.conftest import unfinished
+from tests.api.programs import PATIENCE
 
 BOUNDARY = "b0undary"
 FORM = {"Content-Type": f"multipart/form-data; boundary={BOUNDARY}"}
@@ -114,7 +115,7 @@ def test_a_body_of_unknown_length_is_limited_as_it_arrives(service: httpx.Client
 def test_an_upload_that_stalls_is_given_up(hasty_service: httpx.Client, tmp_path: Path) -> None:
     address = (hasty_service.base_url.host, hasty_service.base_url.port or 80)
     head = f"POST /api/v1/logs HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\nContent-Type: {FORM['Content-Type']}"
-    with socket.create_connection(address, timeout=10.0) as connection:
+    with socket.create_connection(address, timeout=PATIENCE) as connection:
         connection.sendall(head.encode() + b"\r\n\r\n" + form((disposition("file", "a.bin"), b"data"), end=False))
         answer = connection.recv(4096).decode()
     assert answer.startswith("HTTP/1.1 408 ")

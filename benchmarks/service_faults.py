@@ -1,0 +1,71 @@
+"""Workers, the server or both are killed at random moments, 30 times: what was accepted is there and ends once.
+
+The service is that of the tests, whose analyses take two seconds and do nothing.
+"""
+
+import os
+import random
+import signal
+import tempfile
+import time
+from contextlib import closing
+from pathlib import Path
+
+from tests.api.programs import Service, wait_until
+
+#: Processes of which one analysis may die here before it is given up: more than are killed.
+DEATHS = {"ROTORID_DEATHS": "1000"}
+
+
+def run() -> list[tuple[str, str, str, str, str]]:
+    with tempfile.TemporaryDirectory() as folder, closing(Service(Path(folder), **DEATHS)) as service:
+        lost, wrong = kill_at_random(service, kills=30)
+    return [
+        ("kill -9 of workers, server or both, 30 times: logs lost", f"{lost}", "-", "-", "0"),
+        ("... analyses that do not end once with their right result", f"{wrong}", "-", "-", "0"),
+    ]
+
+
+def kill_at_random(service: Service, kills: int) -> tuple[int, int]:
+    """Kill while analyses are in all of their stages; gives how many logs and how many results are not as they should.
+
+    After every third kill some analysis gets the time to end, however slow the computer: the oldest come first, so that
+    none loses its server as often as it takes to be given up.
+    """
+    chance = random.Random(20261121)
+    accepted: dict[str, bytes] = {}
+    analyses: dict[str, str] = {}
+
+    def done() -> int:
+        return sum(service.client.get(address).json()["state"] == "done" for address in analyses)
+
+    for number in range(kills):
+        content = b"slow %d" % number
+        log = service.client.post("/api/v1/logs", files={"file": (f"{number}.bin", content)}).json()["id"]
+        accepted[log] = content
+        analyses[service.client.post("/api/v1/analyses", json={"logs": [log]}).headers["Location"]] = log
+        time.sleep(chance.uniform(0.0, 0.6))
+        victim = chance.choice(["worker", "server", "both"])
+        if victim in ("worker", "both"):
+            for pid in service.workers():
+                os.kill(pid, signal.SIGKILL)
+        if victim in ("server", "both"):
+            service.kill()
+            service.start()
+        if number % 3 == 2:
+            enough = min(done() + 1, len(analyses))
+            wait_until(lambda enough=enough: done() >= enough)  # type: ignore[misc]
+
+    wait_until(lambda: all(service.client.get(address).json()["ended"] for address in analyses), pause=0.5)
+    lost = sum((service.data / "objects" / "logs" / log).read_bytes() != content for log, content in accepted.items())
+    wrong = sum(not _is_right(service, address, accepted[log]) for address, log in analyses.items())
+    return lost, wrong
+
+
+def _is_right(service: Service, address: str, content: bytes) -> bool:
+    answer = service.client.get(address).json()
+    return (
+        answer["state"] == "done"
+        and answer["report"]["bytes"] == len(content)
+        and service.client.get(f"{address}/rmse.csv").text.startswith("flight,")
+    )
