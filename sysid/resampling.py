@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import firwin, oaconvolve
+from scipy.signal import firwin
 
+from sysid._resampling_kernels import filtered_at
 from sysid.experiment import Floats
 
 #: Pass band of the anti-aliasing filter in parts of the new sampling rate; the stop band starts at half of it.
@@ -40,13 +41,17 @@ def resample(source_t: Floats, values: Floats, t: Floats) -> Floats:
         time, signal = source_t[known], values[known, column]
         if dt >= FASTER * step:
             grid = np.arange(time[0], time[-1] + 0.5 * step, step)
-            time, signal = grid, low_pass(np.interp(grid, time, signal), step, PASS / dt)
-        result[:, column] = np.interp(t, time, signal)
+            extended, taps = _extended(np.interp(grid, time, signal), step, PASS / dt)
+            # Only what the new clock asks for is filtered.
+            between = np.interp(t, grid, np.arange(len(grid), dtype=np.float64))
+            result[:, column] = filtered_at(extended, taps, between)
+        else:
+            result[:, column] = np.interp(t, time, signal)
     return result
 
 
-def low_pass(signal: Floats, dt: float, cutoff: float) -> Floats:
-    """Filter with a symmetric FIR filter; the ends are continued by point reflection, which keeps level and slope.
+def _extended(signal: Floats, dt: float, cutoff: float) -> tuple[Floats, Floats]:
+    """Lay out a symmetric FIR low-pass filter and continue the signal for it at both ends.
 
     Parameters
     ----------
@@ -55,11 +60,17 @@ def low_pass(signal: Floats, dt: float, cutoff: float) -> Floats:
         s.
     cutoff : float
         Hz.
+
+    Returns
+    -------
+    extended : ndarray, shape (N + taps - 1,)
+        The ends are continued by point reflection, which keeps level and slope.
+    taps : ndarray
+        A single one where there is nothing to filter.
     """
     half = min(round(1.6 / (cutoff * dt)), len(signal) - 1)
     if half < 1 or cutoff * dt >= 0.5:
-        return signal
-    taps = firwin(2 * half + 1, 2.0 * cutoff * dt)
+        return signal, np.ones(1)
     before = 2.0 * signal[0] - signal[half:0:-1]
     after = 2.0 * signal[-1] - signal[-2 : -half - 2 : -1]
-    return np.asarray(oaconvolve(np.concatenate([before, signal, after]), taps, mode="valid"))
+    return np.concatenate([before, signal, after]), firwin(2 * half + 1, 2.0 * cutoff * dt)
