@@ -1,4 +1,7 @@
-"""Hot loop of the responses: discrete state recursions of many channels at once."""
+"""Hot loop of the responses: discrete state recursions of many channels at once.
+
+Arrays are copied element by element: numba takes seconds to compile the error text of one slice assignment.
+"""
 
 import math
 
@@ -35,7 +38,9 @@ def recur(
     samples, lanes = inputs.shape
     order = transition.shape[0]
     states = np.empty((samples, order, lanes))
-    states[0] = start
+    for i in range(order):
+        for lane in range(lanes):
+            states[0, i, lane] = start[i, lane]
     for k in range(samples - 1):
         for i in range(order):
             for lane in range(lanes):

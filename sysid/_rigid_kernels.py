@@ -3,6 +3,8 @@
 Parameters are numbered as in `THETA` of `sysid.body_motion`: 0 thrust, 1 expo, 2-4 linear drag, 5-7 quadratic drag,
 8 climb loss, 9-10 tilt, 11 wind exponent, 12 motor lag, 13 thrust scale of the flight; then the wind's coefficients
 towards north and east in turn; then, as columns of sensitivities only, the initial position and velocity.
+
+Arrays are copied element by element: numba takes seconds to compile the error text of one slice assignment.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ SIGNALS = 14
 def _blend(signals: Floats, k: int, part: float, out: Floats) -> None:
     """Signals between samples k and k + 1."""
     if part == 0.0:
-        out[:] = signals[k]
+        for i in range(out.shape[0]):
+            out[i] = signals[k, i]
     else:
         for i in range(out.shape[0]):
             out[i] = (1.0 - part) * signals[k, i] + part * signals[k + 1, i]
@@ -221,6 +224,13 @@ def _step(
 
 
 @njit(cache=True, nogil=True)
+def _keep(x: Floats, out: Floats, row: int) -> None:
+    """Copy as much of a state as a row of the output has room for."""
+    for a in range(out.shape[1]):
+        out[row, a] = x[a]
+
+
+@njit(cache=True, nogil=True)
 def path(
     theta: Floats,
     signals: Floats,
@@ -249,10 +259,10 @@ def path(
         Receives samples `start` to `start + n - 1`.
     """
     x, work = initial.copy(), np.empty((6, SIGNALS))
-    out[0] = x
+    _keep(x, out, 0)
     for n in range(1, len(out)):
         _step(theta, signals, shapes, start + n - 1, dt, ground, law, x, work)
-        out[n] = x
+        _keep(x, out, n)
 
 
 @njit(cache=True, nogil=True)
@@ -284,15 +294,23 @@ def ahead(
     """
     work = np.empty((6, SIGNALS))
     x = states[0].copy()
-    out[0] = x[:3]
+    _keep(x, out, 0)
     for k in range(steps):
         _step(theta, signals, shapes, k, dt, ground, law, x, work)
-        out[k + 1] = x[:3]
+        _keep(x, out, k + 1)
     for first in range(every, len(states) - steps, every):
-        x[:] = states[first]
+        for a in range(6):
+            x[a] = states[first, a]
         for k in range(first, first + steps):
             _step(theta, signals, shapes, k, dt, ground, law, x, work)
-        out[first + steps] = x[:3]
+        _keep(x, out, first + steps)
+
+
+@njit(cache=True, nogil=True)
+def _keep_sensitivities(z: Floats, out: Floats, row: int) -> None:
+    for a in range(3):
+        for c in range(z.shape[1]):
+            out[row, a, c] = z[a, c]
 
 
 @njit(cache=True, nogil=True)
@@ -320,8 +338,8 @@ def path_sensitivities(
     s = np.empty(SIGNALS)
     # The columns of the initial state stay zero here.
     by_velocity, by_height, by_theta = np.empty((3, 3)), np.empty(3), np.zeros((3, columns))
-    out[0] = x[:3]
-    sensitivities[0] = z[:3]
+    _keep(x, out, 0)
+    _keep_sensitivities(z, sensitivities, 0)
     for n in range(1, len(out)):
         k = start + n - 1
         for i in range(4):
@@ -356,5 +374,5 @@ def path_sensitivities(
                 z[a, c] += (
                     dt / 6.0 * (rate_z[0, a, c] + 2.0 * rate_z[1, a, c] + 2.0 * rate_z[2, a, c] + rate_z[3, a, c])
                 )
-        out[n] = x[:3]
-        sensitivities[n] = z[:3]
+        _keep(x, out, n)
+        _keep_sensitivities(z, sensitivities, n)
