@@ -134,7 +134,8 @@ def excitation_of(
     yaw, departure = context["yaw"].to_numpy(), velocity[:, :2] - velocity[:, :2].mean(axis=0)
     along = np.cos(yaw) * departure[:, 0] + np.sin(yaw) * departure[:, 1]
     across = np.cos(yaw) * departure[:, 1] - np.sin(yaw) * departure[:, 0]
-    sectors = np.floor((yaw % (2.0 * pi)) * SECTORS / (2.0 * pi)).astype(np.int64) % SECTORS
+    # Sectors are centred on the points of the compass, so that a heading held north is one of them.
+    sectors = np.rint(yaw * SECTORS / (2.0 * pi)).astype(np.int64) % SECTORS
     return Excitation(
         acceleration_rms=_rms(change),
         # Errors a second apart are taken as independent, which can only make the noise larger than it is.

@@ -180,7 +180,14 @@ def _explained(
             loss=None,
             loss_sigma=None,
             sentence=sentence,
-            findings=(_finding("hover-trim-drift", sentence, "check the centre of gravity and the motors' mounts"),),
+            findings=(
+                Finding(
+                    "hover-trim-drift",
+                    Severity.WARNING,
+                    sentence,
+                    "check the centre of gravity and the motors' mounts",
+                ),
+            ),
         )
     _, motor, loss, sigma = standing[0]
     sentence = (
@@ -197,13 +204,14 @@ def _explained(
         loss_sigma=sigma,
         sentence=sentence,
         findings=(
-            _finding("motor-weakening", sentence, f"check motor {motor.removeprefix('m')}, its propeller and its ESC"),
+            Finding(
+                "motor-weakening",
+                Severity.WARNING,
+                sentence,
+                f"check motor {motor.removeprefix('m')}, its propeller and its ESC",
+            ),
         ),
     )
-
-
-def _finding(name: str, sentence: str, advice: str) -> Finding:
-    return Finding(name, Severity.WARNING, sentence, advice)
 
 
 def _shares(flight: FlightEntry) -> dict[str, tuple[float, float]]:

@@ -82,8 +82,8 @@ def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Spli
     flights = sorted(entries, key=lambda flight: flight.name)
     if config.training or config.validation:
         return _by_user(flights, config)
-    unfit = {flight.name: reason for flight in flights if (reason := _unfit(flight))}
-    usable = [flight for flight in flights if flight.name not in unfit]
+    never = {flight.name: reason for flight in flights if (reason := unfit(flight))}
+    usable = [flight for flight in flights if flight.name not in never]
     half = _half(usable)
     chosen = _thinned(half)
     names = {flight.name for flight in chosen}
@@ -91,8 +91,8 @@ def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Spli
     return Split(
         training=tuple(sorted(names)),
         held_out=tuple(flight.name for flight in judges),
-        never_train=unfit,
-        sentence=_sentence(usable, chosen, judges, unfit, capped=len(chosen) < len(half)),
+        never_train=never,
+        sentence=_sentence(usable, chosen, judges, never, capped=len(chosen) < len(half)),
     )
 
 
@@ -151,15 +151,15 @@ def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
         for flight in flights
         if flight.name not in (*training, *judges)
     }
-    unfit = {flight.name: reason for flight in flights if flight.name in training and (reason := _unfit(flight))}
-    if unfit:
+    poor = {flight.name: reason for flight in flights if flight.name in training and (reason := unfit(flight))}
+    if poor:
         sentence += "; of those that train, " + ", ".join(
-            f"{name} teaches little ({why})" for name, why in unfit.items()
+            f"{name} teaches little ({why})" for name, why in poor.items()
         )
     return Split(training=tuple(training), held_out=tuple(judges), unused=neither, sentence=sentence)
 
 
-def _unfit(flight: FlightEntry) -> str:
+def unfit(flight: FlightEntry) -> str:
     """Say why a flight must not train; empty when it may."""
     sigma = flight.coverage.get("health", {}).get("position_sigma", {}).get("max")
     if sigma is not None and sigma > POOR_POSITION:
@@ -273,14 +273,14 @@ def _sentence(
     usable: Sequence[FlightEntry],
     chosen: Sequence[FlightEntry],
     judges: Sequence[FlightEntry],
-    unfit: Mapping[str, str],
+    unable: Mapping[str, str],
     *,
     capped: bool,
 ) -> str:
     """Say how the flights were divided, with the numbers."""
-    never = "; ".join(f"{name} never trains: {why}" for name, why in sorted(unfit.items())[:5])
-    if len(unfit) > 5:
-        never += f"; {len(unfit) - 5} more never train"
+    never = "; ".join(f"{name} never trains: {why}" for name, why in sorted(unable.items())[:5])
+    if len(unable) > 5:
+        never += f"; {len(unable) - 5} more never train"
     if not chosen:
         return f"no flight can train: {never}" if never else "there is no flight"
     if len(usable) == 1 and not judges:
@@ -293,7 +293,7 @@ def _sentence(
     text = (
         f"{len(chosen)} of {total} flights train and {len(judges)} judge, stratified by place ({places}), day ({days}) "
         f"and excitation: RMS acceleration {_range(chosen)} in training, "
-        f"{_range([flight for flight in judges if flight.name not in unfit])} in judging"
+        f"{_range([flight for flight in judges if flight.name not in unable])} in judging"
     )
     if capped:
         gain = 100.0 * (math.sqrt(1.0 + 1.0 / len(chosen)) - 1.0)

@@ -1,0 +1,116 @@
+"""What a flight covered, against the simulator's truth."""
+
+import datetime as dt
+import json
+import math
+
+import numpy as np
+import pytest
+
+import estimation
+import logparse
+from pipeline.coverage import QUANTITIES, measure, summarise
+from pipeline.excitation import _word
+from pipeline.results import FlightResult, Span
+from simulation import elhesasy2024
+from simulation.fly import Setup
+from simulation.mission import GoTo, Mission, Turn, Wait
+from simulation.place import Place
+from simulation.sample_flights import SampleFlight
+from simulation.sample_logs import fly_sample, write_flight
+from simulation.wind import Wind
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory):
+    """Fly a leg to and fro at 4 m/s, a turn and a climb at 1500 m; give log, trajectory and truth."""
+    mission = Mission(
+        takeoff=8.0,
+        steps=(Wait(3), GoTo(30, 0, 8, 4.0), GoTo(0, 0, 8, 4.0), Turn(90.0), Wait(4), GoTo(0, 0, 18), GoTo(0, 0, 6)),
+    )
+    sample = SampleFlight(
+        name="covered",
+        summary="",
+        setup=Setup(
+            mission=mission,
+            place=Place(name="Aosta", lat_deg=45.7, lon_deg=7.3, alt=1500.0),
+            vehicle=elhesasy2024.octocopter(),
+            wind=Wind(),
+            seed=77001,
+        ),
+        start_utc=dt.datetime(2025, 5, 5, 10, tzinfo=dt.UTC),
+    )
+    flown = fly_sample(sample)
+    path = write_flight(sample, tmp_path_factory.mktemp("coverage"), flown)[0]
+    log = logparse.read_log(path)
+    trajectory = estimation.estimate(log.tables)
+    span = Span(log.flight.start, log.flight.stop)
+    return log, trajectory, span, flown, sample
+
+
+def test_distributions_are_those_of_the_truth(flight):
+    log, trajectory, span, flown, sample = flight
+    found = measure(log, trajectory, span)
+    truth = flown.truth.loc[span.start - sample.boot : span.stop - sample.boot]
+    speed = np.hypot(truth["v_n"], truth["v_e"])
+    for name, values in {
+        "ground_speed": speed,
+        "altitude": truth["p_d"].iloc[0] - truth["p_d"],
+        "climb_rate": -truth["v_d"],
+    }.items():
+        known = found.quantities[name]
+        step = QUANTITIES[name].step
+        for part, quantile in (("p05", 0.05), ("median", 0.5), ("p95", 0.95)):
+            assert getattr(known, part) == pytest.approx(values.quantile(quantile), abs=0.35 * step + 0.1)
+        assert sum(known.seconds) == pytest.approx(found.seconds, abs=0.15)
+    assert found.quantities["density"].median == pytest.approx(sample.setup.place.atmosphere.density_at(8.0), rel=0.01)
+    assert sum(seconds for *_, seconds in found.cells) == pytest.approx(found.seconds, abs=0.3)
+
+
+def test_movement_is_told_axis_by_axis(flight):
+    log, trajectory, span, flown, sample = flight
+    found = measure(log, trajectory, span).excitation
+    assert found.acceleration_rms > 5.0 * found.acceleration_noise
+    assert found.speed_std[0] > 3.0 * found.speed_std[1], "the leg was flown along the nose"
+    assert found.headings == 2, "north, then east; the turn between is too quick to count"
+    truth = flown.truth.loc[span.start - sample.boot : span.stop - sample.boot]
+    for axis, rate in (("roll", "w_x"), ("pitch", "w_y"), ("yaw", "w_z")):
+        # Ten rows a second leave out what is faster than 4 Hz: touching down, mostly.
+        assert 0.5 * truth[rate].std() < found.axes[axis].rms < 1.1 * truth[rate].std()
+    assert found.axes["pitch"].command_std is not None
+
+
+def test_the_log_is_judged(flight):
+    health = measure(*flight[:3]).health
+    assert health.rates["motors"]["rate"] == pytest.approx(10.0, rel=0.01)
+    assert health.rates["gps"] == {
+        "rate": pytest.approx(5.0, rel=0.01),
+        "gaps": 0,
+        "longest_gap": pytest.approx(0.2, abs=0.05),
+    }
+    assert health.gps["fix_part"] == 1.0
+    assert 0.1 < health.position_sigma["median"] < 1.5
+    assert health.battery["first"] > health.battery["last"] > 10.0
+
+
+def test_without_a_rigid_body_the_wind_is_unknown_and_said_so(flight):
+    found = measure(*flight[:3])
+    assert found.wind is None
+    assert "airspeed" not in found.quantities
+    assert "rigid body" in found.missing["airspeed"]
+
+
+def test_an_entry_keeps_it_as_small_json(flight):
+    log, trajectory, span, *_ = flight
+    result = FlightResult(name="x", log=None, config=None, coverage=measure(log, trajectory, span))
+    text = json.dumps(summarise(result), allow_nan=False)
+    assert len(text) < 6000
+    assert summarise(FlightResult(name="x", log=None, config=None)) == {}
+
+
+def test_where_the_wind_comes_from():
+    from pipeline.coverage import Wind as Found
+
+    assert Found(north=-1.0, east=0.0, sigma=0.1, source="").to_dict()["from"] == 0.0
+    assert Found(north=0.0, east=-2.0, sigma=0.1, source="").to_dict()["from"] == pytest.approx(math.pi / 2)
+    assert [_word(x) for x in (0.1, 0.7, 2.0, 9.0)] == ["none", "weak", "fair", "strong"]
