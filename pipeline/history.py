@@ -217,7 +217,7 @@ def sentence_of(each: History, questions: int) -> str:
     """Say of one parameter what it is, how it scatters, and whether it changed."""
     unit = each.unit.split(",")[0]
     n = len(each.points)
-    text = f"{each.parameter}: {each.mean:.4g} ± {each.mean_sigma:.1g} {unit} over {n} flights"
+    text = f"{each.parameter}: {each.mean:.4g} ± {each.mean_sigma:.1g} {unit}".rstrip() + f" over {n} flights"
     typical = float(np.median([point.sigma for point in each.points]))
     if each.q_p < ALPHA and each.between > 0.0:
         text += f"; flights differ by {_of(each.between, each)} beyond their own errors of {_of(typical, each)}"

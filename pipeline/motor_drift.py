@@ -75,7 +75,7 @@ class MotorDrift:
 def trims(flight: FlightEntry) -> list[dict[str, Any]]:
     """Give roll, pitch and yaw trim of a flight's hover command as rows like those of `flight_parameters`.
 
-    Their unit is the change of the motors' shares, root of the sum of squares over the motors.
+    They have no unit: root of the sum of squares over the motors of the change in their shares.
     """
     shares = _shares(flight)
     found = _basis(flight.mixer, tuple(shares))
@@ -89,7 +89,7 @@ def trims(flight: FlightEntry) -> list[dict[str, Any]]:
             "method": SHARES,
             "value": float(column @ values),
             "sigma": float(np.sqrt(np.sum((column * sigmas) ** 2))),
-            "unit": "of the mean motor command",
+            "unit": "",
         }
         for name, column in zip(names, basis.T, strict=True)
     ]
