@@ -11,7 +11,7 @@ from reports.quantity import per_degree
 from reports.rows import Numbers
 
 #: Parameters that one figure holds, a small plot for each.
-MOST_PLOTS = 6
+MOST_PLOTS = 4
 #: Fewer points show no course.
 FEWEST_POINTS = 3
 
@@ -31,7 +31,7 @@ def drift_figures(drift: Numbers | None, prefix: str) -> tuple[list[Figure], lis
     motors = _motors(drift, f"{prefix}shares")
     if motors is not None:
         shown.append(motors)
-    worth = [each for each in drift["parameters"] if len(each["points"]) >= FEWEST_POINTS]
+    worth = [each for each in drift["parameters"] if len(each["flights"]) >= FEWEST_POINTS]
     worth.sort(key=lambda each: not changes(each))
     for first in range(0, len(worth), MOST_PLOTS):
         some = worth[first : first + MOST_PLOTS]
@@ -55,7 +55,7 @@ def _utc(start: str) -> str:
 
 
 def _dated(drift: Numbers) -> bool:
-    points = [point for each in drift["parameters"] for point in each["points"]]
+    points = [point for each in drift["parameters"] for point in each["flights"]]
     return drift["order"] == "date" and all(point["start_utc"] for point in points)
 
 
@@ -81,7 +81,7 @@ def _parameters(parameters: Sequence[Numbers], drift: Numbers, name: str) -> Fig
     for place, each in enumerate(parameters):
         suffix = "" if place == 0 else str(place + 1)
         degrees, unit = per_degree(each["unit"].partition(",")[0])
-        points = each["points"]
+        points = each["flights"]
         at = [_place(drift, point) for point in points]
         color = "@bad" if changes(each) else "@ink"
         data.append(
@@ -108,12 +108,11 @@ def _parameters(parameters: Sequence[Numbers], drift: Numbers, name: str) -> Fig
         top = 1.0 - place / count
         axes[f"yaxis{suffix}"] = {
             "domain": [top - 0.74 / count, top - 0.12 / count],
-            "title": {"text": plotly_text(unit), "font": {"size": 11}},
             "nticks": 4,
         }
         labels.append(
             {
-                "text": plotly_text(f"{each['parameter']}, {each['method']}"),
+                "text": plotly_text(f"{each['parameter']}, {each['method']} ({unit})"),
                 "x": 0,
                 "xref": "paper",
                 "xanchor": "left",
@@ -126,33 +125,36 @@ def _parameters(parameters: Sequence[Numbers], drift: Numbers, name: str) -> Fig
         )
     axes["xaxis"] = _axis(drift) | {"anchor": f"y{count}" if count > 1 else "y"}
     layout = layout_of(**axes, annotations=labels)
-    layout["margin"] = layout["margin"] | {"l": 78, "t": 10}
+    layout["margin"] = layout["margin"] | {"t": 10}
     caption = (
         "Each parameter as every flight by itself gives it, with one standard error; the line is its mean, or its "
-        "trend where one is seen. Scatter beyond the error bars is what differs between flights: wind, battery, "
-        "temperature."
+        "trend or step where one is seen. Scatter beyond the error bars is what differs between flights: wind, "
+        "battery, temperature."
     )
     return Figure(name, caption, data, layout, 90 + 135 * count, time=False)
 
 
 def _course(parameter: Numbers, at: Sequence[Any], degrees: float, suffix: str) -> list[Trace]:
-    """Draw the mean, or the trend where it is more than chance; through the points, in their order."""
-    mean, trend = parameter["mean"], parameter["trend"]
+    """Draw the mean, or the step or trend that is more than chance; through the points, in their order."""
+    mean, trend, step = parameter["mean"], parameter["trend"], parameter["step"]
     if mean is None or not at:
         return []
-    points = parameter["points"]
-    if trend is not None and trend["significant"]:
-        middle = sum(point["number"] for point in points) / len(points)
-        y = [mean + trend["per_flight"] * (point["number"] - middle) for point in points]
+    numbers = [point["number"] for point in parameter["flights"]]
+    if step is not None and step["significant"]:
+        late = [float(number >= step["number"]) for number in numbers]
+        y = [mean + step["change"] * (each - sum(late) / len(late)) for each in late]
+    elif trend is not None and trend["significant"]:
+        middle = sum(numbers) / len(numbers)
+        y = [mean + trend["per_flight"] * (number - middle) for number in numbers]
     else:
-        y = [mean] * len(points)
+        y = [mean] * len(numbers)
     return [
         {
             "type": "scatter",
             "mode": "lines",
             "x": list(at),
             "y": [_short(value, degrees) for value in y],
-            "line": {"color": "@quiet", "width": 1.2},
+            "line": {"color": "@quiet", "width": 1.2, "shape": "hvh" if step and step["significant"] else "linear"},
             "yaxis": f"y{suffix}",
             "showlegend": False,
             "hoverinfo": "skip",

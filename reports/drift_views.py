@@ -19,25 +19,26 @@ def drift_table(drift: Numbers | None) -> View | None:
     rows = []
     for each in sorted(drift["parameters"], key=lambda each: not changes(each)):
         degrees, unit = per_degree(each["unit"].partition(",")[0])
-        trend = each["trend"]
+        trend, step = each["trend"], each["step"]
         rows.append(
             {
                 "kind": "strong" if changes(each) else "",
                 "label": f"{each['parameter'][:1].upper()}{each['parameter'][1:]}, {each['method']} ({unit})",
                 "cells": [
-                    str(len(each["points"])),
+                    str(len(each["flights"])),
                     _written(each["mean"], each["mean_sigma"], degrees),
                     "–" if each["between"] is None else number(each["between"] * degrees, 2),
-                    "–" if trend is None else _written(trend["per_flight"], trend["per_flight_sigma"], degrees),
-                    "–" if trend is None or trend["p_adjusted"] is None else _chance(trend["p_adjusted"]),
+                    *(("–", "–") if trend is None else _tested(trend, "per_flight", "per_flight_sigma", degrees)),
+                    *(("–", "–") if step is None else _tested(step, "change", "sigma", degrees)),
                 ],
             }
         )
     return {
         "caption": "Mean over flights with one standard error, scatter between flights beyond their own errors, trend "
-        "per flight, and the chance of such a trend where nothing changes, corrected for the number of parameters.",
+        "per flight and change at once between two flights, each with the chance of it where nothing changes, "
+        "corrected for the number of questions asked.",
         "label": "Parameter",
-        "heads": ["flights", "mean", "scatter", "trend per flight", "p"],
+        "heads": ["flights", "mean", "scatter", "trend per flight", "p", "step", "p"],
         "rows": rows,
     }
 
@@ -56,6 +57,12 @@ def drift_sentences(drift: Numbers | None) -> list[str]:
 
 def _written(value: float | None, sigma: float | None, factor: float) -> str:
     return "–" if value is None else uncertain(factor * value, None if sigma is None else factor * sigma)
+
+
+def _tested(found: Numbers, value: str, sigma: str, factor: float) -> tuple[str, str]:
+    """Write a change and the chance of it."""
+    p = found["p_adjusted"]
+    return _written(found[value], found[sigma], factor), "–" if p is None else _chance(p)
 
 
 def _chance(p: float) -> str:

@@ -8,7 +8,7 @@
   for (const figure of figures) if (!places.has(figure.place)) places.set(figure.place, figure.id);
   const drawn = new Set();
   // On paper plots are as wide as a page of A4 or Letter is between its margins.
-  const PRINT_WIDTH = 670;
+  const PRINT_WIDTH = 670, PRINT_HEIGHT = 460;
   let timeRange = null;
   let following = false;
   let printing = false;
@@ -53,7 +53,11 @@
   function layoutOf(figure, element) {
     const layout = themed(figure.layout);
     layout.height = figure.height;
-    if (printing) layout.width = Math.min(PRINT_WIDTH, element.clientWidth || PRINT_WIDTH);
+    if (printing) {
+      layout.width = Math.min(PRINT_WIDTH, element.clientWidth || PRINT_WIDTH);
+      // Several small plots above each other: lower ones leave fewer pages half empty.
+      if (layout.height > PRINT_HEIGHT) layout.height = Math.max(PRINT_HEIGHT, 0.8 * layout.height);
+    }
     layout.dragmode = matchMedia("(pointer: coarse)").matches ? false : "zoom";
     if (figure.time && timeRange) layout.xaxis = Object.assign({}, layout.xaxis, timeRange);
     return layout;
@@ -171,8 +175,19 @@
     document.head.append(script);
   }
 
+  // A page that prints itself, without a person who waits, does so once it has loaded: an open frame keeps it loading
+  // until the plots can be drawn.
+  function holdLoad() {
+    const frame = document.createElement("iframe");
+    frame.hidden = true;
+    document.body.append(frame);
+    frame.contentDocument.open();
+    return () => { frame.contentDocument.close(); frame.remove(); };
+  }
+
   if (!figures.length) return;
-  loadPlotly().then(start).catch(() => {
+  const release = holdLoad();
+  loadPlotly().then(start).finally(release).catch(() => {
     const apart = !document.getElementById("plotly");
     document.querySelectorAll(".plot").forEach((element) => {
       if (element.querySelector(".main-svg")) return;

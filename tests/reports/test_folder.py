@@ -258,7 +258,7 @@ def test_a_flight_without_anything_says_why(flight, tmp_path):
         (["a", "A"], ["a", "A_2"]),
         (["../../etc/passwd"], ["etc_passwd"]),
         (["..", "."], ["flight", "flight_2"]),
-        (["2016-11-09 16-33-24", "Flug über See"], ["2016-11-09_16-33-24", "Flug_über_See"]),
+        (["2016-11-09 16-33-24", "Flug über See"], ["log_2016-11-09_16-33-24", "Flug_über_See"]),
     ],
 )
 def test_folders_are_safe_and_unique(names, folders):
