@@ -69,8 +69,8 @@ def _path(rng: np.random.Generator, duration: float, still: float, heading: floa
     flat = np.zeros((len(knots), 3, 4))
     flat[:, 0] = values
     curve = BPoly.from_derivatives(knots, flat)
-    position, velocity, acceleration = (curve(t, nu)[:, :3] for nu in range(3))
-    return t, position, velocity, acceleration, curve(t)[:, 3]
+    place, velocity, acceleration = (curve(t, nu) for nu in range(3))
+    return t, place[:, :3], velocity[:, :3], acceleration[:, :3], place[:, 3]
 
 
 def _walk(rng: np.random.Generator, start: float, density: float, n: int, step: float) -> np.ndarray:

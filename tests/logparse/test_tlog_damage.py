@@ -215,8 +215,8 @@ def test_random_bytes_are_read_as_nothing_in_good_time():
             found = 0
         # Chance gives one frame in 65536 start bytes with a known id.
         assert found < 10
-    # 24 MB; the search verifies a checksum at each start byte, so that this bounds the worst case, not the usual one.
-    assert time.process_time() - started < 10.0
+    # 24 MB take a second or two; each start byte against all that follows would take days.
+    assert time.process_time() - started < 60.0
 
 
 def test_an_unknown_message_hides_no_frame():

@@ -1,14 +1,13 @@
 """A stage may fail; the others go on, and the user learns why."""
 
 import logging
-from time import sleep
 
 from logparse import MissingDataError
 from pipeline.stages import STAGES, Stages, overall, silent
 
 
 def test_a_foreseen_error_becomes_a_reason():
-    stages = Stages(silent, 1.0)
+    stages = Stages(silent, 3600.0)
 
     def work(_):
         raise MissingDataError("no GPS: set bit 2 of LOG_BITMASK")
@@ -20,7 +19,7 @@ def test_a_foreseen_error_becomes_a_reason():
 
 
 def test_a_bug_becomes_a_finding_and_a_line_in_the_log(caplog):
-    stages = Stages(silent, 1.0)
+    stages = Stages(silent, 3600.0)
     with caplog.at_level(logging.ERROR):
         assert stages.run("model", lambda _: 1 / 0) is None
     assert "ZeroDivisionError" in stages.missing["model"]
@@ -32,9 +31,8 @@ def test_a_stage_that_takes_too_long_is_given_up():
     stages = Stages(silent, 0.01)
 
     def work(report):
-        for step in range(1000):
-            sleep(0.005)
-            report("fit", step / 1000)
+        while True:
+            report("fit", 0.5)
 
     assert stages.run("model", work) is None
     assert "--time-limit" in stages.missing["model"]
@@ -42,7 +40,9 @@ def test_a_stage_that_takes_too_long_is_given_up():
 
 def test_progress_names_the_stage():
     seen = []
-    Stages(lambda stage, fraction: seen.append((stage, fraction)), 1.0).run("read", lambda report: report("inner", 0.5))
+    Stages(lambda stage, fraction: seen.append((stage, fraction)), 3600.0).run(
+        "read", lambda report: report("inner", 0.5)
+    )
     assert seen == [("read", 0.0), ("read", 0.5), ("read", 1.0)]
 
 

@@ -14,6 +14,9 @@ from sysid.transfer_function import TransferFunction
 
 SITL = Path(__file__).resolve().parents[3] / "shared" / "logs" / "sitl"
 
+#: Longest time of a fit: what it finds must not depend on the computer.
+PATIENCE = 3600.0
+
 #: Position gain 1 1/s, velocity gains 2 1/s and 1 1/s^2 (ArduPilot's own), drag 0.15 1/s: see the module's text.
 TRUE = ([-0.15, 0.0, 0.0], [1.0, 2.15, 3.0, 1.0])
 
@@ -39,7 +42,7 @@ def flown(seed, noise=0.01, samples=1200, dt=0.1, names=("x", "y")):
 
 @pytest.fixture(scope="module")
 def fitted():
-    return fit_closed_loop([flown(1), flown(2)])
+    return fit_closed_loop([flown(1), flown(2)], time_limit=PATIENCE)
 
 
 def test_the_loop_is_found_and_rests_at_its_target(fitted):
@@ -96,7 +99,7 @@ def test_an_apartness_is_believed_as_far_as_the_training_records_were_apart(fitt
             output_names=record.output_names,
         )
 
-    model = fit_closed_loop([beside(8), beside(9)])
+    model = fit_closed_loop([beside(8), beside(9)], time_limit=PATIENCE)
     assert model.offset_trust["x"] > 0.99
     other = beside(10)
     assert np.sqrt(np.mean((model.simulate(other) - other.y) ** 2)) < 0.012
@@ -119,7 +122,7 @@ def test_predictions_carry_on_what_the_reference_does_not_explain():
             output_names=record.output_names,
         )
 
-    model = fit_closed_loop([blown(11), blown(12)])
+    model = fit_closed_loop([blown(11), blown(12)], time_limit=PATIENCE)
     other = blown(13)
     free, ahead = (np.std((y - other.y)[50:]) for y in (model.simulate(other), model.predict(other, 0.5)))
     assert 0.2 < free < 0.4
@@ -128,7 +131,7 @@ def test_predictions_carry_on_what_the_reference_does_not_explain():
 
 def test_axes_of_their_own_have_their_own_loop():
     """North and east share one transfer function; down, which another controller holds, has its own."""
-    model = fit_closed_loop([flown(6, names=("x", "y", "z"))])
+    model = fit_closed_loop([flown(6, names=("x", "y", "z"))], time_limit=PATIENCE)
     assert model.transfer_functions["x"]["x"] is model.transfer_functions["y"]["y"]
     assert model.transfer_functions["z"]["z"] is not model.transfer_functions["x"]["x"]
     assert model.findings[-1].id == "closed-loop-following"
@@ -178,7 +181,7 @@ def test_one_flight_tells_where_the_next_will_be():
         log = read_log(SITL / f"{name}.BIN")
         records[name] = Experiment.from_flight(log, estimate(log.tables), inputs="reference", name=name)
     first, *others = records.values()
-    result = validate(fit_closed_loop([first]), others)
+    result = validate(fit_closed_loop([first], time_limit=PATIENCE), others)
     table = result.table.pivot(index="flight", columns="output", values="rmse")
     assert (table[["x", "y"]] < 0.10).to_numpy().all()
     noisy = table.index == "octa05_auto_quito"

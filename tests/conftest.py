@@ -1,0 +1,42 @@
+"""What holds for all tests: kernels are compiled before they start, and no example has a deadline."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).parents[1]
+
+# A slow computer, or the first example of a kernel, is no failure.
+settings.register_profile("rotorid", deadline=None)
+settings.load_profile("rotorid")
+
+#: Programs that between them call nearly every kernel; they run side by side and leave the machine code in the cache.
+_KERNELS = (
+    """
+from pathlib import Path
+from pipeline import AnalysisConfig, analyze
+analyze(Path("sample_logs/octa01_zurich_calm.bin"), AnalysisConfig(poles=2, zeros=1, time_limit=3600.0))
+""",
+    """
+from estimation import estimate
+from logparse import read_log
+from simulation.cases import CASES
+estimate(read_log("sample_logs/octa02_alain_breeze.tlog").tables)
+for case in ("motion-vertical", "octa01_zurich_calm"):
+    CASES[case].run({})
+""",
+)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile kernels once, before the workers of pytest-xdist start: each would compile them for itself.
+
+    It also keeps the minute that compilation may take on a slow computer out of the time limits of fits.
+    """
+    if session.config.getoption("numprocesses", None):
+        programs = [subprocess.Popen([sys.executable, "-c", program], cwd=ROOT) for program in _KERNELS]
+        for program in programs:
+            program.wait()
