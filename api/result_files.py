@@ -14,6 +14,7 @@ _KNOWN = {
     "rmse.csv": "RMSE table",
     "coefficients.csv": "Coefficients of the models",
     "report.json": "All numbers of the report",
+    "report.md": "Report in short, as Markdown",
 }
 
 _FLIGHTS, _TABLES = "flights/", "tables/"
@@ -38,9 +39,12 @@ class FlightPage(NamedTuple):
 
 
 def downloads(analysis: Analysis, address: str) -> list[Download]:
-    """List the files of an analysis whose resource has this address, without tables: those we know by name first."""
+    """List the files of an analysis whose resource has this address, those we know by name first.
+
+    Without tables, and without what belongs to single flights and crafts of several.
+    """
     order = list(_KNOWN)
-    offered = [name for name in analysis.files if not name.startswith((_FLIGHTS, _TABLES))]
+    offered = [name for name in analysis.files if "/" not in name]
     offered.sort(key=lambda name: (order.index(name) if name in _KNOWN else len(order), name))
     return _files(analysis, address, offered)
 

@@ -1,6 +1,7 @@
 """What happens in the process of one analysis, apart from the server so that a crash takes nothing else down."""
 
 import ctypes
+import logging
 import os
 import resource
 import signal
@@ -11,6 +12,11 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeAlias
+
+from pipeline.manifest import MANIFEST
+from pipeline.store import ENTRY, LOCK
+
+_log = logging.getLogger("rotorid.api")
 
 Progress: TypeAlias = Callable[[str, float], None]
 
@@ -78,27 +84,44 @@ Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
 
 def analyze_logs(task: Task, progress: Progress) -> None:
     """Run the pipeline on the logs of a task and write the report and the logs' tables."""
+    if len(task.logs) == 1:
+        _analyze_one(task, progress)
+    else:
+        _analyze_several(task, progress)
+
+
+def _analyze_one(task: Task, progress: Progress) -> None:
     # Imported here and not above: the server itself never needs the 200 MB of numpy, numba and pandas.
     import pipeline
     import reports
-    from api.tables import write_tables
+    from pipeline.dataset import write_tables
     from pipeline.stages import overall
 
+    ((log, name),) = task.logs
+    advance = overall(progress)
     config = pipeline.AnalysisConfig(**task.configuration)
-    result: pipeline.FlightResult | pipeline.FleetResult
-    if len(task.logs) == 1:
-        ((log, name),) = task.logs
-        advance = overall(progress)
-        flight = pipeline.analyze(log, config, advance, name=Path(name).stem)
-        advance("report", 0.0)
-        write_tables(flight, task.folder)
-        # The report names the file as its user does, not as it is kept here.
-        result = replace(flight, log=replace(flight.log, path=Path(name)))
-    else:
-        result = pipeline.analyze_fleet([log for log, _ in task.logs], config, None, progress)
-        progress("report", 0.99)
-        write_tables(result, task.folder)
-    reports.write(result, task.folder)
+    result = pipeline.analyze(log, config, advance, name=Path(name).stem)
+    advance("report", 0.0)
+    # The report names the file as its user does, not as it is kept here.
+    reports.write(replace(result, log=replace(result.log, path=Path(name))), task.folder)
+    try:
+        write_tables(result, task.folder / "tables")
+    except Exception:  # must not cost the report
+        _log.exception("the tables of %s cannot be written", name)
+
+
+def _analyze_several(task: Task, progress: Progress) -> None:
+    import pipeline
+    import reports
+
+    config = pipeline.AnalysisConfig(**task.configuration)
+    logs = [log for log, _ in task.logs]
+    fleet = pipeline.analyze_fleet(logs, config, None, progress, store=task.folder, publish=reports.publish)
+    progress("report", 0.99)
+    reports.write_fleet(fleet)
+    # What serves a second run names the places of the logs on this server, and there is none.
+    for file in (*task.folder.rglob(ENTRY), task.folder / MANIFEST, task.folder / LOCK):
+        file.unlink(missing_ok=True)
 
 
 def run(reports_to: Connection, analyze: Analyze, task: Task, time_limit: float, memory_limit: int) -> None:

@@ -1,37 +1,43 @@
-"""A folder of logs to one result: every log for itself, then every craft jointly, judged on its other flights."""
+"""A folder of logs to one result: every log for itself, then every craft jointly, judged on its other flights.
+
+All products go to a store, and what a former run left there is not made again: a log is analysed when its content, its
+name, the settings or the software are new, a craft is identified when its flights are. Rooms that take long to import
+are imported when there is something to do.
+"""
+
+from __future__ import annotations
 
 import logging
-import os
-from collections.abc import Iterable, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
 from fnmatch import fnmatch
-from pathlib import Path
+from pathlib import Path, PurePath
+from time import perf_counter
+from typing import TYPE_CHECKING
 
-import sysid
-from logparse import LogError, RotoridError
-from pipeline.comparison import compare_parameters
 from pipeline.config import AnalysisConfig
-from pipeline.coverage import summarise
-from pipeline.craft import by_craft, craft_name
-from pipeline.entry import flight_entry
-from pipeline.errors import ConfigError
-from pipeline.flight import analyze
-from pipeline.identification import identify
-from pipeline.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
-from pipeline.names import printable
-from pipeline.results import Failure, FleetResult, FlightResult, GroupResult, ModelResult
-from pipeline.stages import Progress, Stages, overall, silent
+from pipeline.entry import FlightEntry, GroupEntry
+from pipeline.inventory import READERS, take_stock
+from pipeline.manifest import FLIGHTS, LogRecord, Manifest, configuration, read_manifest, software
+from pipeline.progress import Watch, part_of
+from pipeline.results import Failure, FleetResult, Publish
+from pipeline.sources import Found, find
+from pipeline.stages import Progress, silent
+from pipeline.store import ENTRY, FolderStore, Store, TemporaryStore, open_store
+
+if TYPE_CHECKING:
+    from pipeline.crafts import Crafts
+    from pipeline.job import Job
 
 _LOG = logging.getLogger("rotorid.pipeline")
 
-#: Endings that promise a flight log: a file found in a folder is reported as failed only if it has one of them.
-LOG_SUFFIXES = frozenset({".bin", ".log", ".tlog", ".ulg", ".raw"})
-
-#: Endings of packed files, which may stand behind those.
-PACKED_SUFFIXES = frozenset({".gz", ".zip"})
-
 #: Names of logs that one message lists.
 MOST_NAMED = 20
+
+#: What became of a log: None for a file that is none.
+Outcome = FlightEntry | Failure | None
 
 
 def analyze_fleet(
@@ -39,302 +45,277 @@ def analyze_fleet(
     config: AnalysisConfig | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
+    *,
+    store: Store | str | Path | None = None,
+    publish: Publish | None = None,
+    redo: bool = False,
 ) -> FleetResult:
     """Analyse logs one by one, then all flights of each craft together.
 
     Parameters
     ----------
     paths : iterable of str or Path
-        Logs, and folders to search for logs.
+        Logs, folders to search for logs, and URLs of either.
     config : AnalysisConfig, optional
     executor : concurrent.futures.Executor, optional
         Where the logs are analysed, each in one call; in this thread when not given.
     progress : callable, optional
-        Called with "log: stage" and the fraction of the whole that is done.
+        Called with what is at work, and the fraction of the whole that is done.
+    store : Store, str or Path, optional
+        Where products go, and what is there from former runs; a temporary one, which goes with the result, when not
+        given.
+    publish : callable, optional
+        ``publish(result, folder)`` writes what people and programs read of a `FlightResult` or `GroupResult`.
+    redo : bool
+        Make everything anew.
 
     Raises
     ------
     ConfigError
-        A pattern of `AnalysisConfig.training` fits no log's name.
+        A pattern of `AnalysisConfig.training` or `validation` fits no log's name, or another run writes to the store.
+    OSError
+        Nothing can be written to the store.
     """
-    config = config or AnalysisConfig()
-    progress = progress or silent
-    passed_over: list[Failure] = []
-    files = find_logs(paths, passed_over)
-    names = flight_names([file for file, _ in files])
-    check_training(names.values(), config)
-    # The joint fits come last and take about as long as a few logs.
-    share = 1.0 / (len(files) + max(1, len(files) // 4))
-
-    outcomes: dict[Path, FlightResult | Failure | None] = {}
-    if executor is None:
-        for number, (file, named) in enumerate(files):
-
-            def report(stage: str, fraction: float, number: int = number, file: Path = file) -> None:
-                progress(f"{printable(file.name)}: {stage}", share * (number + fraction))
-
-            outcomes[file] = analyze_one(file, config, names[file], named, overall(report))
-    else:
-        jobs: dict[Future[FlightResult | Failure | None], Path] = {
-            executor.submit(analyze_one, file, config, names[file], named): file for file, named in files
-        }
-        progress(f"{len(jobs)} files", 0.0)
-        for number, job in enumerate(as_completed(jobs), start=1):
-            file = jobs[job]
-            try:
-                outcomes[file] = job.result()
-            except Exception as error:  # the worker died, or its result could not come back
-                _LOG.exception("analysing %s failed", file)
-                outcomes[file] = Failure(file, f"the worker process failed: {type(error).__name__}: {error}")
-            if outcomes[file] is not None:
-                progress(f"{printable(file.name)}: done ({number} of {len(jobs)} files)", share * number)
-
-    ordered = [outcomes[file] for file, _ in files]
-    flights = tuple(outcome for outcome in ordered if isinstance(outcome, FlightResult))
-    failures = tuple(outcome for outcome in ordered if isinstance(outcome, Failure))
-    groups = []
-    passed_over += [Failure(file, "no flight log") for file, _ in files if outcomes[file] is None]
-    by_name = {flight.name: flight for flight in flights}
-    entries = [
-        flight_entry(
-            flight, folder=flight.name, source=str(flight.log.path), key=flight.log.sha256, coverage=summarise(flight)
+    config, progress = config or AnalysisConfig(), progress or silent
+    store = TemporaryStore() if store is None else store if isinstance(store, Store) else open_store(store)
+    found = find(paths, besides=store.folder if isinstance(store, FolderStore) else None)
+    check_choices(found, config)
+    store.prepare()
+    with _alone(store):
+        former = Manifest() if redo else read_manifest(store)
+        records = take_stock(found.sources, former, config, publish, executor)
+        known = {} if redo else _known(records, former, store)
+        began = perf_counter()
+        new = _analyzed(records, known, found, config, store, publish, executor, part_of(progress, 0.0, 0.8))
+        analyzed = perf_counter()
+        records = _settled(records, {**known, **new})
+        flights = _flights(records, {**known, **new})
+        crafts = _crafts(flights, former, config, store, publish, executor, part_of(progress, 0.8, 0.99), redo=redo)
+        manifest = Manifest(
+            software=software(),
+            configuration=configuration(config),
+            logs=tuple(records),
+            crafts=tuple(entry.to_dict() for entry in crafts.entries),
+            passed_over=tuple((each.source, each.reason) for each in found.passed_over),
+            left_out=crafts.left_out,
+            removed=tuple(_removed(former, records)),
+            reported=former.reported,
         )
-        for flight in flights
-    ]
-    kept = [tuple(by_name[entry.name] for entry in craft) for craft in by_craft(entries)]
-    passed_over += [
-        Failure(flight.log.path, "another recording of a flight that is here too, left out of the joint fit")
-        for flight in flights
-        if flight.experiment is not None and flight.position_known and not any(flight in craft for craft in kept)
-    ]
-    crafts = sorted((craft for craft in kept if len(craft) > 1), key=len, reverse=True)
-    start, whole = share * len(files), 0.99 - share * len(files)
-    for number, craft in enumerate(crafts):
-        name = craft_name(craft[0].log.vehicle)
-
-        def report_group(stage: str, fraction: float, number: int = number, name: str = name) -> None:
-            progress(f"{name}, jointly: {stage}", start + whole * (number + fraction) / len(crafts))
-
-        groups.append(analyze_group(craft, config, overall(report_group), executor))
+        unwritten = _write(manifest, store)
     return FleetResult(
         flights=flights,
-        failures=failures,
-        groups=tuple(groups),
+        groups=crafts.entries,
+        failures=(*found.failures, *_in_state(records, "failed", "interrupted"), *crafts.failures, *unwritten),
         config=config,
-        passed_over=tuple(passed_over),
+        store=store,
+        passed_over=(
+            *found.passed_over,
+            *_in_state(records, "no log"),
+            *(Failure(source, reason) for source, reason in crafts.left_out),
+        ),
+        duplicates=_in_state(records, "duplicate"),
+        removed=tuple(record.as_failure() for record in manifest.removed),
+        reused=len(known),
+        manifest=manifest,
+        timings={"logs": analyzed - began, "crafts": perf_counter() - analyzed},
     )
 
 
-def find_logs(paths: Iterable[str | Path], passed_over: list[Failure] | None = None) -> list[tuple[Path, bool]]:
-    """List the files to analyse: (file, named by the user), each file once, folders searched in order of name.
-
-    Folders that cannot be opened, and given ones that hold no file, are added to `passed_over`.
-    """
-    found: dict[Path, bool] = {}
-    unused: list[Failure] = []
-
-    def closed(error: OSError) -> None:
-        unused.append(Failure(Path(error.filename), f"cannot be opened: {error.strerror}"))
-
-    for path in map(Path, paths):
-        if path.is_dir():
-            before = len(found), len(unused)
-            for folder, folders, files in os.walk(path, onerror=closed):
-                folders[:] = sorted(name for name in folders if not name.startswith("."))
-                for name in sorted(files):
-                    file = Path(folder) / name
-                    if not name.startswith(".") and file.is_file() and file not in found:
-                        found[file] = False
-            if before == (len(found), len(unused)):
-                unused.append(Failure(path, "holds no further files"))
-        else:
-            found[path] = True
-    if passed_over is not None:
-        passed_over += unused
-    return list(found.items())
-
-
-def flight_names(files: Sequence[Path]) -> dict[Path, str]:
-    """Name each flight after its file; where that is not unique, with the ending and a number."""
-    names: dict[Path, str] = {}
-    taken: set[str] = set()
-    stems = [file.stem.casefold() for file in files if file.suffix.lower() in LOG_SUFFIXES]
-    for file in files:
-        base = printable(file.stem if stems.count(file.stem.casefold()) <= 1 else file.name)
-        name, number = base, 1
-        while name.casefold() in taken:
-            number += 1
-            name = f"{base} ({number})"
-        taken.add(name.casefold())
-        names[file] = name
-    return names
-
-
-def analyze_one(
-    file: Path, config: AnalysisConfig, name: str, named: bool, progress: Progress | None = None
-) -> FlightResult | Failure | None:
-    """Analyse one log of several; whatever goes wrong stays with this log.
-
-    Returns
-    -------
-    FlightResult, Failure or None
-        None for a file that was merely found in a folder and neither looks nor is called like a log.
-    """
-    try:
-        return analyze(file, config, progress, name=name)
-    except LogError as error:
-        return Failure(file, str(error)) if named or _called_a_log(file) else None
-    except RotoridError as error:
-        return Failure(file, str(error))
-    except OSError as error:
-        return Failure(file, f"cannot be read: {error.strerror or error}")
-    except Exception as error:
-        _LOG.exception("unexpected error analysing %s", file)
-        return Failure(file, f"unexpected {type(error).__name__}: {error} (a bug in rotorid; please report it)")
-
-
-def _called_a_log(file: Path) -> bool:
-    """Tell whether the ending promises a log, packed (``flight.bin.gz``) or not."""
-    name = Path(file.stem) if file.suffix.lower() in PACKED_SUFFIXES else file
-    return name.suffix.lower() in LOG_SUFFIXES
-
-
-def analyze_group(
-    flights: Sequence[FlightResult],
-    config: AnalysisConfig,
-    progress: Progress | None = None,
-    executor: Executor | None = None,
-) -> GroupResult:
-    """Identify one craft from some of its flights jointly and judge the model on the others.
-
-    Parameters
-    ----------
-    flights : sequence of FlightResult
-        Of one craft, each with an experiment.
-    config : AnalysisConfig
-    progress : callable, optional
-    executor : concurrent.futures.Executor, optional
-        Where each kind of model is fitted, in one call; in this thread when not given.
-    """
-    training, held_out, split = choose_training(flights, config)
-    stages = Stages(progress or silent, config.time_limit * len(flights))
-    models = _identify_all(training, held_out, config, stages, executor)
-    ordered = [models[kind.key] for kind in KINDS]
-    flown = _cut(training, THRUST_KEY)
-    thrust = _thrust(flown, config, stages) if flown else None
-    if thrust is None:
-        stages.missing.setdefault("thrust", models[THRUST_KEY].missing)
-    findings = thrust.findings if thrust is not None else ()
-    parameters = compare_parameters(_cut(training, RIGID_BODY_KEY), ordered, config, stages)
-    return GroupResult(
-        name=craft_name(flights[0].log.vehicle),
-        vehicle=flights[0].log.vehicle,
-        training=tuple(flight.name for flight in training),
-        held_out=tuple(flight.name for flight in held_out),
-        split=split,
-        models=tuple(ordered),
-        thrust=thrust,
-        parameters=parameters,
-        findings=(*findings, *stages.findings),
-        missing=stages.missing,
-        timings=stages.timings,
-    )
-
-
-def _identify_all(
-    training: Sequence[FlightResult],
-    held_out: Sequence[FlightResult],
-    config: AnalysisConfig,
-    stages: Stages,
-    executor: Executor | None,
-) -> dict[str, ModelResult]:
-    """Identify every kind of model, side by side where there is an executor; by the kind's key."""
-    models: dict[str, ModelResult] = {}
-    jobs: dict[Future[tuple[ModelResult, Stages]], Kind] = {}
-    for kind in KINDS:
-        records, judges = _cut(training, kind.key), _cut(held_out, kind.key)
-        if not records:
-            models[kind.key] = _without(kind, _no_records(kind, training))
-            continue
-        if executor is not None:
-            try:
-                jobs[executor.submit(_identify_alone, kind, records, judges, config, stages.time_limit)] = kind
-            except BrokenExecutor:  # a log has killed a worker: the joint fit need not go with it
-                executor = None
-        if executor is None:
-            models[kind.key] = identify(kind, records, judges, config, stages)
-    for job in as_completed(jobs):
-        kind = jobs[job]
-        try:
-            models[kind.key], own = job.result()
-        except Exception as error:  # the worker died, or its result could not come back
-            _LOG.exception("fitting %s jointly failed", kind.key)
-            models[kind.key] = _without(kind, f"the worker process failed: {type(error).__name__}: {error}")
-        else:
-            stages.take(own)
-        stages.progress(kind.key, 1.0)
-    return models
-
-
-def _without(kind: Kind, reason: str) -> ModelResult:
-    return ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=reason)
-
-
-def _cut(flights: Sequence[FlightResult], key: str) -> list[sysid.Experiment]:
-    """Gather the records of flights as a kind of model needs them, of those flights that have one."""
-    return [flight.experiments[key] for flight in flights if key in flight.experiments]
-
-
-def _identify_alone(
-    kind: Kind,
-    records: Sequence[sysid.Experiment],
-    judges: Sequence[sysid.Experiment],
-    config: AnalysisConfig,
-    time_limit: float,
-) -> tuple[ModelResult, Stages]:
-    """Identify in a process of its own; progress is not heard there."""
-    stages = Stages(silent, time_limit)
-    return identify(kind, records, judges, config, stages), stages
-
-
-def _thrust(records: Sequence[sysid.Experiment], config: AnalysisConfig, stages: Stages) -> sysid.ThrustModel | None:
-    return stages.run("thrust", lambda _: sysid.fit_thrust(records, mass=config.mass))
-
-
-def _no_records(kind: Kind, training: Sequence[FlightResult]) -> str:
-    """Say why there is nothing to fit a kind of model to."""
-    if not training:
-        return "none of its flights was chosen for training"
-    alone = (result.missing for flight in training for result in flight.models if result.key == kind.key)
-    return next((reason for reason in alone if reason), "no training flight has its inputs")
-
-
-def choose_training(
-    flights: Sequence[FlightResult], config: AnalysisConfig
-) -> tuple[list[FlightResult], list[FlightResult], str]:
-    """Divide a craft's flights into those to fit and those to judge, and say how it was done."""
-    if config.training:
-        training = [flight for flight in flights if _chosen(flight.name, config.training)]
-        split = "training flights were named by the user; all others judge"
-    else:
-        training = list(flights[::2])
-        split = "every second flight in order of name trains, the others judge"
-    return training, [flight for flight in flights if flight not in training], split
-
-
-def check_training(names: Iterable[str], config: AnalysisConfig) -> None:
-    """Refuse names of training flights that no log has: before the work, not after it.
+def check_choices(found: Found, config: AnalysisConfig) -> None:
+    """Refuse names of flights that no log has: before the work, not after it.
 
     Raises
     ------
     ConfigError
     """
-    names = list(names)
-    for pattern in config.training:
-        if not any(_chosen(name, [pattern]) for name in names):
-            some = ", ".join(names[:MOST_NAMED]) + (", …" if len(names) > MOST_NAMED else "")
-            raise ConfigError(f"no log is called {pattern!r}, as --training has it; the logs are {some or 'none'}")
+    names = [PurePath(source.file).stem for source in found.sources]
+    for option, patterns in (("--training", config.training), ("--validation", config.validation)):
+        for pattern in patterns:
+            fits = (fnmatch(name.casefold(), pattern.casefold()) for name in (*names, *(s.file for s in found.sources)))
+            if not any(fits):
+                some = ", ".join(names[:MOST_NAMED]) + (", …" if len(names) > MOST_NAMED else "")
+                _refuse(f"no log is called {pattern!r}, as {option} has it; the logs are {some or 'none'}")
 
 
-def _chosen(name: str, patterns: Iterable[str]) -> bool:
-    return any(fnmatch(name.casefold(), pattern.casefold()) for pattern in patterns)
+def _refuse(reason: str) -> None:
+    # Imported here: errors come from logparse, which an unchanged folder must not wait for.
+    from pipeline.errors import ConfigError
+
+    raise ConfigError(reason)
+
+
+@contextmanager
+def _alone(store: Store) -> Iterator[None]:
+    """Keep other runs out."""
+    try:
+        lock = store.locked()
+        lock.__enter__()
+    except BlockingIOError:
+        _refuse(f"another run of rotorid writes to {store.url}; wait for it or choose another --out")
+    try:
+        yield
+    finally:
+        lock.__exit__(None, None, None)
+
+
+def _known(records: Sequence[LogRecord], former: Manifest, store: Store) -> dict[str, Outcome]:
+    """Give what is in the store already, by URL: entries of flights, and why other logs have none."""
+    last = {record.url: record for record in former.logs if record.state in ("failed", "no log") and record.key}
+    known: dict[str, Outcome] = {}
+    others = []
+    for record in records:
+        before = last.get(record.url)
+        if before is not None and before.key == record.key:
+            known[record.url] = before.as_failure() if before.state == "failed" else None
+        elif record.key:
+            others.append(record)
+
+    def entry(record: LogRecord) -> FlightEntry | None:
+        facts = store.read_json(f"{FLIGHTS}/{record.folder}/{ENTRY}")
+        if facts is None or facts.get("key") != record.key:
+            return None
+        return FlightEntry.from_dict({**facts, "source": record.url})
+
+    with ThreadPoolExecutor(READERS) as readers:
+        found = zip(others, readers.map(entry, others), strict=True)
+        return known | {record.url: each for record, each in found if each is not None}
+
+
+def _analyzed(
+    records: Sequence[LogRecord],
+    known: Mapping[str, Outcome],
+    found: Found,
+    config: AnalysisConfig,
+    store: Store,
+    publish: Publish | None,
+    executor: Executor | None,
+    progress: Progress,
+) -> dict[str, Outcome]:
+    """Analyse what is not known, side by side where there is an executor; by URL."""
+    new = [record for record in records if record.key and record.url not in known]
+    if not new:
+        return {}
+    from pipeline.job import Job
+    from pipeline.manifest import of_one_flight
+
+    sources = {source.url: source for source in found.sources}
+    jobs = [
+        Job(
+            source=sources[record.url],
+            name=record.name,
+            folder=record.folder,
+            key=record.key,
+            config=of_one_flight(config),
+            store=store.url,
+            publish=publish,
+        )
+        for record in new
+    ]
+    outcomes: dict[str, Outcome] = {}
+    full = ""
+
+    def wanted() -> Iterator[Job]:
+        """Give jobs as long as their results can be stored."""
+        for job in jobs:
+            if full:
+                return
+            watch.begin(job.source.file)
+            yield job
+
+    watch = Watch(progress, {job.source.file: job.source.size for job in jobs}, len(known), executor)
+    for job, outcome in _done(wanted(), executor, watch):
+        outcomes[job.source.url] = outcome
+        watch.end(job.source.file)
+        if isinstance(outcome, Failure) and outcome.full:
+            full = outcome.reason
+    for job in jobs:
+        outcomes.setdefault(job.source.url, Failure(job.source.url, f"was not begun, since of another log {full}"))
+    return outcomes
+
+
+def _done(jobs: Iterator[Job], executor: Executor | None, watch: Watch) -> Iterator[tuple[Job, Outcome]]:
+    """Give each job with its outcome as it ends."""
+    from pipeline.job import run
+
+    if executor is None:
+        for job in jobs:
+            yield job, run(job, watch.within(job.source.file))
+        return
+    from pipeline.executors import as_done
+
+    for job, future in as_done(executor, run, jobs):
+        try:
+            yield job, future.result()
+        except Exception as error:  # the worker died, or its result could not come back
+            _LOG.exception("analysing %s failed", job.source.url)
+            yield job, Failure(job.source.url, f"the worker process failed: {type(error).__name__}: {error}")
+
+
+def _settled(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> list[LogRecord]:
+    """Note what became of every file."""
+    settled = [_with(record, outcomes[record.url]) if record.url in outcomes else record for record in records]
+    junk = {record.url: record for record in settled if record.state == "no log"}
+    # A copy of what is no log is none either.
+    return [
+        replace(record, state="no log", reason=junk[record.original].reason) if record.original in junk else record
+        for record in settled
+    ]
+
+
+def _with(record: LogRecord, outcome: Outcome) -> LogRecord:
+    if isinstance(outcome, FlightEntry):
+        return replace(record, state="analysed")
+    if outcome is None:
+        return replace(record, state="no log", reason="no flight log", folder="")
+    return replace(record, state="failed" if outcome.lasting else "interrupted", reason=outcome.reason, folder="")
+
+
+def _flights(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> tuple[FlightEntry, ...]:
+    ordered = (outcomes.get(record.url) for record in records)
+    return tuple(outcome for outcome in ordered if isinstance(outcome, FlightEntry))
+
+
+def _crafts(
+    flights: Sequence[FlightEntry],
+    former: Manifest,
+    config: AnalysisConfig,
+    store: Store,
+    publish: Publish | None,
+    executor: Executor | None,
+    progress: Progress,
+    *,
+    redo: bool,
+) -> Crafts:
+    """Identify every craft of several flights jointly, unless that was done with these flights."""
+    from pipeline.crafts import Crafts, identify_crafts, stands
+
+    before = tuple(GroupEntry.from_dict(craft) for craft in former.crafts)
+    unchanged = (
+        {record.key for record in former.logs if record.state == "analysed"} == {flight.key for flight in flights}
+        and former.configuration == configuration(config)
+        and former.software == software()
+    )
+    if unchanged and not redo and all(stands(store, craft) for craft in before):
+        return Crafts(entries=before, left_out=former.left_out)
+    return identify_crafts(flights, config, store, publish, executor, progress, redo=redo)
+
+
+def _in_state(records: Sequence[LogRecord], *states: str) -> tuple[Failure, ...]:
+    return tuple(record.as_failure() for record in records if record.state in states)
+
+
+def _removed(former: Manifest, records: Sequence[LogRecord]) -> Iterator[LogRecord]:
+    """List logs of former runs that are not among the inputs any more but whose products are still there."""
+    urls, folders = {record.url for record in records}, {record.folder for record in records}
+    for record in (*former.logs, *former.removed):
+        if record.state in ("analysed", "removed") and record.url not in urls and record.folder not in folders:
+            yield replace(record, state="removed", reason=f"its products are kept in {FLIGHTS}/{record.folder}")
+
+
+def _write(manifest: Manifest, store: Store) -> tuple[Failure, ...]:
+    """Write the manifest; where that fails all else stands nevertheless."""
+    try:
+        manifest.write(store)
+    except OSError as error:
+        return (Failure(store.url, f"the manifest could not be written: {error.strerror or error}"),)
+    return ()

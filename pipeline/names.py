@@ -1,6 +1,9 @@
 """Names of files as text that every page, table and terminal can take, and as folders that every file system can."""
 
 import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path, PurePosixPath
+from urllib.parse import urlsplit
 
 
 def printable(text: str) -> str:
@@ -14,14 +17,39 @@ def printable(text: str) -> str:
         return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def folder_names(names: list[str]) -> dict[str, str]:
-    """Give every flight a folder name that any file system takes, unique without regard to case."""
-    folders: dict[str, str] = {}
+def is_url(place: str | Path) -> bool:
+    """Tell a URL from a path; one letter before the colon is a drive of Windows."""
+    return not isinstance(place, Path) and "://" in place and len(urlsplit(place).scheme) > 1
+
+
+def file_name(url: str) -> str:
+    """Give the last part of a path or URL, as text that can be shown."""
+    return printable(PurePosixPath(urlsplit(url).path).name if is_url(url) else Path(url).name)
+
+
+def folder_names(names: Iterable[str], known: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Give every flight a folder name that any file system takes, unique without regard to case.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of flights.
+    known : mapping of str to str, optional
+        Folders that flights have already, by name; they keep them.
+    """
+    names = list(names)
+    folders = {name: folder for name, folder in (known or {}).items() if name in names}
+    taken = {folder.casefold() for folder in folders.values()}
     for name in names:
+        if name in folders:
+            continue
         base = re.sub(r"[^\w.()+-]+", "_", name).strip("._")[:100] or "flight"
+        if not re.search(r"[^\W\d_]", base):
+            base = f"log_{base}"  # query engines take what looks like a number or a date for one
         folder, number = base, 1
-        while folder.casefold() in (other.casefold() for other in folders.values()):
+        while folder.casefold() in taken:
             number += 1
             folder = f"{base}_{number}"
+        taken.add(folder.casefold())
         folders[name] = folder
-    return folders
+    return {name: folders[name] for name in names}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.config import AnalysisConfig
+from pipeline.names import file_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
     from estimation import Trajectory
     from logparse import Finding, Tables, Vehicle
     from pipeline.coverage import Coverage
+    from pipeline.drift import Drift
+    from pipeline.entry import FlightEntry, GroupEntry
+    from pipeline.envelope import Envelope
+    from pipeline.manifest import Manifest
+    from pipeline.store import Store
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.excitation import Coherence
 
@@ -232,10 +238,28 @@ def horizontal_sigma(trajectory: Trajectory, span: Span | None) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A log that gave nothing, and why, in a sentence for the person who has the log."""
+    """A log that gave nothing, and why, in a sentence for the person who has the log.
 
-    path: Path
+    Attributes
+    ----------
+    source : str
+        Path or URL.
+    reason : str
+    lasting : bool
+        It would be the same again with the same log, settings and software.
+    full : bool
+        Nothing more can be stored.
+    """
+
+    source: str
     reason: str
+    lasting: bool = False
+    full: bool = False
+
+    @property
+    def file(self) -> str:
+        """The file's name, without its folder, as text that can be shown."""
+        return file_name(self.source)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -257,6 +281,10 @@ class GroupResult:
     parameters : PhysicalParameters or None
         By every method, from the training flights.
     findings : tuple of Finding
+    coverage : Envelope or None
+        What the flights covered, and where those that judge leave the range of those fitted.
+    drift : Drift or None
+        The craft's parameters from flight to flight.
     missing : mapping of str to str
         Why there is no ``"thrust"`` and there are no ``"parameters"``.
     timings : mapping of str to float
@@ -271,6 +299,8 @@ class GroupResult:
     models: tuple[ModelResult, ...] = ()
     thrust: ThrustModel | None = None
     parameters: PhysicalParameters | None = None
+    coverage: Envelope | None = None
+    drift: Drift | None = None
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)
@@ -280,12 +310,54 @@ class GroupResult:
 class FleetResult:
     """Several logs: every flight for itself, every craft jointly, and the files that gave nothing.
 
-    What was found but not used, such as files that are no logs and second recordings of a flight, is in `passed_over`.
+    Attributes
+    ----------
+    flights : tuple of FlightEntry
+        In the order in which the logs were found. Their products are in the store.
+    groups : tuple of GroupEntry
+        Crafts with several flights, those with most first.
+    failures : tuple of Failure
+        Logs that gave nothing.
+    config : AnalysisConfig
+    store : Store
+        What has all products.
+    passed_over : tuple of Failure
+        What was found but not used, such as files that are no logs and second recordings of a flight.
+    duplicates : tuple of Failure
+        Copies of logs that were analysed.
+    removed : tuple of Failure
+        Logs of earlier runs that are no longer there; their products are still in the store.
+    reused : int
+        Logs whose products, or whose reason to have none, were in the store already.
+    manifest : Manifest or None
+    timings : mapping of str to float
+        Seconds spent on logs and on crafts in this run.
     """
 
-    flights: tuple[FlightResult, ...]
+    flights: tuple[FlightEntry, ...]
+    groups: tuple[GroupEntry, ...]
     failures: tuple[Failure, ...]
-    groups: tuple[GroupResult, ...]
     config: AnalysisConfig
+    store: Store
     passed_over: tuple[Failure, ...] = ()
+    duplicates: tuple[Failure, ...] = ()
+    removed: tuple[Failure, ...] = ()
+    reused: int = 0
+    manifest: Manifest | None = None
     timings: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def reported(self) -> bool:
+        """Whether the report in the store is of these very products."""
+        if self.manifest is None or self.manifest.reported != self.manifest.identity:
+            return False
+        return {"report.html", "report.json"} <= set(self.store.names(""))
+
+    def confirm_report(self) -> None:
+        """Note in the store that the report was written; OSError where nothing can be written."""
+        if self.manifest is not None:
+            replace(self.manifest, reported=self.manifest.identity).write(self.store)
+
+
+#: ``publish(result, folder)`` writes what people and programs read of a result, as `reports.write` does.
+Publish = Callable[[FlightResult | GroupResult, Path], object]

@@ -28,7 +28,8 @@ ENTRY = "entry.json"
 #: Below the root of a store on a disk: what is being written. The name hides it from query engines.
 SCRATCH = ".scratch"
 
-_LOCK = ".lock"
+#: Which process works on a store on a disk.
+LOCK = ".lock"
 
 
 class Store(ABC):
@@ -190,7 +191,7 @@ class FolderStore(Store):
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Keep other runs out for the time of a ``with``; what a killed run left half-written is removed."""
-        with (self.folder / _LOCK).open("w") as lock:
+        with (self.folder / LOCK).open("w") as lock:
             if sys.platform != "win32":
                 import fcntl
 
@@ -266,7 +267,13 @@ class ObjectStore(Store):
 
     def names(self, path: str) -> list[str]:
         """List what is directly below a prefix."""
-        return sorted({PurePosixPath(name).parts[0] for name in self._below(path)})
+        try:
+            with as_os_error():
+                self._files.invalidate_cache()
+                found = self._files.ls(str(self._root / path), detail=False)
+        except FileNotFoundError:
+            return []
+        return sorted(PurePosixPath(each).name for each in found)
 
     def _below(self, path: str) -> list[str]:
         try:

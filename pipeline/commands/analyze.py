@@ -1,8 +1,8 @@
 """``rotorid analyze``: logs to models and a report."""
 
 import json
-import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,17 +13,30 @@ from pipeline.commands.output import console, prepare
 from pipeline.config import AnalysisConfig
 
 if TYPE_CHECKING:
+    from pipeline.results import Failure
+    from pipeline.sources import Found, Source
     from reports.rows import Numbers
 
 _DEFAULT = AnalysisConfig()
 
+#: What workers import once for all: analyses and the writing of their products.
+PRELOAD = ("pipeline.executors", "pipeline.job", "pipeline.joint", "reports.folder")
+
 
 def analyze(
     paths: Annotated[
-        list[Path],
-        typer.Argument(exists=True, help="Logs (.bin, .log, .tlog, .ulg, told by content) and folders of logs."),
+        list[str],
+        typer.Argument(
+            help="Logs (.bin, .log, .tlog, .ulg, told by content), folders of logs, and URLs of either (s3://...)."
+        ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for report.html, report.json, models.json and rmse.csv.")],
+    out: Annotated[
+        str,
+        typer.Option(
+            help="Folder or URL for report.html, report.json and all else that is made. Of several logs it also keeps "
+            "what is done: the same command again does only what is new or changed, or was interrupted."
+        ),
+    ],
     rate: Annotated[
         float,
         typer.Option(help="Samples per second of the fit. Autopilots log motor outputs at 10 Hz; more adds nothing."),
@@ -40,8 +53,12 @@ def analyze(
         list[str] | None,
         typer.Option(
             help="Name (or pattern such as 'paper0[1-3]') of a flight to fit on; all others judge. "
-            "May be given several times. Default: every second flight."
+            "May be given several times. Default: half of them, chosen alike by place, day and excitation."
         ),
+    ] = None,
+    validation: Annotated[
+        list[str] | None,
+        typer.Option(help="Name (or pattern) of a flight to judge on, likewise. Default: all that do not train."),
     ] = None,
     training_fraction: Annotated[
         float, typer.Option(help="Of a single flight, the part to fit on; the rest judges.")
@@ -57,8 +74,14 @@ def analyze(
         float, typer.Option(help="Seconds after which a fit of one log is given up.")
     ] = _DEFAULT.time_limit,
     jobs: Annotated[
-        int | None, typer.Option(min=1, help="Logs analysed at the same time. Default: one for each processor.")
+        int | None,
+        typer.Option(
+            min=1, help="Logs analysed at the same time. Default: one for each processor, as far as memory goes."
+        ),
     ] = None,
+    redo: Annotated[
+        bool, typer.Option("--redo", help="Analyse all logs anew, also those whose results are in --out already.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Write report.json to stdout instead of the table.")] = False,
 ) -> None:
     """Read logs, reconstruct the flights, fit models and judge them on flight time that they have not seen.
@@ -76,73 +99,136 @@ def analyze(
         zeros=zeros,
         mass=mass,
         training=tuple(training or ()),
+        validation=tuple(validation or ()),
         training_fraction=training_fraction,
         scan_orders=scan_orders,
         time_limit=time_limit,
     )
-    from concurrent.futures import Executor
+    from pipeline.fleet import check_choices
+    from pipeline.sources import find
 
+    found = find(_existing(paths))
+    _require_files(found, paths)
+    check_choices(found, config)
+    prepare(out)
+    if len(found.sources) == 1 and found.sources[0].named and not (config.training or config.validation):
+        _one_log(found.sources[0], Path(out), config, as_json)
+    else:
+        _several_logs(paths, found, out, config, jobs, redo, as_json)
+
+
+def _existing(paths: Sequence[str]) -> Sequence[str]:
+    from pipeline.names import is_url
+
+    missing = [path for path in paths if not is_url(path) and not Path(path).exists()]
+    if missing:
+        from pipeline.errors import ConfigError
+
+        raise ConfigError(f"{', '.join(missing)}: no such file or folder")
+    return paths
+
+
+def _require_files(found: "Found", paths: Sequence[str]) -> None:
+    if not found.sources and not found.failures:
+        from pipeline.errors import ConfigError
+
+        closed = (f"{each.source}: {each.reason}" for each in found.passed_over)
+        raise ConfigError(f"no files in {', '.join(paths)} ({'; '.join(closed)})")
+
+
+def _one_log(source: "Source", out: Path, config: AnalysisConfig, as_json: bool) -> None:
+    """Analyse a log anew and write its report."""
     import pipeline
     import reports
-    from pipeline import workers
-    from pipeline.errors import ConfigError
-    from pipeline.fleet import check_training, find_logs, flight_names
     from pipeline.progress import shown
-    from pipeline.stages import STAGES, overall
-    from reports import terminal
-    from reports.numbers import numbers_of
+    from pipeline.sources import fetched
+    from pipeline.stages import overall
+    from reports.numbers import flight_numbers
 
-    single = len(paths) == 1 and paths[0].is_file() and not config.training
-    logs = [file for file, _ in find_logs(paths)]
-    if not logs:
-        raise ConfigError(f"no files in {', '.join(map(str, paths))}")
-    check_training(flight_names(logs).values(), config)
-    prepare(out)
-    result: pipeline.FlightResult | pipeline.FleetResult
-    with shown() as progress:
-        if single:
-            advance = overall(progress)
-            result = pipeline.analyze(paths[0], config, advance)
-            advance("report", 0.0)
-        else:
-            executor: Executor | None
-            with workers.pool(min(jobs or os.cpu_count() or 1, len(logs))) as executor:
-                result = pipeline.analyze_fleet(paths, config, executor, progress)
-            progress(STAGES["report"].title, 0.99)
-        report: Path | None
+    with shown() as progress, fetched(source.url) as file:
+        advance = overall(progress)
+        result = pipeline.analyze(file, config, advance)
+        advance("report", 0.0)
         try:
-            report = reports.write(result, out, share_script=True)
+            report = reports.write(result, out)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
-            report, unwritten = None, error
+            _show(flight_numbers(result), "", as_json)
+            fail(f"the report could not be written: {error.filename or out}: {error.strerror}", SOME_FAILED)
     # What was written need not be gathered again.
-    numbers = numbers_of(result) if report is None else json.loads((out / "report.json").read_text("utf-8"))
-    failed = _print_analysis(numbers, report, as_json)
-    if report is None:
-        fail(f"the report could not be written: {unwritten.filename or out}: {unwritten.strerror}", SOME_FAILED)
-    modelless = terminal.no_model(numbers)
-    if modelless:
-        fail(modelless, SOME_FAILED)
-    raise typer.Exit(SOME_FAILED if failed else OK)
+    numbers = json.loads((out / "report.json").read_text("utf-8"))
+    _show(numbers, str(report), as_json)
+    _end(numbers, ())
 
 
-def _print_analysis(numbers: "Numbers", report: Path | None, as_json: bool) -> bool:
-    """Print what was found; the reasons of failed logs go to stderr. Tell whether any failed."""
-    from rich.console import Console
+def _several_logs(
+    paths: Sequence[str],
+    found: "Found",
+    out: str,
+    config: AnalysisConfig,
+    jobs: int | None,
+    redo: bool,
+    as_json: bool,
+) -> None:
+    """Analyse what is new among logs and write the report on all, unless it stands already."""
+    import pipeline
+    import reports
+    from pipeline import executors
+    from pipeline.progress import shown
 
+    sizes = [source.size for source in found.sources if source.named or source.called_a_log]
+    with shown() as progress, executors.processes(jobs, sizes, PRELOAD) as executor:
+        fleet = pipeline.analyze_fleet(paths, config, executor, progress, store=out, publish=reports.publish, redo=redo)
+        try:
+            if not fleet.reported:
+                progress("writing the report", 0.99)
+                reports.write_fleet(fleet)
+                fleet.confirm_report()
+        except OSError as error:
+            _list_failures(fleet.failures)
+            kept = "what is done is kept; make room and run the same command again"
+            fail(f"the report could not be written: {error.strerror or error}; {kept}", SOME_FAILED)
+    numbers = json.loads(fleet.store.read("report.json"))
+    _show(numbers, f"{out.rstrip('/')}/report.html", as_json)
+    if not as_json and fleet.reused:
+        console().print(f"{fleet.reused} of {len(found.sources)} files were unchanged and not read again.", style="dim")
+    _end(numbers, fleet.failures)
+
+
+def _show(numbers: "Numbers", report: str, as_json: bool) -> None:
+    """Print what was found."""
     from pipeline.names import printable
     from reports import terminal
 
     if as_json:
         sys.stdout.write(json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
-    else:
-        stdout = console()
-        stdout.print(terminal.overview(numbers, stdout.width))
-        if report is not None:
-            stdout.print(f"\nReport: {printable(str(report))}", markup=False, soft_wrap=True)
-    failures = list(terminal.failures(numbers))
-    if failures:
-        errors = Console(stderr=True, highlight=False, soft_wrap=True)
-        errors.print(f"\n{len(failures)} log{'s' if len(failures) > 1 else ''} gave nothing:", style="red")
-        for line in failures:
-            errors.print(f"  {line}", markup=False, soft_wrap=True)
-    return bool(failures)
+        return
+    stdout = console()
+    stdout.print(terminal.overview(numbers, stdout.width))
+    if report:
+        stdout.print(f"\nReport: {printable(report)}", markup=False, soft_wrap=True)
+
+
+def _end(numbers: "Numbers", failures: "Sequence[Failure]") -> None:
+    """End with the status that the findings deserve."""
+    from reports import terminal
+
+    _list_failures(failures)
+    modelless = terminal.no_model(numbers)
+    if modelless:
+        fail(modelless, SOME_FAILED)
+    raise typer.Exit(SOME_FAILED if failures else OK)
+
+
+def _list_failures(failures: "Sequence[Failure]") -> None:
+    """Name each log that gave nothing on stderr, with its reason."""
+    if not failures:
+        return
+    from rich.console import Console
+
+    from pipeline.names import printable
+
+    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    errors.print(f"\n{len(failures)} log{'s' if len(failures) > 1 else ''} gave nothing:", style="red")
+    for each in failures:
+        line = each.reason if each.reason.startswith(each.file) else f"{each.file}: {each.reason}"
+        errors.print(f"  {printable(line)}", markup=False, soft_wrap=True)

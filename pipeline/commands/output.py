@@ -15,17 +15,19 @@ def console() -> "Console":
     return Console(highlight=False, width=None if sys.stdout.isatty() else 120)
 
 
-def prepare(folder: Path) -> None:
+def prepare(out: str | Path) -> None:
     """Make the folder for the results and try to write there: before the work, not after it."""
-    from tempfile import TemporaryFile
-
     from pipeline.errors import ConfigError
+    from pipeline.store import open_store
 
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
-            pass
+        open_store(out).prepare()
     except FileExistsError as error:
-        raise ConfigError(f"--out {folder} is a file; choose a folder") from error
-    except OSError as error:
-        raise ConfigError(f"--out {folder}: nothing can be written there: {error.strerror or error}") from error
+        raise ConfigError(f"--out {out} is a file; choose a folder") from error
+    except (
+        OSError,
+        ValueError,
+        ImportError,
+    ) as error:  # the latter: fsspec knows no such protocol, or lacks its library
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"--out {out}: nothing can be written there: {reason}") from error

@@ -1,116 +1,273 @@
-"""Folders of logs: what is found, what it is called, what trains and what judges."""
+"""Folders of logs: what is done once is kept, what is new is done, and whatever goes wrong costs only itself."""
 
+import errno
+import json
 import os
+import subprocess
+import sys
 from pathlib import Path
-from types import SimpleNamespace
-from unittest import mock
 
 import pytest
 
-from pipeline import AnalysisConfig, ConfigError, analyze_fleet, fleet
-from pipeline.results import Failure
+import reports
+from pipeline import AnalysisConfig, ConfigError, analyze_fleet, job, joint, manifest
+from pipeline import fleet as fleet_module
+from pipeline.dataset import part
+from pipeline.store import FolderStore, open_store
+from tests.pipeline import flown
+
+ROOT = Path(__file__).parents[2]
+CONFIG = AnalysisConfig(poles=1, zeros=0)
 
 
-def test_folders_are_searched_and_named_files_marked(tmp_path):
-    (tmp_path / "day1").mkdir()
-    (tmp_path / ".hidden").mkdir()
-    for name in ("b.bin", "day1/a.bin", ".hidden/c.bin", ".d.bin"):
-        (tmp_path / name).write_bytes(b"")
-    named = tmp_path / "b.bin"
-    found = fleet.find_logs([named, tmp_path, named])
-    assert found == [(named, True), (tmp_path / "day1" / "a.bin", False)]
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch):
+    monkeypatch.setattr(job, "analyze", flown.analyze)
+    monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
+    of_software(monkeypatch, "0.1.0")
 
 
-def test_links_in_a_circle_do_not_hang(tmp_path):
-    (tmp_path / "a.bin").write_bytes(b"")
-    (tmp_path / "again").symlink_to(tmp_path)
-    (tmp_path / "nowhere.bin").symlink_to(tmp_path / "missing")
-    assert [file.name for file, _ in fleet.find_logs([tmp_path])] == ["a.bin"]
+def of_software(monkeypatch, version):
+    """Fix what the products are made with: somebody may edit the sources while the tests run."""
+    for module in (manifest, fleet_module):
+        monkeypatch.setattr(module, "software", lambda: {"rotorid": version})
 
 
-def test_flights_are_named_after_files_uniquely():
-    files = [Path(name) for name in ("a/x.BIN", "a/x.tlog", "a/x.json", "b/y.bin", "c/Y.bin", "z.bin")]
-    names = fleet.flight_names(files)
-    assert [names[file] for file in files] == ["x.BIN", "x.tlog", "x.json", "y.bin", "Y.bin (2)", "z"]
+@pytest.fixture
+def logs(tmp_path):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    for number in (1, 2, 3):
+        (folder / f"octa{number}.bin").write_text(f"octa {number}")
+    (folder / "quad.bin").write_text("quad 4")
+    return folder
 
 
-def test_names_are_printable_whatever_bytes_they_are_made_of():
-    (name,) = fleet.flight_names([Path("a/bad\udcff\udcfename.bin")]).values()
-    assert name == r"bad\xff\xfename"
+def run(folder, out, config=CONFIG, **named):
+    """Analyse a folder; give the result, and the flights that were analysed for it."""
+    flown.ANALYZED.clear()
+    fleet = analyze_fleet([folder], config, store=out, **named)
+    return fleet, list(flown.ANALYZED)
 
 
-def some(*names):
-    return [SimpleNamespace(name=name) for name in names]
+def fitted(fleet):
+    return [group.name for group in fleet.groups if group.result is not None]
 
 
-def test_every_second_flight_trains_unless_the_user_says():
-    training, held_out, split = fleet.choose_training(some("a", "b", "c"), AnalysisConfig())
-    assert [[flight.name for flight in part] for part in (training, held_out)] == [["a", "c"], ["b"]]
-    assert "every second" in split
-    config = AnalysisConfig(training=("PAPER0[12]",))
-    training, held_out, split = fleet.choose_training(some("paper01", "paper02", "paper03"), config)
-    assert [flight.name for flight in training] == ["paper01", "paper02"]
-    assert "by the user" in split
+def test_a_second_run_does_nothing_and_finds_the_same(logs, tmp_path):
+    out = tmp_path / "out"
+    first, analyzed = run(logs, out)
+    assert sorted(analyzed) == ["octa1", "octa2", "octa3", "quad"]
+    assert fitted(first) == ["ArduCopter quad plus"]
+    assert {*first.groups[0].training, *first.groups[0].held_out} == {"octa1", "octa2", "octa3"}
+    second, analyzed = run(logs, out)
+    assert analyzed == []
+    assert fitted(second) == []
+    assert second.reused == 4
+    assert second.flights == first.flights
+    assert second.groups == first.groups
+    assert second.manifest == first.manifest
+    third, analyzed = run(logs, out, redo=True)
+    assert len(analyzed) == 4
+    assert fitted(third)
 
 
-def test_junk_in_a_folder_is_passed_over_but_broken_logs_are_named(tmp_path):
-    (tmp_path / "notes.txt").write_text("not a log")
-    (tmp_path / "empty.bin").write_bytes(b"")
-    (tmp_path / "prose.log").write_text("dear diary,\n" * 100)
-    result = analyze_fleet([tmp_path])
-    assert [failure.path.name for failure in result.failures] == ["empty.bin", "prose.log"]
-    assert "empty" in result.failures[0].reason
-    assert not result.flights
-    assert [unused.path.name for unused in result.passed_over] == ["notes.txt"]
+def test_only_what_is_new_or_changed_is_done(logs, tmp_path):
+    out = tmp_path / "out"
+    run(logs, out)
+    (logs / "quad2.bin").write_text("quad 5")
+    fleet, analyzed = run(logs, out)
+    assert analyzed == ["quad2"]
+    assert fitted(fleet) == ["ArduCopter quad plus"], "a craft is fitted again only when its flights are others"
+    assert len(fleet.groups) == 2
+    (logs / "octa2.bin").write_text("octa 7")
+    fleet, analyzed = run(logs, out)
+    assert analyzed == ["octa2"]
+    assert len(fitted(fleet)) == 1
+    fleet, analyzed = run(logs, out, AnalysisConfig(poles=2, zeros=0))
+    assert len(analyzed) == 5
+    assert len(fitted(fleet)) == 2
+    training = AnalysisConfig(poles=2, zeros=0, training=("octa1", "quad"))
+    fleet, analyzed = run(logs, out, training)
+    assert analyzed == [], "who trains is no matter of single flights"
+    assert fleet.groups[0].training == ("octa1",)
 
 
-def test_nothing_in_a_folder_is_passed_over_without_a_word(tmp_path):
-    (tmp_path / "closed").mkdir()
-    (tmp_path / "void").mkdir()
-    (tmp_path / "a.bin.gz").write_bytes(b"\x1f\x8b damaged")
-    (tmp_path / "b.gz").write_bytes(b"\x1f\x8b damaged")
-    scandir = os.scandir
-
-    def guarded(path):
-        if Path(path).name == "closed":
-            raise PermissionError(13, "Permission denied", str(path))
-        return scandir(path)
-
-    with mock.patch.object(os, "scandir", guarded):
-        result = analyze_fleet([tmp_path, tmp_path / "void"])
-    assert [failure.path.name for failure in result.failures] == ["a.bin.gz"]
-    assert {unused.path.name: unused.reason for unused in result.passed_over} == {
-        "closed": "cannot be opened: Permission denied",
-        "void": "holds no further files",
-        "b.gz": "no flight log",
-    }
+def test_other_software_does_everything_anew(logs, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    run(logs, out)
+    of_software(monkeypatch, "0.2.0")
+    assert len(run(logs, out)[1]) == 4
 
 
-def test_a_named_file_that_is_no_log_is_a_failure_whatever_it_is_called(tmp_path):
-    path = tmp_path / "notes.txt"
-    path.write_text("not a log")
-    assert [failure.path for failure in analyze_fleet([path]).failures] == [path]
+def test_logs_that_are_gone_leave_the_report_but_not_the_store(logs, tmp_path):
+    out = tmp_path / "out"
+    run(logs, out)
+    (logs / "octa3.bin").rename(tmp_path / "octa3.bin")
+    fleet, analyzed = run(logs, out)
+    assert analyzed == []
+    assert [flight.name for flight in fleet.flights] == ["octa1", "octa2", "quad"]
+    assert [each.file for each in fleet.removed] == ["octa3.bin"]
+    assert [each.file for each in run(logs, out)[0].removed] == ["octa3.bin"], "until it comes back"
+    (tmp_path / "octa3.bin").rename(logs / "octa3.bin")
+    fleet, analyzed = run(logs, out)
+    assert analyzed == []
+    assert fleet.removed == ()
+    assert len(fleet.flights) == 4
 
 
-def test_an_unreadable_file_costs_only_itself(tmp_path):
-    path = tmp_path / "a.bin"
-    path.write_bytes(b"x")
-    with mock.patch.object(fleet, "analyze", side_effect=PermissionError(13, "Permission denied")):
-        outcome = fleet.analyze_one(path, AnalysisConfig(), "a", named=True)
-    assert outcome == Failure(path, "cannot be read: Permission denied")
+def test_logs_may_move_together(logs, tmp_path):
+    out = tmp_path / "out"
+    run(logs, out)
+    logs.rename(tmp_path / "moved")
+    fleet, analyzed = run(tmp_path / "moved", out)
+    assert analyzed == []
+    assert Path(fleet.flights[0].source).parent == tmp_path / "moved"
 
 
-def test_a_bug_in_one_log_costs_only_that_log(tmp_path, caplog):
-    path = tmp_path / "a.bin"
-    path.write_bytes(b"x")
-    with mock.patch.object(fleet, "analyze", side_effect=ZeroDivisionError("division by zero")):
-        outcome = fleet.analyze_one(path, AnalysisConfig(), "a", named=True)
-    assert isinstance(outcome, Failure)
-    assert "bug in rotorid" in outcome.reason
-    assert "Traceback" in caplog.text
+def test_a_flight_that_was_of_another_craft_leaves_no_part_behind(logs, tmp_path):
+    """Query engines read whatever part lies in the dataset."""
+    out = tmp_path / "out"
+    before = run(logs, out)[0].flights[0]
+    old = out / part("experiments", "motors", before.vehicle, before.folder)
+    assert old.is_file()
+    (logs / "octa1.bin").write_text("quad 9")
+    after = run(logs, out)[0].flights[0]
+    assert not old.parent.exists()
+    assert (out / part("experiments", "motors", after.vehicle, after.folder)).is_file()
 
 
-def test_training_flights_that_do_not_exist_are_wrong_usage(tmp_path):
-    (tmp_path / "empty.bin").write_bytes(b"")
-    with pytest.raises(ConfigError, match="paper01"):
-        analyze_fleet([tmp_path], AnalysisConfig(training=("paper01",)))
+def test_junk_is_listed_with_its_reason(logs, tmp_path):
+    (logs / "copy.txt").write_text("broken")
+    (logs / "notes.txt").write_text("broken too")
+    (logs / "torn.bin").write_text("broken")
+    (logs / "z_copy.bin").write_text("octa 1")
+    (logs / "odd.bin").write_text("bug")
+    out = tmp_path / "out"
+    (logs / "more.txt").write_text("broken too")
+    for _ in range(2):  # and again from what is stored
+        fleet, _ = run(logs, out)
+        assert {each.file: each.reason.partition(" (")[0] for each in fleet.failures} == {
+            "torn.bin": "torn.bin is broken",
+            "odd.bin": "unexpected ZeroDivisionError: division by zero",
+        }
+        assert [each.file for each in fleet.passed_over] == ["more.txt", "notes.txt"]
+        assert {each.file: each.reason for each in fleet.duplicates} == {
+            "z_copy.bin": "a copy of logs/octa1.bin",
+            "copy.txt": "a copy of logs/torn.bin",
+        }
+        assert len(fleet.flights) == 4
+    assert fleet.reused == 7
+    named = analyze_fleet([logs / "notes.txt"], CONFIG)
+    assert [each.file for each in named.failures] == ["notes.txt"], "who names a file wants to know"
+
+
+def test_training_flights_that_do_not_exist_are_wrong_usage(logs, tmp_path):
+    for choice in ({"training": ("paper01",)}, {"validation": ("paper01",)}):
+        with pytest.raises(ConfigError, match="paper01"):
+            run(logs, tmp_path / "out", AnalysisConfig(**choice))
+    assert not (tmp_path / "out").exists()
+    run(logs, tmp_path / "out", AnalysisConfig(poles=1, zeros=0, training=("OCTA[12].bin", "quad")))
+
+
+def test_a_killed_run_is_resumed(logs, tmp_path):
+    """The process dies of the third log; what it had done is there, and half of nothing is."""
+    out = tmp_path / "out"
+    (logs / "octa3.bin").write_text("kill")
+    script = (
+        "import sys\nfrom pipeline import AnalysisConfig, analyze_fleet, job, manifest\n"
+        "from tests.pipeline import flown\n"
+        "job.analyze = flown.analyze\n"
+        "manifest.software = lambda: {'rotorid': '0.1.0'}\n"
+        "analyze_fleet([sys.argv[1]], AnalysisConfig(poles=1, zeros=0), store=sys.argv[2])\n"
+    )
+    died = subprocess.run([sys.executable, "-c", script, str(logs), str(out)], cwd=ROOT, check=False, timeout=120)
+    assert died.returncode == -9
+    assert sorted(path.name for path in (out / "flights").iterdir()) == ["octa1", "octa2"]
+    (logs / "octa3.bin").write_text("octa 3")
+    fleet, analyzed = run(logs, out)
+    assert analyzed == ["octa3", "quad"]
+    assert len(fleet.flights) == 4
+    assert not list((out / ".scratch").glob("*"))
+
+
+def test_killed_between_parts_of_the_dataset_a_flight_counts_as_undone(logs, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    run(logs, out)
+    put = FolderStore.put
+
+    def interrupted(self, file, path):
+        if path.startswith("experiments/"):
+            raise KeyboardInterrupt
+        put(self, file, path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(FolderStore, "put", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run(logs, out, AnalysisConfig(poles=2, zeros=0))
+    fleet, analyzed = run(logs, out)
+    assert analyzed == ["octa1"], "its parts may be of either run"
+    assert len(fleet.flights) == 4
+
+
+def test_a_full_disk_keeps_what_is_done_and_names_the_rest(logs, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    commit = FolderStore.commit
+
+    def full(self, folder, path):
+        if path.endswith("octa2"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        commit(self, folder, path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(FolderStore, "commit", full)
+        fleet, _ = run(logs, out)
+    assert [flight.name for flight in fleet.flights] == ["octa1"]
+    reasons = {each.file: each.reason for each in fleet.failures}
+    assert reasons["octa2.bin"] == "its results could not be stored: No space left on device"
+    assert "was not begun" in reasons["octa3.bin"]
+    assert "No space left" in reasons["quad.bin"]
+    fleet, analyzed = run(logs, out)
+    assert analyzed == ["octa2", "octa3", "quad"]
+    assert not fleet.failures
+
+
+def test_a_folder_that_cannot_be_written_is_said_before_the_work(logs, tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(OSError, match="File exists"):
+        run(logs, tmp_path / "out")
+    assert flown.ANALYZED == []
+
+
+def test_another_run_on_the_same_results_is_refused(logs, tmp_path):
+    store = open_store(tmp_path / "out")
+    store.prepare()
+    with store.locked(), pytest.raises(ConfigError, match="another run"):
+        run(logs, tmp_path / "out")
+
+
+def test_nothing_is_left_of_a_run_without_a_store(logs):
+    fleet, _ = run(logs, None)
+    folder = fleet.store.folder
+    assert (folder / "flights" / "octa1" / "entry.json").is_file()
+    del fleet
+    assert not folder.exists()
+
+
+def test_the_report_is_written_again_only_when_something_is_other(logs, tmp_path):
+    out = tmp_path / "out"
+    fleet, _ = run(logs, out, publish=reports.publish)
+    assert not fleet.reported
+    reports.write_fleet(fleet)
+    fleet.confirm_report()
+    assert run(logs, out, publish=reports.publish)[0].reported
+    os.utime(logs / "octa1.bin", ns=(0, 0))
+    assert run(logs, out, publish=reports.publish)[0].reported, "a new date of the same content changes nothing"
+    (logs / "more.bin").write_text("broken")
+    assert not run(logs, out, publish=reports.publish)[0].reported
+    numbers = json.loads((out / "report.json").read_text("utf-8"))
+    assert {flight["name"] for flight in numbers["flights"]} == {"octa1", "octa2", "octa3", "quad"}
+    (out / "report.html").unlink()
+    (logs / "more.bin").unlink()
+    assert not run(logs, out, publish=reports.publish)[0].reported

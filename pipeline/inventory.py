@@ -1,0 +1,156 @@
+"""Files that were found as records of logs: told apart by content, named, and with the keys of their products."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import PurePath
+
+from pipeline.config import AnalysisConfig
+from pipeline.manifest import LogRecord, Manifest, flight_key
+from pipeline.names import file_name, folder_names, is_url, printable
+from pipeline.sources import Source, called_a_log, digest
+
+#: Files that are read at the same time: storage far away answers late.
+READERS = 8
+
+
+def take_stock(
+    sources: Sequence[Source],
+    former: Manifest,
+    config: AnalysisConfig,
+    publish: Callable[..., object] | None,
+    executor: Executor | None = None,
+) -> list[LogRecord]:
+    """Make a record of every file, in the order given.
+
+    Copies have the state ``"duplicate"``, files that cannot be read ``"failed"``; all others have names, folders and
+    keys, and the state ``"interrupted"`` until they are done.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+    former : Manifest
+        Of the last run: files that it knows, and that were not written since, are not read again and keep their names.
+    config, publish
+        What their products are made with, see `flight_key`.
+    executor : Executor, optional
+        Where files behind URLs are read: they need not pass through this computer.
+    """
+    contents = _contents(sources, former, executor)
+    originals = _originals(sources, contents, former)
+    records = []
+    for source in sources:
+        record = LogRecord(url=source.url, size=source.size, modified=source.modified)
+        content = contents[source.url]
+        if isinstance(content, OSError):
+            reason = f"cannot be read: {content.strerror or content}"
+            state = "failed" if source.named or source.called_a_log else "no log"
+            records.append(replace(record, reason=reason, state=state))
+        elif originals.get(content, source.url) != source.url:
+            original = originals[content]
+            # With its folder: copies often have the same name.
+            place = "/".join(PurePath(original).parts[-2:])
+            reason = f"a copy of {printable(place)}"
+            records.append(replace(record, sha256=content, reason=reason, original=original, state="duplicate"))
+        else:
+            records.append(replace(record, sha256=content))
+    return _named(records, former, config, publish)
+
+
+def _contents(sources: Sequence[Source], former: Manifest, executor: Executor | None) -> dict[str, str | OSError]:
+    """Give the SHA-256 of every file, or why it cannot be read."""
+    last = {record.url: record for record in former.logs}
+    contents: dict[str, str | OSError] = {}
+    for source in sources:
+        record = last.get(source.url)
+        if record and record.sha256 and (record.size, record.modified) == (source.size, source.modified):
+            contents[source.url] = record.sha256
+    new = [source.url for source in sources if source.url not in contents]
+    near = [url for url in new if executor is None or not is_url(url)]
+    with ThreadPoolExecutor(READERS) as readers:
+        contents |= zip(near, readers.map(_digest, near), strict=True)
+    if executor is not None and len(near) < len(new):
+        from pipeline.executors import as_done
+
+        for url, future in as_done(executor, _digest, (url for url in new if is_url(url))):
+            try:
+                contents[url] = future.result()
+            except Exception as error:  # the worker died
+                contents[url] = OSError(f"the worker process failed: {type(error).__name__}: {error}")
+    return contents
+
+
+def _digest(url: str) -> str | OSError:
+    try:
+        return digest(url)
+    except OSError as error:
+        return error
+
+
+def _originals(sources: Sequence[Source], contents: Mapping[str, str | OSError], former: Manifest) -> dict[str, str]:
+    """Choose of equal files the one that stands for all, by content.
+
+    The one that was analysed before comes first, then what is called a log.
+    """
+    analyzed = {record.url for record in former.logs if record.state == "analysed"}
+    originals: dict[str, str] = {}
+    for source in sorted(sources, key=lambda each: (each.url not in analyzed, not each.named, not each.called_a_log)):
+        content = contents[source.url]
+        # Empty files are copies of each other only by name.
+        if source.size and isinstance(content, str):
+            originals.setdefault(content, source.url)
+    return originals
+
+
+def _named(
+    records: Sequence[LogRecord], former: Manifest, config: AnalysisConfig, publish: Callable[..., object] | None
+) -> list[LogRecord]:
+    single = [record for record in records if not record.reason]
+    names = flight_names(
+        [record.url for record in single], {record.url: record.name for record in former.logs if record.name}
+    )
+    folders = folder_names(names.values(), {record.name: record.folder for record in former.logs if record.folder})
+    return [
+        record
+        if record.reason
+        else replace(
+            record,
+            name=names[record.url],
+            folder=folders[names[record.url]],
+            key=flight_key(record.sha256, names[record.url], config, publish),
+        )
+        for record in records
+    ]
+
+
+def flight_names(urls: Sequence[str], known: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Name each flight after its file; where that is not unique, with the ending and a number.
+
+    Parameters
+    ----------
+    urls : sequence of str
+        Of the files; those that are called logs have the first choice.
+    known : mapping of str to str, optional
+        Names that flights have already, by URL; they keep them.
+    """
+    names = {url: known[url] for url in urls if url in known} if known else {}
+    taken = {name.casefold() for name in names.values()}
+    stems = Counter(_stem(url).casefold() for url in urls if called_a_log(file_name(url)))
+    for url in sorted(urls, key=lambda each: not called_a_log(file_name(each))):
+        if url in names:
+            continue
+        base = _stem(url) if stems[_stem(url).casefold()] <= 1 else file_name(url)
+        name, number = base, 1
+        while name.casefold() in taken:
+            number += 1
+            name = f"{base} ({number})"
+        taken.add(name.casefold())
+        names[url] = name
+    return names
+
+
+def _stem(url: str) -> str:
+    return PurePath(file_name(url)).stem

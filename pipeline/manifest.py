@@ -1,0 +1,209 @@
+"""What a store holds and of which logs, software and settings it was made: ``manifest.json``.
+
+Products say themselves by their entries what they are of; the manifest spares a second run from reading the logs again,
+and tells people and programs which products are current.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache, partial
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipeline.config import AnalysisConfig
+from pipeline.results import Failure
+from pipeline.store import Store
+
+if TYPE_CHECKING:
+    from logparse import Finding
+    from pipeline.entry import FlightEntry
+    from pipeline.split import Split
+
+MANIFEST = "manifest.json"
+
+#: Where the products of flights and crafts are in the store.
+FLIGHTS, CRAFTS = "flights", "crafts"
+
+#: Rooms whose code has a part in the products of logs and crafts.
+_ROOMS = ("logparse", "estimation", "sysid", "pipeline", "reports")
+
+_SOURCES = (".py", ".html", ".css", ".js", ".json")
+
+#: Libraries that the numbers come from.
+_LIBRARIES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pymap3d", "pygeomag", "pymavlink", "filterpy", "plotly")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogRecord:
+    """What became of one file.
+
+    Attributes
+    ----------
+    url, size, modified
+        As in `pipeline.sources.Source`.
+    sha256 : str
+        Of its content; empty where it could not be read.
+    name : str
+        Of the flight.
+    key : str
+        See `flight_key`.
+    folder : str
+        Below ``flights/``, of a log that was analysed.
+    reason : str
+        Why it gave nothing.
+    original : str
+        Of a copy, the URL of the file that stands for both.
+    state : str
+        ``"analysed"``; ``"failed"``, for good; ``"interrupted"``, to be tried again; ``"no log"``; ``"duplicate"``.
+    """
+
+    url: str
+    size: int
+    modified: int | str
+    sha256: str = ""
+    name: str = ""
+    key: str = ""
+    folder: str = ""
+    reason: str = ""
+    original: str = ""
+    state: str = "interrupted"
+
+    def as_failure(self) -> Failure:
+        """Give the file with its reason."""
+        return Failure(self.url, self.reason)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manifest:
+    """One run over a folder of logs.
+
+    Attributes
+    ----------
+    software, configuration : mapping
+    logs : tuple of LogRecord
+        Every file that was found, in the order of the report.
+    crafts : tuple of mapping
+        Entries of the crafts, see `pipeline.entry.GroupEntry`.
+    passed_over : tuple of (str, str)
+        Whatever else was found and not used, with its reason.
+    left_out : tuple of (str, str)
+        Logs that were analysed but have no part in the joint models, with the reason.
+    removed : tuple of LogRecord
+        Logs of earlier runs that are no longer among the inputs; their products are kept.
+    reported : str
+        `identity` of the run that the report in the store is of; empty before it is written.
+    """
+
+    software: Mapping[str, Any] = field(default_factory=dict)
+    configuration: Mapping[str, Any] = field(default_factory=dict)
+    logs: tuple[LogRecord, ...] = ()
+    crafts: tuple[Mapping[str, Any], ...] = ()
+    passed_over: tuple[tuple[str, str], ...] = ()
+    left_out: tuple[tuple[str, str], ...] = ()
+    removed: tuple[LogRecord, ...] = ()
+    reported: str = ""
+
+    @property
+    def identity(self) -> str:
+        """Equal for runs that found the same and so have the same report."""
+        logs = tuple(replace(record, modified=0) for record in self.logs)
+        return _digest(asdict(replace(self, logs=logs, reported="")))
+
+    def write(self, store: Store) -> None:
+        """Write ``manifest.json``, unless it says the same already."""
+        if read_manifest(store) != self:
+            store.write_json(MANIFEST, asdict(self))
+
+
+def read_manifest(store: Store) -> Manifest:
+    """Read ``manifest.json``; an empty manifest where there is none, or one that this software cannot read."""
+    try:
+        facts = store.read_json(MANIFEST)
+        return Manifest(
+            software=facts["software"],
+            configuration=facts["configuration"],
+            logs=tuple(LogRecord(**record) for record in facts["logs"]),
+            crafts=tuple(facts["crafts"]),
+            passed_over=tuple((place, reason) for place, reason in facts["passed_over"]),
+            left_out=tuple((place, reason) for place, reason in facts["left_out"]),
+            removed=tuple(LogRecord(**record) for record in facts["removed"]),
+            reported=facts["reported"],
+        )
+    except (KeyError, TypeError, ValueError):
+        return Manifest()
+
+
+@cache
+def software() -> dict[str, Any]:
+    """Say which software computes: rotorid with a fingerprint of its sources, and the libraries beneath it."""
+    sources = hashlib.sha256()
+    for room in _ROOMS:
+        # Found and not imported: this must not wait for numerical packages.
+        spec = find_spec(room)
+        if spec is None or spec.origin is None:
+            continue
+        folder = Path(spec.origin).parent
+        for file in sorted(each for each in folder.rglob("*") if each.suffix in _SOURCES):
+            sources.update(f"{room}/{file.relative_to(folder).as_posix()}\0".encode())
+            sources.update(file.read_bytes())
+    return {
+        "rotorid": version("rotorid"),
+        "sources": sources.hexdigest(),
+        "libraries": {name: _version(name) for name in _LIBRARIES},
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def configuration(config: AnalysisConfig) -> dict[str, Any]:
+    """Give settings as JSON has them."""
+    facts: dict[str, Any] = json.loads(json.dumps(asdict(config)))
+    return facts
+
+
+def of_one_flight(config: AnalysisConfig) -> AnalysisConfig:
+    """Give the settings without those that choose among flights and do not touch a single one."""
+    return replace(config, training=(), validation=())
+
+
+def flight_key(sha256: str, name: str, config: AnalysisConfig, publish: Callable[..., object] | None) -> str:
+    """Name the products of a log: equal keys promise equal products."""
+    return _digest([sha256, name, configuration(of_one_flight(config)), software(), _named(publish)])
+
+
+def craft_key(
+    flights: Iterable[FlightEntry],
+    split: Split,
+    findings: Iterable[Finding],
+    config: AnalysisConfig,
+    publish: Callable[..., object] | None,
+) -> str:
+    """Name the products of a craft, from the keys of its flights and what was found of them together."""
+    keys = {flight.name: flight.key for flight in flights}
+    # The choice counts, and not the pattern that made it.
+    made_of = [keys, split.training, split.held_out, split.sentence, [finding.to_dict() for finding in findings]]
+    return _digest([made_of, configuration(of_one_flight(config)), software(), _named(publish)])
+
+
+def _named(function: Callable[..., object] | None) -> Any:
+    """Describe what writes products, so that another one does not pass for it."""
+    if function is None:
+        return None
+    if isinstance(function, partial):
+        return [_named(function.func), repr(function.args), repr(sorted(function.keywords.items()))]
+    return f"{function.__module__}.{getattr(function, '__qualname__', type(function).__qualname__)}"
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, ensure_ascii=True).encode()).hexdigest()

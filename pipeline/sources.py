@@ -1,0 +1,220 @@
+"""What there is to analyse: files in folders and behind URLs, each once, whatever links and copies lie about."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import IO, Any
+from urllib.parse import urlsplit
+
+from pipeline.names import file_name, is_url
+from pipeline.results import Failure
+from pipeline.store import as_os_error
+
+#: Endings that promise a flight log: a file found in a folder is reported as failed only if it has one of them.
+LOG_SUFFIXES = frozenset({".bin", ".log", ".tlog", ".ulg", ".raw"})
+
+#: Endings of packed files, which may stand behind those.
+PACKED_SUFFIXES = frozenset({".gz", ".zip"})
+
+_CHUNK = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A file that may be a log.
+
+    Attributes
+    ----------
+    url : str
+        Absolute path, or URL.
+    named : bool
+        Named by the user; not merely found in a folder.
+    size : int
+        Bytes.
+    modified : int or str
+        When it was written last, ns, or what else its storage marks versions with: with the size it tells, without
+        reading the file, that it is the one of last time.
+    """
+
+    url: str
+    named: bool
+    size: int
+    modified: int | str
+
+    @property
+    def file(self) -> str:
+        """The file's name, without its folder."""
+        return file_name(self.url)
+
+    @property
+    def called_a_log(self) -> bool:
+        """Whether its ending promises a log, packed (``flight.bin.gz``) or not."""
+        return called_a_log(self.file)
+
+
+def called_a_log(file: str) -> bool:
+    """Tell whether the ending of a file promises a log, packed (``flight.bin.gz``) or not."""
+    name = PurePosixPath(file)
+    if name.suffix.lower() in PACKED_SUFFIXES:
+        name = PurePosixPath(name.stem)
+    return name.suffix.lower() in LOG_SUFFIXES
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Files to look into, those that cannot be opened, and what else was passed over, with reasons."""
+
+    sources: tuple[Source, ...]
+    failures: tuple[Failure, ...]
+    passed_over: tuple[Failure, ...]
+
+
+def find(places: Iterable[str | Path], besides: Path | None = None) -> Found:
+    """List the files in places given by the user, each once, folders in order of name.
+
+    Parameters
+    ----------
+    places : iterable of str or Path
+        Files, folders and URLs of either.
+    besides : Path, optional
+        A folder to pass over: where results go, which may lie among the logs.
+    """
+    search = _Search(besides)
+    for place in places:
+        before = search.count
+        if is_url(place):
+            search.remote(str(place))
+        else:
+            search.local(Path(place).absolute())
+        if search.count == before:
+            search.passed_over.append(Failure(str(place), "holds no further files"))
+    return Found(tuple(search.sources.values()), tuple(search.failures), tuple(search.passed_over))
+
+
+class _Search:
+    """What was found so far."""
+
+    def __init__(self, besides: Path | None) -> None:
+        self.sources: dict[str, Source] = {}
+        self.failures: list[Failure] = []
+        self.passed_over: list[Failure] = []
+        self._besides = besides
+        #: Folders that were searched, by device and inode: links may lead back to them.
+        self._seen: set[tuple[int, int]] = set()
+
+    @property
+    def count(self) -> int:
+        return len(self.sources) + len(self.failures) + len(self.passed_over)
+
+    def local(self, place: Path) -> None:
+        """Search a folder with what it links to, or take a file that the user named."""
+        if not place.is_dir():
+            self._file(place, named=True)
+            return
+        for folder, folders, files in os.walk(place, onerror=self._closed, followlinks=True):
+            if not self._enter(Path(folder)):
+                folders.clear()
+                continue
+            folders[:] = sorted(name for name in folders if not name.startswith("."))
+            for name in sorted(files):
+                if not name.startswith("."):
+                    self._file(Path(folder, name), named=False)
+
+    def _enter(self, folder: Path) -> bool:
+        status = folder.stat()
+        known = (status.st_dev, status.st_ino) in self._seen
+        self._seen.add((status.st_dev, status.st_ino))
+        return not known and (self._besides is None or not self._besides.exists() or not self._besides.samefile(folder))
+
+    def _file(self, path: Path, *, named: bool) -> None:
+        url = str(path)
+        if url in self.sources:
+            return
+        try:
+            status = path.stat()
+        except OSError as error:
+            reason = "a link to nothing" if path.is_symlink() else f"cannot be opened: {error.strerror}"
+            self._unusable(url, reason, named)
+            return
+        if stat.S_ISREG(status.st_mode):
+            self.sources[url] = Source(url, named, status.st_size, status.st_mtime_ns)
+        else:
+            self._unusable(url, "neither a file nor a folder", named)
+
+    def _unusable(self, url: str, reason: str, named: bool) -> None:
+        (self.failures if named else self.passed_over).append(Failure(url, reason))
+
+    def _closed(self, error: OSError) -> None:
+        self.passed_over.append(Failure(str(error.filename), f"cannot be opened: {error.strerror}"))
+
+    def remote(self, url: str) -> None:
+        """Search what fsspec lists below a URL, or take the file that it names."""
+        import fsspec
+
+        try:
+            with as_os_error():
+                files, root = fsspec.url_to_fs(url)
+                # Over HTTP a page with links would pass for a folder.
+                folder = not url.startswith(("http:", "https:")) and files.isdir(root)
+                found: dict[str, Any] = files.find(root, detail=True) if folder else {root: files.info(root)}
+        except OSError as error:
+            self._unusable(url, f"cannot be opened: {error.strerror or error}", named=True)
+            return
+        for path, facts in sorted(found.items()):
+            inner = PurePosixPath(path).relative_to(root).parts if folder else ()
+            if any(part.startswith(".") for part in inner):
+                continue
+            name = files.unstrip_protocol(path)
+            marks = (facts.get(mark) for mark in ("ETag", "etag", "mtime", "LastModified", "created"))
+            modified = next((str(mark) for mark in marks if mark is not None), "")
+            self.sources.setdefault(name, Source(name, not folder, int(facts.get("size") or 0), modified))
+
+
+def digest(url: str) -> str:
+    """Give the SHA-256 of a file's content.
+
+    Raises
+    ------
+    OSError
+    """
+    with opened(url) as file:
+        sha256 = hashlib.sha256()
+        while chunk := file.read(_CHUNK):
+            sha256.update(chunk)
+    return sha256.hexdigest()
+
+
+@contextmanager
+def opened(url: str) -> Iterator[IO[bytes]]:
+    """Open a file by path or URL for reading; OSError whatever its storage calls that."""
+    if not is_url(url):
+        with Path(url).open("rb") as file:
+            yield file
+        return
+    import fsspec
+
+    with as_os_error(), fsspec.open(url, "rb") as remote:
+        yield remote
+
+
+@contextmanager
+def fetched(url: str) -> Iterator[Path]:
+    """Have a file on a disk of this computer for the time of a ``with``; OSError where it cannot be had."""
+    if not is_url(url):
+        yield Path(url)
+        return
+    import fsspec
+
+    with TemporaryDirectory(prefix="rotorid-") as scratch:
+        target = Path(scratch, PurePosixPath(urlsplit(url).path).name or "log")
+        with as_os_error():
+            files, path = fsspec.url_to_fs(url)
+            files.get_file(path, str(target))
+        yield target
