@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import sysid
 from logparse import Finding, Vehicle
+from pipeline.advice import for_craft
 from pipeline.comparison import compare_parameters
 from pipeline.config import AnalysisConfig
 from pipeline.dataset import EXPERIMENTS, part, read_experiment
@@ -100,7 +101,9 @@ def identify_craft(
     thrust, parameters = _physical(records, models[RIGID_BODY_KEY], config, stages, executor)
     if thrust is None:
         stages.missing.setdefault("thrust", models[THRUST_KEY].missing)
-    covered, drift = envelope(flights, split.training, split.held_out), follow(flights)
+    covered = stages.run("coverage", lambda _: envelope(flights, split.training, split.held_out))
+    drift = stages.run("drift", lambda _: follow(flights))
+    advice = stages.run("advice", lambda _: for_craft(flights, covered, drift, parameters))
     found = (part.findings for part in (thrust, covered, drift) if part is not None)
     return GroupResult(
         name=name,
@@ -113,6 +116,7 @@ def identify_craft(
         parameters=parameters,
         coverage=covered,
         drift=drift,
+        advice=advice or (),
         findings=(*findings, *(finding for part in found for finding in part), *stages.findings),
         missing=stages.missing,
         timings=stages.timings,

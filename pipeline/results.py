@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pipeline.entry import FlightEntry, GroupEntry
     from pipeline.envelope import Envelope
     from pipeline.manifest import Manifest
+    from pipeline.recommendation import Advice
     from pipeline.store import Store
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.excitation import Coherence
@@ -223,6 +224,13 @@ class FlightResult:
         return next(iter(self.experiments.values()), None)
 
     @property
+    def advice(self) -> tuple[Advice, ...]:
+        """How to log and fly better next time, most useful first."""
+        from pipeline.advice import for_flight
+
+        return for_flight(self)
+
+    @property
     def position_known(self) -> bool:
         """Whether there is a horizontal position, and not only what inertial navigation without GPS drifted to."""
         if self.trajectory is None:
@@ -285,6 +293,8 @@ class GroupResult:
         What the flights covered, and where those that judge leave the range of those fitted.
     drift : Drift or None
         The craft's parameters from flight to flight.
+    advice : tuple of Advice
+        How to log and fly better next time, most useful first.
     missing : mapping of str to str
         Why there is no ``"thrust"`` and there are no ``"parameters"``.
     timings : mapping of str to float
@@ -301,6 +311,7 @@ class GroupResult:
     parameters: PhysicalParameters | None = None
     coverage: Envelope | None = None
     drift: Drift | None = None
+    advice: tuple[Advice, ...] = ()
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)

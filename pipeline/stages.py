@@ -44,7 +44,9 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
         "validation": Stage("judging models on unseen flight", 0.05),
         "parameters": Stage("comparing physical parameters", 0.01),
         "coverage": Stage("counting out what was flown", 0.01),
-        "report": Stage("writing the report", 0.04),
+        "drift": Stage("following parameters over flights", 0.01),
+        "advice": Stage("gathering advice", 0.0),
+        "report": Stage("writing the report", 0.03),
     }
 )
 
