@@ -24,7 +24,7 @@ def parts():
 
 @pytest.fixture(scope="module")
 def scanned(parts):
-    stages = Stages(silent, 120.0)
+    stages = Stages(silent, 3600.0)
     result = identify(MOTORS, parts[:1], parts[1:], AnalysisConfig(poles=2, zeros=1, scan_orders=True), stages)
     assert stages.missing == {}
     return result
@@ -51,7 +51,7 @@ def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
     def refused(experiments, config, progress):
         raise sysid.ExperimentError("two identical motors")
 
-    stages = Stages(silent, 120.0)
+    stages = Stages(silent, 3600.0)
     kind = dataclasses.replace(MOTORS, fit=refused)
     result = identify(kind, parts[:1], parts[1:], AnalysisConfig(), stages)
     assert (result.model, result.validation, result.predictions) == (None, None, ())
@@ -67,7 +67,7 @@ def test_a_flight_lends_its_wind_to_the_part_that_judges(parts):
     kind = dataclasses.replace(MOTORS, carry_over=lend)
     config = AnalysisConfig(poles=1, zeros=0)
     for same, lent in ((True, True), (False, False)):
-        result = identify(kind, parts[:1], parts[1:], config, Stages(silent, 120.0), same_flight=same)
+        result = identify(kind, parts[:1], parts[1:], config, Stages(silent, 3600.0), same_flight=same)
         assert ("in the wind of" in result.model.name) is lent
 
 
