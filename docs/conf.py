@@ -1,0 +1,49 @@
+"""Sphinx: the pages of this folder and the API reference from docstrings, as one site (`make docs`)."""
+
+import re
+from importlib.metadata import version as installed
+from typing import Any
+
+from sphinx.domains.python import PyObject
+
+project = "rotorid"
+author = "the rotorid authors"
+release = version = installed("rotorid")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+html_theme = "furo"
+html_title = f"rotorid {version}"
+html_copy_source = False
+html_show_copyright = False
+html_theme_options = {"light_css_variables": {"content-padding": "2em"}}
+
+myst_heading_anchors = 3
+
+# numpydoc sections; a record's attributes stand where its docstring lists them, with shapes and units.
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+
+autodoc_default_options = {"members": True}
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+autodoc_preserve_defaults = True
+
+
+def escape_units(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lines: list[str]) -> None:
+    """Keep a lone unit, such as ``V.``, from being read as the head of a numbered list."""
+    lines[:] = [re.sub(r"^(\s*)([A-Za-z])\.(?=\s|$)", r"\1\2\\.", line) for line in lines]
+
+
+def hide_object(_app: Any, _name: str, _of: Any, _options: Any, bases: list[Any]) -> None:
+    """Say nothing of the base that every class has."""
+    bases[:] = [base for base in bases if base is not object]
+
+
+def setup(app: Any) -> None:
+    """Connect the above, before docstrings are read."""
+    app.connect("autodoc-process-docstring", escape_units, priority=400)
+    app.connect("autodoc-process-bases", hide_object)
+    for kind in PyObject.doc_field_types:
+        if kind.name == "variable":
+            kind.label = "Attributes"
