@@ -5,7 +5,6 @@ import threading
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
-from typing import Any
 
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -99,10 +98,13 @@ class Runner:
         if self._scheduler is None:
             self._executor = ThreadPoolExecutor(self._workers, thread_name_prefix="analysis")
             return True
+        # Imported here and not above: the rooms behind it and Dask are large, and most servers work without a cluster.
+        from pipeline.cluster import Cluster, SchedulerError
+
         try:
-            self._executor = _Cluster(self._scheduler)
-        except OSError as error:
-            _log.warning("the scheduler at %s does not answer: %s", self._scheduler, error)
+            self._executor = Cluster(self._scheduler)
+        except SchedulerError as error:
+            _log.warning("%s", error)
         return self._executor is not None
 
     def _submit(self, claim: Claim) -> bool:
@@ -144,25 +146,3 @@ class Runner:
         error = future.exception() if not future.cancelled() else None
         if error is not None:
             _log.error("a worker failed: %s: %s", type(error).__name__, error)
-
-
-class _Cluster(Executor):
-    """The workers of a Dask scheduler."""
-
-    def __init__(self, address: str) -> None:
-        from distributed import Client
-
-        self._client = Client(address, set_as_default=False)  # type: ignore[no-untyped-call]
-        self._executor = self._client.get_executor(pure=False)  # type: ignore[no-untyped-call]
-
-    def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
-        """Have something called on the cluster."""
-        if self._client.status != "running":
-            self._client.close()  # type: ignore[no-untyped-call]
-            raise ConnectionError("the connection to the scheduler is broken")
-        future: Future[Any] = self._executor.submit(*arguments, **named)
-        return future
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the cluster to itself; what it has not begun yet it forgets."""
-        self._client.close()  # type: ignore[no-untyped-call]

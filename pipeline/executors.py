@@ -35,7 +35,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 #: What the process that workers are forked from has imported already: each starts at once and shares its memory.
-PRELOAD = ("pipeline.executors", "pipeline.flight")
+PRELOAD = ("pipeline.job",)
 
 #: How many processes may die of one call: by the first it was perhaps only unlucky to be beside a larger one.
 ATTEMPTS = 3
@@ -73,12 +73,13 @@ def count_workers(sizes: Sequence[int], memory: int | None = None, cores: int | 
 
 
 @contextmanager
-def processes(count: int | None, sizes: Sequence[int]) -> Iterator["Processes"]:
+def processes(count: int | None, sizes: Sequence[int], preload: Sequence[str] = PRELOAD) -> Iterator["Processes"]:
     """Give an executor of `count` processes, or as many as suit this computer and the logs' sizes in bytes.
 
     Whatever ends the ``with`` early, such as Ctrl-C, ends the processes at once.
     """
-    with Processes(count_workers(sizes) if count is None else max(1, min(count, len(sizes)))) as executor:
+    chosen = count_workers(sizes) if count is None else max(1, min(count, len(sizes)))
+    with Processes(chosen, preload) as executor:
         yield executor
 
 

@@ -2,53 +2,14 @@
 
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
 
-from tests.api.programs import PROJECT, Service, children, free_port, is_analysis, wait_until
-
-
-class Cluster:
-    """A scheduler and its workers."""
-
-    def __init__(self, folder: Path) -> None:
-        pytest.importorskip("distributed")
-        self._port = free_port()
-        self.address = f"tcp://127.0.0.1:{self._port}"
-        self._folder = folder
-        # Each analysis is a process of its own, which a daemon may not start.
-        self._environment = os.environ | {"DASK_DISTRIBUTED__WORKER__DAEMON": "False", "PYTHONPATH": str(PROJECT)}
-        self.programs: list[subprocess.Popen[bytes]] = []
-
-    def start_scheduler(self) -> subprocess.Popen[bytes]:
-        return self._start("scheduler", "--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard")
-
-    def start_worker(self) -> subprocess.Popen[bytes]:
-        options = ("--nthreads", "1", "--no-dashboard", "--local-directory", str(self._folder))
-        return self._start("worker", self.address, *options)
-
-    def _start(self, *command: str) -> subprocess.Popen[bytes]:
-        with (self._folder / "output.txt").open("ab") as output:
-            program = subprocess.Popen(
-                [sys.executable, "-m", "dask", *command],
-                env=self._environment,
-                cwd=self._folder,
-                stdout=output,
-                stderr=output,
-            )
-        self.programs.append(program)
-        return program
-
-    def close(self) -> None:
-        for program in self.programs:
-            program.terminate()
-        for program in self.programs:
-            program.wait()
+from tests.api.programs import Service, children, is_analysis, wait_until
+from tests.pipeline.dask_programs import Programs
 
 
 def descendants(pid: int) -> list[int]:
@@ -58,15 +19,13 @@ def descendants(pid: int) -> list[int]:
 
 
 @pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    folder = tmp_path / "cluster"
-    folder.mkdir()
-    with closing(Cluster(folder)) as started:
+def cluster(tmp_path: Path) -> Iterator[Programs]:
+    with closing(Programs(tmp_path / "cluster")) as started:
         yield started
 
 
 @pytest.mark.slow
-def test_a_worker_and_the_scheduler_die_and_every_analysis_ends_once(cluster: Cluster, tmp_path: Path) -> None:
+def test_a_worker_and_the_scheduler_die_and_every_analysis_ends_once(cluster: Programs, tmp_path: Path) -> None:
     with ExitStack() as stack:
         # Four at the same time, but the cluster does one: the others wait there for longer than a lease.
         settings = {"ROTORID_SCHEDULER": cluster.address, "ROTORID_WORKERS": "4", "ROTORID_LEASE": "3"}

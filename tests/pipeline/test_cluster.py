@@ -1,0 +1,172 @@
+"""Calls on a Dask cluster of real programs, whose workers die, lack software, or see other folders."""
+
+import os
+import re
+import signal
+import sys
+from contextlib import closing
+
+import pytest
+
+from pipeline import cluster
+from pipeline.cluster import Cluster, SchedulerError
+from pipeline.executors import WorkerDiedError, as_done
+from tests.pipeline import calls
+from tests.pipeline.dask_programs import Programs
+
+pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def programs(tmp_path_factory):
+    """Run a scheduler and two workers."""
+    with closing(Programs(tmp_path_factory.mktemp("dask") / "folder")) as started:
+        started.start_scheduler()
+        for _ in range(2):
+            started.start_worker()
+        yield started
+
+
+@pytest.fixture
+def pair(programs):
+    with Cluster(programs.address) as executor:
+        executor._client.wait_for_workers(2)
+        yield executor
+
+
+@pytest.mark.slow
+def test_the_workers_of_a_scheduler_do_what_processes_do(pair, tmp_path):
+    (tmp_path / "logs").mkdir()
+    pair.check([tmp_path / "logs", "s3://bucket/logs"], tmp_path / "out")
+    assert list((tmp_path / "out").iterdir()) == []
+    assert list(pair.map(calls.square, range(5))) == [0, 1, 4, 9, 16]
+    with pytest.raises(ValueError, match="too short"):
+        pair.submit(calls.refuse, "too short").result()
+    assert pair.submit(calls.environment, "OPENBLAS_NUM_THREADS").result() == "1"
+    assert pair.in_flight == 2
+
+
+@pytest.mark.slow
+def test_a_killed_worker_costs_nothing_and_a_poisonous_call_only_itself(pair, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    pair.check()
+    lost = pair.submit(calls.stay_at_first, tmp_path)
+    with (tmp_path / "pipe").open() as told:
+        os.kill(int(told.readline()), signal.SIGKILL)
+    assert lost.result() == "done"
+    diary = tmp_path / "diary"
+    tasks = [(diary, name) for name in ("a", "b", "poison", "c", "d", "e")]
+    outcomes = {name: future.exception() for (_, name), future in as_done(pair, calls.die_or_note, tasks)}
+    death = outcomes.pop("poison")
+    assert isinstance(death, WorkerDiedError)
+    assert re.match(r"4 workers of the cluster died working on it, the last at tcp://127", str(death))
+    assert outcomes == dict.fromkeys("abcde")
+
+
+NUMPY_OF_OLD = """
+import importlib.metadata
+true = importlib.metadata.version
+importlib.metadata.version = lambda name: "1.0" if name == "numpy" else true(name)
+"""
+
+NO_ROTORID = """
+import sys
+class Nothing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "pipeline":
+            raise ModuleNotFoundError("No module named 'pipeline'", name="pipeline")
+sys.meta_path.insert(0, Nothing())
+"""
+
+
+@pytest.mark.slow
+def test_a_scheduler_without_workers_then_with_other_software_and_then_gone(tmp_path):
+    for name, start in (("old", NUMPY_OF_OLD), ("bare", NO_ROTORID)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "sitecustomize.py").write_text(start)
+    os.mkfifo(tmp_path / "pipe")
+    with closing(Programs(tmp_path / "dask")) as programs:
+        scheduler = programs.start_scheduler()
+        with Cluster(programs.address) as executor:
+            executor._patience = 0.1
+            with pytest.raises(SchedulerError, match=r"has no workers: start some with `dask worker tcp://"):
+                executor.check()
+            programs.start_worker("--no-nanny", path=(tmp_path / "old",))
+            programs.start_worker("--no-nanny", path=(tmp_path / "bare",))
+            executor._client.wait_for_workers(2)
+            with pytest.raises(SchedulerError, match="the cluster cannot do this work:\n  tcp://") as raised:
+                executor.check()
+            assert "has numpy 1.0 instead of" in str(raised.value)
+            assert "has no module pipeline: install rotorid" in str(raised.value)
+            # Such workers may also come after the check.
+            errors = {type(executor.submit(calls.square, number).exception()) for number in range(4)}
+            assert errors <= {SchedulerError, ModuleNotFoundError}
+        with Cluster(programs.address) as executor:
+            waiting = [executor.submit(calls.stay, tmp_path / "pipe") for _ in range(2)]
+            with (tmp_path / "pipe").open() as told:
+                told.readline()
+            executor._client._timeout = 0.1  # it will not come back
+            scheduler.kill()
+            assert SchedulerError in [type(each.exception()) for each in waiting]
+            with pytest.raises(SchedulerError, match="the same command goes on from there"):
+                executor.submit(calls.square, 2)
+
+
+@pytest.mark.slow
+def test_logs_that_workers_do_not_see_are_named(pair, tmp_path, monkeypatch):
+    """A path stands here for another one there: relative to this program's folder."""
+    monkeypatch.setattr(cluster.Path, "absolute", lambda path: path)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "logs").mkdir()
+    with pytest.raises(SchedulerError, match="does not see logs: logs must be on a disk that all workers share"):
+        pair.check(["logs"])
+
+
+def test_a_folder_of_results_that_is_another_or_cannot_be_written_is_said(tmp_path, monkeypatch):
+    def refused(**_):
+        raise PermissionError(13, "Permission denied")
+
+    mark = tmp_path / "mark"
+    assert cluster.look((), str(mark)).startswith(f"does not see what is in {tmp_path}: results must be on a disk")
+    mark.touch()
+    assert cluster.look((), str(mark)) == ""
+    monkeypatch.setattr(cluster, "TemporaryFile", refused)
+    assert cluster.look((), str(mark)) == f"cannot write into {tmp_path}: Permission denied"
+
+
+@pytest.mark.parametrize("address", ["nonsense", "tcp://127.0.0.1:1", "https://127.0.0.1:1"])
+def test_an_address_where_no_scheduler_is(address):
+    with pytest.raises(SchedulerError, match=r"no Dask scheduler answers at|is no address of a scheduler"):
+        Cluster(address, patience=0.2)
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(SchedulerError, match=re.escape("pip install 'rotorid[cluster]'")):
+        Cluster("tcp://127.0.0.1:1")
+
+
+def test_other_versions_of_python_and_dask_are_named():
+    def node(python="3.11.7.final.0", dask="2026.8.0", distributed="2026.8.0"):
+        return {"packages": {"python": python, "dask": dask, "distributed": distributed}}
+
+    versions = {
+        "client": node(),
+        "scheduler": node(dask="2024.1.0", distributed="2024.1.0"),
+        "workers": {"tcp://a:1": node(python="3.11.2.final.0"), "tcp://b:1": node(python="3.12.1.final.0")},
+    }
+    assert cluster._differing_dask(versions) == {
+        "scheduler": "has dask 2024.1.0 instead of 2026.8.0, distributed 2024.1.0 instead of 2026.8.0: "
+        "install what is installed here",
+        "tcp://b:1": "has Python 3.12 instead of 3.11: install what is installed here",
+    }
+
+
+def test_the_same_version_with_other_sources_is_refused(monkeypatch):
+    here = {"rotorid": "1", "sources": "aa", "libraries": {"numpy": "2"}}
+    monkeypatch.setattr(cluster, "software", lambda: here)
+    assert cluster.call_guarded(here, calls.square, (3,), {}) == 9
+    with pytest.raises(SchedulerError, match="other sources"):
+        cluster.call_guarded(here | {"sources": "bb"}, calls.square, (3,), {})
+    with pytest.raises(SchedulerError, match="has rotorid 1 instead of 2"):
+        cluster.call_guarded(here | {"sources": "bb", "rotorid": "2"}, calls.square, (3,), {})
