@@ -1,0 +1,211 @@
+"""Advice: nothing without a reason in these flights, and the numbers in it are right."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from pipeline.advice import MOST, for_craft
+from pipeline.advice_on_logging import _BITS
+from pipeline.drift import follow
+from pipeline.envelope import envelope
+from tests.pipeline.test_craft import flown
+from tests.pipeline.test_drift import hovering
+from tests.pipeline.test_envelope import covering
+
+TOLD = (
+    "thrust over mass",
+    "thrust curve",
+    "roll inertia over mass and arm",
+    "pitch inertia over mass and arm",
+    "yaw torque over inertia",
+    "linear drag over mass",
+)
+
+
+def good(name="good", *, told=TOLD, findings=(), form="dataflash", mask=176127.0, known=True, **parts):
+    """Make a flight that lacks nothing but what is taken from it."""
+    axis = {"rms": 0.3, "unit": "rad/s", "command_std": 0.02, "word": "strong"}
+    coverage = {
+        "seconds": 180.0,
+        "quantities": {},
+        "wind": {"speed": 1.0, "from": 0.0, "sigma": 0.1},
+        "excitation": {
+            "acceleration_rms": 1.0,
+            "acceleration_noise": 0.05,
+            "speed_std": [3.0, 3.0],
+            "headings": 6,
+            "axes": {"roll": axis, "pitch": axis, "yaw": axis, "thrust": axis | {"unit": "m/s^2"}},
+        },
+        "health": {
+            "rates": {"attitude": {"rate": 10.0, "gaps": 0, "longest_gap": 0.1}},
+            "gps": {"hdop": 0.8},
+            "vibration": {"p95": 12.0, "clips": 0.0},
+            "position_sigma": {"median": 0.4, "max": 0.6},
+            "settings": {} if mask is None else {"LOG_BITMASK": mask},
+        },
+    }
+    for part, values in parts.items():
+        coverage[part] = coverage[part] | values if coverage[part] is not None and values is not None else values
+    return dataclasses.replace(
+        flown(name),
+        format=form,
+        position_known=known,
+        coverage=coverage,
+        parameters=tuple(
+            {"parameter": each, "method": "rigid body", "value": 1.0, "sigma": 0.01, "unit": ""} for each in told
+        ),
+        findings=tuple(finding if isinstance(finding, dict) else found(finding) for finding in findings),
+    )
+
+
+def found(name, severity="warning", **evidence):
+    return {"id": name, "severity": severity, "reason": "", "advice": "", "evidence": evidence}
+
+
+def only(*flights, **more):
+    (advice,) = for_craft(flights, **more)
+    return advice
+
+
+def test_a_good_flight_needs_no_advice():
+    assert for_craft([good()]) == ()
+    assert for_craft([good("a"), good("b")]) == ()
+    assert for_craft([]) == ()
+
+
+def test_all_missing_bits_make_one_value_of_the_mask():
+    """176126 has bits 1 to 11, 13, 15 and 17; fast rates (0) and fast IMU (18) make 438271, as docs/logging.md says."""
+    slow = good("slow", mask=176126.0, told=("thrust over mass",), findings=("no-fast-rates", "imu-slow"))
+    advice = next(each for each in for_craft([slow]) if each.id == "log-bitmask")
+    assert advice.settings == {"LOG_BITMASK": 438271.0}
+    assert "bit 0 (ATTITUDE_FAST), bit 18 (IMU_FAST)" in advice.do
+    assert "motors' lag" in advice.gain
+
+
+def test_a_bit_that_is_set_is_not_asked_for_again():
+    assert for_craft([good(mask=float(1 << 13), findings=("no-mag",))]) == ()
+
+
+def test_slow_rates_do_not_matter_where_rotation_is_determined():
+    assert for_craft([good(mask=176126.0, findings=("no-fast-rates",))]) == ()
+
+
+def test_without_a_mask_the_bits_are_named_and_nothing_is_set():
+    advice = only(good(mask=None, findings=("no-gps",)))
+    assert advice.settings == {}
+    assert "bit 2 (GPS)" in advice.do
+    assert advice.rank < 10, "without a position nothing can be identified"
+
+
+@pytest.mark.parametrize("name", sorted({name for name, *_ in _BITS} - {"no-fast-rates"}))
+def test_each_missing_table_is_cured(name):
+    assert only(good(mask=0.0, findings=(name,))).id == "log-bitmask"
+
+
+def test_telemetry_and_px4_have_advice_of_their_own():
+    assert only(good(form="tlog", findings=("no-mag", "imu-slow"))).id == "use-on-board-log"
+    advice = only(good(form="ulog", findings=("motors-slow",)))
+    assert (advice.id, advice.settings) == ("sdlog-profile", {"SDLOG_PROFILE": 17.0})
+
+
+def test_the_speed_of_legs_follows_from_the_wind_that_is_not_known():
+    """Wind unknown to 0.5 m/s (0.3 of the mean and 0.2 * 2 of gusts): 15 % of drag take 0.5 / sqrt(0.15) = 1.3 m/s."""
+    told = tuple(each for each in TOLD if "drag" not in each)
+    wind = {"speed": 2.0, "sigma": 0.3}
+    slow = good(told=told, wind=wind, excitation={"speed_std": [1.2, 0.4]})
+    advice = only(slow)
+    assert advice.id == "fly-legs-for-drag"
+    assert "at 2 m/s or more" in advice.do
+    assert "varied by 0.4 m/s only, and 0.5 m/s of wind are unknown" in advice.why
+    assert for_craft([good(told=told, wind=wind, excitation={"speed_std": [3.0, 3.0]})]) == ()
+
+
+def test_quiet_axes_are_named_with_the_chirp_that_moves_them():
+    quiet = {"rms": 0.02, "unit": "rad/s", "command_std": 0.0, "word": "weak"}
+    axes = good().coverage["excitation"]["axes"] | {"roll": quiet, "yaw": quiet}
+    told = tuple(each for each in TOLD if "roll" not in each)
+    advice = only(good(told=told, excitation={"axes": axes}))
+    assert advice.id == "excite-axes"
+    assert advice.do.startswith("Excite roll:"), "what yaw tells is determined, however little it moved"
+    assert advice.settings["SID_AXIS"] == 10.0
+    assert "1.15° RMS" in advice.why or "1.15°/s RMS in roll" in advice.why
+    assert for_craft([good(told=told, excitation={"axes": axes}), good("lively", told=told)]) == ()
+
+
+def test_flights_to_repeat_are_named():
+    lost = good("lost", health={"position_sigma": {"median": 9.0, "max": 60.0}}, known=False)
+    still = good("still", excitation={"acceleration_rms": 0.06})
+    advice = {each.id: each for each in for_craft([lost, still, good("a"), good("b")])}
+    assert set(advice) == {"repeat-with-gps", "repeat-with-movement"}
+    assert "Repeat lost" in advice["repeat-with-gps"].do
+    assert "60 m" in advice["repeat-with-gps"].why
+    assert advice["repeat-with-movement"].flights == ("still",)
+
+
+def test_trouble_in_flight_is_told_with_its_size():
+    rough = good(
+        "rough",
+        findings=(found("vibration", share=0.3), found("motors-saturated", share=0.12)),
+        health={"vibration": {"p95": 44.0, "clips": 3.0}},
+    )
+    mild = good(
+        "mild", findings=(found("accelerometer-clipping", "info"), found("motors-saturated", "info", share=0.02))
+    )
+    advice = for_craft([rough, mild])
+    assert [each.id for each in advice] == ["soften-mount", "less-throttle"]
+    assert all(each.flights == ("rough",) for each in advice)
+    assert "44 m/s²" in advice[0].why
+    assert "12 %" in advice[1].why
+
+
+def test_judging_flights_that_leave_the_range_are_advised_to_train():
+    flights = [covering("a", ground_speed=np.full(900, 3.0)), covering("b", ground_speed=np.full(900, 12.5))]
+    flights = [
+        dataclasses.replace(
+            good(f.name), coverage=good().coverage | f.coverage | {"excitation": good().coverage["excitation"]}
+        )
+        for f in flights
+    ]
+    found_range = envelope(flights, ["a"], ["b"])
+    advice = {each.id: each for each in for_craft(flights, found_range)}
+    assert advice["train-where-you-fly"].flights == ("b",)
+    assert "ground speed 12.5 m/s (fitted 3 m/s to 4 m/s)" in advice["train-where-you-fly"].why
+    # One flight trains: sqrt(2) of the best model's error on unseen ones; with four it is sqrt(1.25).
+    assert "adds 12 % instead of 41 %" in advice["fly-more"].gain
+
+
+def test_a_weakening_motor_comes_first():
+    flights = hovering(np.random.default_rng(3), "octa", 10, weak=5, loss=0.02)
+    flights = [
+        dataclasses.replace(good(f.name, findings=("mass-unknown",)), parameters=f.parameters, mixer=f.mixer)
+        for f in flights
+    ]
+    advice = for_craft(flights, None, follow(flights))
+    assert advice[0].id == "look-at-motor-weakening"
+    assert advice[0].do.startswith("Check motor 5")
+    assert advice[-1].id == "weigh-the-craft"
+
+
+def test_the_list_is_short_sorted_and_json():
+    everything = good(
+        "bad",
+        told=(),
+        mask=0.0,
+        known=False,
+        findings=(
+            *dict.fromkeys(name for name, *_ in _BITS),
+            *("vibration", "motors-saturated", "gap-in-imu", "mass-unknown", "uneven-motor"),
+        ),
+        wind={"speed": 3.0, "sigma": 2.0},
+        excitation={"headings": 1, "speed_std": [0.1, 0.1]},
+        health={"position_sigma": {"median": 9.0, "max": 30.0}},
+    )
+    advice = for_craft([everything])
+    assert len(advice) == MOST
+    assert [each.rank for each in advice] == sorted(each.rank for each in advice)
+    for each in json.loads(json.dumps([each.to_dict() for each in advice], allow_nan=False)):
+        assert each["do"]
+        assert each["why"]
+        assert each["gain"]
