@@ -2,7 +2,8 @@
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,8 @@ from pipeline.commands.output import console, prepare
 from pipeline.config import AnalysisConfig
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from pipeline.results import Failure
     from pipeline.sources import Found, Source
     from reports.rows import Numbers
@@ -79,6 +82,13 @@ def analyze(
             min=1, help="Logs analysed at the same time. Default: one for each processor, as far as memory goes."
         ),
     ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            help="Address of a Dask scheduler, such as tcp://cluster:8786, whose workers analyse; logs and --out "
+            "must be on disks that they share, or URLs (needs rotorid[cluster])."
+        ),
+    ] = None,
     redo: Annotated[
         bool, typer.Option("--redo", help="Analyse all logs anew, also those whose results are in --out already.")
     ] = False,
@@ -111,10 +121,13 @@ def analyze(
     _require_files(found, paths)
     check_choices(found, config)
     prepare(out)
-    if len(found.sources) == 1 and found.sources[0].named and not (config.training or config.validation):
+    single = len(found.sources) == 1 and found.sources[0].named and scheduler is None
+    if single and not (config.training or config.validation):
         _one_log(found.sources[0], Path(out), config, as_json)
     else:
-        _several_logs(paths, found, out, config, jobs, redo, as_json)
+        sizes = [source.size for source in found.sources if source.named or source.called_a_log]
+        workers = _processes(jobs, sizes) if scheduler is None else _cluster(scheduler, jobs, paths, out)
+        _several_logs(paths, found, out, config, workers, redo, as_json)
 
 
 def _existing(paths: Sequence[str]) -> Sequence[str]:
@@ -160,23 +173,41 @@ def _one_log(source: "Source", out: Path, config: AnalysisConfig, as_json: bool)
     _end(numbers, ())
 
 
+def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManager[Executor]":
+    """Give processes of this computer."""
+    from pipeline.executors import processes
+
+    return processes(jobs, sizes, PRELOAD)
+
+
+@contextmanager
+def _cluster(scheduler: str, jobs: int | None, paths: Sequence[str], out: str) -> "Iterator[Executor]":
+    """Give the workers of a cluster, when they have shown that they can do this work."""
+    from pipeline.cluster import Cluster
+    from pipeline.errors import ConfigError
+
+    if jobs is not None:
+        raise ConfigError("--jobs counts processes of this computer; with --scheduler all workers of the cluster work")
+    with Cluster(scheduler) as executor:
+        executor.check(paths, out)
+        yield executor
+
+
 def _several_logs(
     paths: Sequence[str],
     found: "Found",
     out: str,
     config: AnalysisConfig,
-    jobs: int | None,
+    workers: "AbstractContextManager[Executor]",
     redo: bool,
     as_json: bool,
 ) -> None:
     """Analyse what is new among logs and write the report on all, unless it stands already."""
     import pipeline
     import reports
-    from pipeline import executors
     from pipeline.progress import shown
 
-    sizes = [source.size for source in found.sources if source.named or source.called_a_log]
-    with shown() as progress, executors.processes(jobs, sizes, PRELOAD) as executor:
+    with shown() as progress, workers as executor:
         fleet = pipeline.analyze_fleet(paths, config, executor, progress, store=out, publish=reports.publish, redo=redo)
         try:
             if not fleet.reported:
