@@ -51,14 +51,14 @@ def flight_rows(numbers: Numbers, pages: dict[str, str]) -> list[View]:
     parts = {
         name: word
         for craft in numbers["groups"]
-        for key, word in (("training", "fitted"), ("held_out", "judges"))
+        for key, word in (("training", "fitted jointly"), ("held_out", "judges the joint fit"))
         for name in craft[key]
     }
     chosen = [summary.best(flight["models"]) for flight in flights]
     held = [None if result is None else held_out(result)[0] for result in chosen]
     cells = iter(rmse_lines(row for row in held if row is not None))
     return [
-        _flight_row(flight, pages[flight["name"]], parts.get(flight["name"], "–"), result)
+        _flight_row(flight, pages[flight["name"]], parts.get(flight["name"], ""), result)
         | {
             "cells": [] if row is None else next(cells),
             "reason": "" if row is not None else summary.first_reason(flight),
@@ -76,14 +76,13 @@ def _flight_row(flight: Numbers, page: str, part: str, result: Numbers | None) -
     return {
         "name": flight["name"],
         "link": page,
-        "craft": summary.frame(flight["vehicle"]),
+        "craft": ", ".join(each for each in (summary.frame(flight["vehicle"]), part) if each),
         "start": "–" if not flight["log"]["start_utc"] else flight["log"]["start_utc"][:10],
         "airborne": "–" if not flown else duration(flown["duration_s"]),
         "height": _digits(flown.get("height_m")),
         "speed": _digits(flown.get("speed_max_m_s")),
         "wind": "–" if wind is None else _digits(wind["speed"]),
         "health": ", ".join(health) or "good",
-        "part": part,
         "model": "" if result is None else result["title"],
         "trust": trust,
         "word": summary.TRUST_WORDS[trust],
@@ -92,6 +91,66 @@ def _flight_row(flight: Numbers, page: str, part: str, result: Numbers | None) -
 
 def _digits(value: float | None) -> str:
     return "–" if value is None else number(value, 2)
+
+
+def own_models(numbers: Numbers) -> str:
+    """Say how many flights have a model of their own, and how far it can be trusted."""
+    chosen = [summary.best(flight["models"]) for flight in numbers["flights"]]
+    words = {
+        "yes": "a model that can be trusted for flights like it",
+        "limited": "a model to be taken with care",
+        "no": "no model that can be trusted",
+    }
+    counts = {trust: sum(each is not None and each["verdict"]["trust"] == trust for each in chosen) for trust in words}
+    without = len(chosen) - sum(counts.values())
+    parts = [f"{count} {'has' if count == 1 else 'have'} {words[trust]}" for trust, count in counts.items() if count]
+    parts += [f"{without} {'has' if without == 1 else 'have'} no model that was judged"] if without else []
+    return f"Of {counted(len(chosen), 'flight')}, {', '.join(parts)}." if chosen else "No log could be analysed."
+
+
+def health_table(numbers: Numbers) -> View | None:
+    """Tabulate how well each flight was logged: rates, satellites, vibration, battery, known position."""
+    known = [
+        (flight["name"], flight["coverage"]["health"])
+        for flight in numbers["flights"]
+        if flight["coverage"] and flight["coverage"]["health"]
+    ]
+    if not known:
+        return None
+    rates = ("imu", "motors", "attitude", "gps")
+    return {
+        "caption": "How well each flight was logged: samples per second, satellites, vibration exceeded for 5 % of the "
+        "time, clipped accelerations, voltage at take-off and least, and the median 1-sigma of the horizontal "
+        "position.",
+        "label": "Flight",
+        "heads": [
+            *("IMU (Hz)", "motors (Hz)", "attitude (Hz)", "GPS (Hz)"),
+            *("satellites", "vibration (m/s²)", "clips", "battery (V)", "position (m)"),
+        ],
+        "rows": [
+            {
+                "kind": "",
+                "label": name,
+                "cells": [
+                    *(_digits((health["rates"].get(rate) or {}).get("rate")) for rate in rates),
+                    _whole((health["gps"] or {}).get("satellites")),
+                    _digits((health["vibration"] or {}).get("p95")),
+                    _whole((health["vibration"] or {}).get("clips")),
+                    _volts(health["battery"]),
+                    _digits(health["position_sigma"]["median"]),
+                ],
+            }
+            for name, health in known
+        ],
+    }
+
+
+def _whole(value: float | None) -> str:
+    return "–" if value is None else f"{value:.0f}"
+
+
+def _volts(battery: Numbers | None) -> str:
+    return "–" if battery is None else f"{battery['first']:.1f}, {battery['min']:.1f}"
 
 
 def common_findings(numbers: Numbers) -> tuple[list[View], list[View]]:

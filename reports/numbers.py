@@ -43,8 +43,8 @@ def flight_numbers(result: FlightResult) -> Numbers:
             "thrust": None if result.thrust is None else result.thrust.to_dict(),
             "parameters": _parameters(result.parameters),
             "trajectory": _trajectory(result),
-            "coverage": _given(result, "coverage"),
-            "advice": _advice(result),
+            "coverage": None if result.coverage is None else result.coverage.to_dict(),
+            "advice": [each.to_dict() for each in result.advice],
             "findings": _findings(result.findings),
             "missing": dict(result.missing),
             "timings_s": dict(result.timings),
@@ -71,23 +71,14 @@ def group_numbers(group: GroupResult) -> Numbers:
             "models": models,
             "thrust": None if group.thrust is None else group.thrust.to_dict(),
             "parameters": _parameters(group.parameters),
-            "coverage": _given(group, "coverage"),
-            "drift": _given(group, "drift"),
-            "advice": _advice(group),
+            "coverage": None if group.coverage is None else group.coverage.to_dict(),
+            "drift": None if group.drift is None else group.drift.to_dict(),
+            "advice": [each.to_dict() for each in group.advice],
             "findings": _findings(group.findings),
             "missing": dict(group.missing),
             "timings_s": dict(group.timings),
         }
     )
-
-
-def _given(result: FlightResult | GroupResult, name: str) -> Numbers | None:
-    found = getattr(result, name, None)
-    return None if found is None else found.to_dict()
-
-
-def _advice(result: FlightResult | GroupResult) -> list[Numbers]:
-    return [each.to_dict() for each in getattr(result, "advice", ())]
 
 
 def models(result: FlightResult | GroupResult) -> Numbers:
