@@ -4,8 +4,6 @@ import re
 from importlib.metadata import version as installed
 from typing import Any
 
-from sphinx.domains.python import PyObject
-
 project = "rotorid"
 author = "the rotorid authors"
 release = version = installed("rotorid")
@@ -15,14 +13,15 @@ html_theme = "furo"
 html_title = f"rotorid {version}"
 html_copy_source = False
 html_show_copyright = False
-html_theme_options = {"light_css_variables": {"content-padding": "2em"}}
+highlight_language = "none"
 
 myst_heading_anchors = 3
 
-# numpydoc sections; a record's attributes stand where its docstring lists them, with shapes and units.
+# numpydoc sections. Attributes stand where the docstring lists them, with shapes and units, several names on a line.
 napoleon_google_docstring = False
-napoleon_use_ivar = True
+napoleon_use_param = False
 napoleon_use_rtype = False
+napoleon_custom_sections = [("Attributes", "params_style")]
 
 autodoc_default_options = {"members": True}
 autodoc_member_order = "bysource"
@@ -44,6 +43,3 @@ def setup(app: Any) -> None:
     """Connect the above, before docstrings are read."""
     app.connect("autodoc-process-docstring", escape_units, priority=400)
     app.connect("autodoc-process-bases", hide_object)
-    for kind in PyObject.doc_field_types:
-        if kind.name == "variable":
-            kind.label = "Attributes"

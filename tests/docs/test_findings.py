@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -24,6 +25,7 @@ def words(module: ast.Module) -> set[str]:
     return {value for value in constants if isinstance(value, str) and NAME.fullmatch(value)}
 
 
+@cache
 def given() -> tuple[set[str], set[str]]:
     """Names that are given to findings literally or from a table, and patterns of names that are composed."""
     names: set[str] = set()
