@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from pipeline.advice_on_flying import flying
 from pipeline.advice_on_logging import logging
 from pipeline.craft import in_order
+from pipeline.flight_parameters import WIND_AS_DRAG
 from pipeline.recommendation import Advice, having
 
 if TYPE_CHECKING:
@@ -52,8 +53,7 @@ def for_craft(
     flights = in_order(entries)
     told = {str(row["parameter"]) for flight in flights for row in flight.parameters}
     if parameters is not None:
-        determined = parameters.table["value"].notna()
-        told |= {str(name) for name in parameters.table.index.get_level_values("parameter")[determined]}
+        told |= _determined(parameters)
     found = [*logging(flights, told), *flying(flights, envelope, told), *_craft(flights, drift)]
     return tuple(sorted(found, key=lambda advice: advice.rank)[:MOST])
 
@@ -64,6 +64,12 @@ def for_flight(result: FlightResult) -> tuple[Advice, ...]:
     from pipeline.entry import flight_entry
 
     return for_craft([flight_entry(result, folder="", source="", key="", coverage=summarise(result))])
+
+
+def _determined(parameters: PhysicalParameters) -> set[str]:
+    """Name what several flights together tell, by a method that does not take wind for drag."""
+    table = parameters.table[parameters.table["value"].notna()]
+    return {str(name) for name, method in table.index if (name, method) != WIND_AS_DRAG}
 
 
 def _craft(flights: Sequence[FlightEntry], drift: Drift | None) -> Iterator[Advice]:

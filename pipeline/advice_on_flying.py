@@ -30,6 +30,9 @@ ENOUGH = 4
 _SID_AXIS = {"roll": 10.0, "pitch": 11.0, "yaw": 12.0, "thrust": 13.0}
 _CHIRP = {"SID_MAGNITUDE": 0.05, "SID_F_START_HZ": 0.5, "SID_F_STOP_HZ": 15.0, "SID_T_REC": 70.0}
 
+#: Either tells that drag is determined.
+_DRAG = frozenset(("linear drag over mass", "quadratic drag over mass"))
+
 #: What an axis tells when it moves.
 _TELLS = {
     "roll": "roll inertia over mass and arm",
@@ -55,7 +58,7 @@ def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, told: Coll
     yield from _repeat(flights)
     yield from _conditions(flights)
     yield from _drag(measured, len(flights), told)
-    yield from _turns(measured, len(flights))
+    yield from _turns(measured, len(flights), told)
     yield from _axes(measured, len(flights), told)
     if envelope is not None:
         yield from _extrapolated(envelope)
@@ -125,7 +128,7 @@ def _conditions(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
 
 def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
     """Say how fast to fly so that drag can be told from the wind that nobody measured (see `sysid.airspeed`)."""
-    if not flights or {"linear drag over mass", "quadratic drag over mass"} & set(told):
+    if not flights or _DRAG & set(told):
         return
     with_wind = [flight for flight in flights if flight.coverage.get("wind") is not None]
     if not with_wind:
@@ -155,8 +158,10 @@ def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> 
     )
 
 
-def _turns(flights: Sequence[FlightEntry], total: int) -> Iterator[Advice]:
-    """Ask for turns on the spot where wind stays uncertain and the nose pointed one way."""
+def _turns(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
+    """Ask for turns on the spot where wind stays uncertain, though drag is known, and the nose pointed one way."""
+    if not _DRAG & set(told):
+        return
     held = [
         flight
         for flight in flights

@@ -35,6 +35,9 @@ _FIRMWARE = "firmware"
 #: Differences that one message lists.
 _MOST_NAMED = 4
 
+#: Differences up to which flights without a board's id may still be of one craft: more are not made between flights.
+_MAY_BE_ONE = 3
+
 #: Two recordings of one flight agree this well in position, m: GPS errors and a second of clock error at cruise.
 SAME_PLACE = 20.0
 
@@ -178,7 +181,7 @@ def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Findi
     -------
     dict of str to tuple of Finding
         By the craft's fingerprint: one for each other group of the same board, or, where no board is known, of the same
-        frame.
+        frame and with few differences.
     """
     from logparse import Finding, Severity
 
@@ -190,7 +193,7 @@ def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Findi
         for other in others:
             mine, theirs = (dict(flight.build) | _gains(flight) for flight in (first, other))
             changed = _changed(mine, theirs)
-            if not changed:
+            if not changed or (not first.board and len(changed) > _MAY_BE_ONE):
                 continue
             board = "the same board" if first.board else "the same frame"
             findings.append(

@@ -31,6 +31,9 @@ HOVER_SPEED, HOVER_CLIMB, HOVER_SECONDS = 1.5, 0.5, 15.0
 #: A method whose column "sigma" is the spread over instants, not the standard error of the value.
 _SPREAD = METHODS[3]
 
+#: Refinement 2020 takes the air to be at rest: its drag is mostly the wind of the day.
+WIND_AS_DRAG = ("quadratic drag over mass", METHODS[4])
+
 #: Methods whose standard error holds that of the air's density, which flights at one place have in common.
 _WITH_AIR = METHODS[:2]
 
@@ -51,7 +54,9 @@ def flight_parameters(result: FlightResult) -> list[dict[str, Any]]:
         for key, row in zip(found.table.index, found.table.to_dict("records"), strict=True):
             parameter, method = (str(part) for part in key)
             value, sigma = float(row["value"]), float(row["sigma"])
-            if method == _SPREAD or not (np.isfinite([value, sigma]).all() and sigma > 0.0):
+            if method == _SPREAD or (parameter, method) == WIND_AS_DRAG:
+                continue
+            if not (np.isfinite([value, sigma]).all() and sigma > 0.0):
                 continue
             if method in _WITH_AIR and parameter == "thrust over mass":
                 sigma = max(sigma**2 - (air * value) ** 2, (1e-4 * value) ** 2) ** 0.5

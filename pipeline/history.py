@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.meta_analysis import MetaRegression, meta_regression
+from sysid.thrust_regression import AIR_SIGMA
 
 Floats = NDArray[np.float64]
 
@@ -221,6 +222,8 @@ def sentence_of(each: History, questions: int) -> str:
     typical = float(np.median([point.sigma for point in each.points]))
     if each.q_p < ALPHA and each.between > 0.0:
         text += f"; flights differ by {_of(each.between, each)} beyond their own errors of {_of(typical, each)}"
+        if each.parameter == "thrust over mass" and each.between < AIR_SIGMA * abs(each.mean):
+            text += f" (the temperature of the air, which no log tells, makes up to {100.0 * AIR_SIGMA:.1f} %)"
     else:
         text += f"; flights differ by no more than their own errors of {_of(typical, each)}"
     change = each.change
