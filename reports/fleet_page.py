@@ -74,7 +74,8 @@ def fleet_page(numbers: Numbers, crafts: Sequence[Craft]) -> str:
         serious=serious,
         notes=notes,
         failures=[(each["file"], summary.sentence(each["reason"])) for each in numbers["failures"]],
-        passed_over=summary.passed_over(numbers),
+        left_out=summary.left_out(numbers),
+        unused=[(each["file"], summary.sentence(each["reason"])) for key in summary.LEFT_OUT for each in numbers[key]],
         config=[
             (name.replace("_", " "), "not given" if value is None else str(value))
             for name, value in numbers["config"].items()

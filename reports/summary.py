@@ -147,16 +147,32 @@ def best(models: list[Numbers]) -> Numbers | None:
     return min(judged, key=rank, default=None)
 
 
-def passed_over(numbers: Numbers) -> str:
-    """Name in a line what was found but not used, gathered by reason; empty when there is nothing."""
-    by_reason: dict[str, list[str]] = {}
-    for unused in numbers.get("passed_over", []):
-        by_reason.setdefault(unused["reason"], []).append(unused["file"])
-    parts = []
-    for reason, files in by_reason.items():
-        more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
-        parts.append(f"{', '.join(files[:MOST_NAMED])}{more} ({reason})")
-    return f"Passed over: {'; '.join(parts)}." if parts else ""
+#: What was found but not used, as a report's numbers have it, and what it is called.
+LEFT_OUT = {
+    "passed_over": "Passed over",
+    "duplicates": "Copies, analysed once",
+    "removed": "No longer there, but kept from earlier runs",
+}
+
+
+def left_out(numbers: Numbers) -> list[str]:
+    """Name in a sentence for each kind what was found but not used, gathered by reason."""
+    sentences = []
+    for key, words in LEFT_OUT.items():
+        by_reason: dict[str, list[str]] = {}
+        for unused in numbers.get(key, []):
+            by_reason.setdefault(unused["reason"], []).append(unused["file"])
+        parts = [f"{_named(files)} ({reason})" for reason, files in by_reason.items()]
+        if len(parts) > MOST_NAMED:  # every copy has a reason of its own
+            parts = [*parts[:MOST_NAMED], f"and {len(parts) - MOST_NAMED} more"]
+        if parts:
+            sentences.append(f"{words}: {'; '.join(parts)}.")
+    return sentences
+
+
+def _named(files: list[str]) -> str:
+    more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
+    return f"{', '.join(files[:MOST_NAMED])}{more}"
 
 
 def sentence(text: str) -> str:

@@ -35,9 +35,9 @@ def overview(numbers: Numbers, width: int = 120) -> RenderableType:
     for group in numbers.get("groups", []):
         parts += [Text(), Text(" ".join(summary.joint_sentences(group))), *_models(group["models"])]
         parts.append(_sentence(group["verdict"]))
-    unused = summary.passed_over(numbers)
+    unused = summary.left_out(numbers)
     if unused:
-        parts.append(Text(f"\n{unused}", style="dim"))
+        parts.append(Text("\n" + "\n".join(unused), style="dim"))
     if numbers["kind"] == "flight":
         if sum(result["model"] is not None for result in numbers["models"]) > 1:
             parts += [Text(), *_models(numbers["models"])]

@@ -290,12 +290,14 @@ def test_a_page_that_cannot_be_drawn_costs_only_itself(flight, other, tmp_path, 
 
 def test_what_was_passed_over_is_named_everywhere(flight, tmp_path):
     unused = [{"file": f"{k}.txt", "reason": "no flight log"} for k in range(7)]
-    page = composed(tmp_path, [flight], passed_over=unused).read_text("utf-8")
+    copies = [{"file": "again.bin", "reason": "a copy of flight01.BIN"}]
+    page = composed(tmp_path, [flight], passed_over=unused, duplicates=copies).read_text("utf-8")
     line = "Passed over: 0.txt, 1.txt, 2.txt, 3.txt, 4.txt and 2 more (no flight log)."
     assert line in page
     numbers = strict((tmp_path / "report.json").read_text("utf-8"))
     assert numbers["passed_over"][6] == {"file": "6.txt", "reason": "no flight log"}
-    assert summary.passed_over(numbers) == line
+    assert summary.left_out(numbers) == [line, "Copies, analysed once: again.bin (a copy of flight01.BIN)."]
+    assert unescape(page).count("6.txt") == 1, "each is named, where nobody must read it"
 
 
 def schema() -> dict:
