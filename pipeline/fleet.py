@@ -219,13 +219,14 @@ def _analyzed(
         for job in jobs:
             if full:
                 return
-            watch.begin(job.source.file)
+            if job.source.named or job.source.called_a_log:
+                watch.begin(job.source.url)
             yield job
 
-    watch = Watch(progress, {job.source.file: job.source.size for job in jobs}, len(known), executor)
+    watch = Watch(progress, {job.source.url: job.source.size for job in jobs}, len(known), executor)
     for job, outcome in _done(wanted(), executor, watch):
         outcomes[job.source.url] = outcome
-        watch.end(job.source.file)
+        watch.end(job.source.url)
         if isinstance(outcome, Failure) and outcome.full:
             full = outcome.reason
     for job in jobs:
@@ -239,13 +240,15 @@ def _done(jobs: Iterator[Job], executor: Executor | None, watch: Watch) -> Itera
 
     if executor is None:
         for job in jobs:
-            yield job, run(job, watch.within(job.source.file))
+            yield job, run(job, watch.within(job.source.url))
         return
-    from pipeline.executors import as_done
+    from pipeline.executors import WorkerDiedError, as_done
 
     for job, future in as_done(executor, run, jobs):
         try:
             yield job, future.result()
+        except WorkerDiedError as error:
+            yield job, Failure(job.source.url, str(error))
         except Exception as error:  # the worker died, or its result could not come back
             _LOG.exception("analysing %s failed", job.source.url)
             yield job, Failure(job.source.url, f"the worker process failed: {type(error).__name__}: {error}")

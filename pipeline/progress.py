@@ -6,6 +6,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from time import perf_counter
 
+from pipeline.names import file_name
 from pipeline.stages import Progress, overall
 
 #: Of the whole, the part after which the time to go can be told from the time gone.
@@ -30,51 +31,49 @@ class Watch:
     ----------
     progress : callable
     sizes : mapping of str to int
-        Bytes of the logs by file name: large ones take longer.
+        Bytes of the files by path or URL: large ones take longer.
     known : int
-        Logs that need no analysis, for people.
+        Files that need no analysis, for people.
     executor : Executor or None
         Of its calls as many are at work as it has workers; the others wait.
     """
 
     def __init__(self, progress: Progress, sizes: Mapping[str, int], known: int, executor: Executor | None) -> None:
         self._progress = progress
-        self._weights = {file: EACH + size for file, size in sizes.items()}
+        self._weights = {url: EACH + size for url, size in sizes.items()}
         self._whole = sum(self._weights.values())
         self._unchanged = f", {known} unchanged" if known else ""
         self._workers = getattr(executor, "count", MOST_NAMED)
         self._begun: list[str] = []
         self._done: set[str] = set()
 
-    def begin(self, file: str) -> None:
+    def begin(self, url: str) -> None:
         """Take note that a log was handed to a worker."""
-        self._begun.append(file)
+        self._begun.append(url)
         self._tell()
 
-    def end(self, file: str) -> None:
+    def end(self, url: str) -> None:
         """Take note that a log is done."""
-        self._done.add(file)
+        self._done.add(url)
         self._tell()
 
-    def within(self, file: str) -> Progress:
+    def within(self, url: str) -> Progress:
         """Give a log's own progress its part."""
-        done = self._fraction
-        part = self._weights[file] / self._whole
-        return overall(
-            lambda stage, fraction: self._progress(f"{self._counted}; {file}: {stage}", done + part * fraction)
-        )
+        done, part = self._fraction, self._weights[url] / self._whole
+        what = f"{self._counted}; {file_name(url)}"
+        return overall(lambda stage, fraction: self._progress(f"{what}: {stage}", done + part * fraction))
 
     @property
     def _fraction(self) -> float:
-        return sum(self._weights[file] for file in self._done) / self._whole
+        return sum(self._weights[url] for url in self._done) / self._whole
 
     @property
     def _counted(self) -> str:
-        return f"{len(self._done)} of {len(self._weights)} logs done{self._unchanged}"
+        return f"{len(self._done)} of {len(self._weights)} files done{self._unchanged}"
 
     def _tell(self) -> None:
-        at_work = [file for file in self._begun if file not in self._done][: self._workers]
-        named = ", ".join(at_work[:MOST_NAMED]) + (" ..." if len(at_work) > MOST_NAMED else "")
+        at_work = [url for url in self._begun if url not in self._done][: self._workers]
+        named = ", ".join(map(file_name, at_work[:MOST_NAMED])) + (" ..." if len(at_work) > MOST_NAMED else "")
         self._progress(f"{self._counted}{named and f'; at work: {named}'}", self._fraction)
 
 
