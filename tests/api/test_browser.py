@@ -187,7 +187,7 @@ def test_an_analysis_is_cancelled_and_done_again_with_other_settings(page: Page)
 
 
 def test_the_list_has_parts(page: Page, service: httpx.Client) -> None:
-    log = service.post("/api/v1/logs", files={"file": ("many.bin", b"good, many times")}).json()["id"]
+    log = service.post("/api/v1/logs", files={"file": ("many.bin", b"hang many times")}).json()["id"]
     for _ in range(27):
         address = service.post("/api/v1/analyses", json={"log": log}).headers["Location"]
         service.post(f"{address}/cancel")

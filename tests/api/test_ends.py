@@ -81,10 +81,12 @@ def test_a_running_analysis_is_cancelled(patient_service: httpx.Client, tmp_path
     wait_until(lambda: not list((tmp_path / "scratch").glob("*/*")))
 
 
-def test_a_waiting_analysis_is_cancelled_and_never_begun(patient_service: httpx.Client) -> None:
-    _, first = started(patient_service, b"slow")
+def test_a_waiting_analysis_is_cancelled_and_never_begun(patient_service: httpx.Client, tmp_path: Path) -> None:
+    go_on = tmp_path / "go on"
+    _, first = started(patient_service, f"until |{go_on}|".encode())
     _, second = started(patient_service, b"good log")
     assert patient_service.post(f"{second}/cancel").json()["state"] == "cancelled"
+    go_on.touch()
     wait_until(lambda: state_of(patient_service, first) == "done")
     assert patient_service.get(second).json()["attempts"] == 0
 
