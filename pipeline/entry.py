@@ -109,7 +109,7 @@ class FlightEntry:
         entry = {each.name: getattr(self, each.name) for each in fields(self)}
         entry["start_utc"] = None if self.start_utc is None else self.start_utc.isoformat()
         entry["flight"] = None if self.flight is None else [self.flight.start, self.flight.stop]
-        return entry
+        return {name: _plain(value) for name, value in entry.items()}
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> FlightEntry:
@@ -216,6 +216,17 @@ def flight_entry(
     )
 
 
+def _plain(value: Any) -> Any:
+    """Reduce to what strict JSON can say: None for what is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
 def _findings(result: FlightResult) -> Iterator[dict[str, Any]]:
     """List what the log and the fits had to say, each once."""
     fits = (finding for model in result.models for finding in model.findings)
@@ -245,4 +256,5 @@ def _track(result: FlightResult) -> tuple[tuple[float, float, float, float], ...
     states = result.trajectory.states.loc[result.flight.start : result.flight.stop, ["p_n", "p_e", "p_d"]]
     step = max(1, -(-len(states) // TRACK_ROWS))
     chosen = states.iloc[::step].reset_index().to_numpy(float)
-    return tuple((round(t, 3), *(round(place, 1) for place in ned)) for t, *ned in chosen.tolist())
+    rows = (row for row in chosen.tolist() if all(map(math.isfinite, row)))
+    return tuple((round(t, 3), *(round(place, 1) for place in ned)) for t, *ned in rows)

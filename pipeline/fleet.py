@@ -25,7 +25,7 @@ from pipeline.progress import Watch, part_of
 from pipeline.results import Failure, FleetResult, Publish
 from pipeline.sources import Found, find
 from pipeline.stages import Progress, silent
-from pipeline.store import ENTRY, FolderStore, Store, TemporaryStore, open_store
+from pipeline.store import ENTRY, Store, TemporaryStore, open_store
 
 if TYPE_CHECKING:
     from pipeline.crafts import Crafts
@@ -41,7 +41,7 @@ Outcome = FlightEntry | Failure | None
 
 
 def analyze_fleet(
-    paths: Iterable[str | Path],
+    paths: Iterable[str | Path] | Found,
     config: AnalysisConfig | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
@@ -54,8 +54,8 @@ def analyze_fleet(
 
     Parameters
     ----------
-    paths : iterable of str or Path
-        Logs, folders to search for logs, and URLs of either.
+    paths : iterable of str or Path, or Found
+        Logs, folders to search for logs, and URLs of either; or what `pipeline.sources.find` found there.
     config : AnalysisConfig, optional
     executor : concurrent.futures.Executor, optional
         Where the logs are analysed, each in one call; in this thread when not given.
@@ -78,10 +78,11 @@ def analyze_fleet(
     """
     config, progress = config or AnalysisConfig(), progress or silent
     store = TemporaryStore() if store is None else store if isinstance(store, Store) else open_store(store)
-    found = find(paths, besides=store.folder if isinstance(store, FolderStore) else None)
+    found = paths if isinstance(paths, Found) else find(paths, besides=store.folder)
     check_choices(found, config)
     store.prepare()
     with _alone(store):
+        progress(f"looking into {len(found.sources)} files", 0.0)
         former = Manifest() if redo else read_manifest(store)
         records = take_stock(found.sources, former, config, publish, executor)
         known = {} if redo else _known(records, former, store)

@@ -42,9 +42,12 @@ class Store(ABC):
     ----------
     url : str
         Opens the same store in another process, see `open_store`.
+    folder : Path or None
+        Where it is on a disk of this computer.
     """
 
     url: str
+    folder: Path | None = None
 
     @abstractmethod
     def read(self, path: str) -> bytes:
@@ -108,12 +111,9 @@ def open_store(where: str | Path) -> Store:
 
 
 class FolderStore(Store):
-    """A store in a folder.
+    """A store in a folder."""
 
-    Attributes
-    ----------
-    folder : Path
-    """
+    folder: Path
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.absolute()

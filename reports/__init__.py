@@ -7,14 +7,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from pipeline.results import FlightResult, GroupResult
     from reports.fleet import write_fleet
-    from reports.folder import publish, write
+    from reports.folder import write
     from reports.replay import write_replay
 
 __all__ = ["publish", "write", "write_fleet", "write_replay"]
 
 _HOME = {
-    "publish": "reports.folder",
     "write": "reports.folder",
     "write_fleet": "reports.fleet",
     "write_replay": "reports.replay",
@@ -25,3 +27,13 @@ def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module 'reports' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)
+
+
+def publish(result: "FlightResult | GroupResult", folder: "str | Path") -> "Path":
+    """Write the same as `write` for a folder ``flights/NAME`` or ``crafts/NAME`` that `write_fleet` composes from.
+
+    It is named in `pipeline.analyze_fleet` also where nothing is new, and so must not wait for the rooms behind it.
+    """
+    from reports.folder import write_for_fleet
+
+    return write_for_fleet(result, folder)

@@ -46,7 +46,7 @@ def write(result: FlightResult | GroupResult, folder: str | Path) -> Path:
     return _write(result, Path(folder), shared=False)
 
 
-def publish(result: FlightResult | GroupResult, folder: str | Path) -> Path:
+def write_for_fleet(result: FlightResult | GroupResult, folder: str | Path) -> Path:
     """Write the same as `write` for a folder ``flights/NAME`` or ``crafts/NAME`` that `write_fleet` composes from.
 
     A flight's page reads Plotly from one file beside the page on all flights instead of carrying it, 2.5 MB each, and

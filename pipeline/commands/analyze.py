@@ -115,9 +115,10 @@ def analyze(
         time_limit=time_limit,
     )
     from pipeline.fleet import check_choices
+    from pipeline.names import is_url
     from pipeline.sources import find
 
-    found = find(_existing(paths))
+    found = find(_existing(paths), besides=None if is_url(out) else Path(out))
     _require_files(found, paths)
     check_choices(found, config)
     prepare(out)
@@ -127,7 +128,7 @@ def analyze(
     else:
         sizes = [source.size for source in found.sources if source.named or source.called_a_log]
         workers = _processes(jobs, sizes) if scheduler is None else _cluster(scheduler, jobs, paths, out)
-        _several_logs(paths, found, out, config, workers, redo, as_json)
+        _several_logs(found, out, config, workers, redo, as_json)
 
 
 def _existing(paths: Sequence[str]) -> Sequence[str]:
@@ -194,7 +195,6 @@ def _cluster(scheduler: str, jobs: int | None, paths: Sequence[str], out: str) -
 
 
 def _several_logs(
-    paths: Sequence[str],
     found: "Found",
     out: str,
     config: AnalysisConfig,
@@ -208,7 +208,7 @@ def _several_logs(
     from pipeline.progress import shown
 
     with shown() as progress, workers as executor:
-        fleet = pipeline.analyze_fleet(paths, config, executor, progress, store=out, publish=reports.publish, redo=redo)
+        fleet = pipeline.analyze_fleet(found, config, executor, progress, store=out, publish=reports.publish, redo=redo)
         try:
             if not fleet.reported:
                 progress("writing the report", 0.99)

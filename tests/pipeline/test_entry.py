@@ -22,6 +22,13 @@ def test_a_flight_survives_json():
     assert "not asked for" in entry.missing["motors"]
 
 
+def test_what_is_not_finite_is_none_and_costs_nothing():
+    entry = flight_entry(
+        FLIGHT, folder="a", source="a.bin", key="k", coverage={"x": [float("nan"), np.float64(1.5), 2]}
+    )
+    assert json.loads(json.dumps(entry.to_dict(), allow_nan=False))["coverage"] == {"x": [None, 1.5, 2]}
+
+
 def test_a_log_without_a_flight_survives_json():
     bare = dataclasses.replace(FLIGHT, flight=None, trajectory=None, experiments={}, models=())
     entry = flight_entry(bare, folder="a", source="a.bin", key="k")

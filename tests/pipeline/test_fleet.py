@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import fsspec
 import pytest
 
 import reports
@@ -271,3 +272,20 @@ def test_the_report_is_written_again_only_when_something_is_other(logs, tmp_path
     (out / "report.html").unlink()
     (logs / "more.bin").unlink()
     assert not run(logs, out, publish=reports.publish)[0].reported
+
+
+def test_logs_and_results_may_be_far_away():
+    memory = fsspec.filesystem("memory")
+    memory.pipe({f"/far/logs/octa{k}.bin": f"octa {k}".encode() for k in (1, 2)})
+    try:
+        first, analyzed = run("memory://far/logs", "memory://far/out")
+        assert sorted(analyzed) == ["octa1", "octa2"]
+        assert fitted(first)
+        second, analyzed = run("memory://far/logs", "memory://far/out")
+        assert analyzed == []
+        assert not fitted(second)
+        assert second.flights == first.flights
+        memory.pipe("/far/logs/octa1.bin", b"octa 9")
+        assert run("memory://far/logs", "memory://far/out")[1] == ["octa1"]
+    finally:
+        memory.rm("/far", recursive=True)
