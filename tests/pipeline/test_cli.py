@@ -194,8 +194,9 @@ def test_one_log_from_file_to_report(tmp_path):
     assert numbers["thrust"]["common"]["newton"] > 0.0
     files = {"report.html", "report.json", "models.json", "models.mat", "coefficients.csv", "rmse.csv"}
     assert {path.name for path in tmp_path.iterdir()} == files
-    schema = json.loads((resources.files("reports") / "models.schema.json").read_text("utf-8"))
-    jsonschema.validate(json.loads((tmp_path / "models.json").read_text("utf-8")), schema)
+    for name in ("models", "report"):
+        schema = json.loads((resources.files("reports") / f"{name}.schema.json").read_text("utf-8"))
+        jsonschema.validate(json.loads((tmp_path / f"{name}.json").read_text("utf-8")), schema)
 
 
 @pytest.mark.slow

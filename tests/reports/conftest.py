@@ -188,7 +188,8 @@ def composed(folder: Path, flights: Sequence[FlightResult], crafts: Sequence[Gro
         publish(flight, folder / "flights" / names[flight.name])
     for number, group in enumerate(crafts):
         publish(group, folder / "crafts" / f"craft{number}")
-    facts = {"failures": FAILURES, "config": {"rate": 10.0, "mass": None}} | facts
+    config = {name: getattr(flights[0].config, name) for name in AnalysisConfig.__slots__}
+    facts = {"failures": FAILURES, "config": config} | facts
     compose(
         open_store(folder),
         [f"flights/{name}" for name in names.values()],
