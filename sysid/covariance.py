@@ -34,6 +34,15 @@ def autocovariance(residuals: Sequence[Floats], lags: int) -> Floats:
     return np.asarray(result / total * (1.0 - np.arange(lags) / lags))
 
 
+def independent_samples(residuals: Sequence[Floats]) -> float:
+    """Count the independent samples that coloured residuals are worth: N over the sum of squared autocorrelations."""
+    correlation = autocovariance(residuals, max(min(map(len, residuals)) // 2, 1))
+    if not correlation[0] > 0.0:
+        return float(sum(map(len, residuals)))
+    correlation = correlation / correlation[0]
+    return float(sum(map(len, residuals)) / (1.0 + 2.0 * np.sum(correlation[1:] ** 2)))
+
+
 def coloured_information(regressors: Sequence[Floats], covariance: Floats) -> Floats:
     """Covariance of ``sum_t psi(t) e(t)`` for residuals e of a given autocovariance.
 

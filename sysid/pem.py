@@ -21,10 +21,11 @@ from sysid._kernels import compile_kernels
 from sysid.disturbance import Disturbance, fit_disturbance
 from sysid.excitation import Excitation, examine
 from sysid.experiment import Experiment, ExperimentError, Floats, ModelOrderError, require_alike
+from sysid.reduction import Cut, Elsewhere, Spread
 from sysid.response import INITIAL_SECONDS, free_run
 from sysid.search import FIRST_RESIDUAL, Found, Plan, Progress, expected_energy, search
 from sysid.sections import denominators_of_orders, resolvable_band
-from sysid.separable import Problem, reduced_information, sensitivities
+from sysid.separable import Problem, initial_states, reduced_information, squared_residual
 from sysid.transfer_function import FitReport, TransferFunction, TransferFunctionModel
 from sysid.uncertainty import parameter_covariance
 
@@ -51,6 +52,7 @@ def fit_transfer_functions(
     seed: int = 0,
     time_limit: float = 60.0,
     progress: Progress | None = None,
+    spread: Spread | None = None,
 ) -> TransferFunctionModel:
     """Fit one transfer function from every input to every output, jointly over records.
 
@@ -85,6 +87,9 @@ def fit_transfer_functions(
         s, for the whole fit; the best model so far is returned, with a finding.
     progress : callable, optional
         ``progress(stage, fraction)``.
+    spread : Spread, optional
+        The same records, as the processes of an executor load them: these then do the steps over all records. The model
+        is the same but for rounding.
 
     Raises
     ------
@@ -139,7 +144,7 @@ def fit_transfer_functions(
                 report(f"fitting {output}: {words}", (column + fraction) / len(outputs))
 
             limit = begun + time_limit * (column + 1) / len(outputs)
-            fits[output] = _fit_output(records, excitation, task, limit, stage)
+            fits[output] = _fit_output(records, excitation, task, limit, stage, spread)
     report("fitted", 1.0)
     findings += _judge(records, {output: fit.report for output, fit in fits.items()}, fits)
     return TransferFunctionModel(
@@ -243,20 +248,26 @@ def _name(outputs: Sequence[str], orders: Integers, counts: Integers, structure:
 
 
 def _fit_output(
-    records: Sequence[Experiment], excitation: Excitation, task: _Task, deadline: float, stage: Progress
+    records: Sequence[Experiment],
+    excitation: Excitation,
+    task: _Task,
+    deadline: float,
+    stage: Progress,
+    spread: Spread | None,
 ) -> _OutputFit:
     begun = time.monotonic()
     column, active = task.column, list(task.active)
     y = [record.y[:, column] - record.output_trim[column] for record in records]
-    spread = np.sqrt(np.mean(np.concatenate([values - values.mean() for values in y]) ** 2))
-    scale = float(spread) if spread > 1e-12 else 1.0
+    size = np.sqrt(np.mean(np.concatenate([values - values.mean() for values in y]) ** 2))
+    scale = float(size) if size > 1e-12 else 1.0
     longest = max(record.duration for record in records)
     if not active:
         return _without_inputs(records, column, y, scale, longest, task)
+    cut = Cut(column, task.active, excitation.scale[active], scale)
     most, alike = max(task.counts), len(set(task.counts)) == 1
     common = Problem(
-        inputs=tuple(np.ascontiguousarray((r.u - r.input_trim)[:, active] / excitation.scale[active]) for r in records),
-        outputs=tuple(values / scale for values in y),
+        inputs=tuple(cut.inputs(record) for record in records),
+        outputs=tuple(cut.output(record) for record in records),
         group=(0,) * len(active),
         order=max(task.orders),
         numerators=most,
@@ -271,8 +282,9 @@ def _fit_output(
         longest_delay=task.longest_delay,
     )
     rng = np.random.default_rng([task.seed, column])
-    plan = Plan(task.structure == "per_input", task.orders, task.ridge, task.starts, task.seed)
-    found = search(common, plan, rng, deadline, stage)
+    plan = Plan(task.structure == "per_input", task.orders, task.ridge, task.starts, task.seed, excitation.independent)
+    elsewhere = None if spread is None else Elsewhere(spread, cut, common.lengths)
+    found = search(common, plan, rng, deadline, stage, elsewhere)
     report = _report(found, y, scale, task, time.monotonic() - begun)
     functions, undetermined = _transfer_functions(found, excitation, active, scale, records[0].input_names)
     report = replace(report, undetermined=undetermined)
@@ -298,7 +310,7 @@ def _fit_output(
         functions=functions,
         disturbance=fit_disturbance(residuals, records[0].dt),
         initial_energy=initial_energy,
-        initial_states=tuple(scale * local for local in found.descent.point.local),
+        initial_states=tuple(scale * local for local in initial_states(found.problem, found.descent.point)),
         report=report,
         slowest=_slowest(functions),
     )
@@ -333,18 +345,16 @@ def _without_inputs(
 
 def _report(found: Found, y: Sequence[Floats], scale: float, task: _Task, seconds: float) -> FitReport:
     problem, point = found.problem, found.descent.point
-    residual = np.concatenate(point.residuals) * scale
-    spread = np.concatenate([values - values.mean() for values in y])
-    variation = float(np.linalg.norm(spread))
-    information, _ = reduced_information(problem, point, sensitivities(problem, point))
+    information, squares = reduced_information(problem, point)[0], scale**2 * squared_residual(problem, point)
+    variation = float(np.linalg.norm(np.concatenate([values - values.mean() for values in y])))
     estimated = np.flatnonzero(np.diag(information) > 0.0)
     information = information[np.ix_(estimated, estimated)]
     size = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     eigenvalues = np.linalg.eigvalsh(information * size * size[:, None]) if len(size) else np.ones(1)
     smallest = max(float(eigenvalues[0]), 1e-16 * float(eigenvalues[-1]))
     return FitReport(
-        rmse=float(np.sqrt(np.mean(residual**2))),
-        fit_percent=100.0 * (1.0 - float(np.linalg.norm(residual)) / variation) if variation > 0.0 else 0.0,
+        rmse=float(np.sqrt(squares / problem.samples)),
+        fit_percent=100.0 * (1.0 - float(np.sqrt(squares)) / variation) if variation > 0.0 else 0.0,
         iterations=found.steps,
         starts=task.starts,
         seed=task.seed,

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.experiment import Floats
+from sysid.reduction import Elsewhere
 from sysid.regularisation import RIDGES, Division, choose_ridge, divide
 from sysid.sections import Band, take
 from sysid.separable import Descent, Point, Problem, descend, solve
@@ -49,6 +50,13 @@ WORTHWHILE = 1.1
 #: it could not win more than that whole cost.
 COSTLY = 0.01
 
+#: Samples for each coefficient, and at least, with which starts and regularisation are looked for; less than twice as
+#: many are all used.
+SEARCHED, LEAST_SEARCHED = 40, 2000
+
+#: With how many times as many samples separated channels are looked for: shared modes have more coefficients.
+CHANNELS_SEARCHED = 4
+
 #: Delays that are tried at first when they are to be estimated, spread evenly from none to the longest.
 MOST_TRIED_DELAYS = 9
 
@@ -71,6 +79,8 @@ class Plan:
     starts : int
         Sets of poles to start from where SRIVC alone does not tell.
     seed : int
+    independent : int
+        How many independent signals the inputs are.
     """
 
     own: bool
@@ -78,6 +88,7 @@ class Plan:
     ridge: float | None
     starts: int
     seed: int
+    independent: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +114,14 @@ def expected_energy(duration: float, groups: int) -> float:
     return INITIAL_SIZE**2 * INITIAL_PART * duration / groups
 
 
-def search(common: Problem, plan: Plan, rng: np.random.Generator, deadline: float, report: Progress) -> Found:
+def search(
+    common: Problem,
+    plan: Plan,
+    rng: np.random.Generator,
+    deadline: float,
+    report: Progress,
+    elsewhere: Elsewhere | None = None,
+) -> Found:
     """Find starts and regularisation without the flight time held back, then fit to all of it.
 
     Parameters
@@ -116,29 +134,35 @@ def search(common: Problem, plan: Plan, rng: np.random.Generator, deadline: floa
     deadline : float
         On `time.monotonic`.
     report : callable
+    elsewhere : Elsewhere, optional
+        The records as other processes hold them, who then do the steps over all of them, unless the search looks at all
+        anyway.
     """
     own = plan.own and len(common.group) > 1
     steps, by_channel = 0, None
-    if own:
+    few = portion(common, max(SEARCHED * _coefficients(common, plan), LEAST_SEARCHED))
+    # What inputs that always move together did cannot be told apart by any start.
+    if own and plan.independent >= len(common.group):
         report("own denominators, channel by channel", 0.0)
-        by_channel, good = _from_channels(common, plan, rng, deadline)
+        some = portion(common, CHANNELS_SEARCHED * few.samples)
+        by_channel, good = _from_channels(some, plan, rng, deadline)
         if by_channel is not None and good:
-            return by_channel
+            return by_channel if some is common else _on_all(by_channel, common, elsewhere, deadline)
         steps = by_channel.steps if by_channel is not None else 0
-    if plan.ridge is not None:
-        division = Division(common, ())
-    else:
-        if not own:
-            report("first fit", 0.0)
-            first = _fit_all(replace(common, ridge=RIDGES[0]), plan, rng, deadline)
-            # Regularisation cannot win more than the whole of what the parameters' errors cost.
-            if effective_parameters(first.problem, first.descent.point) < COSTLY * common.samples:
-                return first
-            steps = first.steps
-        division = divide(common)
+    division = divide(few) if plan.ridge is None else Division(few, None)
     report("start", 0.1)
-    best, more = _common_start(division.seen, plan, rng, deadline)
+    weakest = RIDGES[0] if plan.ridge is None and not own else division.seen.ridge
+    best, more = _common_start(replace(division.seen, ridge=weakest), plan, rng, deadline)
     steps += more
+    if plan.ridge is None and not own:
+        report("first fit", 0.3)
+        free = replace(few, ridge=weakest, initial=_initial(common, 1, best.point), delays=_delays(best.point))
+        first = descend(free, best.point.theta, MOST_STEPS, deadline)
+        steps += first.iterations
+        # Regularisation cannot win more than the whole of what the parameters' errors cost.
+        if effective_parameters(free, first.point) < COSTLY * common.samples:
+            found = Found(free, first, steps)
+            return found if few is common else _on_all(found, common, elsewhere, deadline)
     seen = replace(division.seen, delays=_delays(best.point))
     if own:
         seen = _with_own(seen, plan)
@@ -148,15 +172,54 @@ def search(common: Problem, plan: Plan, rng: np.random.Generator, deadline: floa
         best, more = _best_of(seen, thetas, deadline, report)
         steps += more
     seen = replace(seen, initial=_initial(common, seen.groups, best.point), delays=_delays(best.point))
-    problem = replace(seen, inputs=common.inputs, outputs=common.outputs)
     theta, delays = best.point.theta, best.point.delays
     if plan.ridge is None:
         report("regularisation", 0.5)
-        ridge, theta, delays = choose_ridge(replace(division, seen=seen), theta, delays, deadline)
-        problem = replace(problem, ridge=ridge)
+        chosen = choose_ridge(replace(division, seen=seen), theta, delays, deadline)
+        seen, theta, delays = replace(seen, ridge=chosen.ridge), chosen.theta, chosen.delays
+        steps += chosen.steps
     report("refinement", 0.9)
+    problem = _with_all(seen, common, None if few is common else elsewhere)
     descent = descend(problem, theta, MOST_STEPS, deadline, delays)
     return Found(problem, descent, steps + descent.iterations)
+
+
+def _with_all(problem: Problem, common: Problem, elsewhere: Elsewhere | None) -> Problem:
+    """Pose a problem for all records, where they are."""
+    if elsewhere is not None:
+        return replace(problem, inputs=(), outputs=(), elsewhere=elsewhere)
+    return replace(problem, inputs=common.inputs, outputs=common.outputs)
+
+
+def _on_all(found: Found, common: Problem, elsewhere: Elsewhere | None, deadline: float) -> Found:
+    """Go on with all records from what was found with some of them."""
+    problem, point = _with_all(found.problem, common, elsewhere), found.descent.point
+    descent = descend(problem, point.theta, MOST_STEPS, deadline, point.delays)
+    return Found(problem, descent, found.steps + descent.iterations)
+
+
+def portion(problem: Problem, samples: int) -> Problem:
+    """Keep about so many samples where there are more than twice as many: records spread over all, or their beginnings.
+
+    Where poles lie, records tell long before they have told how strongly: a search over all of them finds no better
+    start, it only takes longer.
+    """
+    if problem.samples <= 2 * samples:
+        return problem
+    lengths = problem.lengths
+    count = max(round(samples * len(lengths) / sum(lengths)), 1)
+    chosen = np.linspace(0, len(lengths) - 1, count + 2)[1:-1].round().astype(int)
+    most = max(samples // count, samples // 2)
+    return replace(
+        problem,
+        inputs=tuple(problem.inputs[r][:most] for r in chosen),
+        outputs=tuple(problem.outputs[r][:most] for r in chosen),
+    )
+
+
+def _coefficients(common: Problem, plan: Plan) -> int:
+    poles = sum(plan.orders) if plan.own else common.order
+    return int(common.used.sum()) + poles
 
 
 def _from_channels(common: Problem, plan: Plan, rng: np.random.Generator, deadline: float) -> tuple[Found | None, bool]:
@@ -227,14 +290,6 @@ def scattered(problem: Problem, rng: np.random.Generator, attempt: int) -> Float
     return theta
 
 
-def _fit_all(problem: Problem, plan: Plan, rng: np.random.Generator, deadline: float) -> Found:
-    """Fit one denominator to all records; the prior of the initial states is weighed by the residual reached."""
-    start, steps = _common_start(problem, plan, rng, deadline)
-    problem = replace(problem, initial=_initial(problem, 1, start.point), delays=_delays(start.point))
-    descent = descend(problem, start.point.theta, MOST_STEPS, deadline)
-    return Found(problem, descent, steps + descent.iterations)
-
-
 def _common_start(problem: Problem, plan: Plan, rng: np.random.Generator, deadline: float) -> tuple[Descent, int]:
     """SRIVC from one bandwidth after the other until it settles; where it never does, scattered starts beside it."""
     if problem.lags == 0:
@@ -255,19 +310,15 @@ def _common_start(problem: Problem, plan: Plan, rng: np.random.Generator, deadli
         if time.monotonic() > deadline:
             break
     thetas.sort(key=lambda one: one[0])
-    best: Descent | None = None
-    for cost, theta, delays in thetas:
-        if best is not None and np.isfinite(cost):
-            continue  # of what SRIVC found, the cheapest only
+    settled = [one for one in thetas if np.isfinite(one[0])][:1]  # of what SRIVC found, the cheapest only
+    first: list[Descent] = []
+    for _, theta, delays in [*settled, *(one for one in thetas if not np.isfinite(one[0]))]:
         delays = _coordinate_delays(problem, theta, delays) if problem.delay_parameters else delays
-        descent = descend(problem, theta, SCOUT_STEPS, deadline, delays)
-        steps += descent.iterations
-        if best is None or descent.point.cost < best.point.cost:
-            best = descent
+        first.append(descend(problem, theta, FIRST_STEPS, deadline, delays))
         if time.monotonic() > deadline:
             break
-    assert best is not None
-    return best, steps
+    best, more = _better_half(problem, first, deadline)
+    return best, steps + more
 
 
 def _tried_delays(problem: Problem) -> list[Floats]:
@@ -295,26 +346,30 @@ def _coordinate_delays(problem: Problem, theta: Floats, delays: Floats) -> Float
 
 def _best_of(problem: Problem, thetas: Sequence[Floats], deadline: float, report: Progress) -> tuple[Descent, int]:
     """Follow every start for a few steps and the better half of them for more."""
-    steps = 0
     first: list[Descent] = []
     for number, theta in enumerate(thetas):
         report(f"own denominators, start {number + 1} of {len(thetas)}", 0.2 + 0.2 * number / len(thetas))
         first.append(descend(problem, theta, FIRST_STEPS, deadline))
         if time.monotonic() > deadline:
             break
-    first.sort(key=lambda descent: descent.point.cost)
-    better = first[: (len(first) + 1) // 2]
-    best = better[0]
-    for number, descent in enumerate(better):
-        report(f"own denominators, the better {len(better)} starts", 0.4 + 0.1 * number / len(better))
+    report(f"own denominators, the better half of {len(first)} starts", 0.4)
+    return _better_half(problem, first, deadline)
+
+
+def _better_half(problem: Problem, first: Sequence[Descent], deadline: float) -> tuple[Descent, int]:
+    """Follow the better half of descents for more steps; the best of them, and the steps of all."""
+    ranked = sorted(first, key=lambda descent: descent.point.cost)
+    best, steps = ranked[0], sum(descent.iterations for descent in first)
+    for descent in ranked[: (len(ranked) + 1) // 2]:
         if time.monotonic() > deadline:
             break
         if not descent.converged:
-            descent = descend(problem, descent.point.theta, SCOUT_STEPS - FIRST_STEPS, deadline)
+            point = descent.point
+            descent = descend(problem, point.theta, SCOUT_STEPS - FIRST_STEPS, deadline, point.delays)
             steps += descent.iterations
         if descent.point.cost < best.point.cost:
             best = descent
-    return best, steps + sum(descent.iterations for descent in first)
+    return best, steps
 
 
 def _with_own(problem: Problem, plan: Plan) -> Problem:

@@ -13,11 +13,28 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
-from sysid._kernels import combine
 from sysid.experiment import Floats
-from sysid.response import Discretised, delayed, discretise, gramians, trends, whole_and_part
+from sysid.reduction import (
+    Basis,
+    Elsewhere,
+    Part,
+    backward,
+    basis_at,
+    eliminate,
+    eliminated,
+    factorise,
+    forward,
+    initial_responses,
+    jacobian,
+    linearise,
+    linearised,
+    missing_powers,
+    powers_over_square,
+    slopes_at,
+    sum_of,
+)
+from sysid.response import Discretised, gramians
 from sysid.sections import Band, clip, denominators_of_orders
 
 #: Largest change in one step of a logarithmic parameter, and of a delay in samples.
@@ -28,7 +45,8 @@ LONGEST_STEP = 1.0
 MOST_RELIEF = 1.0 / 3.0
 
 #: A step is the last when it lowers the cost by less than this part of one residual's variance: the noise in a single
-#: parameter is worth a whole one.
+#: parameter is worth a whole one. Residuals that resemble the one before are worth fewer independent ones, and the
+#: noise in a parameter more: then two such steps in a row are the last.
 ENOUGH = 0.02
 
 
@@ -67,6 +85,8 @@ class Problem:
         Of each input, s; empty for none. Where a descent starts when they are estimated.
     longest_delay : float
         Delays are estimated from 0 to this, s; 0 takes them as given.
+    elsewhere : Elsewhere or None
+        Records that other processes hold; `inputs` and `outputs` are then empty.
     """
 
     inputs: tuple[Floats, ...]
@@ -84,6 +104,7 @@ class Problem:
     counts: tuple[int, ...] = ()
     delays: tuple[float, ...] = ()
     longest_delay: float = 0.0
+    elsewhere: Elsewhere | None = None
 
     @property
     def groups(self) -> int:
@@ -93,7 +114,12 @@ class Problem:
     @property
     def samples(self) -> int:
         """Samples of all records together."""
-        return sum(len(y) for y in self.outputs)
+        return sum(self.lengths)
+
+    @property
+    def lengths(self) -> tuple[int, ...]:
+        """Samples of each record."""
+        return tuple(map(len, self.outputs)) if self.elsewhere is None else self.elsewhere.lengths
 
     @property
     def lags(self) -> int:
@@ -128,99 +154,76 @@ class Point:
 
     Attributes
     ----------
-    theta : ndarray, shape (groups, lags)
-    delays : ndarray, shape (m,)
-        s.
+    basis : Basis
+        Poles, delays, and what follows from them for all records alike.
     cost : float
         Sum of squared residuals plus the penalties.
     numerators : ndarray, shape (numerators, m)
         In normalised states, ascending.
-    local : tuple of ndarray, shape (1 + integrators + lags groups,)
-        Per record the polynomial in time (`sysid.response.trends`) and the coefficients of the initial responses.
-    residuals : tuple of ndarray, shape (N_r,)
-    regressors : tuple of ndarray, shape (N_r, local + numerators m + 1)
-        Per record of the local parameters, of the numerators (power-major), and the output.
-    grams : tuple of ndarray
-        Their inner products.
+    information : ndarray, shape (numerators m + 1, numerators m + 1)
+        Inner products of the numerators' regressors and the output, what each record has of its own eliminated.
     penalty : ndarray, shape (numerators m, numerators m)
+    parts : tuple of Part
+        What each record has of its own; empty where records are elsewhere.
     """
 
-    theta: Floats
-    delays: Floats
+    basis: Basis
     cost: float
     numerators: Floats
-    local: tuple[Floats, ...]
-    residuals: tuple[Floats, ...]
-    system: Discretised
-    slope: Floats
-    states: tuple[Floats, ...]
-    free: Floats
-    regressors: tuple[Floats, ...]
-    grams: tuple[Floats, ...]
+    information: Floats
     penalty: Floats
-    prior: Floats
+    parts: tuple[Part, ...]
+
+    @property
+    def theta(self) -> Floats:
+        """Parameters of the denominators, shape (groups, lags)."""
+        return self.basis.theta
+
+    @property
+    def delays(self) -> Floats:
+        """Of the inputs, s, shape (m,)."""
+        return self.basis.delays
+
+    @property
+    def system(self) -> Discretised:
+        """The denominators, discretised."""
+        return self.basis.system
+
+    @property
+    def residuals(self) -> tuple[Floats, ...]:
+        """Of each record here, shape (N_r,)."""
+        return tuple(part.residual for part in self.parts)
 
 
 def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Point:
     """Solve for the linear parameters at given poles and delays, by default those of the problem."""
-    delays = problem.start_delays if delays is None else delays
-    k, m = problem.integrators, len(problem.group)
-    a, slope = denominators_of_orders(theta, [order - k for order in problem.all_orders])
-    a = np.hstack([np.zeros((len(a), k)), a])
-    system = discretise(a, problem.dt, problem.hold, problem.all_orders)
-    shared, used = problem.numerators * m, problem.used
-    free = system.free(max(len(y) for y in problem.outputs))
-    shapes = free[:, k : problem.order].reshape(len(free), -1)
-    locals_ = 1 + k + shapes.shape[1]
-    prior = initial_prior(problem, system)
+    basis = basis_at(problem, theta, problem.start_delays if delays is None else delays)
+    parts: tuple[Part, ...] = ()
+    if problem.elsewhere is None:
+        parts = tuple(eliminate(problem, basis, u, y) for u, y in zip(problem.inputs, problem.outputs, strict=True))
+        information = sum_of([part.information for part in parts])
+    else:
+        (information,) = problem.elsewhere.total(problem, eliminated, theta, basis.delays)
+    point = solve_again(problem, basis, information, parts)
+    for part in parts:
+        part.finish(point.numerators)
+    return point
 
-    states, regressors, grams, factors, couplings = [], [], [], [], []
-    information = np.zeros((shared + 1, shared + 1))
-    late = delays if delays.any() else None
-    for u, y in zip(problem.inputs, problem.outputs, strict=True):
-        forced = system.forced(u, problem.group, delays=late)
-        z = np.empty((len(y), locals_ + shared + 1))
-        z[:, : 1 + k] = trends(len(y), k)
-        z[:, 1 + k : locals_] = shapes[: len(y)]
-        z[:, locals_:-1] = forced[:, : problem.numerators].reshape(len(y), shared)
-        if problem.counts:
-            z[:, locals_:-1] *= used.ravel()
-        z[:, -1] = y
-        gram = z.T @ z
-        factor = _factor(gram[:locals_, :locals_] + prior)
-        coupling = _forward(factor, gram[:locals_, locals_:])
-        information += gram[locals_:, locals_:] - coupling.T @ coupling
-        states.append(forced)
-        regressors.append(z)
-        grams.append(gram)
-        factors.append(factor)
-        couplings.append(coupling)
 
-    penalty = _impulse_energy(problem, system, np.diag(information)[:-1], used)
+def solve_again(problem: Problem, basis: Basis, information: Floats, parts: tuple[Part, ...] = ()) -> Point:
+    """Solve the reduced equations, perhaps with another ridge than before; parts are left as they are."""
+    shared = len(information) - 1
+    penalty = _impulse_energy(problem, basis.system, np.diag(information)[:-1], problem.used)
     normal, scale = _normalised(information[:shared, :shared], penalty)
-    c = scale * _backward(normal, _forward(normal, information[:shared, shared] * scale))
+    c = scale * backward(normal, forward(normal, information[:shared, shared] * scale))
     cost = float(information[shared, shared] - information[:shared, shared] @ c)
-
-    own, residuals = [], []
-    for z, factor, coupling in zip(regressors, factors, couplings, strict=True):
-        local = _backward(factor, coupling[:, -1] - coupling[:, :-1] @ c)
-        own.append(local)
-        residuals.append(z[:, -1] - z[:, :-1] @ np.concatenate([local, c]))
     return Point(
-        theta=theta,
-        delays=delays,
+        basis=basis,
         cost=max(cost, 0.0),
-        numerators=c.reshape(problem.numerators, m),
-        local=tuple(own),
-        residuals=tuple(residuals),
-        system=system,
-        slope=slope,
-        states=tuple(states),
-        free=free,
-        regressors=tuple(regressors),
-        grams=tuple(grams),
+        numerators=c.reshape(problem.numerators, len(problem.group)),
+        information=information,
         penalty=penalty,
-        prior=prior,
+        parts=parts,
     )
 
 
@@ -230,34 +233,13 @@ def sensitivities(problem: Problem, point: Point) -> tuple[Floats, ...]:
     Returns
     -------
     tuple of ndarray, shape (N_r, lags groups + delay parameters)
-        Of the poles parameter-major: all denominators' first parameters first. Delays in samples.
+        Of the records here. Of the poles parameter-major: all denominators' first parameters first. Delays in samples.
     """
-    n, k, lags, groups = problem.order, problem.integrators, problem.lags, problem.groups
-    weights = _derivative_weights(problem, point)
-    lanes = weights[list(problem.group), : problem.numerators]
-    forced = np.einsum("pj,jpqi->qij", point.numerators, lanes)
-    result = []
-    for r, (states, local) in enumerate(zip(point.states, point.local, strict=True)):
-        initial = local[1 + k :].reshape(lags, groups)
-        free = np.einsum("pg,gpqi->qig", initial, weights[:, k:])
-        samples = len(states)
-        jacobian = np.zeros((samples, lags * groups + problem.delay_parameters))
-        poles = jacobian[:, : lags * groups]
-        if groups == len(problem.group) and groups > 1:
-            combine(states, forced, jacobian)
-        else:
-            spread = np.zeros((2 * n, len(problem.group), lags, groups))
-            for j, g in enumerate(problem.group):
-                spread[:, j, :, g] = forced[:, :, j]
-            poles += states.reshape(samples, -1) @ spread.reshape(2 * n * len(problem.group), lags * groups)
-        if groups > 1:
-            combine(point.free[:samples], free, jacobian)
-        else:
-            poles += point.free[:samples, :, 0] @ free[:, :, 0]
-        if problem.delay_parameters:
-            jacobian[:, lags * groups :] = _by_delay(problem, point, problem.inputs[r], states)
-        result.append(jacobian)
-    return tuple(result)
+    slopes = slopes_at(problem, point.basis, point.numerators)
+    return tuple(
+        jacobian(problem, point.basis, slopes, point.numerators, u, part)
+        for u, part in zip(problem.inputs, point.parts, strict=True)
+    )
 
 
 def instruments(problem: Problem, point: Point) -> tuple[Floats, ...]:
@@ -269,16 +251,18 @@ def instruments(problem: Problem, point: Point) -> tuple[Floats, ...]:
         For a problem with one denominator.
     """
     k, lags, m = problem.integrators, problem.lags, len(problem.group)
-    table = _powers_over_square(point.system)[0]
+    table = powers_over_square(point.system)[0]
     weights = np.zeros((2 * problem.order, m, lags))
     for j in range(m):
         for power, value in enumerate(point.numerators[:, j]):
             weights[:, j] += value * table[power + k : power + k + lags].T
     flat = weights.reshape(-1, lags)
-    return tuple(states.reshape(len(states), -1) @ flat for states in point.states)
+    return tuple(part.states.reshape(len(part.states), -1) @ flat for part in point.parts)
 
 
-def reduced_information(problem: Problem, point: Point, jacobians: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+def reduced_information(
+    problem: Problem, point: Point, jacobians: tuple[Floats, ...] | None = None
+) -> tuple[Floats, Floats]:
     """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated.
 
     Returns
@@ -288,27 +272,40 @@ def reduced_information(problem: Problem, point: Point, jacobians: tuple[Floats,
     gradient : ndarray, shape (q,)
         Regressors times residual, of the data alone.
     """
-    shared = point.numerators.size
-    q = shared + jacobians[0].shape[1]
-    information, gradient = np.zeros((q, q)), np.zeros(q)
-    for z, gram, jacobian, residual, local in zip(
-        point.regressors, point.grams, jacobians, point.residuals, point.local, strict=True
-    ):
-        locals_ = len(local)
-        across = z.T @ jacobian
-        factor = _factor(gram[:locals_, :locals_] + point.prior)
-        coupling = _forward(factor, np.hstack([gram[:locals_, locals_:-1], across[:locals_]]))
-        information -= coupling.T @ coupling
-        information[:shared, :shared] += gram[locals_:-1, locals_:-1]
-        information[:shared, shared:] += across[locals_:-1]
-        information[shared:, :shared] += across[locals_:-1].T
-        information[shared:, shared:] += jacobian.T @ jacobian
-        along = z[:, :-1].T @ residual
-        gradient[:shared] += along[locals_:]
-        gradient[shared:] += jacobian.T @ residual
-        # The local parameters are at their optimum: the prior balances their gradient, which the elimination passes on.
-        gradient -= coupling.T @ _forward(factor, along[:locals_] - point.prior @ local)
+    information, gradient, _, _ = _linearised(problem, point, jacobians)
     return information, gradient
+
+
+def squared_residual(problem: Problem, point: Point) -> float:
+    """Sum of squared residuals over all records, wherever they are."""
+    if problem.elsewhere is None:
+        return sum(float(residual @ residual) for residual in point.residuals)
+    return float(_linearised(problem, point)[3][0])
+
+
+def initial_states(problem: Problem, point: Point) -> list[Floats]:
+    """Give what each record has of its own, wherever it is, shape (1 + integrators + lags groups,)."""
+    if problem.elsewhere is None:
+        return [part.local for part in point.parts]
+    shares = problem.elsewhere.gathered(problem, initial_responses, point.theta, point.delays, point.numerators)
+    return [local for (rows,) in shares for local in rows]
+
+
+def _linearised(
+    problem: Problem, point: Point, jacobians: tuple[Floats, ...] | None = None
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Sum over the records what `sysid.reduction.linearise` gives."""
+    if problem.elsewhere is not None:
+        information, gradient, outer, following = problem.elsewhere.total(
+            problem, linearised, point.theta, point.delays, point.numerators
+        )
+        return information, gradient, outer, following
+    jacobians = sensitivities(problem, point) if jacobians is None else jacobians
+    each = [
+        linearise(problem, point.basis, part, columns) for part, columns in zip(point.parts, jacobians, strict=True)
+    ]
+    information, gradient, outer, following = (sum_of(parts) for parts in zip(*each, strict=True))
+    return information, gradient, outer, following
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,11 +344,11 @@ def descend(
     point = solve(problem, clip(theta, problem.band, _lag_orders(problem)), delays)
     if problem.lags == 0 and not problem.delay_parameters:
         return Descent(point, 0, True)
-    damping, growth = 1e-1, 2.0
+    damping, growth, small = 1e-1, 2.0, 0
     for iteration in range(iterations):
         if time.monotonic() > deadline:
             return Descent(point, iteration, False)
-        hessian, gradient = nonlinear_system(problem, point)
+        hessian, gradient, independent = _nonlinear_system(problem, point)
         while True:
             step = _bounded_step(problem, point, hessian, gradient, damping)
             trial = solve(problem, *_moved(problem, point, step))
@@ -366,7 +363,8 @@ def descend(
         damping, growth = damping * max(MOST_RELIEF, 1.0 - (2.0 * min(quality, 1.5) - 1.0) ** 3), 2.0
         damping = max(damping, 1e-9)
         point = trial
-        if gain * problem.samples < ENOUGH or gain < settled:
+        small = small + 1 if gain * independent < ENOUGH else 0
+        if small == 2 or gain * problem.samples < ENOUGH or gain < settled:
             return Descent(point, iteration + 1, True)
     return Descent(point, iterations, False)
 
@@ -381,22 +379,30 @@ def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats]:
     gradient : ndarray, shape (q,)
         Minus half the derivative of the cost, but for what `_price_slopes` leaves out.
     """
+    return _nonlinear_system(problem, point)[:2]
+
+
+def _nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats, float]:
+    """Hessian, gradient, and how many independent samples the residuals are worth."""
     shared = point.numerators.size
-    information, gradient = reduced_information(problem, point, sensitivities(problem, point))
-    gradient[shared : shared + problem.lags * problem.groups] -= _price_slopes(problem, point)
+    information, gradient, outer, following = _linearised(problem, point)
+    gradient[shared : shared + problem.lags * problem.groups] -= _price_slopes(problem, point, outer)
     factor, scale = _normalised(information[:shared, :shared], point.penalty)
-    coupling = _forward(factor, information[:shared, shared:] * scale[:, None])
+    coupling = forward(factor, information[:shared, shared:] * scale[:, None])
     # At the optimum of the numerators the penalty balances their gradient; what is left acts on the poles alone.
-    balance = _forward(factor, (gradient[:shared] - point.penalty @ point.numerators.ravel()) * scale)
-    return information[shared:, shared:] - coupling.T @ coupling, gradient[shared:] - coupling.T @ balance
+    balance = forward(factor, (gradient[:shared] - point.penalty @ point.numerators.ravel()) * scale)
+    square, product = following
+    likeness = min(max(product / max(square, 1e-300), 0.0), 1.0) ** 2
+    independent = max(problem.samples * (1.0 - likeness) / (1.0 + likeness), float(len(gradient)))
+    return information[shared:, shared:] - coupling.T @ coupling, gradient[shared:] - coupling.T @ balance, independent
 
 
-def _price_slopes(problem: Problem, point: Point) -> Floats:
+def _price_slopes(problem: Problem, point: Point, outer: Floats) -> Floats:
     """Half the derivatives of both penalties by the poles' parameters, parameter-major, linear parameters held.
 
     Slow and lightly damped poles make impulse and initial responses of more energy. By central differences of the
     gramians, each denominator in the unit of frequency it has now; that the weight of an input's energy moves with its
-    poles too is left out.
+    poles too is left out. `outer` holds the initial responses' coefficients times themselves, summed over the records.
     """
     groups, lags, k, system = problem.groups, problem.lags, problem.integrators, point.system
     step = 1e-5
@@ -405,7 +411,7 @@ def _price_slopes(problem: Problem, point: Point) -> Floats:
     moved[lags + np.arange(lags), :, np.arange(lags)] -= step
     orders = [order - k for order in problem.all_orders] * (2 * lags)
     seconds = denominators_of_orders(moved.reshape(-1, lags), orders)[0].reshape(2 * lags, groups, lags)
-    a: Floats = (seconds / system.unit[:, None] ** _missing_powers(problem)).reshape(-1, lags)
+    a: Floats = (seconds / system.unit[:, None] ** missing_powers(problem)).reshape(-1, lags)
     free = gramians(a, orders, 0).reshape(2, lags, groups, lags, lags)
     free = (free[0] - free[1]) / (2.0 * step)
     forced = free
@@ -419,10 +425,8 @@ def _price_slopes(problem: Problem, point: Point) -> Floats:
     weight = (np.diag(point.penalty).reshape(used.shape) * used).sum(axis=0) / (now * used).sum(axis=0)
     each = weight * np.einsum("kj,ijkl,lj->ij", c, forced[:, lanes, :count, :count], c)
     slopes: Floats = each @ np.equal.outer(lanes, np.arange(groups)).astype(np.float64)
-    for local in point.local:
-        initial = local[1 + k :].reshape(lags, groups)
-        price = np.einsum("kg,igkl,lg->ig", initial, free, initial)
-        slopes += problem.initial * (np.array(problem.all_orders) - k) / system.unit * price
+    price = np.einsum("gkl,igkl->ig", outer, free)
+    slopes += problem.initial * (np.array(problem.all_orders) - k) / system.unit * price
     return 0.5 * slopes.ravel()
 
 
@@ -451,49 +455,8 @@ def _bounded_step(problem: Problem, point: Point, hessian: Floats, gradient: Flo
     return np.clip(step, -LONGEST_STEP, LONGEST_STEP)
 
 
-def _by_delay(problem: Problem, point: Point, u: Floats, states: Floats) -> Floats:
-    """Differentiate by the delays in samples; shape (N, m).
-
-    That is minus the time derivative of each input's response, but for what starts at rest when the record begins.
-    """
-    system, m = point.system, len(problem.group)
-    newer, older = delayed(u, problem.dt, point.delays), delayed(u, problem.dt, point.delays, 1)
-    _, part = whole_and_part(point.delays, problem.dt)
-    acting = np.where(part > 1e-9, older, newer) if problem.hold == "zoh" else older + (1.0 - part) * (newer - older)
-    rates = np.zeros((problem.order, m))
-    direct = np.zeros(m)
-    for j, g in enumerate(problem.group):
-        order = problem.all_orders[g]
-        for power, value in enumerate(point.numerators[:, j]):
-            if power + 1 < order:
-                rates[power + 1, j] -= value * system.unit[g]
-            elif power < order:
-                rates[:order, j] += value * system.unit[g] * system.a[g, :order]
-                direct[j] -= value * system.unit[g]
-    result = np.einsum("tkm,km->tm", states[:, : problem.order], rates) + acting * direct
-    for j, g in enumerate(problem.group):
-        impulse = point.free[: len(u), : problem.numerators, g] @ point.numerators[:, j]
-        result[:, j] += u[0, j] * system.unit[g] * impulse
-    return problem.dt * np.asarray(result)
-
-
-def initial_prior(problem: Problem, system: Discretised) -> Floats:
-    """Precision of a record's polynomial, which is free, and of its initial responses, times residual variance."""
-    precision = problem.initial * system.initial_precision()
-    first = 1 + problem.integrators
-    prior = np.zeros((first + len(precision), first + len(precision)))
-    prior[first:, first:] = precision + np.diag(1e-9 * np.diag(precision) + 1e-12)
-    return prior
-
-
 def _lag_orders(problem: Problem) -> tuple[int, ...]:
     return tuple(order - problem.integrators for order in problem.orders)
-
-
-def _missing_powers(problem: Problem) -> Floats:
-    """Powers of the unit of frequency in each coefficient of a denominator; shape (groups, lags)."""
-    orders = np.array(problem.all_orders) - problem.integrators
-    return np.maximum(orders[:, None] - np.arange(problem.lags), 0).astype(np.float64)
 
 
 def _impulse_energy(problem: Problem, system: Discretised, energy: Floats, used: Floats) -> Floats:
@@ -509,53 +472,10 @@ def _impulse_energy(problem: Problem, system: Discretised, energy: Floats, used:
     return result
 
 
-def _derivative_weights(problem: Problem, point: Point) -> Floats:
-    """Express the derivatives of ``p^q / A`` by the poles' parameters in the states; shape (groups, n, 2 n, lags)."""
-    k, lags = problem.integrators, problem.lags
-    table = _powers_over_square(point.system)
-    slopes = point.slope / point.system.unit[:, None, None] ** _missing_powers(problem)[:, :, None]
-    weights = np.empty((problem.groups, problem.order, 2 * problem.order, lags))
-    for power in range(problem.order):
-        # The coefficients of A that move belong to the powers above those of the integrators.
-        weights[:, power] = -(table[:, power + k : power + k + lags].transpose(0, 2, 1) @ slopes)
-    return weights
-
-
-def _powers_over_square(system: Discretised) -> Floats:
-    """Express ``p^q / A^2`` (q < 2n - 1) in the states ``p^k / A`` and ``p^k / A^2``; shape (groups, 2n-1, 2 size)."""
-    size = system.order
-    rows = np.zeros((len(system.orders), 2 * size - 1, 2 * size))
-    for n in set(system.orders):
-        of = np.flatnonzero(np.array(system.orders) == n)
-        mine = rows[of]
-        mine[:, np.arange(n), size + np.arange(n)] = 1.0
-        for q in range(n, 2 * n - 1):
-            mine[:, q] = -(system.a[of, None, :n] @ mine[:, q - n : q])[:, 0]
-            mine[:, q, q - n] += 1.0
-        rows[of] = mine
-    return rows
-
-
 def _normalised(information: Floats, penalty: Floats) -> tuple[Floats, Floats]:
     """Factor the penalised information of the numerators, scaled to a unit diagonal; the factor and the scale."""
     normal = information + penalty
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     normal = normal * scale * scale[:, None]
     normal[np.diag_indices(len(scale))] += 1e-13
-    return _factor(normal), scale
-
-
-# LAPACK itself: the matrices are so small that checks and dispatch around it take as long as the work.
-def _factor(matrix: Floats) -> Floats:
-    factor, info = lapack.dpotrf(matrix, lower=1)
-    if info:
-        raise np.linalg.LinAlgError("normal equations are not positive definite")
-    return np.asarray(factor)
-
-
-def _forward(factor: Floats, rhs: Floats) -> Floats:
-    return np.asarray(lapack.dtrtrs(factor, rhs, lower=1)[0])
-
-
-def _backward(factor: Floats, rhs: Floats) -> Floats:
-    return np.asarray(lapack.dtrtrs(factor, rhs, lower=1, trans=1)[0])
+    return factorise(normal), scale

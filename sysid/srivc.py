@@ -19,6 +19,9 @@ from sysid.response import Discretised, discretise
 from sysid.sections import clip, denominators, from_poles
 from sysid.separable import Point, Problem, instruments, solve
 
+#: Iterations without a new lowest cost after which there will be none.
+VAIN = 6
+
 #: Iterations at most, and the change of the logarithmic parameters at which Gauss-Newton steps do better.
 MOST_ITERATIONS, NEAR = 30, 0.03
 
@@ -62,12 +65,13 @@ def srivc(problem: Problem, bandwidth: float, deadline: float = np.inf) -> Start
     theta[0, lags - lags % 2 :] = np.log(bandwidth)
     theta = clip(theta, problem.band)
     best: tuple[float, Floats] = (np.inf, theta)
-    change = np.inf
+    change, vain = np.inf, 0
     for iteration in range(MOST_ITERATIONS):
         point = solve(problem, theta)
+        vain += 1
         if point.cost < best[0]:
-            best = (point.cost, theta)
-        if change < NEAR or time.monotonic() > deadline:
+            best, vain = (point.cost, theta), 0
+        if change < NEAR or vain == VAIN or time.monotonic() > deadline:
             return Start(best[1], best[0], iteration, change < NEAR)
         following = clip(refine(problem, point, noisy=iteration == 0)[None], problem.band)
         change = float(np.max(np.abs(following - theta)))
@@ -97,15 +101,15 @@ def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats:
     system = discretise(a, problem.dt, "foh")
     size = shared + 2 * lags + 1
     total = np.zeros((size, size))
-    made = (None,) * len(point.states) if noisy else instruments(problem, point)
-    for z, gram, local, instrument in zip(point.regressors, point.grams, point.local, made, strict=True):
-        locals_ = len(local)
+    made = (None,) * len(point.parts) if noisy else instruments(problem, point)
+    for part, instrument in zip(point.parts, made, strict=True):
+        z, gram, locals_ = part.regressors, part.gram, len(part.local)
         derivatives = _derivatives(system, z[:, -1])
         clean = derivatives[:, :-1] if instrument is None else instrument
         more = np.hstack([clean, derivatives])
         across = z[:, :-1].T @ more
         product = np.block([[gram[:-1, :-1], across], [across.T, more.T @ more]])
-        product[:locals_, :locals_] += point.prior
+        product[:locals_, :locals_] += point.basis.prior
         coupling = np.linalg.solve(product[:locals_, :locals_], product[:locals_, locals_:])
         total += product[locals_:, locals_:] - product[locals_:, :locals_] @ coupling
     numerators = total[:shared, :shared] + point.penalty

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.covariance import independent_samples
 from sysid.experiment import Floats
 from sysid.sections import Band
 from sysid.separable import Descent, Point, Problem, descend, solve
@@ -32,6 +33,9 @@ LEAST_SECTIONS = 8
 
 #: Samples wanted for each coefficient of the shared modes.
 ENOUGH_SAMPLES = 10
+
+#: Independent samples of the residual wanted for each coefficient of the shared modes once these have been fitted.
+ENOUGH_INDEPENDENT = 2
 
 #: Weight of the initial responses, relative to the problem's, when records begin at rest and when they do not.
 AT_REST, IN_MOTION = 100.0, 1e-4
@@ -97,16 +101,20 @@ def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: f
     -------
     Separated or None
         None when there are too few samples for so many coefficients, integrators, or an output that even all these
-        modes do not explain.
+        modes do not explain: by size, or because what they leave is far from white.
     """
     sections = max((sum(problem.all_orders) + 1) // 2, LEAST_SECTIONS)
     if problem.integrators or not _enough(problem, sections):
         return None
     modes, rough = _shared_modes(problem, sections, band, deadline)
-    if rough.point.cost > HOPELESS * sum(map(len, rough.point.residuals)):
+    residuals = rough.point.residuals
+    if rough.point.cost > HOPELESS * sum(map(len, residuals)):
+        return None
+    # What the modes leave is noise, or something else moves the craft (wind) and hides in what is ascribed to inputs.
+    if independent_samples(residuals) < ENOUGH_INDEPENDENT * 2 * sections * len(problem.group):
         return None
     fit = descend(modes, rough.point.theta, MODES_STEPS[1], deadline, settled=MODES_SETTLED)
-    parts = [_parts(states, fit.point, sections) for states in fit.point.states]
+    parts = [_parts(part.states, fit.point, sections) for part in fit.point.parts]
     theta = np.zeros((len(problem.group), problem.order))
     for j, order in enumerate(problem.all_orders):
         channel = _channel(problem, [part[:, :, j].sum(axis=1) for part in parts], j, modes.initial)
@@ -140,11 +148,10 @@ def likeliest_initial(problem: Problem, point: Point, weakest: float) -> float:
     for step in range(REST_STEPS + 1):
         initial = weakest * 10.0**step
         trial = solve(replace(problem, initial=initial), point.theta, point.delays)
-        size = len(trial.prior)
-        free = np.linalg.slogdet(trial.prior[first:, first:])[1]
+        free = np.linalg.slogdet(trial.basis.prior[first:, first:])[1]
         surprise = problem.samples * np.log(max(trial.cost, 1e-300))
-        for gram in trial.grams:
-            surprise += np.linalg.slogdet(gram[:size, :size] + trial.prior)[1] - free
+        for part in trial.parts:
+            surprise += 2.0 * float(np.sum(np.log(np.diag(part.factor)))) - free
         tried.append((float(surprise), initial))
     least = min(surprise for surprise, _ in tried)
     return max(initial for surprise, initial in tried if surprise <= least + TIE)

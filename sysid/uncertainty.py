@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 
 from sysid.covariance import coloured_information
 from sysid.experiment import Floats
+from sysid.reduction import autoproducts, lagged_products, own_eliminated, scattered_scores, sum_of
 from sysid.separable import Point, Problem, reduced_information, sensitivities
 
 #: An autocovariance ends where it stays below this part of the variance.
@@ -57,9 +58,18 @@ def residual_colour(residuals: Sequence[Floats]) -> Floats:
     ndarray, shape (lags,)
         From lag 0 until it has faded.
     """
-    samples, longest = sum(map(len, residuals)), max(map(len, residuals))
-    highest = min(round(10.0 * np.log10(samples)), min(map(len, residuals)) // 4)
-    gamma = np.array([sum(r[k:] @ r[: len(r) - k] for r in residuals) for k in range(highest + 1)]) / samples
+    lengths = tuple(map(len, residuals))
+    return _colour(sum_of([autoproducts(residual, _highest_order(lengths)) for residual in residuals]), lengths)
+
+
+def _highest_order(lengths: Sequence[int]) -> int:
+    return int(min(round(10.0 * np.log10(sum(lengths))), min(lengths) // 4))
+
+
+def _colour(products: Floats, lengths: Sequence[int]) -> Floats:
+    """Autocovariance from the residuals' products with those 0 to so many samples later; see `residual_colour`."""
+    samples, longest, highest = sum(lengths), max(lengths), len(products) - 1
+    gamma = products / samples
     if gamma[0] <= 0.0:
         return gamma[:1]
     # Levinson's recursion gives the models of all orders.
@@ -86,20 +96,27 @@ def residual_colour(residuals: Sequence[Floats]) -> Floats:
 
 def _sandwich(problem: Problem, point: Point) -> tuple[Floats, Floats, Floats, float]:
     """Inverse of H and M, both scaled to a unit diagonal of H; the scale, and the residual's variance."""
-    jacobians = sensitivities(problem, point)
-    information, _ = reduced_information(problem, point, jacobians)
-    reduced = []
-    for z, gram, jacobian, local in zip(point.regressors, point.grams, jacobians, point.local, strict=True):
-        locals_ = len(local)
-        rest = np.hstack([z[:, locals_:-1], jacobian])
-        along = np.hstack([gram[:locals_, locals_:-1], z[:, :locals_].T @ jacobian])
-        reduced.append(rest - z[:, :locals_] @ np.linalg.solve(gram[:locals_, :locals_] + point.prior, along))
+    elsewhere, lengths = problem.elsewhere, problem.lengths
+    at = point.theta, point.delays, point.numerators
+    jacobians = () if elsewhere is not None else sensitivities(problem, point)
+    information, _ = reduced_information(problem, point, jacobians or None)
+    if elsewhere is None:
+        colour = residual_colour(point.residuals)
+    else:
+        colour = _colour(elsewhere.total(problem, lagged_products, *at, _highest_order(lengths))[0], lengths)
     estimated = np.diag(information) > 0.0
     freedom = max(problem.samples - int(estimated.sum()), 1)
-    colour = residual_colour(point.residuals) * problem.samples / freedom
+    colour = colour * (problem.samples / freedom)
     size = np.where(estimated, 1.0 / np.sqrt(np.where(estimated, np.diag(information), 1.0)), 0.0)
     # A trace of white prior keeps directions without information finite, and their covariance huge.
     trace = 1e-11 * np.eye(len(size))
     bread = information * size * size[:, None] + trace + np.diag((~estimated).astype(np.float64))
-    filling = coloured_information(reduced, colour) * size * size[:, None] + colour[0] * trace
+    if elsewhere is None:
+        reduced = [
+            own_eliminated(point.basis, part, columns) for part, columns in zip(point.parts, jacobians, strict=True)
+        ]
+        filling = coloured_information(reduced, colour)
+    else:
+        (filling,) = elsewhere.total(problem, scattered_scores, *at, colour)
+    filling = filling * size * size[:, None] + colour[0] * trace
     return np.asarray(np.linalg.inv(bread)), np.asarray(filling), size, float(colour[0])

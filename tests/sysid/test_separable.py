@@ -58,7 +58,7 @@ def response(problem, point, theta, delays):
     numerators = point.numerators * scale**powers
     outputs = []
     first = 1 + problem.integrators
-    for z, local in zip(moved.regressors, point.local, strict=True):
+    for z, local in ((there.regressors, here.local) for there, here in zip(moved.parts, point.parts, strict=True)):
         initial = local[first:].reshape(problem.lags, problem.groups)
         lags = orders - problem.integrators
         ratio = (point.system.unit / moved.system.unit) ** (lags - 1 - np.arange(problem.lags)[:, None])
@@ -137,7 +137,7 @@ def test_white_residuals_cost_as_many_parameters_as_there_are():
     clean = replace(BASE, inputs=(u,), outputs=(np.zeros(4000),), group=(0,), order=3, numerators=3, ridge=1e-6)
     theta = np.array([[0.3, -0.7, -1.0]])
     truth = solve(clean, theta)
-    y = truth.states[0][:, :3, 0] @ np.array([1.0, -0.5, 0.3])
+    y = truth.parts[0].states[:, :3, 0] @ np.array([1.0, -0.5, 0.3])
     problem = replace(clean, outputs=(y + 0.1 * y.std() * rng.standard_normal(4000),))
     point = descend(problem, theta, 50).point
     assert effective_parameters(problem, point) == pytest.approx(6.0, rel=0.3)
