@@ -275,14 +275,16 @@ def test_the_pages_are_dark_where_the_visitor_wants_it(browser: Browser, service
 def test_a_sample_becomes_a_real_report(browser: Browser, tmp_path: Path) -> None:
     """The pipeline itself, and its report in our frame: drawn under its policy, on a phone, with a choice of models."""
     with (
-        running(create_app(Settings(data=tmp_path, workers=1))) as client,
+        running(
+            create_app(Settings(data=tmp_path, workers=1, time_limit=3600.0), standins.analyze_patiently)
+        ) as client,
         watched(browser, client, viewport=PHONE) as page,
     ):
         page.goto("/")
         page.get_by_label("Open a sample flight").select_option("octa01_zurich_calm")
         page.get_by_role("button", name="Open").click()
         report = page.frame_locator("iframe")
-        expect(report.get_by_role("heading", name="octa01_zurich_calm")).to_be_visible(timeout=1_000_000.0)
+        expect(report.get_by_role("heading", name="octa01_zurich_calm")).to_be_visible(timeout=3_600_000.0)
         for part in ("How well the models predict", "The flight", "Identified models", "Findings"):
             expect(report.get_by_role("heading", name=part, exact=True)).to_be_attached()
         report.locator("#plot-prediction").scroll_into_view_if_needed()
