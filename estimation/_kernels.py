@@ -21,7 +21,10 @@ SLOW = 9  # states from here on are sensor errors, which change slowly
 SLOW_EVERY = 8  # their smoothed values are worked out for every eighth output row
 ENTRIES = 7  # most entries that a row of H has
 FARTHEST = 0.3  # rad; headings further than this from the first one are a new first one
-MOVING = 0.06  # rad/s; a craft that turns faster is in use, and can learn its heading
+
+# What the filter remembers from node to node besides state and covariance: how long each kind was refused, the heading
+# since the first one, the field at the start, rate and acceleration now.
+REFUSED, HEADING, FIELD, RATE, ACCELERATION, MEMORY = 0, 7, 8, 11, 14, 17
 
 # Kinds of measurement groups.
 GPS_POSITION, GPS_VELOCITY, BARO, MAG, GPS2_POSITION, GPS2_VELOCITY, RANGE = range(7)
@@ -371,6 +374,8 @@ def forward(
     jitter: Array,
     gate: float,
     patience: float,
+    moves: bool,
+    memory: Array,
     keep: bool,
     node_T: Array,
     node_S: Array,
@@ -387,7 +392,9 @@ def forward(
     """Run the filter over all nodes; x (27,) and P (26, 26) are the start and are left at the end.
 
     Parameters are the arrays that `filter.Problem` documents. ``sub_noise[k]`` holds the variance that the attitude and
-    velocity errors gain in sub-step k. ``keep`` tells whether the history for the smoother is written.
+    velocity errors gain in sub-step k. ``moves`` tells whether the craft can learn its heading. ``memory`` (17,) is
+    what else the filter knows at the start, and is left at the end, so that a long segment can be filtered in pieces.
+    ``keep`` tells whether the history for the smoother is written.
 
     Returns
     -------
@@ -400,14 +407,11 @@ def forward(
     gain = np.empty(N)
     index = np.zeros(ENTRIES, np.int64)
     value = np.zeros(ENTRIES)
-    rate = np.zeros(3)
-    acceleration = np.zeros(3)
-    refused = np.zeros(KINDS)
-    field = x[23:26].copy()
-    heading = 0.0
-    moves = False
-    for k in range(sub_dt.shape[0]):
-        moves |= np.abs(sub_angle[k]).max() > MOVING * sub_dt[k]
+    refused = memory[REFUSED:HEADING]
+    field = memory[FIELD:RATE]
+    rate = memory[RATE:ACCELERATION]
+    acceleration = memory[ACCELERATION:MEMORY]
+    heading = memory[HEADING]
     likelihood = 0.0
     _rotation(x, R)
     for node in range(node_out.shape[0]):
@@ -490,6 +494,7 @@ def forward(
         out = node_out[node]
         if out >= 0:
             _write_row(x, P, out, out_x, out_P, slow_P)
+    memory[HEADING] = heading
     return likelihood
 
 
@@ -533,6 +538,8 @@ def backward(
     scalar_index: Array,
     scalar_value: Array,
     gps_error_time: float,
+    lam: Array,
+    Lam: Array,
     out_x: Array,
     out_P: Array,
     slow_P: Array,
@@ -541,10 +548,10 @@ def backward(
 ) -> None:
     """Smooth what `forward` kept: ``out_x`` in place, covariance of p, v, phi (n, 9, 9), slow variances (m, 17).
 
-    Sensor errors in ``out_x`` are smoothed only in the rows that are multiples of `SLOW_EVERY`.
+    ``lam`` (26,) and ``Lam`` (26, 26) are the adjoint behind the last node, zero at the end of a segment, and are left
+    as that before the first node. Sensor errors in ``out_x`` are smoothed only in rows that are multiples of
+    `SLOW_EVERY`.
     """
-    lam = np.zeros(N)
-    Lam = np.zeros((N, N))
     u = np.empty(N)
     dx = np.empty(N)
     W = np.empty((SLOW, N))

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from estimation.attitude import euler_from_quat, matrix_from_quat, quat_from_euler
-from estimation.filter import ForwardPass
+from estimation.filter import Filtered
 from estimation.local_frame import LocalFrame
 from estimation.observations import usable_field, usable_fixes, usable_ranges
 from estimation.states import (
@@ -158,12 +158,12 @@ def with_priors(P: np.ndarray, noise: SensorNoise) -> np.ndarray:
     return P
 
 
-def carried_over(aligned: Alignment, last: ForwardPass, gap: float, noise: SensorNoise, *, same_imu: bool) -> Alignment:
+def carried_over(aligned: Alignment, last: Filtered, gap: float, noise: SensorNoise, *, same_imu: bool) -> Alignment:
     """Start a segment with what the one before learned of the sensors' errors, made less sure by the hole between.
 
     Parameters
     ----------
-    last : ForwardPass
+    last : Filtered
         Of the segment before.
     gap : float
         From its end to this one's start, s.

@@ -8,7 +8,7 @@ import pandas as pd
 from scipy.stats import chi2
 
 from estimation.attitude import continuous, error_rotation
-from estimation.filter import ForwardPass, Problem
+from estimation.filter import Filtered
 from estimation.observations import KIND_NAMES
 from estimation.trajectory import Trajectory
 
@@ -20,7 +20,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def innovation_statistics(problems: list[Problem], results: list[ForwardPass]) -> dict[str, dict[str, float]]:
+def innovation_statistics(segments: list[Filtered]) -> dict[str, dict[str, float]]:
     """Mean normalised innovation squared of each sensor with its 95 % bounds, and how much was refused.
 
     Returns
@@ -30,10 +30,10 @@ def innovation_statistics(problems: list[Problem], results: list[ForwardPass]) -
         (chi-square bounds of that mean for independent innovations), ``sigma`` (median 1-sigma given to the
         white noise of a sample, SI).
     """
-    kinds = np.concatenate([p.observations.scalar_kind for p in problems])
-    innovation = np.concatenate([r.innovation for r in results])
-    inverse = np.concatenate([r.inverse_variance for r in results])
-    variance = np.concatenate([p.white_scale[p.observations.scalar_kind] * p.observations.variance for p in problems])
+    kinds = np.concatenate([s.observations.scalar_kind for s in segments])
+    innovation = np.concatenate([s.innovation for s in segments])
+    inverse = np.concatenate([s.inverse_variance for s in segments])
+    variance = np.concatenate([s.white_scale[s.observations.scalar_kind] * s.observations.variance for s in segments])
     statistics = {}
     for kind, name in enumerate(KIND_NAMES):
         mine = kinds == kind
@@ -132,7 +132,7 @@ def nees(trajectory: Trajectory, truth: pd.DataFrame) -> dict[str, float]:
         known = np.isfinite(e).all(axis=1)
         if not known.any():
             continue
-        block = covariance[row[known], 3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+        block = covariance[row[known], k]
         weighted = np.linalg.solve(block, e[known][:, :, None])[:, :, 0]
         result[name] = float(np.mean((e[known] * weighted).sum(axis=1)) / 3.0)
     return result

@@ -7,10 +7,12 @@ import numpy as np
 from estimation import _kernels
 from estimation.observations import Observations
 from estimation.states import GPS_ERROR, SIZE, SensorNoise
-from estimation.timing import TICK, InertialSignal
+from estimation.timing import TICK, TURNING, InertialSignal
 
 #: Nodes are never further apart than this, s: the error state's transition is of first order in time.
 LONGEST_STEP = 0.04
+#: Sub-steps shorter than this, s, are merged where settings are only compared with each other.
+COARSE = 0.008
 #: White noise of a sensor is believed to be no less and no more than these times that of its class or its report: what
 #: innovations do not show (rounding, errors that last) is there all the same, and averaging does not take it away.
 QUIETEST, LOUDEST = 0.2, 5.0
@@ -48,6 +50,10 @@ class Problem:
         The start.
     white_scale : ndarray, shape (7,)
         Factor on the white variance of each kind of measurement.
+    moves : bool
+        Whether the craft turns, and so can learn its heading.
+    prior : ndarray, shape (26,), or None
+        Variances at the beginning of the segment, of a piece that begins later; the GPS error wanders with its own.
     """
 
     t: np.ndarray
@@ -64,6 +70,8 @@ class Problem:
     x: np.ndarray
     P: np.ndarray
     white_scale: np.ndarray
+    moves: bool
+    prior: np.ndarray | None = None
 
     @property
     def outputs(self) -> int:
@@ -110,6 +118,32 @@ class ForwardPass:
     last_covariance: np.ndarray
 
 
+@dataclass(frozen=True, slots=True)
+class Filtered:
+    """What the filter has to say of a whole segment.
+
+    Attributes
+    ----------
+    observations : Observations
+    white_scale : ndarray, shape (7,)
+    stop : float
+        Its end, s.
+    innovation, inverse_variance : ndarray, shape (s,)
+    log_likelihood : float
+    last_state, last_covariance : ndarray, shapes (27,), (26, 26)
+        As of `ForwardPass`.
+    """
+
+    observations: Observations
+    white_scale: np.ndarray
+    stop: float
+    innovation: np.ndarray
+    inverse_variance: np.ndarray
+    log_likelihood: float
+    last_state: np.ndarray
+    last_covariance: np.ndarray
+
+
 def assemble(
     signal: InertialSignal,
     observations: Observations,
@@ -121,17 +155,40 @@ def assemble(
     *,
     white_scale: np.ndarray | None = None,
     imu_scale: np.ndarray | None = None,
+    start: float = -np.inf,
     stop: float = np.inf,
+    finest: float = 0.0,
+    moves: bool | None = None,
+    prior: np.ndarray | None = None,
 ) -> Problem:
-    """Lay out nodes and sub-steps of one segment, or of its beginning; `outputs` are times within it, s."""
-    first, last = _ticks(np.array([signal.start, min(signal.stop, stop)]))
+    """Lay out nodes and sub-steps of one segment, or of a piece of it.
+
+    Parameters
+    ----------
+    outputs : ndarray
+        Times within the piece, s.
+    x, P : ndarray, shapes (27,), (26, 26)
+        State and covariance at the beginning of the piece.
+    start, stop : float
+        The piece, s: what is measured before `stop` belongs to it.
+    finest : float
+        IMU samples nearer to each other than this, s, share a sub-step.
+    moves : bool, optional
+        Whether the craft turns anywhere in the segment, where it is known already.
+    prior : ndarray, shape (26,), optional
+        Variances at the beginning of the segment, if the piece begins later.
+    """
+    first, last = ticks(np.array([max(signal.start, start), min(signal.stop, stop)]))
     observations = observations.between(first * TICK, last * TICK)
-    asked = _ticks(outputs)
-    measured = _ticks(observations.t)
+    asked = ticks(outputs)
+    measured = ticks(observations.t)
     filler = np.arange(first, last, round(LONGEST_STEP / TICK))
-    nodes = np.unique(np.concatenate([[first], asked, measured, filler]))
-    imu = _ticks(signal.times)
-    steps = np.unique(np.concatenate([nodes, imu[(imu > first) & (imu < nodes[-1])]]))
+    nodes = _merged(np.array([first, last]), asked, measured, filler)
+    imu = ticks(signal.samples_between(first * TICK, last * TICK))
+    if finest > 0.0 and imu.size:
+        share = imu // round(finest / TICK)
+        imu = imu[np.concatenate([[True], np.diff(share) > 0])]
+    steps = _merged(nodes, imu[(imu > first) & (imu < last)])
     t = steps * TICK
     angle, velocity, variance = signal.increments(t)
     node_sub = np.concatenate([[0], np.searchsorted(steps, nodes)])
@@ -152,16 +209,34 @@ def assemble(
         x=x,
         P=P,
         white_scale=np.ones(_kernels.KINDS) if white_scale is None else white_scale,
+        moves=bool(signal.beyond(TURNING).any()) if moves is None else moves,
+        prior=prior,
     )
 
 
-def _ticks(t: np.ndarray) -> np.ndarray:
+def _merged(*ticks: np.ndarray) -> np.ndarray:
+    """Merge ticks into one ascending sequence without repetition."""
+    merged = np.sort(np.concatenate(ticks))
+    return np.asarray(merged[np.concatenate([[True], np.diff(merged) > 0])])
+
+
+def ticks(t: np.ndarray) -> np.ndarray:
     """Round times to the grid on which nodes are merged."""
     return np.round(np.asarray(t, float) / TICK).astype(np.int64)
 
 
-def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
-    """Filter one segment; `keep` the history when it is to be smoothed."""
+def new_memory(x: np.ndarray) -> np.ndarray:
+    """Give what the filter remembers of a segment that begins with state x (see `_kernels`)."""
+    memory = np.zeros(_kernels.MEMORY)
+    memory[_kernels.FIELD : _kernels.RATE] = x[23:26]
+    return memory
+
+
+def run(problem: Problem, *, keep: bool = True, memory: np.ndarray | None = None) -> ForwardPass:
+    """Filter one segment, or a piece of it; `keep` the history when it is to be smoothed.
+
+    `memory`, of the piece before, is brought up to date in place.
+    """
     o = problem.observations
     nodes, scalars, rows = len(problem.t), len(o.z), problem.outputs
     kept_nodes, kept_scalars = (nodes, scalars) if keep else (0, 0)
@@ -182,7 +257,8 @@ def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
         last_state=x,
         last_covariance=P,
     )
-    gps_error = np.concatenate([[problem.noise.gps_error_time], np.diag(problem.P)[GPS_ERROR : GPS_ERROR + 3]])
+    prior = np.diag(problem.P) if problem.prior is None else problem.prior
+    gps_error = np.concatenate([[problem.noise.gps_error_time], prior[GPS_ERROR : GPS_ERROR + 3]])
     likelihood = _kernels.forward(
         x,
         P,
@@ -199,7 +275,7 @@ def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
         o.z,
         o.variance,
         # A sensor that is not there has no error to wander.
-        problem.noise.random_walks() * (np.diag(P) > 0.0),
+        problem.noise.random_walks() * (prior > 0.0),
         gps_error,
         problem.world.gravity,
         problem.world.earth_rate,
@@ -207,6 +283,8 @@ def run(problem: Problem, *, keep: bool = True) -> ForwardPass:
         problem.noise.jitter(),
         problem.noise.gate,
         PATIENCE,
+        problem.moves,
+        new_memory(x) if memory is None else memory,
         keep,
         result.transition_time,
         result.transition_velocity,

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from estimation import _kernels
-from estimation.filter import ForwardPass, Problem
+from estimation.filter import Filtered
 from estimation.timing import LONGEST_HOLE
 from logparse import Finding, Severity
 
@@ -84,15 +84,15 @@ def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
     ]
 
 
-def gps_troubles(problem: Problem, result: ForwardPass) -> list[Finding]:
+def gps_troubles(segment: Filtered) -> list[Finding]:
     """Say where GPS positions stayed away or were refused, in one segment."""
-    o = problem.observations
+    o = segment.observations
     mine = np.flatnonzero(o.kind == _kernels.GPS_POSITION)
     if mine.size == 0:
         return []
     findings = []
     t = o.t[mine]
-    for before, after in pairwise([*t.tolist(), float(problem.t[-1])]):
+    for before, after in pairwise([*t.tolist(), segment.stop]):
         if after - before > LONGEST_SILENCE:
             findings.append(
                 Finding(
@@ -102,12 +102,12 @@ def gps_troubles(problem: Problem, result: ForwardPass) -> list[Finding]:
                     evidence={"start": before, "stop": after},
                 )
             )
-    refused = np.flatnonzero(result.inverse_variance[o.start[mine]] == 0.0)
+    refused = np.flatnonzero(segment.inverse_variance[o.start[mine]] == 0.0)
     for run in np.split(refused, np.flatnonzero(np.diff(t[refused]) > GLITCH_PAUSE) + 1):
         if run.size < 2:
             continue
         scalars = np.concatenate([np.arange(o.start[g], o.start[g + 1]) for g in mine[run]])
-        size = float(np.abs(result.innovation[scalars]).max())
+        size = float(np.abs(segment.innovation[scalars]).max())
         findings.append(
             Finding(
                 "gps-glitch",

@@ -164,7 +164,7 @@ def _estimate_segment(
     noise: SensorNoise,
     smoothed: bool,
 ) -> tuple[pd.DataFrame, pd.DataFrame, np.ndarray]:
-    """Filter, smooth and lay out one stretch of telemetry; gives states, sigma and covariance (n, 9, 9)."""
+    """Filter, smooth and lay out one stretch of telemetry; gives states, sigma and covariance (n, 3, 3, 3)."""
     when = attitude.index.to_numpy(float)
     quat = quat_from_euler(*attitude[["roll", "pitch", "yaw"]].to_numpy(float).T)
     turning = Akima1DInterpolator(when, continuous(quat))
@@ -200,12 +200,13 @@ def _estimate_segment(
     states = pd.DataFrame(
         np.column_stack([position, velocity, q, rate_b, force_b]), index=index, columns=[*STATE_COLUMNS]
     )
-    covariance = np.zeros((len(t), 9, 9))
+    covariance = np.zeros((len(t), 3, 3, 3))
     flat = P[:, :6, :6].reshape(len(nodes), 36)
-    covariance[:, :6, :6] = np.column_stack([np.interp(t_in, node_t, column) for column in flat.T]).reshape(-1, 6, 6)
-    covariance[:, [6, 7], [6, 7]] = TILT_SIGMA**2
-    covariance[:, 8, 8] = YAW_SIGMA**2
-    sigma = pd.DataFrame(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)), index=index, columns=[*SIGMA_COLUMNS])
+    known = np.column_stack([np.interp(t_in, node_t, column) for column in flat.T]).reshape(-1, 6, 6)
+    covariance[:, 0], covariance[:, 1] = known[:, :3, :3], known[:, 3:, 3:]
+    covariance[:, 2] = np.diag([TILT_SIGMA, TILT_SIGMA, YAW_SIGMA]) ** 2
+    variance = np.diagonal(covariance, axis1=2, axis2=3).reshape(-1, 9)
+    sigma = pd.DataFrame(np.sqrt(variance), index=index, columns=[*SIGMA_COLUMNS])
     return states, sigma, covariance
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 
 from estimation import _kernels
 from estimation.alignment import Alignment, align, turned
-from estimation.filter import assemble, run
+from estimation.filter import COARSE, assemble, run
 from estimation.observations import Observations
 from estimation.states import SensorNoise
 from estimation.surroundings import Surroundings
@@ -133,7 +133,9 @@ def _fit(segment: Segment, observations: Observations, place: Surroundings, nois
     signal, aligned = segment.signal, segment.aligned
     outputs = np.array([signal.start])
     stop = signal.start + WINDOW
-    problem = assemble(signal, observations, outputs, aligned.x, aligned.P, place.world, noise, stop=stop)
+    problem = assemble(
+        signal, observations, outputs, aligned.x, aligned.P, place.world, noise, stop=stop, finest=COARSE
+    )
     return run(problem, keep=False).log_likelihood
 
 

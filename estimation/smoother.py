@@ -6,6 +6,10 @@ import numpy as np
 
 from estimation import _kernels
 from estimation.filter import ForwardPass, Problem
+from estimation.states import SIZE
+
+#: lam and Lam of the modified Bryson-Frazier smoother, shapes (26,), (26, 26).
+Adjoint = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +31,33 @@ class Estimates:
     slow_variance: np.ndarray
 
 
+def new_adjoint() -> Adjoint:
+    """Give the adjoint at the end of a segment, which nothing follows."""
+    return np.zeros(SIZE), np.zeros((SIZE, SIZE))
+
+
 def smooth(problem: Problem, result: ForwardPass) -> Estimates:
     """Walk back over a kept forward pass (modified Bryson-Frazier, Bierman 1973); no matrix is inverted.
 
     Sensor errors hardly change from row to row: they are smoothed in every eighth row and interpolated between.
+    """
+    return filled_in(smooth_piece(problem, result, new_adjoint()), smoothed=True)
+
+
+def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Estimates:
+    """Walk back over a piece of a segment.
+
+    Parameters
+    ----------
+    problem, result : Problem, ForwardPass
+        Of the piece, its history kept.
+    adjoint : pair of ndarray
+        Of the piece behind it; becomes that before this one.
+
+    Returns
+    -------
+    Estimates
+        `slow_variance` of every eighth row, and sensor errors of `x` in these rows only: see `filled_in`.
     """
     rows = problem.outputs
     x = result.x.copy()
@@ -49,21 +76,30 @@ def smooth(problem: Problem, result: ForwardPass) -> Estimates:
         result.index,
         result.value,
         problem.noise.gps_error_time,
+        *adjoint,
         x,
         result.rows,
         result.sensor_rows,
         covariance,
         variance,
     )
-    x[:, 10:] = _between_rows(x[:: _kernels.SLOW_EVERY, 10:], rows)
-    return Estimates(x, covariance, _between_rows(variance, rows))
+    return Estimates(x, covariance, variance)
+
+
+def filled_in(found: Estimates, *, smoothed: bool) -> Estimates:
+    """Fill in what is known of every eighth row only: variances of sensor errors and, where smoothed, these errors."""
+    if smoothed:
+        row = np.arange(len(found.x))
+        known = row[:: _kernels.SLOW_EVERY]
+        for column in range(10, found.x.shape[1]):
+            found.x[:, column] = np.interp(row, known, found.x[known, column]) if row.size else 0.0
+    return Estimates(found.x, found.covariance, _between_rows(found.slow_variance, len(found.x)))
 
 
 def filtered(result: ForwardPass) -> Estimates:
-    """Give the forward pass's own estimates, which know nothing of what comes after."""
+    """Give the forward pass's own estimates of a piece, which know nothing of what comes after; see `smooth_piece`."""
     slow = np.diagonal(result.sensor_rows[:, :, _kernels.SLOW :], axis1=1, axis2=2)
-    covariance = result.rows[:, :, : _kernels.SLOW].copy()
-    return Estimates(result.x, covariance, _between_rows(slow, len(result.x)))
+    return Estimates(result.x, result.rows[:, :, : _kernels.SLOW], slow)
 
 
 def _between_rows(known: np.ndarray, rows: int) -> np.ndarray:

@@ -2,37 +2,42 @@
 
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 
+from estimation import _kernels
 from estimation.alignment import Alignment, carried_over, with_priors
 from estimation.consistency import innovation_statistics
-from estimation.filter import ForwardPass, Problem, World, assemble, run
+from estimation.filter import Filtered, Problem, World, assemble, new_memory, run, ticks
 from estimation.findings import gps_troubles, imu_holes, missing_sensors, other_imu
 from estimation.observations import Observations, observe, usable_field, usable_fixes
 from estimation.segmentation import SHORTEST_SEGMENT, Segment, find_segments
-from estimation.smoother import Estimates, filtered, smooth
-from estimation.states import SENSOR_ERROR_COLUMNS, SensorNoise
+from estimation.smoother import Estimates, filled_in, filtered, new_adjoint, smooth_piece
+from estimation.states import SENSOR_ERROR_COLUMNS, SIZE, SensorNoise
 from estimation.surroundings import Surroundings
-from estimation.timing import imu_delays, sample_rate, usable
+from estimation.timing import TICK, TURNING, imu_delays, sample_rate, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
 from estimation.tuning import WINDOW, Tuned, relinearised, tune
 from logparse import Geodetic, MissingDataError, Tables
 
+#: Rows of the trajectory that are smoothed at a time; a multiple of `_kernels.SLOW_EVERY`.
+PIECE = 512
 #: What a segment learned of the sensors' errors serves the next one after a hole no longer than this, s.
 LONGEST_MEMORY = 600.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Estimated:
-    """What came of a segment, at times t."""
+    """What came of a segment, at times t; rates and forces as measured, shape (n, 3)."""
 
     segment: Segment
     t: np.ndarray
-    problem: Problem
-    result: ForwardPass
+    filtered: Filtered
     estimates: Estimates
+    rates: np.ndarray
+    forces: np.ndarray
 
 
 def estimate_strapdown(
@@ -71,7 +76,7 @@ def estimate_strapdown(
     for segment in found:
         findings += other_imu(segment.imu, segment.gain, segment.samples)
     for estimated in done:
-        findings += gps_troubles(estimated.problem, estimated.result)
+        findings += gps_troubles(estimated.filtered)
     states, sigma = _frames(done)
     return Trajectory(
         states=states,
@@ -91,8 +96,8 @@ def _diagnostics(tables: Tables, done: list[_Estimated], place: Surroundings, tu
     return {
         "imu": [e.segment.imu for e in done],
         "imu_rate": sample_rate(max((e.segment for e in done), key=lambda segment: segment.length).samples),
-        "innovations": innovation_statistics([e.problem for e in done], [e.result for e in done]),
-        "log_likelihood": sum(e.result.log_likelihood for e in done),
+        "innovations": innovation_statistics([e.filtered for e in done]),
+        "log_likelihood": sum(e.filtered.log_likelihood for e in done),
         "segments": [(float(e.t[0]), float(e.t[-1])) for e in done],
         "aligned_still": [e.segment.aligned.still for e in done],
         "yaw_source": [e.segment.aligned.yaw_source for e in done],
@@ -124,7 +129,7 @@ def _estimate_all(
         aligned = replace(segment.aligned, P=with_priors(segment.aligned.P, tuned.noise))
         if done and (gap := max(signal.start - done[-1].segment.signal.stop, 0.0)) < LONGEST_MEMORY:
             same = segment.imu == done[-1].segment.imu
-            aligned = carried_over(aligned, done[-1].result, gap, tuned.noise, same_imu=same)
+            aligned = carried_over(aligned, done[-1].filtered, gap, tuned.noise, same_imu=same)
         done.append(_estimate(segment, aligned, t, observations, world, tuned, smoothed))
     return done
 
@@ -138,47 +143,108 @@ def _estimate(
     tuned: Tuned,
     smoothed: bool,
 ) -> _Estimated:
-    """Estimate one segment; before smoothing, a run over its beginning finds the attitude to linearise about."""
-    signal = segment.signal
+    """Estimate one segment; before smoothing, a run over its beginning finds the attitude to linearise about.
 
-    def lay_out(outputs: np.ndarray, x: np.ndarray, stop: float) -> Problem:
+    The smoother wants the filter's history, which for a long flight is larger than its log. So the segment is filtered
+    once without, and then again piece by piece from behind, each from the state that the first pass left before it.
+    """
+    signal = segment.signal
+    moves = bool(signal.beyond(TURNING).any())
+
+    def lay_out(outputs: np.ndarray, x: np.ndarray, P: np.ndarray, start: float, stop: float) -> Problem:
         return assemble(
             signal,
             observations,
             outputs,
             x,
-            aligned.P,
+            P,
             world,
             tuned.noise,
             white_scale=tuned.white_scale,
             imu_scale=tuned.imu_scale,
+            start=start,
             stop=stop,
+            moves=moves,
+            prior=np.diag(aligned.P),
         )
 
-    if not smoothed:
-        problem = lay_out(t, aligned.x, np.inf)
-        result = run(problem)
-        return _Estimated(segment, t, problem, result, filtered(result))
-    first = lay_out(np.array([signal.start]), aligned.x, signal.start + WINDOW)
-    problem = lay_out(t, relinearised(first, run(first)), np.inf)
-    result = run(problem)
-    return _Estimated(segment, t, problem, result, smooth(problem, result))
+    x, P = aligned.x, aligned.P
+    if smoothed:
+        first = lay_out(np.array([signal.start]), x, P, signal.start, signal.start + WINDOW)
+        x = relinearised(first, run(first))
+    # A piece ends just before the first row of the next one.
+    edges = [signal.start, *(t[PIECE::PIECE] - TICK).tolist(), signal.stop]
+    spans = list(pairwise(edges))
+    rows = [t[k * PIECE : (k + 1) * PIECE] for k in range(len(spans))]
+    memory = new_memory(x)
+    innovation, inverse_variance, log_likelihood = [], [], 0.0
+    begun: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    found = Estimates(
+        np.empty((len(t), SIZE + 1)),
+        np.empty((len(t), 3, 3, 3)),
+        np.empty((-(-len(t) // _kernels.SLOW_EVERY), SIZE - _kernels.SLOW)),
+    )
+    for asked, (start, stop) in zip(rows, spans, strict=True):
+        begun.append((x, P, memory.copy()))
+        result = run(lay_out(asked, x, P, start, stop), keep=False, memory=memory)
+        x, P = result.last_state, result.last_covariance
+        innovation.append(result.innovation)
+        inverse_variance.append(result.inverse_variance)
+        log_likelihood += result.log_likelihood
+        if not smoothed:
+            _place(filtered(result), found, len(begun) - 1)
+    whole = Filtered(
+        observations=observations.between(*(ticks(np.array([signal.start, signal.stop])) * TICK)),
+        white_scale=tuned.white_scale,
+        stop=signal.stop,
+        innovation=np.concatenate(innovation),
+        inverse_variance=np.concatenate(inverse_variance),
+        log_likelihood=log_likelihood,
+        last_state=x,
+        last_covariance=P,
+    )
+    if smoothed:
+        adjoint = new_adjoint()
+        for number in range(len(begun) - 1, -1, -1):
+            x, P, known = begun[number]
+            problem = lay_out(rows[number], x, P, *spans[number])
+            _place(smooth_piece(problem, run(problem, memory=known), adjoint), found, number)
+    estimates = filled_in(found, smoothed=smoothed)
+    rates = np.concatenate([signal.rate(asked) for asked in rows])
+    forces = np.concatenate([signal.force(asked) for asked in rows])
+    return _Estimated(segment, t, whole, estimates, rates, forces)
+
+
+def _place(piece: Estimates, whole: Estimates, number: int) -> None:
+    """Put what a piece gave in its place; of the covariances the blocks of position, velocity and attitude."""
+    rows = slice(number * PIECE, number * PIECE + len(piece.x))
+    whole.x[rows] = piece.x
+    for k in range(3):
+        whole.covariance[rows, k] = piece.covariance[:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+    first = number * PIECE // _kernels.SLOW_EVERY
+    whole.slow_variance[first : first + len(piece.slow_variance)] = piece.slow_variance
 
 
 def _frames(done: list[_Estimated]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Lay the segments' estimates out as the tables of a `Trajectory`."""
     index = pd.Index(np.concatenate([e.t for e in done]), name="t")
-    x = np.concatenate([e.estimates.x for e in done])
-    rates = np.concatenate([e.segment.signal.rate(e.t) for e in done]) - x[:, 10:13]
-    forces = np.concatenate([e.segment.signal.force(e.t) for e in done]) - x[:, 13:16]
-    slow = np.concatenate([e.estimates.slow_variance for e in done])
-    fast = np.concatenate([np.diagonal(e.estimates.covariance, axis1=1, axis2=2) for e in done])
     # A sensor that is not there has no error to estimate.
-    there = np.count_nonzero(slow, axis=0) > 0
+    there = np.logical_or.reduce([(e.estimates.slow_variance > 0.0).any(axis=0) for e in done])
     errors = [name for name, some in zip(SENSOR_ERROR_COLUMNS, there, strict=True) if some]
-    states = np.column_stack([x[:, :10], rates, forces, x[:, 10:][:, there]])
-    sigma = np.sqrt(np.maximum(np.column_stack([fast, slow[:, there]]), 0.0))
+    states = np.empty((len(index), len(STATE_COLUMNS) + len(errors)))
+    sigma = np.empty((len(index), len(SIGMA_COLUMNS) + len(errors)))
+    first = 0
+    for e in done:
+        x, rows = e.estimates.x, slice(first, first + len(e.t))
+        states[rows, :10] = x[:, :10]
+        np.subtract(e.rates, x[:, 10:13], out=states[rows, 10:13])
+        np.subtract(e.forces, x[:, 13:16], out=states[rows, 13:16])
+        states[rows, 16:] = x[:, 10:][:, there]
+        sigma[rows, :9] = np.diagonal(e.estimates.covariance, axis1=2, axis2=3).reshape(-1, 9)
+        sigma[rows, 9:] = e.estimates.slow_variance[:, there]
+        first += len(e.t)
+    np.sqrt(np.maximum(sigma, 0.0, out=sigma), out=sigma)
     return (
-        pd.DataFrame(states, index=index, columns=[*STATE_COLUMNS, *errors]),
-        pd.DataFrame(sigma, index=index, columns=[*SIGMA_COLUMNS, *errors]),
+        pd.DataFrame(states, index=index, columns=[*STATE_COLUMNS, *errors], copy=False),
+        pd.DataFrame(sigma, index=index, columns=[*SIGMA_COLUMNS, *errors], copy=False),
     )

@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import CubicSpline, PPoly
+
+from estimation._splines import along_spline
 
 GYRO = ["gyro_x", "gyro_y", "gyro_z"]
 ACCEL = ["accel_x", "accel_y", "accel_z"]
@@ -17,6 +18,10 @@ TICK = 1e-4
 LONGEST_HOLE = 1.0
 #: A craft that turns faster than this is in use, rad/s.
 GYRO_MOVING = 0.2
+#: A craft that turns faster than this at all can learn its heading, rad/s.
+TURNING = 0.06
+#: Samples beyond a window that its spline is laid through: each takes the end's influence down to a quarter.
+MARGIN = 40
 #: What a multirotor may do unseen while IMU samples are missing: 1-sigma rate and specific force, rad/s and m/s^2.
 UNSEEN_RATE, UNSEEN_FORCE = 0.5, 2.0
 
@@ -44,10 +49,15 @@ def usable(table: pd.DataFrame | None, columns: list[str]) -> pd.DataFrame | Non
     """Keep the rows whose `columns` are all finite, in order of time without repetition; None when none are left."""
     if table is None or not set(columns) <= set(table.columns):
         return None
-    kept = table[np.isfinite(table[columns].to_numpy(float)).all(axis=1) & np.isfinite(table.index.to_numpy(float))]
+    good = np.isfinite(table.index.to_numpy(float))
+    for column in columns:
+        good &= np.isfinite(table[column].to_numpy(float))
+    # What is good as it is stays where it is: a long log's IMU is too large to be copied for nothing.
+    kept = table if good.all() else table[good]
     if not kept.index.is_monotonic_increasing:
         kept = kept.sort_index()
-    kept = kept[~kept.index.duplicated()]
+    if not kept.index.is_unique:
+        kept = kept[~kept.index.duplicated()]
     return None if kept.empty else kept
 
 
@@ -74,50 +84,70 @@ class InertialSignal:
 
     Attributes
     ----------
-    rate, force : PPoly
-        rad/s and m/s^2 in body axes, of time on the boot clock, each shifted by its filter's delay.
-    angle, velocity : PPoly
-        Their integrals.
-    noise_t : ndarray, shape (n,)
-        s
+    t : ndarray, shape (n,)
+        When the samples were written, s on the boot clock.
+    values : ndarray, shape (n, 6)
+        Rate and force in body axes, rad/s and m/s^2; of the table itself where nothing had to be mended.
+    gyro_delay, accel_delay : float
+        By which each was true before it was written, s.
     noise_density : ndarray, shape (n, 2)
-        Density of the white noise of rate and force about `noise_t`, (rad/s)^2/Hz and (m/s^2)^2/Hz.
+        Density of the white noise of rate and force about `t`, (rad/s)^2/Hz and (m/s^2)^2/Hz.
     start, stop : float
         s; where both are known.
-    times : ndarray
-        Times of the gyro samples, s.
     """
 
-    rate: PPoly
-    force: PPoly
-    angle: PPoly
-    velocity: PPoly
-    noise_t: np.ndarray
+    t: np.ndarray
+    values: np.ndarray
+    gyro_delay: float
+    accel_delay: float
     noise_density: np.ndarray
     start: float
     stop: float
-    times: np.ndarray
 
     @classmethod
     def of(cls, imu: pd.DataFrame, parameters: Mapping[str, float], floor: tuple[float, float]) -> "InertialSignal":
         """Make the signal of one segment of the IMU table; `floor` is the sensors' own noise density (gyro, accel)."""
-        t, values, hole = _regular(imu.index.to_numpy(float), imu[GYRO + ACCEL].to_numpy(float))
+        known = imu if list(imu.columns) == GYRO + ACCEL else imu[GYRO + ACCEL]
+        t, values, hole = _regular(imu.index.to_numpy(float), known.to_numpy(float))
         density = noise_density(t, values, imu_cutoffs(parameters), floor)
-        density += hole[:, None] * np.array([UNSEEN_RATE**2, UNSEEN_FORCE**2])
+        for column, unseen in enumerate((UNSEEN_RATE, UNSEEN_FORCE)):
+            density[:, column] += hole * unseen**2
         gyro_delay, accel_delay = imu_delays(parameters)
-        rate = CubicSpline(t - gyro_delay, values[:, :3], bc_type="natural")
-        force = CubicSpline(t - accel_delay, values[:, 3:], bc_type="natural")
         return cls(
-            rate=rate,
-            force=force,
-            angle=rate.antiderivative(),
-            velocity=force.antiderivative(),
-            noise_t=t,
+            t=t,
+            values=values,
+            gyro_delay=gyro_delay,
+            accel_delay=accel_delay,
             noise_density=density,
             start=float(t[0] - min(gyro_delay, accel_delay)),
             stop=float(t[-1] - max(gyro_delay, accel_delay)),
-            times=t - gyro_delay,
         )
+
+    def beyond(self, rate: float) -> np.ndarray:
+        """Whether the craft turns faster than `rate` [rad/s] about any axis, by sample."""
+        return np.asarray(np.logical_or.reduce([np.abs(self.values[:, axis]) > rate for axis in range(3)]))
+
+    def rate(self, t: np.ndarray) -> np.ndarray:
+        """Angular rate at ascending times; shape (n, 3), rad/s."""
+        return self._along(t, slice(0, 3), self.gyro_delay, integrate=False)
+
+    def force(self, t: np.ndarray) -> np.ndarray:
+        """Specific force at ascending times; shape (n, 3), m/s^2."""
+        return self._along(t, slice(3, 6), self.accel_delay, integrate=False)
+
+    def samples_between(self, start: float, stop: float) -> np.ndarray:
+        """Give the times of the gyro samples in a span of time, s."""
+        first, last = np.searchsorted(self.t, [start + self.gyro_delay, stop + self.gyro_delay])
+        return self.t[first:last] - self.gyro_delay
+
+    def _along(self, t: np.ndarray, columns: slice, delay: float, *, integrate: bool) -> np.ndarray:
+        at = np.ascontiguousarray(t, float) + delay
+        if at.size == 0:
+            return np.empty((0, 3))
+        first, last = np.searchsorted(self.t, [at[0], at[-1]])
+        window = slice(max(first - MARGIN, 0), last + MARGIN)
+        knots = np.ascontiguousarray(self.t[window])
+        return along_spline(knots, np.ascontiguousarray(self.values[window, columns]), at, integrate)
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Integrate between successive times.
@@ -131,8 +161,10 @@ class InertialSignal:
         """
         dt = np.diff(t)
         middle = 0.5 * (t[1:] + t[:-1])
-        at = np.clip(np.searchsorted(self.noise_t, middle), 0, len(self.noise_t) - 1)
-        return np.diff(self.angle(t), axis=0), np.diff(self.velocity(t), axis=0), self.noise_density[at] * dt[:, None]
+        at = np.clip(np.searchsorted(self.t, middle), 0, len(self.t) - 1)
+        angle = self._along(t, slice(0, 3), self.gyro_delay, integrate=True)
+        velocity = self._along(t, slice(3, 6), self.accel_delay, integrate=True)
+        return angle, velocity, self.noise_density[at] * dt[:, None]
 
 
 def _regular(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -142,7 +174,8 @@ def _regular(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     """
     step = float(np.median(np.diff(t)))
     kept = np.concatenate([[True], np.diff(t) > 0.3 * step])
-    t, values = t[kept], values[kept]
+    if not kept.all():
+        t, values = t[kept], values[kept]
     gaps = np.diff(t)
     holes = np.flatnonzero(gaps > 2.5 * step)
     if holes.size == 0:
@@ -201,12 +234,14 @@ def noise_density(
     for column, cutoff in enumerate(cutoffs):
         # Neighbours are taken so far apart that the filter leaves noise for the misfit to see.
         stride = max(1, round(1.0 / (step * 2.5 * cutoff))) if cutoff > 0.0 else 1
-        block = values[:, 3 * column : 3 * column + 3]
         power = np.zeros(len(t))
         inside = slice(2 * stride, len(t) - 2 * stride)
         if len(t) > 4 * stride:
-            misfit = sum(weight * block[k * stride : len(t) - (4 - k) * stride] for k, weight in enumerate(MISFIT))
-            power[inside] = (misfit**2).mean(axis=1)
+            for axis in range(3 * column, 3 * column + 3):
+                misfit = np.zeros(len(t) - 4 * stride)
+                for k, weight in enumerate(MISFIT):
+                    misfit += weight * values[k * stride : len(t) - (4 - k) * stride, axis]
+                power[inside] += misfit**2 / 3.0
         level = _level(power[inside] if len(t) > 4 * stride else power, len(t), 2 * stride, step)
         beyond = np.where(power > 9.0 * level, power - level, 0.0)
         level += _aliased_share(cutoff, step, stride) * beyond

@@ -52,8 +52,8 @@ class Trajectory:
         Index `t` [s], columns of `STATE_COLUMNS`, then estimated biases.
     sigma : DataFrame
         Same index, columns of `SIGMA_COLUMNS`, then the sigma of each bias column.
-    covariance : ndarray, shape (n, 9, 9)
-        Covariance of the errors of position, velocity and attitude at each row, in the order of `SIGMA_COLUMNS`.
+    covariance : ndarray, shape (n, 3, 3, 3)
+        Covariances of the errors of position, of velocity and of attitude at each row.
     origin : Geodetic
         Place of the local NED frame. Latitude and longitude are NaN where no sensor knew them.
     method : str

@@ -13,7 +13,7 @@ import numpy as np
 
 from estimation import _kernels
 from estimation.alignment import with_priors
-from estimation.filter import ForwardPass, Problem, World, assemble, matched_scale, run
+from estimation.filter import COARSE, ForwardPass, Problem, World, assemble, matched_scale, run
 from estimation.observations import Observations
 from estimation.smoother import smooth
 from estimation.states import SensorNoise
@@ -85,12 +85,21 @@ def tune(
 
     Parameters are those of `filter.assemble`.
     """
-    moving = np.abs(signal.rate(signal.times)).max(axis=1) > GYRO_MOVING
-    stop = WINDOW + float(signal.times[np.argmax(moving)] if moving.any() else signal.start)
+    moving = signal.beyond(GYRO_MOVING)
+    stop = WINDOW + float(signal.t[np.argmax(moving)] - signal.gyro_delay if moving.any() else signal.start)
 
     def lay_out(observations: Observations) -> Problem:
         return assemble(
-            signal, observations, np.array([signal.start]), x, P, world, noise, white_scale=scale, stop=stop
+            signal,
+            observations,
+            np.array([signal.start]),
+            x,
+            P,
+            world,
+            noise,
+            white_scale=scale,
+            stop=stop,
+            finest=COARSE,
         )
 
     scale = np.ones(_kernels.KINDS)

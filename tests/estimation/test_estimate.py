@@ -44,7 +44,7 @@ def test_trajectory_has_the_promised_columns(trajectory, flight):
     steps = np.diff(trajectory.states.index.to_numpy())
     np.testing.assert_allclose(steps, 0.02, atol=1e-9)
     assert np.isfinite(trajectory.states.to_numpy()).all()
-    variance = np.diagonal(trajectory.covariance, axis1=1, axis2=2)
+    variance = np.diagonal(trajectory.covariance, axis1=2, axis2=3).reshape(-1, 9)
     np.testing.assert_allclose(np.sqrt(variance), trajectory.sigma[[*SIGMA_COLUMNS]].to_numpy(), rtol=1e-9)
 
 
