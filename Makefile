@@ -26,7 +26,7 @@ analyze: setup  ## analyse sample_logs/, print a summary, write out/report.html 
 
 test: setup  ## run all tests
 	@echo "Running all tests ..."
-	@$(BIN)/python -m pytest -n auto
+	@$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder
 
 lint: setup  ## ruff, mypy --strict and the import direction
 	@$(BIN)/ruff check .
