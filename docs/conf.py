@@ -14,6 +14,8 @@ html_title = f"rotorid {version}"
 html_copy_source = False
 html_show_copyright = False
 highlight_language = "none"
+# A page may also be reached by a link alone.
+suppress_warnings = ["toc.not_included"]
 
 myst_heading_anchors = 3
 
