@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pipeline.envelope import shown
 from pipeline.recommendation import Advice, having, names_of
+from pipeline.split import POOR_POSITION, position_sigma, unfit
 from sysid.wind import LIGHT, TURBULENCE
 
 if TYPE_CHECKING:
     from pipeline.entry import FlightEntry
     from pipeline.envelope import Envelope
 
-#: Relative error at which drag is worth having; the speeds that give it follow from the wind that is not known.
+#: Relative error at which drag is worth having; the speeds that give it follow from the gusts.
 DRAG_ERROR = 0.15
+
+#: Slowest and fastest legs that are asked for, m/s: slower ones are hover, faster ones need more room than most have.
+SLOW_LEG, FAST_LEG = 3, 12
 
 #: Standard error of the wind above which turns on the spot pay, m/s.
 WIND_ERROR = 0.3
@@ -54,8 +59,9 @@ def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, told: Coll
     told : collection of str
         Physical parameters that are determined.
     """
-    measured = [flight for flight in flights if flight.coverage]
-    yield from _repeat(flights)
+    lost = _lost(flights)
+    measured = [flight for flight in flights if flight.coverage and flight not in lost]
+    yield from _repeat(flights, lost)
     yield from _conditions(flights)
     yield from _drag(measured, len(flights), told)
     yield from _turns(measured, len(flights), told)
@@ -65,17 +71,19 @@ def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, told: Coll
         yield from _more(envelope)
 
 
-def _repeat(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
-    """Name the flights that gave no position or hardly moved."""
-    from pipeline.split import POOR_POSITION, unfit
-
-    lost = [
+def _lost(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
+    """Choose the flights whose position is too uncertain to say anything of their speeds."""
+    return [
         flight
         for flight in flights
-        if flight.coverage and (not flight.position_known or _sigma(flight) > POOR_POSITION)
+        if flight.coverage and (not flight.position_known or position_sigma(flight) > POOR_POSITION)
     ]
+
+
+def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iterator[Advice]:
+    """Name the flights that gave no position or hardly moved."""
     if lost:
-        worst = max(_sigma(flight) for flight in lost)
+        worst = max(position_sigma(flight) for flight in lost)
         hdop = [value for flight in lost if (value := _health(flight, "gps", "hdop")) is not None]
         yield Advice(
             id="repeat-with-gps",
@@ -130,20 +138,15 @@ def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> 
     """Say how fast to fly so that drag can be told from the wind that nobody measured (see `sysid.airspeed`)."""
     if not flights or _DRAG & set(told):
         return
-    with_wind = [flight for flight in flights if flight.coverage.get("wind") is not None]
-    if not with_wind:
+    windy = [flight for flight in flights if flight.coverage.get("wind") is not None]
+    if not windy:
         return
-    unknown = [
-        math.hypot(float(w["sigma"]), TURBULENCE * max(float(w["speed"]), LIGHT))
-        for flight in with_wind
-        if (w := flight.coverage["wind"]).get("sigma") is not None
-    ]
-    speeds = [[float(s) for s in flight.coverage["excitation"]["speed_std"]] for flight in with_wind]
+    speeds = [[float(s) for s in flight.coverage["excitation"]["speed_std"]] for flight in windy]
     least = min(math.sqrt(sum(s[axis] ** 2 for s in speeds) / len(speeds)) for axis in (0, 1))
-    if not unknown:
-        return
-    wind = math.sqrt(sum(u**2 for u in unknown) / len(unknown))
-    needed = math.ceil(wind / math.sqrt(DRAG_ERROR))
+    # Legs to and fro tell the mean wind from drag; what passes for drag then is what the wind does meanwhile.
+    wind = statistics.median(float(flight.coverage["wind"]["speed"]) for flight in windy)
+    gusts = TURBULENCE * max(wind, LIGHT)
+    needed = min(max(math.ceil(gusts / math.sqrt(DRAG_ERROR)), SLOW_LEG), FAST_LEG)
     if needed <= least:
         return
     yield Advice(
@@ -151,10 +154,10 @@ def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> 
         rank=22,
         do=f"Fly straight legs to and fro at {needed:.0f} m/s or more, 15 s each, along the nose and across it, and "
         "again at half that speed",
-        why=f"drag is not determined: along one axis of the craft the speed varied by {least:.2g} m/s only, and "
-        f"{wind:.2g} m/s of wind are unknown (mean and gusts)",
+        why=f"drag is not determined: along one axis of the craft the speed varied by {least:.2g} m/s only, in a wind "
+        f"of about {wind:.2g} m/s that nobody measured",
         gain=f"drag to about {100.0 * DRAG_ERROR:.0f} %, and free runs that hold at speed",
-        flights=tuple(flight.name for flight in with_wind) if len(with_wind) < total else (),
+        flights=tuple(flight.name for flight in windy) if len(windy) < total else (),
     )
 
 
@@ -171,7 +174,7 @@ def _turns(flights: Sequence[FlightEntry], total: int, told: Collection[str]) ->
     ]
     if not held or len(held) <= total // 2:
         return
-    sigma = max(float(flight.coverage["wind"]["sigma"]) for flight in held)
+    sigma = statistics.median(float(flight.coverage["wind"]["sigma"]) for flight in held)
     yield Advice(
         id="turn-on-the-spot",
         rank=24,
@@ -261,10 +264,6 @@ def _more(envelope: Envelope) -> Iterator[Advice]:
 
 def _and(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + f" and {parts[-1]}"
-
-
-def _sigma(flight: FlightEntry) -> float:
-    return float(flight.coverage.get("health", {}).get("position_sigma", {}).get("max") or 0.0)
 
 
 def _health(flight: FlightEntry, part: str, name: str) -> float | None:

@@ -43,6 +43,9 @@ _VITAL = frozenset((10, 2))
 #: Parameters that only fast rotational signals tell.
 _FAST = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "yaw torque over inertia")
 
+#: Findings of gaps in flight.
+_GAPS = ("gap-in-motors", "gap-in-imu", "gap-in-gps", "gap-in-attitude", "imu-hole")
+
 _TELEMETRY = ("tlog", "mavlink-raw")
 
 
@@ -127,21 +130,24 @@ def _px4(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
 
 def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Ask for a faster card where the autopilot's own log has gaps in flight."""
-    gaps = [
-        flight
-        for flight in having(flights, "gap-in-motors", "gap-in-imu", "gap-in-gps", "gap-in-attitude", "imu-hole")
-        if flight.format not in _TELEMETRY
-    ]
+    gaps = [flight for flight in having(flights, *_GAPS) if flight.format not in _TELEMETRY]
     if not gaps:
         return
     longest = max(
-        (float(rate.get("longest_gap") or 0.0) for flight in gaps for rate in _rates(flight).values()), default=0.0
+        (
+            float(finding["evidence"].get("longest") or 0.0)
+            for flight in gaps
+            for finding in flight.findings
+            if finding["id"] in _GAPS
+        ),
+        default=0.0,
     )
     yield Advice(
         id="faster-card",
         rank=13,
         do="Use a faster card and raise LOG_FILE_BUFSIZE, or log fewer messages",
-        why=f"the log of {names_of(gaps, len(flights))} has gaps in flight, the longest of {longest:.1f} s",
+        why=f"the log of {names_of(gaps, len(flights))} has gaps in flight"
+        + (f", the longest of {longest:.1f} s" if longest > 0.0 else ""),
         gain="the whole flight in one piece: models are fitted to the longest piece without a gap only",
         flights=tuple(flight.name for flight in gaps),
     )

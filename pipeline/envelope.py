@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from logparse import Finding, Severity
-from pipeline.split import excitation
+from pipeline.split import POOR_POSITION, excitation, position_sigma
 
 if TYPE_CHECKING:
     from pipeline.entry import FlightEntry
@@ -141,7 +141,14 @@ def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: 
     quantities = {name: _range(name, fitted, judges) for name in names}
     outside = tuple(
         sorted(
-            (found for entry in judges for name in names if (found := _excursion(entry, name, quantities[name]))),
+            (
+                found
+                for entry in judges
+                # Where a position is poor, speeds and heights beyond the range are more likely errors.
+                if position_sigma(entry) <= POOR_POSITION
+                for name in names
+                if (found := _excursion(entry, name, quantities[name]))
+            ),
             key=lambda each: (each.flight, -each.part),
         )
     )
@@ -165,7 +172,9 @@ def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: 
 
 
 def shown(unit: str, value: float) -> str:
-    """Write a value for people: angles in degrees."""
+    """Write a value for people: angles in degrees, parts in per cent."""
+    if unit.startswith("part of"):
+        return f"{100.0 * value:.0f} % of {unit.removeprefix('part of ')}"
     if unit.startswith("rad"):
         return f"{math.degrees(value):.3g}°{unit.removeprefix('rad')}"
     return f"{value:.3g} {unit}" if unit else f"{value:.3g}"
@@ -223,7 +232,11 @@ def _excursion(entry: FlightEntry, name: str, flown: RangeFlown) -> Excursion | 
     part = (below + above) / max(sum(count["seconds"]), 1e-9)
     if part <= OUTSIDE:
         return None
-    reach = count["max"] if above >= below else count["min"]
+    # A blip beyond the rest of the flight is not what it did: the 95 % quantile, where that is outside already.
+    if above >= below:
+        reach = count["p95"] if count["p95"] > flown.fitted[1] else count["max"]
+    else:
+        reach = count["p05"] if count["p05"] < flown.fitted[0] else count["min"]
     return Excursion(flight=entry.name, quantity=name, part=part, reach=float(reach), fitted=flown.fitted)
 
 

@@ -106,6 +106,11 @@ def excitation(flight: FlightEntry) -> float:
     return float(flight.coverage.get("excitation", {}).get("acceleration_rms") or 0.0)
 
 
+def position_sigma(flight: FlightEntry) -> float:
+    """Give the largest horizontal 1-sigma of a flight's position, m; 0 where that was not measured."""
+    return float(flight.coverage.get("health", {}).get("position_sigma", {}).get("max") or 0.0)
+
+
 def day_of(flight: FlightEntry) -> str:
     """Day on which a flight took off, by the sun where it did; empty where the log does not tell."""
     start = took_off(flight)
@@ -161,8 +166,8 @@ def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
 
 def unfit(flight: FlightEntry) -> str:
     """Say why a flight must not train; empty when it may."""
-    sigma = flight.coverage.get("health", {}).get("position_sigma", {}).get("max")
-    if sigma is not None and sigma > POOR_POSITION:
+    sigma = position_sigma(flight)
+    if sigma > POOR_POSITION:
         return f"its position is poor: the horizontal 1-sigma grows to {sigma:.1f} m"
     moved: Mapping[str, Any] = flight.coverage.get("excitation", {})
     noise = moved.get("acceleration_noise")

@@ -110,16 +110,17 @@ def test_telemetry_and_px4_have_advice_of_their_own():
     assert (advice.id, advice.settings) == ("sdlog-profile", {"SDLOG_PROFILE": 17.0})
 
 
-def test_the_speed_of_legs_follows_from_the_wind_that_is_not_known():
-    """Wind unknown to 0.5 m/s (0.3 of the mean and 0.2 * 2 of gusts): 15 % of drag take 0.5 / sqrt(0.15) = 1.3 m/s."""
+def test_the_speed_of_legs_follows_from_the_gusts():
+    """Gusts of a fifth of 10 m/s of wind pass for 15 % of drag at 2 / sqrt(0.15) = 5.2 m/s; calm air takes slow legs."""
     told = tuple(each for each in TOLD if "drag" not in each)
-    wind = {"speed": 2.0, "sigma": 0.3}
-    slow = good(told=told, wind=wind, excitation={"speed_std": [1.2, 0.4]})
-    advice = only(slow)
+    wind = {"speed": 10.0, "sigma": 0.3}
+    advice = only(good(told=told, wind=wind, excitation={"speed_std": [1.2, 0.4]}))
     assert advice.id == "fly-legs-for-drag"
-    assert "at 2 m/s or more" in advice.do
-    assert "varied by 0.4 m/s only, and 0.5 m/s of wind are unknown" in advice.why
-    assert for_craft([good(told=told, wind=wind, excitation={"speed_std": [3.0, 3.0]})]) == ()
+    assert "at 6 m/s or more" in advice.do
+    assert "varied by 0.4 m/s only, in a wind of about 10 m/s" in advice.why
+    assert "at 3 m/s" in only(good(told=told, wind={"speed": 0.2}, excitation={"speed_std": [1.2, 0.4]})).do
+    assert "at 12 m/s" in only(good(told=told, wind={"speed": 99.0}, excitation={"speed_std": [1.2, 0.4]})).do
+    assert for_craft([good(told=told, wind=wind, excitation={"speed_std": [6.0, 7.0]})]) == ()
 
 
 def test_quiet_axes_are_named_with_the_chirp_that_moves_them():
@@ -198,11 +199,10 @@ def test_the_list_is_short_sorted_and_json():
             *dict.fromkeys(name for name, *_ in _BITS),
             *("vibration", "motors-saturated", "gap-in-imu", "mass-unknown", "uneven-motor"),
         ),
-        wind={"speed": 3.0, "sigma": 2.0},
-        excitation={"headings": 1, "speed_std": [0.1, 0.1]},
         health={"position_sigma": {"median": 9.0, "max": 30.0}},
     )
-    advice = for_craft([everything])
+    slow = good("slow", told=(), findings=("mass-unknown",), excitation={"headings": 1, "speed_std": [0.1, 0.1]})
+    advice = for_craft([everything, slow])
     assert len(advice) == MOST
     assert [each.rank for each in advice] == sorted(each.rank for each in advice)
     for each in json.loads(json.dumps([each.to_dict() for each in advice], allow_nan=False)):

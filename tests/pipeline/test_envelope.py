@@ -90,6 +90,19 @@ def test_ranges_below_are_left_too_and_angles_are_told_in_degrees():
     assert shown("rad/s", pi / 6) == "30°/s"
 
 
+def test_where_the_position_is_poor_nothing_is_called_extrapolation():
+    lost = covering("b", ground_speed=np.full(900, 25.0))
+    lost = dataclasses.replace(lost, coverage={**lost.coverage, "health": {"position_sigma": {"max": 18.0}}})
+    assert not envelope([covering("a", ground_speed=SLOW), lost], ["a"], ["b"]).outside
+
+
+def test_how_far_is_told_by_what_was_flown_and_not_by_a_blip():
+    mostly = np.concatenate([np.full(980, 12.5), np.full(20, 30.0)])
+    found = envelope([covering("a", ground_speed=SLOW), covering("b", ground_speed=mostly)], ["a"], ["b"])
+    assert found.outside[0].reach == 12.5
+    assert shown("part of full thrust", 0.65) == "65 % of full thrust"
+
+
 def test_flights_without_coverage_leave_no_trace_and_no_error():
     bare = flown("bare")
     assert envelope([bare], ["bare"], []) is None
