@@ -111,7 +111,7 @@ def test_telemetry_and_px4_have_advice_of_their_own():
 
 
 def test_the_speed_of_legs_follows_from_the_gusts():
-    """Gusts of a fifth of 10 m/s of wind pass for 15 % of drag at 2 / sqrt(0.15) = 5.2 m/s; calm air takes slow legs."""
+    """Gusts of a fifth of 10 m/s of wind pass for 15 % of drag at 2 / sqrt(0.15) = 5.2 m/s; calm air takes less."""
     told = tuple(each for each in TOLD if "drag" not in each)
     wind = {"speed": 10.0, "sigma": 0.3}
     advice = only(good(told=told, wind=wind, excitation={"speed_std": [1.2, 0.4]}))
