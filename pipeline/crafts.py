@@ -29,11 +29,14 @@ class Crafts:
         Sources of flights that are in no joint model though they could be, with the reason.
     failures : tuple of Failure
         Crafts whose products could not be stored.
+    unstored : tuple of GroupEntry
+        Their entries.
     """
 
     entries: tuple[GroupEntry, ...] = ()
     left_out: tuple[tuple[str, str], ...] = ()
     failures: tuple[Failure, ...] = ()
+    unstored: tuple[GroupEntry, ...] = ()
 
 
 def identify_crafts(
@@ -64,7 +67,7 @@ def identify_crafts(
         if flight.experiments and flight.position_known and flight.name not in used
     ]
     joint = sorted((craft for craft in crafts if len(craft) > 1), key=lambda craft: (-len(craft), craft[0].craft))
-    entries, failures = [], []
+    entries, failures, unstored = [], [], []
     for number, craft in enumerate(joint):
         first = craft[0]
         split = choose_split(craft, config)
@@ -97,9 +100,10 @@ def identify_crafts(
         except OSError as error:
             reason = f"its joint models could not be stored: {error.strerror or error}"
             failures.append(Failure(entry.name, reason))
+            unstored.append(entry)
         else:
             entries.append(replace(entry, result=result))
-    return Crafts(entries=tuple(entries), left_out=tuple(left_out), failures=tuple(failures))
+    return Crafts(entries=tuple(entries), left_out=tuple(left_out), failures=tuple(failures), unstored=tuple(unstored))
 
 
 def stands(store: Store, entry: GroupEntry) -> bool:

@@ -96,7 +96,8 @@ def analyze_fleet(
             software=software(),
             configuration=configuration(config),
             logs=tuple(records),
-            crafts=tuple(entry.to_dict() for entry in crafts.entries),
+            # Those that could not be stored are wanted still: the next run finds them missing.
+            crafts=tuple(entry.to_dict() for entry in (*crafts.entries, *crafts.unstored)),
             passed_over=tuple((each.source, each.reason) for each in found.passed_over),
             left_out=crafts.left_out,
             removed=tuple(_removed(former, records)),

@@ -233,6 +233,26 @@ def test_a_full_disk_keeps_what_is_done_and_names_the_rest(logs, tmp_path, monke
     assert not fleet.failures
 
 
+def test_a_craft_that_could_not_be_stored_is_named_and_tried_again(logs, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    commit = FolderStore.commit
+
+    def full(self, folder, path):
+        if path.startswith("crafts/"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        commit(self, folder, path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(FolderStore, "commit", full)
+        fleet, _ = run(logs, out)
+    assert fleet.groups == ()
+    assert [each.reason for each in fleet.failures] == ["its joint models could not be stored: No space left on device"]
+    fleet, analyzed = run(logs, out)
+    assert analyzed == []
+    assert fitted(fleet)
+    assert not fleet.failures
+
+
 def test_a_folder_that_cannot_be_written_is_said_before_the_work(logs, tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda _: None)
     (tmp_path / "out").write_text("a file")
