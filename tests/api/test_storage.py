@@ -12,26 +12,15 @@ from api import Settings, create_app
 from api.objects import Objects
 from tests.api import standins
 from tests.api.conftest import running
+from tests.s3_server import s3_server
 
 BUCKET = "s3://rotorid/service"
 
 
 @pytest.fixture(scope="module")
 def s3() -> Iterator[str]:
-    """Run an S3-compatible server and let the environment lead to it, as an operator would."""
-    pytest.importorskip("s3fs")
-    moto = pytest.importorskip("moto.server")
-    server = moto.ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
-    address = f"http://{host}:{port}"
-    with pytest.MonkeyPatch.context() as environment:
-        environment.setenv("AWS_ENDPOINT_URL", address)
-        environment.setenv("AWS_ACCESS_KEY_ID", "tests")
-        environment.setenv("AWS_SECRET_ACCESS_KEY", "tests")
-        environment.setenv("AWS_DEFAULT_REGION", "us-east-1")
+    with s3_server() as address:
         yield address
-    server.stop()
 
 
 @pytest.fixture(params=["folder", "s3"])

@@ -11,7 +11,8 @@ from datetime import timedelta
 from pathlib import Path
 
 from logparse import LogError, Vehicle
-from pipeline import AnalysisConfig, FlightResult, GroupResult
+from pipeline import AnalysisConfig, Failure, FlightResult, GroupResult, job
+from pipeline.entry import FlightEntry
 from pipeline.split import Split
 from tests.reports.conftest import made_flight
 
@@ -40,6 +41,12 @@ def analyze(path: Path, config: AnalysisConfig, progress: object, *, name: str) 
         start_utc=made.log.start_utc + timedelta(days=int(number)),
     )
     return dataclasses.replace(made, log=log, config=config)
+
+
+def run(work: job.Job) -> FlightEntry | Failure | None:
+    """Do a job with such files, in another process."""
+    job.analyze = analyze
+    return job.run(work)
 
 
 def identify_craft(name: str, flights: object, split: Split, *_: object) -> GroupResult:

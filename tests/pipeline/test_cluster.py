@@ -4,22 +4,32 @@ import os
 import re
 import signal
 import sys
+import tempfile
 from contextlib import closing
+from pathlib import Path
 
+import fsspec
 import pytest
 
-from pipeline import cluster
+from pipeline import AnalysisConfig, analyze_fleet, cluster, job, joint
 from pipeline.cluster import Cluster, SchedulerError
 from pipeline.executors import WorkerDiedError, as_done
-from tests.pipeline import calls
+from tests.pipeline import calls, flown
 from tests.pipeline.dask_programs import Programs
+from tests.s3_server import s3_server
 
 pytest.importorskip("distributed")
 
 
 @pytest.fixture(scope="module")
-def programs(tmp_path_factory):
-    """Run a scheduler and two workers."""
+def s3():
+    with s3_server() as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def programs(s3, tmp_path_factory):
+    """Run a scheduler and two workers, which reach the storage."""
     with closing(Programs(tmp_path_factory.mktemp("dask") / "folder")) as started:
         started.start_scheduler()
         for _ in range(2):
@@ -61,6 +71,28 @@ def test_a_killed_worker_costs_nothing_and_a_poisonous_call_only_itself(pair, tm
     assert isinstance(death, WorkerDiedError)
     assert re.match(r"4 workers of the cluster died working on it, the last at tcp://127", str(death))
     assert outcomes == dict.fromkeys("abcde")
+
+
+@pytest.mark.slow
+def test_a_folder_on_s3_goes_by_url_to_the_workers_and_its_results_to_s3(pair, tmp_path, monkeypatch):
+    """Of the logs one kills every worker; the rest is stored, and a second run tries that one again only."""
+    monkeypatch.setattr(job, "run", flown.run)
+    monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
+    objects, _ = fsspec.url_to_fs("s3://fleet")
+    objects.mkdir("fleet")
+    for name in ("octa 1", "octa 2", "kill", "quad 3"):
+        objects.pipe_file(f"fleet/logs/{name.replace(' ', '')}.bin", name.encode())
+    for reused in (0, 3):
+        fleet = analyze_fleet(["s3://fleet/logs"], AnalysisConfig(), pair, store="s3://fleet/out")
+        assert [flight.name for flight in fleet.flights] == ["octa1", "octa2", "quad3"]
+        assert {failure.file: failure.reason[:38] for failure in fleet.failures} == {
+            "kill.bin": "4 workers of the cluster died working on it"[:38]
+        }
+        assert len(fleet.groups) == 1
+        assert fleet.reused == reused
+        objects.invalidate_cache()
+        assert objects.exists("fleet/out/flights/octa1/entry.json")
+    assert not list(Path(tempfile.gettempdir()).glob("rotorid-*/octa1.bin")), "fetched logs are cleared away"
 
 
 NUMPY_OF_OLD = """

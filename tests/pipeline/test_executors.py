@@ -10,16 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import executors
+from pipeline import AnalysisConfig, analyze_fleet, executors, job, joint
 from pipeline.executors import ATTEMPTS, Processes, WorkerDiedError, as_done, count_workers
-from tests.pipeline import calls
+from tests.pipeline import calls, flown
 
 PROJECT = Path(__file__).parents[2]
 
 
 @pytest.fixture
 def pair():
-    with Processes(2, preload=()) as pool:
+    # Whoever starts first in this program says what is imported before the fork.
+    with Processes(2, preload=("tests.pipeline.flown",)) as pool:
         yield pool
 
 
@@ -70,6 +71,21 @@ def test_what_kills_every_worker_fails_alone_and_is_tried_alone(pair, tmp_path):
         assert lines[at + 1] == "poison ends"
 
 
+def test_a_log_that_kills_its_worker_costs_the_folder_only_itself(pair, tmp_path, monkeypatch):
+    monkeypatch.setattr(job, "run", flown.run)
+    monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
+    (tmp_path / "logs").mkdir()
+    for name in ("octa 1", "kill", "octa 2", "quad 3"):
+        (tmp_path / "logs" / f"{name.replace(' ', '')}.bin").write_text(name)
+    for reused in (0, 3):  # it is tried again by the next run: there may be more memory then
+        fleet = analyze_fleet([tmp_path / "logs"], AnalysisConfig(), pair, store=tmp_path / "out")
+        assert [flight.name for flight in fleet.flights] == ["octa1", "octa2", "quad3"]
+        assert fleet.reused == reused
+        (failure,) = fleet.failures
+        assert failure.file == "kill.bin"
+        assert failure.reason.startswith("the process that worked on it was killed (SIGKILL), as the system does when")
+
+
 def test_a_worker_that_keeps_memory_is_replaced(monkeypatch):
     monkeypatch.setattr(executors, "KEPT_MEMORY", 50_000_000)
     with Processes(1, preload=()) as pool:
@@ -82,7 +98,7 @@ PROGRAM = """
 import sys
 from pathlib import Path
 from pipeline.executors import Processes, as_done
-from tests.pipeline import calls
+from tests.pipeline import calls, flown
 if __name__ == "__main__":
     with Processes(2, preload=()) as pool:
         for _ in as_done(pool, calls.stay, [Path(sys.argv[1])] * 5):
