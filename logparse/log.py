@@ -15,7 +15,7 @@ import pandas as pd
 from logparse.containers import Buffer, open_buffer
 from logparse.errors import LogError, RotoridError
 from logparse.findings import Finding, Severity
-from logparse.source import Boot, MessageSource
+from logparse.source import LONG, Boot, MessageSource
 from logparse.timebase import utc_from_gps
 
 if TYPE_CHECKING:
@@ -91,6 +91,10 @@ class Messages(Mapping[str, pd.DataFrame]):
             self._frames[name] = self._source.decode(name, self._boot)
         return self._frames[name]
 
+    def once(self, name: str) -> pd.DataFrame:
+        """Decode a message without keeping it; the one that is kept, where there is one."""
+        return self._frames[name] if name in self._frames else self._source.decode(name, self._boot)
+
     def __contains__(self, name: object) -> bool:
         return name in self._counts
 
@@ -112,6 +116,32 @@ class Messages(Mapping[str, pd.DataFrame]):
 
     def __repr__(self) -> str:
         return f"<Messages of {len(self)} types: {', '.join(self)}>"
+
+
+class _Passing(Mapping[str, pd.DataFrame]):
+    """Messages for whoever builds tables of them: long ones that nobody asked for by name are not kept."""
+
+    def __init__(self, messages: Messages):
+        self._messages = messages
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Rows of each message type, without decoding."""
+        return self._messages.counts
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        if self._messages.counts.get(name, 0) < LONG:
+            return self._messages[name]
+        return self._messages.once(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._messages
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._messages)
+
+    def __len__(self) -> int:
+        return len(self._messages)
 
 
 class FlightLog:
@@ -180,10 +210,12 @@ class FlightLog:
         return describe(self.messages, format=self.format, parameters=self.parameters, elsewhere=elsewhere)
 
     @cached_property
-    def _built(self) -> tuple["Tables", tuple[Finding, ...]]:
-        from logparse.canonical import build_tables
+    def _built(self) -> tuple["Tables", Callable[[], tuple[Finding, ...]]]:
+        from logparse.canonical import gather_tables
 
-        return build_tables(self.messages, format=self.format, parameters=self.parameters, vehicle=self.vehicle)
+        return gather_tables(
+            _Passing(self.messages), format=self.format, parameters=self.parameters, vehicle=self.vehicle
+        )
 
     @property
     def tables(self) -> "Tables":
@@ -205,7 +237,7 @@ class FlightLog:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What reading the file and building the tables had to say."""
-        tables = self._built[1]
+        tables = self._built[1]()
         return (*self._own_findings, *self._source.findings, *tables)
 
     @cached_property

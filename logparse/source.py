@@ -8,6 +8,9 @@ import pandas as pd
 
 from logparse.findings import Finding
 
+#: Messages with more rows than this are large in memory: they are not kept unless somebody asked for them by name.
+LONG = 100_000
+
 
 @dataclass(frozen=True, slots=True)
 class Boot:

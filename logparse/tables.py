@@ -169,3 +169,6 @@ class Tables:
     further: Mapping[str, tuple[pd.DataFrame, ...]] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
     origin: Geodetic | None = None
+
+    def release(self) -> None:
+        """Let go of tables that can be built anew when they are asked for again; here there are none."""

@@ -57,9 +57,12 @@ def analyze(
         raise MissingDataError(stages.missing["tables"])
     checked = stages.run("health", lambda _: health.check(log)) or ()
     flight = stages.run("flight", lambda _: _longest_flight(log, checked))
+    # Where the fast loop is logged its tables are as large as the log: not needed at a time, they are built again.
+    tables.release()
     trajectory = stages.run(
         "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
     )
+    tables.release()
     if flight is None and trajectory is None:
         raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
 
@@ -72,6 +75,7 @@ def analyze(
         unfit = _unknown_position(trajectory, flight)
         for kind in KINDS:
             record = _record(kind, log, trajectory, config, name, stages)
+            tables.release()
             reason = stages.missing.pop("experiment", unfit)
             if record is not None:
                 experiments[kind.key] = record
@@ -94,6 +98,7 @@ def analyze(
     coverage = None
     if flight is not None and trajectory is not None:
         coverage = stages.run("coverage", lambda _: measure(log, trajectory, flight, models))
+        tables.release()
 
     # Findings about the fits stay with their models; those of the experiments are about the log.
     later = (part.findings for part in (trajectory, thrust, *experiments.values()) if part is not None)

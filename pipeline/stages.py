@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from logparse import Finding, RotoridError, Severity
+from pipeline.memory import give_back
 
 Progress = Callable[[str, float], None]
 T = TypeVar("T")
@@ -141,4 +142,5 @@ class Stages:
             self.progress(name, 1.0)
             return result
         finally:
+            give_back()
             self.timings[name] = self.timings.get(name, 0.0) + perf_counter() - start

@@ -80,8 +80,9 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
         voltage = tables.battery["voltage"].where(tables.battery["voltage"] > 1.0).to_frame()
         columns["voltage"] = resample_frame(voltage, t)[:, 0]
     if tables.rates is not None and len(tables.rates) > 1:
-        rates = resample_frame(tables.rates[list(RATE_COLUMNS)], t)
-        for name, values in zip(RATE_COLUMNS.values(), rates.T, strict=True):
+        rates = tables.rates
+        for source_name, name in RATE_COLUMNS.items():
+            values = resample_frame(rates[[source_name]], t)[:, 0]
             if np.isfinite(values).all():
                 columns[name] = values
     if tables.esc is not None and len(tables.esc) > 1:
@@ -94,7 +95,10 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
 
 def resample_frame(frame: pd.DataFrame, t: Floats) -> Floats:
     """Resample every column of a table indexed by time; shape (N, columns)."""
-    return resample(frame.index.to_numpy(np.float64), frame.to_numpy(np.float64), t)
+    source_t = frame.index.to_numpy(np.float64)
+    # One by one: the rates of a fast loop are long.
+    columns = [resample(source_t, frame[[name]].to_numpy(np.float64), t) for name in frame.columns]
+    return np.hstack(columns) if columns else np.empty((len(t), 0))
 
 
 def air_density(pressure: Floats) -> Floats:

@@ -1,17 +1,18 @@
 """Canonical tables: one meaning, unit and frame per column, from the messages of any autopilot and age."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import pandas as pd
 
 from logparse.canonical import dataflash, px4, telemetry
+from logparse.canonical.deferred import DeferredTables, Later
 from logparse.canonical.remarks import Remarks
 from logparse.findings import Finding, Severity
 from logparse.tables import COLUMNS, Tables
 from logparse.vehicle import Vehicle
 
-__all__ = ["build_tables"]
+__all__ = ["build_tables", "gather_tables"]
 
 #: Messages that hold servo outputs.
 _OUTPUTS = ("RCOU", "MOT", "SERVO_OUTPUT_RAW", "actuator_outputs")
@@ -24,7 +25,22 @@ def build_tables(
     parameters: Mapping[str, float],
     vehicle: Vehicle,
 ) -> tuple[Tables, tuple[Finding, ...]]:
-    """Build the canonical tables of one boot.
+    """Build the canonical tables of one boot, and say what had to be left out or assumed for them.
+
+    Parameters are those of `gather_tables`.
+    """
+    tables, findings = gather_tables(messages, format=format, parameters=parameters, vehicle=vehicle)
+    return tables, findings()
+
+
+def gather_tables(
+    messages: Mapping[str, pd.DataFrame],
+    *,
+    format: str,  # noqa: A002
+    parameters: Mapping[str, float],
+    vehicle: Vehicle,
+) -> tuple[Tables, Callable[[], tuple[Finding, ...]]]:
+    """Give the canonical tables of one boot, the longest of which are built when they are asked for.
 
     Parameters
     ----------
@@ -40,21 +56,27 @@ def build_tables(
     Returns
     -------
     tables : Tables
-    findings : tuple of Finding
-        What had to be left out or assumed.
+    findings : callable
+        Gives what had to be left out or assumed, as a tuple of Finding; builds what is not yet built.
     """
     remarks = Remarks()
+    later = Later()
     if format.startswith("dataflash"):
-        tables = dataflash.build(messages, parameters, vehicle, remarks)
+        tables = dataflash.build(messages, parameters, vehicle, remarks, later)
     elif format == "ulog":
         tables = px4.build(messages, parameters, vehicle, remarks)
     else:
         tables = telemetry.build(messages, parameters, vehicle, remarks)
     # A table without a row says no more than a missing one.
-    for name in COLUMNS:
-        table = getattr(tables, name)
-        if table is not None and len(table) == 0:
-            tables = replace(tables, **{name: None})  # type: ignore[arg-type]
+    empty = {
+        name: None
+        for name in COLUMNS
+        if name not in later.builders and (table := getattr(tables, name)) is not None and len(table) == 0
+    }
+    if empty:
+        tables = replace(tables, **empty)  # type: ignore[arg-type]
+    if later.builders:
+        tables = DeferredTables.of(tables, later)
     if vehicle.frame_source == "assumed":
         remarks.add(
             Finding(
@@ -76,4 +98,4 @@ def build_tables(
                 advice="rotorid knows multirotors; their log needs the parameters, which are written when it starts.",
             )
         )
-    return tables, remarks.findings()
+    return tables, lambda: later.findings(remarks)

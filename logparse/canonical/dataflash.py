@@ -8,16 +8,26 @@ import pandas as pd
 from logparse.canonical import dataflash_control as control
 from logparse.canonical import dataflash_events, dataflash_sensors
 from logparse.canonical.batches import batches
+from logparse.canonical.deferred import Later
 from logparse.canonical.remarks import Remarks
 from logparse.tables import Tables
 from logparse.vehicle import Vehicle
 
+#: Messages that the tables of which there may be a row for every step of the fast loop are made of.
+_IMU = ("IMU", "IMU2", "IMU3", "ACC1", "ACC", "GYR1", "GYR")
+_RATES = ("RATE", "PIDR", "PIDP", "PIDY")
+
 
 def build(
-    messages: Mapping[str, pd.DataFrame], parameters: Mapping[str, float], vehicle: Vehicle, remarks: Remarks
+    messages: Mapping[str, pd.DataFrame],
+    parameters: Mapping[str, float],
+    vehicle: Vehicle,
+    remarks: Remarks,
+    later: Later,
 ) -> Tables:
-    """Build all tables that the messages allow."""
-    imu, further_imu = dataflash_sensors.imu(messages, remarks)
+    """Build all tables that the messages allow, but for those that `later` takes."""
+    imu, further_imu = later.take("imu", messages, _IMU, lambda own: dataflash_sensors.imu(messages, own), remarks)
+    rates, _ = later.take("rates", messages, _RATES, lambda _: (control.rates(messages), ()), remarks)
     gps, further_gps = dataflash_sensors.gps(
         messages, parameters, _old_receiver(messages, parameters, vehicle), remarks
     )
@@ -42,7 +52,7 @@ def build(
         esc=dataflash_sensors.esc(messages, vehicle.motors),
         attitude=control.attitude(messages),
         setpoints=control.setpoints(messages),
-        rates=control.rates(messages),
+        rates=rates,
         systemid=control.systemid(messages),
         ekf=ekf,
         truth=control.truth(messages),

@@ -217,14 +217,11 @@ def rates(messages: Messages) -> pd.DataFrame | None:
     if "RATE" not in messages:
         return _rates_from_pid(messages)
     frame = messages["RATE"]
-    columns: dict[str, Array] = {}
-    for axis, letter, _ in _AXES:
-        columns[f"w_{axis}_ref"] = quantity(frame, f"{letter}Des", "deg/s")
-    for axis, letter, _ in _AXES:
-        columns[f"w_{axis}"] = quantity(frame, letter, "deg/s")
+    sources = [(f"w_{axis}_ref", f"{letter}Des", "deg/s") for axis, letter, _ in _AXES]
+    sources += [(f"w_{axis}", letter, "deg/s") for axis, letter, _ in _AXES]
     for name, letter in (("roll", "R"), ("pitch", "P"), ("yaw", "Y"), ("thrust", "A")):
-        columns[f"out_{name}"] = quantity(frame, f"{letter}Out", "")
-    return series(frame.index, columns)
+        sources.append((f"out_{name}", f"{letter}Out", ""))
+    return series(frame.index, ((name, quantity(frame, source, unit)) for name, source, unit in sources))
 
 
 def _rates_from_pid(messages: Messages) -> pd.DataFrame | None:

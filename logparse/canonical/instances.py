@@ -32,7 +32,8 @@ def instances(messages: Mapping[str, pd.DataFrame], *names: str) -> list[tuple[s
             continue
         values = numbers(frame, column)
         for value in np.unique(values[np.isfinite(values)]):
-            part = frame[values == value]
+            mine = values == value
+            part = frame if mine.all() else frame[mine]
             part.attrs = frame.attrs
             found.append((f"{name}[{int(value)}]", part))
     return found

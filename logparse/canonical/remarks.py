@@ -54,6 +54,13 @@ class Remarks:
         """Add a finding; the first with its id and reason stays."""
         self._findings.setdefault(f"{finding.id}: {finding.reason}", finding)
 
+    def take(self, other: "Remarks") -> None:
+        """Add what another has collected."""
+        for (message, why), (removed, total) in other._removed.items():
+            self.count(message, why, removed, total)
+        for finding in other._findings.values():
+            self.add(finding)
+
     def findings(self) -> tuple[Finding, ...]:
         """Give all remarks, removed values first."""
         removed = tuple(

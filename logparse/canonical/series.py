@@ -9,7 +9,9 @@ import pandas as pd
 Array = npt.NDArray[np.float64]
 
 
-def series(t: npt.ArrayLike, columns: Mapping[str, npt.ArrayLike]) -> pd.DataFrame:
+def series(
+    t: npt.ArrayLike, columns: Mapping[str, npt.ArrayLike] | Iterable[tuple[str, npt.ArrayLike]]
+) -> pd.DataFrame:
     """Make a table from samples in the order in which they were logged.
 
     Rows without a time are dropped, rows that step backwards are sorted in, and of rows with the same time the
@@ -19,7 +21,8 @@ def series(t: npt.ArrayLike, columns: Mapping[str, npt.ArrayLike]) -> pd.DataFra
     ----------
     t : array_like, shape (N,)
         Seconds on the boot clock.
-    columns : mapping of str to array_like, shape (N,)
+    columns : mapping of str to array_like, shape (N,), or pairs of the same
+        Pairs are taken one by one, so that those of a long message need not be in memory twice.
 
     Returns
     -------
@@ -29,15 +32,20 @@ def series(t: npt.ArrayLike, columns: Mapping[str, npt.ArrayLike]) -> pd.DataFra
     times = np.asarray(t, dtype=np.float64)
     keep = order_of(times)
     data = {}
-    for name, values in columns.items():
+    for name, values in columns.items() if isinstance(columns, Mapping) else columns:
         column = np.asarray(values, dtype=np.float64)[keep]
-        column[~np.isfinite(column)] = np.nan
+        infinite = np.isinf(column)
+        if infinite.any():
+            column[infinite] = np.nan
         data[name] = column
-    return pd.DataFrame(data, index=pd.Index(times[keep], name="t", dtype=np.float64))
+    # The columns are our own: gathering them into one block would only copy them.
+    return pd.DataFrame(data, index=pd.Index(times[keep], name="t", dtype=np.float64), copy=False)
 
 
 def order_of(t: Array) -> npt.NDArray[np.intp]:
     """Positions of the samples that make `t` strictly increasing; of equal times the last logged."""
+    if len(t) and np.isfinite(t).all() and (np.diff(t) > 0.0).all():
+        return np.arange(len(t))
     order = np.argsort(t, kind="stable")
     order = order[np.isfinite(t[order])]
     if len(order) == 0:

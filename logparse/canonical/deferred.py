@@ -1,0 +1,137 @@
+"""Tables that are long where the fast loop is logged: built when they are asked for, and let go of when they are not.
+
+An hour at 400 Hz is 1.4 million rows: kept beside each other, messages and tables are several times the log.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import pandas as pd
+
+from logparse.canonical.remarks import Remarks
+from logparse.findings import Finding
+from logparse.source import LONG
+from logparse.tables import Tables
+
+#: A table and those of the other instances of its sensor.
+Built = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
+
+
+@dataclass(slots=True)
+class Later:
+    """What is still to be built, and what building had to say.
+
+    Attributes
+    ----------
+    builders : dict of str to callable
+        By table.
+    remarks : dict of str to Remarks
+        Of the tables that were built so far.
+    """
+
+    builders: dict[str, Callable[[], Built]] = field(default_factory=dict)
+    remarks: dict[str, Remarks] = field(default_factory=dict)
+
+    def take(
+        self,
+        name: str,
+        messages: Mapping[str, pd.DataFrame],
+        sources: tuple[str, ...],
+        build: Callable[[Remarks], Built],
+        remarks: Remarks,
+    ) -> Built:
+        """Build a table now when it is short; else remember how."""
+        counts: Mapping[str, int] = getattr(messages, "counts", {})
+        if sum(counts.get(source, 0) for source in sources) < LONG:
+            return build(remarks)
+
+        def build_and_remark() -> Built:
+            own = Remarks()
+            table, further = build(own)
+            self.remarks[name] = own
+            return (table if table is not None and len(table) else None), further
+
+        self.builders[name] = build_and_remark
+        return None, ()
+
+    def findings(self, remarks: Remarks) -> tuple[Finding, ...]:
+        """Give all findings, those of tables that nobody has asked for included."""
+        for name, build in self.builders.items():
+            if name not in self.remarks:
+                build()
+        together = Remarks()
+        for each in (remarks, *self.remarks.values()):
+            together.take(each)
+        return together.findings()
+
+
+class DeferredTables(Tables):
+    """Canonical tables of which the long ones are built when they are first asked for.
+
+    The one asked for last is kept until another is asked for or it is released: two beside each other are as large as
+    the log.
+    """
+
+    __slots__ = ("_later", "_long")
+    _later: Later
+    _long: dict[str, Built]
+
+    @classmethod
+    def of(cls, tables: Tables, later: Later) -> "DeferredTables":
+        """Give the same tables, with those that `later` knows."""
+        made = cls(**{each.name: getattr(tables, each.name) for each in fields(tables)})
+        object.__setattr__(made, "_later", later)
+        return made
+
+    def __init__(self, **tables: Any):
+        object.__setattr__(self, "_later", Later())
+        object.__setattr__(self, "_long", {})
+        super().__init__(**tables)
+
+    def release(self) -> None:
+        """Let go of the long table that is kept; it is built anew when it is asked for again."""
+        self._long.clear()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _whole, ({each.name: getattr(self, each.name) for each in fields(self)},)
+
+    def _built(self, name: str) -> Built:
+        if name not in self._later.builders:
+            return None, ()
+        if name not in self._long:
+            self._long.clear()
+            self._long[name] = self._later.builders[name]()
+        found: Built = self._long[name]
+        return found
+
+
+def _whole(tables: dict[str, Any]) -> Tables:
+    return Tables(**tables)
+
+
+def _long_table(name: str) -> property:
+    """Make the attribute of a table that may be built later."""
+    slot: Any = getattr(Tables, name)
+
+    def get(tables: DeferredTables) -> pd.DataFrame | None:
+        given: pd.DataFrame | None = slot.__get__(tables)
+        return tables._built(name)[0] if given is None else given
+
+    return property(get, slot.__set__)
+
+
+def _further() -> property:
+    slot: Any = getattr(Tables, "further")  # noqa: B009 -- the slot, not a value
+
+    def get(tables: DeferredTables) -> Mapping[str, tuple[pd.DataFrame, ...]]:
+        given: Mapping[str, tuple[pd.DataFrame, ...]] = slot.__get__(tables)
+        others = tables._built("imu")[1]
+        return {**given, "imu": others} if others else given
+
+    return property(get, slot.__set__)
+
+
+for _name in ("imu", "rates"):
+    setattr(DeferredTables, _name, _long_table(_name))
+DeferredTables.further = _further()  # type: ignore[assignment,misc]

@@ -1,0 +1,23 @@
+"""Memory that is free, given back."""
+
+import ctypes
+from collections.abc import Callable
+from functools import cache
+
+
+def give_back() -> None:
+    """Give memory that was freed back to the system.
+
+    The C library keeps what large arrays have left, in pieces between what lives on: after the trajectory of a long
+    log, twice of what is in use. Where it cannot be told to give that back, nothing is done.
+    """
+    _trim()(0)
+
+
+@cache
+def _trim() -> Callable[[int], object]:
+    try:
+        trim: Callable[[int], object] = ctypes.CDLL(None).malloc_trim
+    except (OSError, AttributeError, TypeError):  # only the GNU C library has it
+        return lambda _: None
+    return trim

@@ -1,0 +1,81 @@
+"""Tables that are built when they are asked for are the same as those built at once."""
+
+import pickle
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import logparse.canonical.deferred
+import logparse.log
+from logparse import Tables, read_log
+
+LOG = Path(__file__).parents[2] / "sample_logs" / "quad02_delft_systemid.bin"
+
+
+@pytest.fixture(scope="module")
+def at_once():
+    log = read_log(LOG)
+    return log.tables, log.findings
+
+
+@pytest.fixture
+def deferred(monkeypatch):
+    """Give the log as if a thousand rows were many."""
+    monkeypatch.setattr(logparse.canonical.deferred, "LONG", 1000)
+    monkeypatch.setattr(logparse.log, "LONG", 1000)
+    return read_log(LOG)
+
+
+def same(a, b):
+    if isinstance(a, pd.DataFrame):
+        pd.testing.assert_frame_equal(a, b, check_exact=True)
+    elif isinstance(a, dict):
+        assert a.keys() == b.keys()
+        for name in a:
+            for one, other in zip(a[name], b[name], strict=True) if isinstance(a[name], tuple) else ():
+                same(one, other)
+    else:
+        assert a == b
+
+
+def same_tables(a, b):
+    for each in fields(Tables):
+        same(getattr(a, each.name), getattr(b, each.name))
+
+
+def test_tables_and_findings_are_the_same(at_once, deferred):
+    same_tables(at_once[0], deferred.tables)
+    assert deferred.findings == at_once[1]
+
+
+def test_findings_do_not_wait_for_somebody_to_ask_for_tables(at_once, deferred):
+    assert deferred.findings == at_once[1]
+
+
+def test_a_long_table_is_kept_until_another_is_asked_for_or_it_is_released(deferred):
+    tables = deferred.tables
+    imu = tables.imu
+    assert tables.imu is imu
+    assert tables.rates is not None
+    again = tables.imu
+    assert again is not imu
+    same(imu, again)
+    tables.release()
+    assert tables.imu is not again
+
+
+def test_copies_hold_what_was_deferred(deferred):
+    tables = deferred.tables
+    same_tables(pickle.loads(pickle.dumps(tables)), tables)
+    without = replace(tables, imu=None)
+    assert without.imu is None
+    same(without.rates, tables.rates)
+
+
+def test_long_messages_are_kept_only_for_who_asks_for_them(deferred):
+    assert deferred.tables.rates is not None
+    assert "RATE" not in deferred.messages._frames
+    rate = deferred.messages["RATE"]
+    assert deferred.messages["RATE"] is rate
