@@ -69,7 +69,7 @@ class FlightEntry:
     parameters : tuple of mapping
         What the flight alone says about its craft, as `pipeline.flight_parameters` lists it.
     findings : tuple of mapping
-        ``id severity reason advice evidence`` of what the log, the trajectory and the fits had to say.
+        ``id severity evidence`` of what the log, the trajectory and the fits had to say, in words in the flight's report.
     timings : mapping of str to float
         Seconds that each stage took.
     """
@@ -158,7 +158,7 @@ class GroupEntry:
 
     def to_dict(self) -> dict[str, Any]:
         """Give what JSON can say; the result is not among it."""
-        return {each.name: getattr(self, each.name) for each in fields(self) if each.name != "result"}
+        return {each.name: _plain(getattr(self, each.name)) for each in fields(self) if each.name != "result"}
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> GroupEntry:
@@ -232,7 +232,8 @@ def _findings(result: FlightResult) -> Iterator[dict[str, Any]]:
     fits = (finding for model in result.models for finding in model.findings)
     once = {(finding.id, finding.reason): finding for finding in (*result.findings, *fits)}
     for finding in once.values():
-        yield finding.to_dict()
+        told = finding.to_dict()
+        yield {name: told[name] for name in ("id", "severity", "evidence")}
 
 
 def partition(craft: str, frame_class: str | None) -> str:

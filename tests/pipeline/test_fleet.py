@@ -60,6 +60,7 @@ def test_a_second_run_does_nothing_and_finds_the_same(logs, tmp_path):
     first, analyzed = run(logs, out)
     assert sorted(analyzed) == ["octa1", "octa2", "octa3", "quad"]
     assert fitted(first) == ["ArduCopter quad plus"]
+    written = (out / "manifest.json").stat().st_mtime_ns
     assert {*first.groups[0].training, *first.groups[0].held_out} == {"octa1", "octa2", "octa3"}
     second, analyzed = run(logs, out)
     assert analyzed == []
@@ -68,6 +69,7 @@ def test_a_second_run_does_nothing_and_finds_the_same(logs, tmp_path):
     assert second.flights == first.flights
     assert second.groups == first.groups
     assert second.manifest == first.manifest
+    assert (out / "manifest.json").stat().st_mtime_ns == written
     third, analyzed = run(logs, out, redo=True)
     assert len(analyzed) == 4
     assert fitted(third)
