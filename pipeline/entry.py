@@ -69,7 +69,7 @@ class FlightEntry:
     parameters : tuple of mapping
         What the flight alone says about its craft, as `pipeline.flight_parameters` lists it.
     findings : tuple of mapping
-        ``id severity evidence`` of what the log, the trajectory and the fits had to say, in words in the flight's report.
+        ``id severity evidence`` of what the log, the trajectory and the fits had to say; the words are in the report.
     timings : mapping of str to float
         Seconds that each stage took.
     """
