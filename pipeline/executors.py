@@ -98,7 +98,7 @@ def as_done(executor: Executor, function: Callable[[T], R], tasks: Iterable[T]) 
     left = iter(tasks)
     waiting: dict[Future[R], T] = {}
     while True:
-        for task in islice(left, max(0, _in_flight(executor) - len(waiting))):
+        for task in islice(left, max(0, busy(executor) - len(waiting))):
             waiting[_submit(executor, function, task)] = task
         if not waiting:
             return
@@ -107,7 +107,7 @@ def as_done(executor: Executor, function: Callable[[T], R], tasks: Iterable[T]) 
             yield waiting.pop(future), future
 
 
-def _in_flight(executor: Executor) -> int:
+def busy(executor: Executor) -> int:
     """Say how many calls keep all workers of an executor busy."""
     width = getattr(executor, "in_flight", None)
     return width if isinstance(width, int) else 2 * processors()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import sysid
 from pipeline.config import AnalysisConfig
 from pipeline.stages import Progress
+from sysid.reduction import Spread
 
 #: Part of the time limit of a stage after which a fit gives the best model so far instead of being given up.
 FIT_PART = 0.5
@@ -18,7 +20,21 @@ THRUST_KEY = "motors"
 #: The kind whose experiments all physical methods are applied to.
 RIGID_BODY_KEY = "rigid_body"
 
-Fit = Callable[[Sequence[sysid.Experiment], AnalysisConfig, Progress], sysid.Model]
+
+class Fit(Protocol):
+    """Fits a kind of model to records."""
+
+    def __call__(
+        self,
+        experiments: Sequence[sysid.Experiment],
+        config: AnalysisConfig,
+        progress: Progress,
+        /,
+        spread: Spread | None = None,
+    ) -> sysid.Model:
+        """Fit, with the records held by other processes where `spread` is given and the kind can use it."""
+
+
 CarryOver = Callable[[sysid.Model, sysid.Experiment, sysid.Experiment], sysid.Model]
 
 
@@ -62,20 +78,24 @@ class Kind:
 
 
 def _motors(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
 ) -> sysid.TransferFunctionModel:
-    return _black_box(experiments, config, "per_input", progress)
+    return _black_box(experiments, config, "per_input", progress, spread)
 
 
 def _mixer(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
 ) -> sysid.TransferFunctionModel:
     # One craft answers to all commands, with the same modes.
-    return _black_box(experiments, config, "common", progress)
+    return _black_box(experiments, config, "common", progress, spread)
 
 
 def _black_box(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, structure: str, progress: Progress
+    experiments: Sequence[sysid.Experiment],
+    config: AnalysisConfig,
+    structure: str,
+    progress: Progress,
+    spread: Spread | None,
 ) -> sysid.TransferFunctionModel:
     return sysid.fit_transfer_functions(
         experiments,
@@ -84,20 +104,24 @@ def _black_box(
         structure=structure,
         time_limit=FIT_PART * config.time_limit,
         progress=progress,
+        spread=spread,
     )
 
 
 def _closed_loop(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
 ) -> sysid.ClosedLoopModel:
     # The order is that of the position controller with drag, whatever is asked of the black boxes.
-    return sysid.fit_closed_loop(experiments, time_limit=FIT_PART * config.time_limit, progress=progress)
+    return sysid.fit_closed_loop(experiments, time_limit=FIT_PART * config.time_limit, progress=progress, spread=spread)
 
 
 def _rigid_body(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
 ) -> sysid.RigidBodyModel:
-    return sysid.fit_rigid_body(experiments, mass=config.mass)
+    # Its paths are followed where it is fitted.
+    return sysid.fit_rigid_body(
+        experiments, mass=config.mass, time_limit=FIT_PART * config.time_limit, progress=progress
+    )
 
 
 def _same_wind(model: sysid.Model, fitted: sysid.Experiment, judge: sysid.Experiment) -> sysid.Model:
