@@ -102,8 +102,13 @@ def identify_crafts(
             failures.append(Failure(entry.name, reason))
             unstored.append(entry)
         else:
-            entries.append(replace(entry, result=result))
+            entries.append(replace(entry, result=result if publish is None else _light(result)))
     return Crafts(entries=tuple(entries), left_out=tuple(left_out), failures=tuple(failures), unstored=tuple(unstored))
+
+
+def _light(result: GroupResult) -> GroupResult:
+    """Leave out the free runs, which have been published: those of many crafts would not fit into memory."""
+    return replace(result, models=tuple(replace(model, predictions=()) for model in result.models))
 
 
 def stands(store: Store, entry: GroupEntry) -> bool:

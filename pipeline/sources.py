@@ -128,10 +128,16 @@ class _Search:
                     self._file(Path(folder, name), named=False)
 
     def _enter(self, folder: Path) -> bool:
-        status = folder.stat()
+        """Tell whether a folder is to be searched: it is new, and not where results go."""
+        try:
+            status = folder.stat()
+            results = self._besides is not None and self._besides.exists() and self._besides.samefile(folder)
+        except OSError as error:
+            self._closed(error)
+            return False
         known = (status.st_dev, status.st_ino) in self._seen
         self._seen.add((status.st_dev, status.st_ino))
-        return not known and (self._besides is None or not self._besides.exists() or not self._besides.samefile(folder))
+        return not known and not results
 
     def _file(self, path: Path, *, named: bool) -> None:
         url = str(path)

@@ -195,8 +195,13 @@ class FolderStore(Store):
             if sys.platform != "win32":
                 import fcntl
 
-                # The system releases it with the process, however that ends.
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                try:
+                    # The system releases it with the process, however that ends.
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    raise
+                except OSError:  # some network file systems have no locks
+                    pass
             shutil.rmtree(self.folder / SCRATCH, ignore_errors=True)
             try:
                 yield
@@ -316,5 +321,9 @@ def sync(path: Path) -> None:
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
+    except OSError as error:
+        # Some network file systems cannot sync folders, and need not.
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP) or not path.is_dir():
+            raise
     finally:
         os.close(descriptor)

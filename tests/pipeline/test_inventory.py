@@ -7,6 +7,7 @@ import pytest
 from pipeline import AnalysisConfig, inventory
 from pipeline.inventory import flight_names, take_stock
 from pipeline.manifest import Manifest
+from pipeline.names import folder_names
 from pipeline.sources import find
 
 CONFIG = AnalysisConfig()
@@ -93,3 +94,10 @@ def test_a_file_that_cannot_be_read_costs_only_itself(tmp_path, monkeypatch, nam
     records = stock(tmp_path)
     assert (records[0].state, records[0].reason) == (state, "cannot be read: Permission denied")
     assert records[1].key
+
+
+def test_folders_of_long_names_suit_every_file_system():
+    names = ["飞" * 150, "飞" * 151, "😀" * 200]
+    folders = folder_names(names)
+    assert len(set(folders.values())) == 3
+    assert all(0 < len(folder.encode()) < 200 for folder in folders.values())
