@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
-from reports.quantity import MINUS, number, per_degree
+from reports.quantity import alike, number, per_degree
 from reports.rows import Numbers
 
 View = dict[str, Any]
@@ -21,17 +20,14 @@ def coverage_table(coverage: Numbers | None) -> View | None:
     rows = []
     for each in coverage["quantities"].values():
         degrees, unit = per_degree(each["unit"])
-        fitted = each.get("fitted")
-        low_high = None if fitted is None else [value * degrees for value in fitted]
+        fitted = None if each["fitted"] is None else [edge * degrees for edge in each["fitted"]]
+        ranges = [fitted, *(_reach(each, part, degrees) for part in ("training", "held_out"))]
+        edges = iter(alike([edge for known in ranges if known is not None for edge in known]))
         rows.append(
             {
                 "kind": "",
                 "label": f"{each['title'][:1].upper()}{each['title'][1:]}, {unit}",
-                "cells": [
-                    _range(low_high),
-                    _range(_reach(each, "training", degrees)),
-                    _range(_reach(each, "held_out", degrees)),
-                ],
+                "cells": ["–" if known is None else f"{next(edges)} to {next(edges)}" for known in ranges],
             }
         )
     return {
@@ -51,12 +47,6 @@ def _reach(quantity: Numbers, part: str, factor: float) -> list[float] | None:
     return [(quantity["first"] + filled[0]) * step, (quantity["first"] + filled[-1] + 1) * step]
 
 
-def _range(edges: Sequence[float | None] | None) -> str:
-    if edges is None or any(edge is None for edge in edges):
-        return "–"
-    return " to ".join(f"{edge:.3g}".replace("-", MINUS) for edge in edges if edge is not None)
-
-
 def outside(coverage: Numbers | None) -> list[str]:
     """Name the flights that judge models on flying that they were not fitted to, the farthest first."""
     if coverage is None:
@@ -66,10 +56,10 @@ def outside(coverage: Numbers | None) -> list[str]:
     for each in found[:MOST_OUTSIDE]:
         quantity = coverage["quantities"][each["quantity"]]
         degrees, unit = per_degree(quantity["unit"])
-        low, high = (edge * degrees for edge in each["fitted"])
+        low, high, reach = alike([edge * degrees for edge in (*each["fitted"], each["reach"])])
         sentences.append(
             f"{each['flight']}: {100.0 * each['part']:.0f} % of its time at {quantity['title']} outside of the "
-            f"{_range([low, high])} {unit} fitted, as far as {number(each['reach'] * degrees, 2)} {unit}"
+            f"{low} to {high} {unit} fitted, as far as {reach} {unit}"
         )
     more = len(found) - len(sentences)
     return [*sentences, f"and {more} more"] if more > 0 else sentences
@@ -82,7 +72,7 @@ def flight_coverage(coverage: Numbers | None) -> View | None:
     rows = []
     for each in coverage["quantities"].values():
         degrees, unit = per_degree(each["unit"])
-        cells = [number(each[key] * degrees).replace("-", MINUS) for key in ("min", "p05", "median", "p95", "max")]
+        cells = alike([each[key] * degrees for key in ("min", "p05", "median", "p95", "max")])
         rows.append({"kind": "", "label": f"{each['title'][:1].upper()}{each['title'][1:]}, {unit}", "cells": cells})
     return {
         "caption": "",

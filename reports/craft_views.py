@@ -48,13 +48,27 @@ def craft(numbers: Numbers, links: dict[str, str]) -> View:
         "thrust": thrust_coefficients(numbers["thrust"], numbers["missing"]),
         "parameters": parameters(numbers["parameters"]),
         "drift": drift_table(numbers["drift"]),
-        "drift_sentences": drift_sentences(numbers["drift"]),
+        "drift_sentences": [
+            sentence
+            for sentence in drift_sentences(numbers["drift"])
+            if sentence not in [summary.sentence(finding["reason"]) for finding in _findings(numbers["drift"])]
+        ],
         "coherence": coherence(numbers["models"]),
         "models": identified(numbers["models"]),
         "advice": numbers["advice"],
-        "findings": numbers["findings"],
+        "coverage_findings": _findings(numbers["coverage"]),
+        "drift_findings": _findings(numbers["drift"]),
+        "findings": [
+            finding
+            for finding in numbers["findings"]
+            if finding not in _findings(numbers["coverage"]) + _findings(numbers["drift"])
+        ],
         "vehicle": vehicle_facts(numbers["vehicle"]),
     }
+
+
+def _findings(part: Numbers | None) -> list[Numbers]:
+    return [] if part is None else list(part["findings"])
 
 
 def average_table(craft: Numbers) -> View | None:

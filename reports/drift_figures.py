@@ -7,7 +7,7 @@ from typing import Any
 
 from reports.figure import Figure, Trace, layout_of, plotly_text
 from reports.model_figures import INPUT_COLORS
-from reports.quantity import per_degree
+from reports.quantity import per_degree, with_unit
 from reports.rows import Numbers
 
 #: Parameters that one figure holds, a small plot for each.
@@ -112,7 +112,7 @@ def _parameters(parameters: Sequence[Numbers], drift: Numbers, name: str) -> Fig
         }
         labels.append(
             {
-                "text": plotly_text(f"{each['parameter']}, {each['method']} ({unit})"),
+                "text": plotly_text(with_unit(f"{each['parameter']}, {each['method']}", unit)),
                 "x": 0,
                 "xref": "paper",
                 "xanchor": "left",

@@ -6,7 +6,7 @@ from typing import Any
 
 from reports import summary
 from reports.drift_figures import changes
-from reports.quantity import number, per_degree, uncertain
+from reports.quantity import number, per_degree, uncertain, with_unit
 from reports.rows import Numbers
 
 View = dict[str, Any]
@@ -23,7 +23,7 @@ def drift_table(drift: Numbers | None) -> View | None:
         rows.append(
             {
                 "kind": "strong" if changes(each) else "",
-                "label": f"{each['parameter'][:1].upper()}{each['parameter'][1:]}, {each['method']} ({unit})",
+                "label": with_unit(f"{each['parameter'][:1].upper()}{each['parameter'][1:]}, {each['method']}", unit),
                 "cells": [
                     str(len(each["flights"])),
                     _written(each["mean"], each["mean_sigma"], degrees),
@@ -44,11 +44,13 @@ def drift_table(drift: Numbers | None) -> View | None:
 
 
 def drift_sentences(drift: Numbers | None) -> list[str]:
-    """Say what changes over the flights; of what does not, only that."""
+    """Say what changes over the flights, the gravest first; of what does not, only that."""
     if drift is None:
         return []
-    said = [drift["motors"]["sentence"]] if drift["motors"] is not None else []
-    said += [each["sentence"] for each in drift["parameters"] if changes(each)]
+    motors = drift["motors"]
+    about_motors = [] if motors is None else [motors["sentence"]]
+    said = [each["sentence"] for each in drift["parameters"] if changes(each)]
+    said = [*about_motors, *said] if motors is not None and motors["weakening"] else [*said, *about_motors]
     steady = sum(not changes(each) for each in drift["parameters"])
     if steady and steady == len(drift["parameters"]):
         said.append(f"None of the {steady} parameters followed over {len(drift['flights'])} flights is seen to change")

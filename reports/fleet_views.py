@@ -20,12 +20,12 @@ def links(flights: Sequence[Numbers]) -> dict[str, str]:
 
 
 def title(numbers: Numbers) -> str:
-    """Name the report: by its craft where there is one, else by its logs."""
+    """Name the report: by its craft where all flights are of one, else by its logs."""
     flights = counted(len(numbers["flights"]), "flight log")
     crafts = numbers["groups"]
-    if len(crafts) == 1:
+    if len(crafts) == 1 and len(crafts[0]["training"]) + len(crafts[0]["held_out"]) == len(numbers["flights"]):
         return f"{crafts[0]['name']}: {flights}"
-    return f"{flights} of {len(crafts)} craft" if crafts else flights
+    return f"{flights}, {len(crafts)} craft identified" if crafts else flights
 
 
 def facts(numbers: Numbers) -> str:

@@ -19,6 +19,8 @@ import numpy as np
 FEWEST_VALUES = 24
 #: Finest last digit that is tried, as a power of ten; lines are rounded to thousandths (`reports.figure.line`).
 MOST_DECIMALS = 3
+#: Beyond this, sums of whole numbers would no longer be exact.
+LARGEST = 2.0**53 / 10**MOST_DECIMALS
 
 
 def differences(values: list[float | None]) -> dict[str, Any] | None:
@@ -28,12 +30,12 @@ def differences(values: list[float | None]) -> dict[str, Any] | None:
     """
     numbers = np.array([np.nan if value is None else value for value in values], dtype=float)
     known = np.isfinite(numbers)
-    if not known.any():
+    if not known.any() or float(np.abs(numbers[known]).max()) >= LARGEST:
         return None
     for decimals in range(MOST_DECIMALS + 1):
         scale = 10**decimals
         whole = np.round(numbers[known] * scale)
-        if np.array_equal(whole / scale, numbers[known]) and float(np.abs(whole).max()) < 2**53:
+        if np.array_equal(whole / scale, numbers[known]):
             deltas = iter(np.diff(whole, prepend=0.0).astype(np.int64).tolist())
             return {"scale": scale, "deltas": [next(deltas) if is_known else None for is_known in known]}
     return None

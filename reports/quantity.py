@@ -72,6 +72,16 @@ def column(values: Sequence[float | None], digits: int = 3, places: int = 3) -> 
     return aligned
 
 
+def alike(values: Sequence[float | None]) -> list[str]:
+    """Write numbers of one quantity with the decimals that leave the largest three digits."""
+    largest = max((abs(value) for value in values if value is not None), default=0.0)
+    decimals = max(2 - math.floor(math.log10(largest)), 0) if largest > 0.0 else 0
+    # Adding 0.0 turns a negative zero into zero.
+    return [
+        "–" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", MINUS) for value in values
+    ]
+
+
 def duration(seconds: float | None) -> str:
     """Write a time span: ``48 s``, ``2 min 05 s``, ``1 h 02 min``."""
     if seconds is None or not math.isfinite(seconds):
@@ -137,6 +147,12 @@ def per_degree(unit: str) -> tuple[float, str]:
     if unit in ("rad", "rad/s"):
         return 180.0 / math.pi, unit.replace("rad", "°", 1)
     return 1.0, unit.replace("^2", "²").replace("^3", "³")
+
+
+def with_unit(name: str, unit: str) -> str:
+    """Name a quantity with its unit in brackets, unless it is a pure number: ``thrust curve``, ``lag (s)``."""
+    bare = unit.partition(",")[0].partition(" (")[0].strip()
+    return name if bare in ("", "1") else f"{name} ({bare})"
 
 
 def counted(count: int, noun: str) -> str:

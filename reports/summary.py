@@ -176,7 +176,11 @@ def _named(files: list[str]) -> str:
 
 
 def sentence(text: str) -> str:
-    """Make a clause a sentence: a capital first letter, unless the word is a name such as ``m1``, and a full stop."""
+    """Make a clause a sentence: a capital first letter, unless the word is a name such as ``m1``, and a full stop.
+
+    Powers in units are raised: findings, which are plain text, write ``m/s^2``.
+    """
+    text = text.replace("^2", "²").replace("^3", "³")
     first, _, _ = text.partition(" ")
     if first.islower() and first.isalpha():
         text = text[0].upper() + text[1:]

@@ -141,7 +141,7 @@
   function print(begins) {
     printing = begins;
     document.documentElement.classList.toggle("printing", begins);
-    for (const place of places.keys()) if (begins ? elementOf(place).offsetParent : drawn.has(place)) draw(place);
+    for (const place of places.keys()) if (begins ? elementOf(place).checkVisibility() : drawn.has(place)) draw(place);
   }
 
   function start() {

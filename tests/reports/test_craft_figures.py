@@ -1,0 +1,159 @@
+"""What the page on all flights says and draws of coverage and of parameters over flights."""
+
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from pipeline.coverage import MAP, QUANTITIES
+from pipeline.drift import follow
+from pipeline.entry import FlightEntry
+from pipeline.envelope import envelope
+from pipeline.flight_parameters import SHARES
+from reports.coverage_figures import coverage_figures
+from reports.coverage_views import coverage_table, outside
+from reports.drift_figures import changes, drift_figures
+from reports.drift_views import drift_sentences, drift_table
+from reports.numbers import plain
+from tests.reports.test_figures import themed
+
+FLIGHTS = 8
+
+
+def entry(number: int, speed: float, thrust: float) -> FlightEntry:
+    """Make up a flight at one speed, of a craft with one thrust."""
+    rng = np.random.default_rng(number)
+    bins = {name: int(1.05 / QUANTITIES[name].step) for name in ("density", "altitude")} | {"ground_speed": int(speed)}
+    coverage = {
+        "seconds": 60.0,
+        "quantities": {
+            name: {
+                "title": QUANTITIES[name].title,
+                "unit": QUANTITIES[name].unit,
+                "step": QUANTITIES[name].step,
+                "first": first,
+                "seconds": [30.0, 30.0],
+            }
+            | dict.fromkeys(("min", "p05", "median", "p95", "max", "mean"), (first + 1) * QUANTITIES[name].step)
+            | {"std": 0.1}
+            for name, first in bins.items()
+        },
+        "map": {
+            "x": MAP[0],
+            "y": MAP[1],
+            "x_step": QUANTITIES[MAP[0]].step,
+            "y_step": QUANTITIES[MAP[1]].step,
+            "cells": [[int(speed), 1, 30.0], [int(speed) + 1, 1, 30.0]],
+        },
+        "wind": {"speed": 3.0, "from": 0.5 * np.pi, "north": 0.0, "east": -3.0, "sigma": 0.4, "source": "rigid body"},
+        "excitation": {"acceleration_rms": 0.6},
+        "health": {},
+        "missing": {},
+    }
+    rows = [
+        ("thrust over mass", "rotor", thrust + rng.normal(0.0, 0.004), 0.004, "m/s^2, one motor at full command"),
+        ("motor lag", "rotor", 0.05 + rng.normal(0.0, 0.002), 0.002, "s"),
+        *((f"m{k}", SHARES, 1.0 + rng.normal(0.0, 0.002), 0.002, "mean of all motors") for k in range(1, 5)),
+    ]
+    return FlightEntry(
+        name=f"flight{number:02d}",
+        folder=f"flight{number:02d}",
+        source=f"/logs/flight{number:02d}.bin",
+        key=str(number),
+        sha256=str(number),
+        size=1,
+        format="dataflash",
+        boots=1,
+        start_utc=datetime(2026, 3, 1, tzinfo=UTC) + timedelta(days=number),
+        duration=80.0,
+        craft="craft",
+        craft_name="craft",
+        frame_class="quad",
+        vehicle="quad-1",
+        coverage=coverage,
+        parameters=tuple(
+            dict(zip(("parameter", "method", "value", "sigma", "unit"), row, strict=True)) for row in rows
+        ),
+    )
+
+
+@pytest.fixture(scope="module")
+def entries() -> list[FlightEntry]:
+    """Fly a craft that loses two per cent of its thrust from flight to flight; the last one is flown fast."""
+    return [entry(k, 8.0 if k == FLIGHTS - 1 else 2.0, 2.5 * (1.0 - 0.02 * k)) for k in range(FLIGHTS)]
+
+
+@pytest.fixture(scope="module")
+def covered(entries) -> dict:
+    names = [each.name for each in entries]
+    found = envelope(entries, names[:-2], names[-2:])
+    assert found is not None
+    return plain(found.to_dict())
+
+
+@pytest.fixture(scope="module")
+def drift(entries) -> dict:
+    found = follow(entries)
+    assert found is not None
+    return plain(found.to_dict())
+
+
+def test_plotly_accepts_the_figures_of_a_craft(covered, drift):
+    shown, folded = drift_figures(drift, "1-")
+    figures = [*coverage_figures(covered, "1-"), *shown, *folded]
+    assert [figure.id for figure in figures][:4] == ["1-cover", "1-spread", "1-winds", "1-shares"]
+    for figure in figures:
+        go.Figure(data=themed(figure.data), layout=themed(figure.layout))  # raises on unknown attributes
+        assert figure.caption
+
+
+def test_flying_beyond_what_was_fitted_is_seen_and_said(covered):
+    heat, circles = coverage_figures(covered, "")[0].data
+    assert max(circles["x"]) == 9.5
+    assert max(heat["x"]) < 4.0
+    (sentence,) = [each for each in outside(covered) if "ground speed" in each]
+    assert sentence.startswith(f"flight{FLIGHTS - 1:02d}: ")
+    (speed,) = [row for row in coverage_table(covered)["rows"] if row["label"].startswith("Ground speed")]
+    assert speed["cells"][1:] == ["2.00 to 4.00", "2.00 to 10.00"] or speed["cells"][1:] == [
+        "2.0 to 4.0",
+        "2.0 to 10.0",
+    ]
+
+
+def test_the_wind_is_drawn_where_it_comes_from(covered):
+    """It comes from the east, so its point lies to the right."""
+    points = coverage_figures(covered, "")[2].data[0]
+    assert points["x"] == pytest.approx([3.0] * (FLIGHTS - 2))
+    assert points["y"] == pytest.approx([0.0] * (FLIGHTS - 2), abs=1e-9)
+
+
+def test_what_changes_over_flights_comes_first(drift):
+    thrust, lag = (
+        next(each for each in drift["parameters"] if each["parameter"] == name)
+        for name in ("thrust over mass", "motor lag")
+    )
+    assert changes(thrust)
+    assert not changes(lag)
+    assert drift_sentences(drift)[0].startswith("Thrust over mass")
+    assert drift_table(drift)["rows"][0]["label"] == "Thrust over mass, rotor (m/s²)"
+    courses = next(figure for figure in drift_figures(drift, "")[0] if "course" in figure.id)
+    points, line = courses.data[:2]
+    assert points["marker"]["color"] == "@bad"
+    assert line["y"] == pytest.approx(points["y"], abs=0.03)
+    assert line["y"][0] > line["y"][-1]
+
+
+def test_flights_without_a_date_stand_in_order_of_name(entries):
+    numbers = plain(follow([replace(each, start_utc=None) for each in entries]).to_dict())
+    axis = drift_figures(numbers, "")[0][-1].layout["xaxis"]
+    assert axis["type"] == "category"
+    assert axis["categoryarray"] == [each.name for each in entries]
+
+
+def test_nothing_measured_draws_nothing():
+    assert coverage_figures(None, "") == []
+    assert drift_figures(None, "") == ([], [])
+    assert coverage_table(None) is None
+    assert drift_table(None) is None

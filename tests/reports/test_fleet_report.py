@@ -1,0 +1,126 @@
+"""The report on all flights: one page that stays small, opens anywhere, prints whole; and a summary in Markdown."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from pipeline.names import folder_names
+from pipeline.store import open_store
+from reports.fleet import compose
+from tests.reports.conftest import composed
+from tests.reports.test_folder import drawn, strict
+
+FLIGHTS = 200
+
+
+def test_two_hundred_flights_fold_and_stay_small(fleet, tmp_path):
+    """Products of one flight stand for all: what counts here is what the page and its numbers keep of each."""
+    shutil.copytree(fleet, tmp_path, dirs_exist_ok=True)
+    numbers = strict((fleet / "flights" / "flight01" / "report.json").read_text("utf-8"))
+    folders = []
+    for number in range(FLIGHTS):
+        folder = tmp_path / "flights" / f"copy{number:03d}"
+        shutil.copytree(fleet / "flights" / "flight01", folder)
+        (folder / "report.json").write_text(json.dumps(numbers | {"name": folder.name}), encoding="utf-8")
+        folders.append(f"flights/{folder.name}")
+    compose(open_store(tmp_path), folders, ["crafts/craft0"])
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert f"<details><summary>Table of {FLIGHTS} flights</summary>" in page
+    assert len(page) < 4_000_000
+    assert (tmp_path / "report.json").stat().st_size < 6000 * FLIGHTS + 500_000
+
+
+def test_summaries_of_flights_lead_to_their_numbers(fleet):
+    numbers = strict((fleet / "report.json").read_text("utf-8"))
+    for flight in numbers["flights"]:
+        own = strict((fleet / flight["folder"] / "report.json").read_text("utf-8"))
+        assert (own["name"], own["log"], own["verdict"]) == (flight["name"], flight["log"], flight["verdict"])
+        assert (fleet / flight["folder"] / "report.html").is_file()
+    (finding,) = [each for each in numbers["findings"] if each["id"] == "gps-lag"]
+    assert finding["flights"] == ["flight01", "flight02"]
+
+
+def test_each_flights_predictions_can_be_chosen(fleet):
+    page = (fleet / "report.html").read_text("utf-8")
+    choices = dict(re.findall(r'<option value="([^"]+)" data-page="[^"]*">([^<]+)</option>', page))
+    assert list(choices.values()) == ["flight02", "flight01"], "flights that judge come first"
+    figures = {figure["id"]: figure for figure in drawn(page)}
+    for name, flight in choices.items():
+        assert figures[name]["place"] == "1-prediction"
+        measured = next(trace for trace in figures[name]["data"] if trace["name"] == "measured")
+        assert measured["y"]["deltas"], flight
+
+
+def test_markdown_has_tables_and_verdicts(fleet):
+    text = (fleet / "report.md").read_text("utf-8")
+    assert len(text) < 10_000
+    assert "| Model | RMSE x (m) | RMSE y (m) | RMSE z (m) | trust |" in text
+    numbers = strict((fleet / "report.json").read_text("utf-8"))
+    for model in numbers["groups"][0]["models"][:2]:
+        assert f"| {model['title']} | " in text
+    assert "notes.bin" in text
+
+
+def test_flights_without_a_common_craft_have_a_page(flight, other, tmp_path):
+    page = composed(tmp_path, [flight, other]).read_text("utf-8")
+    assert "No craft has two usable flights" in page
+    assert "Of 2 flights, " in page
+    assert 'href="flights/flight01/report.html"' in page
+    models = strict((tmp_path / "models.json").read_text("utf-8"))
+    assert [owner["name"] for owner in models["flights"]] == ["flight01", "flight02"]
+
+
+def test_names_of_folders_are_those_of_links(flight, tmp_path):
+    odd = replace(flight, name="a flight #1?")
+    page = composed(tmp_path, [odd]).read_text("utf-8")
+    folder = folder_names([odd.name])[odd.name]
+    assert f'href="flights/{folder}/report.html"' in page
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Run Chromium; for this module only, for its event loop would be in the way of other tests'."""
+    from playwright.sync_api import sync_playwright
+
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("Chromium is not installed (Debian: apt-get install chromium)")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+def test_plots_are_drawn_for_paper_and_for_the_flight_chosen(fleet, browser):
+    """What is printed as soon as the page has loaded holds every plot not folded, light, no wider than the page."""
+    page = browser.new_page(viewport={"width": 390, "height": 800}, color_scheme="dark")
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.goto((fleet / "report.html").as_uri())
+    page.emulate_media(media="print", color_scheme="dark")
+    drawn_now = page.evaluate(
+        """() => {
+        dispatchEvent(new Event("beforeprint"));
+        const plots = [...document.querySelectorAll(".plot")].filter((each) => each.checkVisibility());
+        const text = getComputedStyle(document.documentElement).getPropertyValue("--text").trim();
+        const state = plots.map((each) => [each.id, Boolean(each.querySelector(".main-svg")), each._fullLayout?.width]);
+        return { state, text };
+    }"""
+    )
+    assert len(drawn_now["state"]) >= 2
+    assert all(is_drawn and width <= 690 for _, is_drawn, width in drawn_now["state"])
+    assert drawn_now["text"] == "#1c2126", "paper is light"
+    page.emulate_media(media="screen")
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    place = page.locator("#plot-1-prediction")
+    place.scroll_into_view_if_needed()
+    before = page.evaluate("document.getElementById('plot-1-prediction').data[0].y[100]")
+    page.get_by_label("Flight").select_option(label="flight01")
+    page.wait_for_function("document.getElementById('plot-1-prediction').data[0].y[100] !== " + repr(before))
+    assert page.get_by_role("link", name="its page").get_attribute("href") == "flights/flight01/report.html"
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390, "a phone need not scroll sideways"
+    assert not faults
+    page.close()
