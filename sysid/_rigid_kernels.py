@@ -323,10 +323,14 @@ def path_sensitivities(
     law: int,
     start: int,
     initial: Floats,
+    stride: int,
     out: Floats,
     sensitivities: Floats,
 ) -> None:
-    """Positions as `path` and their derivatives by parameters and initial state: (n, 3) and (n, 3, q + 6)."""
+    """Positions as `path` and their derivatives by parameters and initial state: (n, 3) and (n, 3, q + 6).
+
+    Of every `stride`-th sample only, from `start` on.
+    """
     x = initial.copy()
     q = len(theta)
     columns = q + 6
@@ -340,7 +344,7 @@ def path_sensitivities(
     by_velocity, by_height, by_theta = np.empty((3, 3)), np.empty(3), np.zeros((3, columns))
     _keep(x, out, 0)
     _keep_sensitivities(z, sensitivities, 0)
-    for n in range(1, len(out)):
+    for n in range(1, (len(out) - 1) * stride + 1):
         k = start + n - 1
         for i in range(4):
             part = 0.0 if i == 0 else (1.0 if i == 3 else 0.5)
@@ -374,5 +378,6 @@ def path_sensitivities(
                 z[a, c] += (
                     dt / 6.0 * (rate_z[0, a, c] + 2.0 * rate_z[1, a, c] + 2.0 * rate_z[2, a, c] + rate_z[3, a, c])
                 )
-        _keep(x, out, n)
-        _keep_sensitivities(z, sensitivities, n)
+        if n % stride == 0:
+            _keep(x, out, n // stride)
+            _keep_sensitivities(z, sensitivities, n // stride)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from sysid.motor_effects import fit_motor_effects
 from sysid.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice
 from sysid.rigid_body import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
 from sysid.rotation import COHERENT, STILL, RotationFit, centre_of_gravity, fit_rotation, logged_motors
+from sysid.search import Progress
 from sysid.thrust_curve import REFERENCE_DENSITY, motor_commands, reference_voltage
 from sysid.thrust_regression import vehicle_of
 from sysid.trim import trim_from, trim_prior
@@ -101,6 +103,8 @@ def fit_rigid_body(
     priors: Mapping[str, tuple[float, float]] | None = None,
     *,
     wind_spacing: float | None = WIND_SPACING,
+    time_limit: float = 60.0,
+    progress: Progress | None = None,
 ) -> RigidBodyModel:
     """Identify thrust, drag, wind and effectiveness of one craft from one or more flights.
 
@@ -116,6 +120,10 @@ def fit_rigid_body(
     wind_spacing : float, optional
         Time between the points of the broken line by which the wind of a flight varies about its mean, s; None for
         constant winds.
+    time_limit : float
+        s, for the steps of output error; the best values so far are returned, with a finding.
+    progress : callable, optional
+        ``progress(stage, fraction)``.
 
     Raises
     ------
@@ -124,6 +132,7 @@ def fit_rigid_body(
     MissingDataError
         Without attitude.
     """
+    begun, report = time.monotonic(), progress or (lambda stage, fraction: None)
     records = require_alike(experiments)
     if mass is not None and not mass > 0.0:
         raise ExperimentError(f"mass must be positive, not {mass} kg")
@@ -133,25 +142,29 @@ def fit_rigid_body(
     vehicle, findings = vehicle_of(records[0])
     voltage = reference_voltage(records)
     findings += [*_motor_outputs(records, vehicle), *_gaps(records, vehicle, mass, voltage)]
+    report("accelerations", 0.0)
     motions = [motion(record, vehicle, voltage) for record in records]
     prior, start = _prior(motions, vehicle, priors or {})
     rough = fit_equation_error(motions, [np.ones((len(flight.t), 1)) for flight in motions], start, prior)
     knots = _knots(motions, wind_spacing)
-    fine, law = _best_law(motions, knots, prior, rough)
+    fine, law = _best_law(motions, knots, prior, rough, begun + time_limit, report)
     if not fine.converged:
         findings.append(
             Finding(
                 "not-converged",
                 Severity.WARNING,
-                f"output error had not settled after {fine.iterations} steps; its standard errors mean little",
-                "use longer flights, or leave out flights in which the craft was disturbed",
+                f"output error had not settled after {fine.iterations} steps and {time.monotonic() - begun:.1f} s; its "
+                "standard errors mean little",
+                "give it more time, use longer flights, or leave out flights in which the craft was disturbed",
             )
         )
     trims = [_trim(fine, i, knots[i]) for i in range(len(motions))]
     air = doubt_of_air(motions, trims, varies=wind_spacing is not None)
+    report("rotation", 0.8)
     turning = _rotation(records, vehicle, voltage)
     parameters, covariance, estimated = _parameters(fine, prior, air, records, vehicle, voltage, turning)
     findings += _undetermined(parameters) + _drag_apart(parameters, motions, fine, air)
+    report("fitted", 1.0)
     return RigidBodyModel(
         name="rigid body, thrust and drag from PWM and attitude",
         parameters={name: _in_si(parameter, parameters, mass) for name, parameter in parameters.items()},
@@ -285,19 +298,35 @@ def _knots(motions: Sequence[Motion], spacing: float | None) -> list[Floats]:
 
 
 def _best_law(
-    motions: Sequence[Motion], knots: Sequence[Floats], prior: Prior, rough: EquationErrorFit
+    motions: Sequence[Motion],
+    knots: Sequence[Floats],
+    prior: Prior,
+    rough: EquationErrorFit,
+    deadline: float,
+    report: Progress,
 ) -> tuple[OutputErrorFit, int]:
     """Fit by output error with every law of drag that equation error could not rule out; keep the best."""
     shapes = [wind_shapes(flight.t, k) for flight, k in zip(motions, knots, strict=True)]
     prior, start = _widened(prior, rough.values, len(motions), shapes[0].shape[1])
     law = rough.laws[0]
-    best = fit_output_error(motions, shapes, start, prior, law=law)
-    for other in rough.laws[1:]:
+    report("paths over windows", 0.1)
+    best = fit_output_error(motions, shapes, start, prior, law=law, deadline=deadline)
+    for number, other in enumerate(rough.laws[1:], start=1):
+        report("paths over windows, another law of drag", 0.1 + 0.7 * number / len(rough.laws))
+        if time.monotonic() > deadline:
+            break
         rival = fit_output_error(
-            motions, shapes, best.values, prior, law=other, spread=best.spread, most_steps=_RIVAL_STEPS
+            motions,
+            shapes,
+            best.values,
+            prior,
+            law=other,
+            spread=best.spread,
+            most_steps=_RIVAL_STEPS,
+            deadline=deadline,
         )
         if rival.cost < best.cost:
-            best, law = fit_output_error(motions, shapes, rival.values, prior, law=other), other
+            best, law = fit_output_error(motions, shapes, rival.values, prior, law=other, deadline=deadline), other
     return best, law
 
 

@@ -10,6 +10,7 @@ weight of prior knowledge against data is balanced by the information that the c
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -104,7 +105,7 @@ class _Window:
     flight: int
     start: int
     stop: int
-    rows: slice
+    stride: int
     initial: Floats
     #: Those shapes of the wind that are not zero in the window, and where its parameters stand among all.
     shapes: Floats
@@ -112,14 +113,26 @@ class _Window:
 
 
 @dataclass(slots=True)
+class _Paths:
+    """Residuals of all windows, and derivatives of their positions by parameters and initial state."""
+
+    residuals: list[Floats]
+    jacobians: list[Floats]
+
+
+@dataclass(slots=True)
 class _Linearised:
-    """Normal equations with initial states projected out, each window's part, and how its state follows."""
+    """Normal equations with initial states projected out, each window's part, and how its state follows.
+
+    `places` has for each window which of the free parameters its scores, parts and last of `back` are of.
+    """
 
     cost: float
     hessian: Floats
     gradient: Floats
-    scores: Floats
-    parts: Floats
+    scores: list[Floats]
+    parts: list[Floats]
+    places: list[NDArray[np.int64]]
     back: list[tuple[Floats, Floats]]
     residuals: list[Floats]
     spread: Floats
@@ -142,6 +155,7 @@ def fit_output_error(
     window_seconds: float | None = WINDOW_SECONDS,
     spread: Floats | None = None,
     most_steps: int = MOST_STEPS,
+    deadline: float = np.inf,
 ) -> OutputErrorFit:
     """Match the paths of one craft in several flights.
 
@@ -161,6 +175,8 @@ def fit_output_error(
         Standard deviations of the residuals to weight with, m; default: found in the course of the fit.
     most_steps : int
         Give up after so many Gauss-Newton steps.
+    deadline : float
+        On `time.monotonic`; reached, the best values so far are returned as not converged.
     """
     windows = _windows(motions, shapes, window_seconds)
     free = np.flatnonzero(prior.sigma > 0.0)
@@ -169,17 +185,18 @@ def fit_output_error(
     sigma = np.full((len(motions), 3), np.nan) if spread is None else spread
     converged, iteration = False, 0
     estimate_states = window_seconds is not None
-    now = _linearise(motions, shapes, windows, values, sigma, law, free, estimate_states)
+    paths = _run_windows(motions, windows, values, law)
+    now = _weigh(paths, windows, sigma, free, estimate_states)
     if not np.isfinite(now.cost):
         raise ExperimentError("the craft runs away from its measured path at the first values; check PWM and attitude")
     balance = 1.0 if spread is None else _balance(now)
     damping, reweighted = 1e-6, 0 if spread is None else _REWEIGHTINGS
-    while iteration < most_steps:
+    while iteration < most_steps and time.monotonic() < deadline:
         iteration += 1
         if reweighted < _REWEIGHTINGS:
             # The residuals' spread belongs to the estimates: weights follow it until it has settled.
             sigma, reweighted = np.maximum(now.spread, SMALLEST_SIGMA), reweighted + 1
-            now = _linearise(motions, shapes, windows, values, sigma, law, free, estimate_states)
+            now = _weigh(paths, windows, sigma, free, estimate_states)
             balance = _balance(now)
         pull = balance * weight * (values[free] - prior.mean[free])
         total = now.cost + 0.5 * float(balance * weight @ (values[free] - prior.mean[free]) ** 2)
@@ -201,10 +218,11 @@ def fit_output_error(
             trial[free] = np.clip(values[free] + step / scale, prior.low[free], prior.high[free])
             moved = trial[free] - values[free]
             before = [window.initial for window in windows]
-            for window, (direct, by_theta) in zip(windows, now.back, strict=True):
+            for window, places, (direct, by_theta) in zip(windows, now.places, now.back, strict=True):
                 if estimate_states:
-                    window.initial = window.initial + direct - by_theta @ moved
-            then = _linearise(motions, shapes, windows, trial, sigma, law, free, estimate_states)
+                    window.initial = window.initial + direct - by_theta @ moved[places]
+            following = _run_windows(motions, windows, trial, law)
+            then = _weigh(following, windows, sigma, free, estimate_states)
             cost = then.cost + 0.5 * float(balance * weight @ (trial[free] - prior.mean[free]) ** 2)
             if np.isfinite(cost) and cost <= total * (1.0 + 1e-9) + 1e-12:
                 accepted, damping = True, max(damping * 0.1, 1e-9)
@@ -215,7 +233,7 @@ def fit_output_error(
         if not accepted:
             break
         gain = total - cost
-        values, now = trial, then
+        values, now, paths = trial, then, following
         if reweighted >= _REWEIGHTINGS and gain < _CONVERGED * balance:
             converged = True
             break
@@ -236,48 +254,19 @@ def _windows(motions: Sequence[Motion], shapes: Sequence[Floats], seconds: float
             first = flight_slice(flight, shapes[flight].shape[1]).start
             winds = (first + 1 + 2 * active[:, None] + np.arange(2)).ravel()
             places = np.concatenate([np.arange(SHARED), [first], winds])
-            rows, own = slice(0, None, stride), np.ascontiguousarray(shapes[flight][:, active])
-            windows.append(_Window(flight, int(start), int(stop), rows, initial, own, places))
+            own = np.ascontiguousarray(shapes[flight][:, active])
+            windows.append(_Window(flight, int(start), int(stop), stride, initial, own, places))
     return windows
 
 
-def _linearise(
-    motions: Sequence[Motion],
-    shapes: Sequence[Floats],
-    windows: Sequence[_Window],
-    values: Floats,
-    sigma: Floats,
-    law: int,
-    free: NDArray[np.int64],
-    estimate_states: bool,
-) -> _Linearised:
-    """Run all windows; a step too far may run away, which its infinite cost tells."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _run_windows(motions, shapes, windows, values, sigma, law, free, estimate_states)
-
-
-def _run_windows(
-    motions: Sequence[Motion],
-    shapes: Sequence[Floats],
-    windows: Sequence[_Window],
-    values: Floats,
-    sigma: Floats,
-    law: int,
-    free: NDArray[np.int64],
-    estimate_states: bool,
-) -> _Linearised:
-    n = len(values)
-    gradient = np.zeros(n)
-    scores = np.zeros((len(windows), n))
-    parts = np.zeros((len(windows), n, n))
-    back: list[tuple[Floats, Floats]] = []
-    residuals: list[Floats] = []
+def _run_windows(motions: Sequence[Motion], windows: Sequence[_Window], values: Floats, law: int) -> _Paths:
+    """Run all windows; a step too far may run away, which the infinite cost of its residuals tells."""
     signals = [motion.signals(values[LAG]) for motion in motions]
-    cost = 0.0
-    for index, window in enumerate(windows):
-        motion, theta, places = motions[window.flight], values[window.places], window.places
-        size = window.stop - window.start
-        out, jacobian = np.empty((size, 3)), np.empty((size, 3, len(theta) + 6))
+    paths = _Paths([], [])
+    for window in windows:
+        motion, theta = motions[window.flight], values[window.places]
+        count = 1 + (window.stop - window.start - 1) // window.stride
+        out, jacobian = np.empty((count, 3)), np.empty((count, 3, len(theta) + 6))
         path_sensitivities(
             theta,
             signals[window.flight],
@@ -287,55 +276,72 @@ def _run_windows(
             law,
             window.start,
             window.initial,
+            window.stride,
             out,
             jacobian,
         )
-        residual = (motion.position[window.start : window.stop] - out)[window.rows]
-        residuals.append(residual)
+        paths.residuals.append(motion.position[window.start : window.stop : window.stride] - out)
+        paths.jacobians.append(jacobian)
+    return paths
+
+
+def _weigh(
+    paths: _Paths, windows: Sequence[_Window], sigma: Floats, free: NDArray[np.int64], estimate_states: bool
+) -> _Linearised:
+    """Form the normal equations of residuals over their spread, those beyond `HUBER` of it with less weight."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _weighed(paths, windows, sigma, free, estimate_states)
+
+
+def _weighed(
+    paths: _Paths, windows: Sequence[_Window], sigma: Floats, free: NDArray[np.int64], estimate_states: bool
+) -> _Linearised:
+    hessian, gradient = np.zeros((len(free), len(free))), np.zeros(len(free))
+    now = _Linearised(
+        0.0,
+        hessian,
+        gradient,
+        [],
+        [],
+        [],
+        [],
+        paths.residuals,
+        np.zeros((len(sigma), 3)),
+        np.array([window.flight for window in windows]),
+    )
+    for window, residual, jacobian in zip(windows, paths.residuals, paths.jacobians, strict=True):
         noise = sigma[window.flight]
         noise = np.where(np.isfinite(noise), noise, 1.0)
         scaled = residual / noise
         size_of = np.abs(scaled)
         robust = np.where(size_of > HUBER, HUBER / np.maximum(size_of, 1e-300), 1.0)
-        cost += float(np.sum(np.where(size_of > HUBER, HUBER * (size_of - 0.5 * HUBER), 0.5 * size_of**2)))
-        root = np.sqrt(robust).ravel()
-        rows = jacobian[window.rows] / noise[None, :, None]
-        flat = rows.reshape(-1, rows.shape[2]) * root[:, None]
-        target = scaled.ravel() * root
-        of_theta, of_state = flat[:, : len(theta)], flat[:, len(theta) :]
+        now.cost += float(np.sum(np.where(size_of > HUBER, HUBER * (size_of - 0.5 * HUBER), 0.5 * size_of**2)))
+        root = np.sqrt(robust)
+        flat = (jacobian * (root / noise)[:, :, None]).reshape(-1, jacobian.shape[2])
+        target = (scaled * root).ravel()
+        # What is held need not be carried along.
+        moves = np.isin(window.places, free)
+        places = np.searchsorted(free, window.places[moves])
+        of_theta, of_state = flat[:, : len(moves)][:, moves], flat[:, len(moves) :]
         if estimate_states:
             q, r = np.linalg.qr(of_state)
-            back.append((np.linalg.solve(r, q.T @ target), np.linalg.solve(r, q.T @ of_theta)))
-            of_theta = of_theta - q @ (q.T @ of_theta)
+            onto = q.T @ of_theta
+            now.back.append((np.linalg.solve(r, q.T @ target), np.linalg.solve(r, onto)))
+            of_theta = of_theta - q @ onto
             target = target - q @ (q.T @ target)
         else:
-            back.append((np.zeros(6), np.zeros((6, len(theta)))))
-        parts[index][np.ix_(places, places)] = of_theta.T @ of_theta
-        score = of_theta.T @ target
-        scores[index, places] = score
+            now.back.append((np.zeros(6), np.zeros((6, len(places)))))
+        part, score = of_theta.T @ of_theta, of_theta.T @ target
+        hessian[np.ix_(places, places)] += part
         gradient[places] += score
-    spread = np.zeros((len(motions), 3))
-    for flight in range(len(motions)):
-        together = np.concatenate([r for r, w in zip(residuals, windows, strict=True) if w.flight == flight])
+        now.places.append(places)
+        now.parts.append(part)
+        now.scores.append(score)
+    for flight in range(len(sigma)):
+        together = np.concatenate([r for r, w in zip(paths.residuals, windows, strict=True) if w.flight == flight])
         # From the median, so that a few bad windows do not spoil the weight of the rest.
-        spread[flight] = np.sqrt(np.median(together**2, axis=0) / 0.4549)
-    wide = []
-    for window, (direct, by_theta) in zip(windows, back, strict=True):
-        full = np.zeros((6, n))
-        full[:, window.places] = by_theta
-        wide.append((direct, full[:, free]))
-    hessian = parts.sum(axis=0)
-    return _Linearised(
-        cost,
-        hessian[np.ix_(free, free)],
-        gradient[free],
-        scores[:, free],
-        parts[:, free[:, None], free[None, :]],
-        wide,
-        residuals,
-        spread,
-        np.array([window.flight for window in windows]),
-    )
+        now.spread[flight] = np.sqrt(np.median(together**2, axis=0) / 0.4549)
+    return now
 
 
 def _meat(now: _Linearised, total: Floats) -> Floats:
@@ -353,12 +359,20 @@ def _meat(now: _Linearised, total: Floats) -> Floats:
     eigenvalues, vectors = np.linalg.eigh(total)
     kept = eigenvalues > 1e-14 * eigenvalues[-1]
     whiten = vectors[:, kept] / np.sqrt(eigenvalues[kept])
+    added = np.zeros((len(now.scores), int(kept.sum())))
+    plain = np.zeros((len(now.scores), len(total)))
+    for k, (score, own, places) in enumerate(zip(now.scores, now.parts, now.places, strict=True)):
+        # The share of a window is of the few dimensions that it tells of, and so are its axes.
+        size, axes = np.linalg.eigh(own)
+        root = (axes * np.sqrt(np.maximum(size, 0.0))).T @ whiten[places]
+        share, inner = np.linalg.eigh(root @ root.T)
+        share = np.maximum(share, 1e-12)
+        along = inner.T @ (root @ (whiten[places].T @ score))
+        growth = 1.0 / np.sqrt(1.0 - np.minimum(share, _LARGEST_SHARE)) - 1.0
+        added[k] = root.T @ (inner @ (growth * along / share))
+        plain[k, places] = score
     colour = vectors[:, kept] * np.sqrt(eigenvalues[kept])
-    scores = np.empty_like(now.scores)
-    for k, (score, own) in enumerate(zip(now.scores, now.parts, strict=True)):
-        share, axes = np.linalg.eigh(whiten.T @ own @ whiten)
-        enlarged = axes @ ((axes.T @ (whiten.T @ score)) / np.sqrt(1.0 - np.clip(share, 0.0, _LARGEST_SHARE)))
-        scores[k] = colour @ enlarged
+    scores = (plain @ whiten + added) @ colour.T
     meat = scores.T @ scores
     for lag in range(1, _NEIGHBOURS + 1):
         same = (now.flights[lag:] == now.flights[:-lag])[:, None]

@@ -131,7 +131,7 @@ def test_sensitivities_are_the_derivatives_of_the_path(law):
     theta = np.concatenate([base[:14], [2.0, -1.0, 0.5, 0.3]])
     initial = np.array([0.0, 0.0, -20.0, 4.0, -2.0, -1.0])
     out, jacobian = np.empty((samples, 3)), np.empty((samples, 3, len(theta) + 6))
-    path_sensitivities(theta, flight.signals(0.05), shapes, 0.04, 0.0, law, 0, initial, out, jacobian)
+    path_sensitivities(theta, flight.signals(0.05), shapes, 0.04, 0.0, law, 0, initial, 1, out, jacobian)
 
     def moved(column, step):
         values, state = theta.copy(), initial.copy()
@@ -391,3 +391,15 @@ def test_windows_of_one_record_are_records(tmp_path):
     assert isinstance(half, Experiment)
     model = fit_rigid_body([half], mass=4.3)
     assert model.training == (half.name,)
+
+
+def test_the_time_limit_ends_the_steps_and_says_so():
+    """The best values so far are a model, with a finding; progress is heard from beginning to end."""
+    heard = []
+    seen = record(flown(octocopter(), HOVER, rate=RATE))
+    model = fit_rigid_body([seen], time_limit=0.0, progress=lambda stage, fraction: heard.append((stage, fraction)))
+    assert "not-converged" in {finding.id for finding in model.findings}
+    fractions = [fraction for _, fraction in heard]
+    assert fractions == sorted(fractions)
+    assert fractions[0] == 0.0
+    assert fractions[-1] == 1.0
