@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import statistics
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -199,14 +200,14 @@ def _axes(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> 
         return
     moved = {axis: max(f.coverage["excitation"]["axes"][axis]["rms"] for f in flights) for axis in quiet}
     units = {axis: flights[0].coverage["excitation"]["axes"][axis]["unit"] for axis in quiet}
-    px4 = any(flight.format == "ulog" for flight in flights)
+    chirps = all(_has_chirps(flight) for flight in flights)
     yield Advice(
         id="excite-axes",
         rank=23,
         do=f"Excite {_and(quiet)}: "
         + (
             "quick stick doublets in each direction, from slow to fast, for half a minute"
-            if px4
+            if not chirps
             else "a chirp at the mixer in SYSTEMID mode, one axis at a time (SID_AXIS "
             + _and([f"{_SID_AXIS[axis]:.0f} for {axis}" for axis in quiet])
             + "), or quick stick doublets for half a minute"
@@ -215,8 +216,14 @@ def _axes(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> 
         + _and([f"{shown(units[axis], moved[axis])} RMS in {axis}" for axis in quiet])
         + f" in {'this flight' if total == 1 else f'{len(flights)} flights'}",
         gain=f"{_and([_TELLS[axis] for axis in quiet])}, not determined now",
-        settings={} if px4 else {"SID_AXIS": _SID_AXIS[quiet[0]]} | _CHIRP,
+        settings={} if not chirps else {"SID_AXIS": _SID_AXIS[quiet[0]]} | _CHIRP,
     )
+
+
+def _has_chirps(flight: FlightEntry) -> bool:
+    """Tell whether the firmware may have SYSTEMID mode: ArduCopter since 4.0; logs do not always tell their version."""
+    version = re.search(r"(\d+)\.", str(flight.tune.get("firmware", "")))
+    return flight.format != "ulog" and (version is None or int(version[1]) >= 4)
 
 
 def _extrapolated(envelope: Envelope) -> Iterator[Advice]:

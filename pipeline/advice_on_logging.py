@@ -43,6 +43,9 @@ _VITAL = frozenset((10, 2))
 #: Parameters that only fast rotational signals tell.
 _FAST = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "yaw torque over inertia")
 
+#: What tables are called for people.
+_TABLES = {"imu": "the IMU", "attitude": "attitude"}
+
 #: Findings of gaps in flight.
 _GAPS = ("gap-in-motors", "gap-in-imu", "gap-in-gps", "gap-in-attitude", "imu-hole")
 
@@ -71,14 +74,18 @@ def _on_board(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     radio = [flight for flight in flights if flight.format in _TELEMETRY]
     if not radio:
         return
-    rates = [rate for flight in radio if (rate := _rate(flight, "attitude")) is not None]
+    slowest = {
+        table: min(rates)
+        for table in ("imu", "attitude")
+        if (rates := [rate for flight in radio if (rate := _rate(flight, table)) is not None])
+    }
+    told = " and ".join(f"{_TABLES[table]} at {rate:.2g} Hz" for table, rate in slowest.items())
     yield Advice(
         id="use-on-board-log",
         rank=12,
         do="Give the log that the autopilot wrote on board (.bin from its card) instead of the telemetry recording",
-        why=f"{names_of(radio, len(flights))} came by radio"
-        + (f", with attitude at {min(rates):.2g} Hz and no raw IMU to integrate" if rates else ""),
-        gain="the IMU at 25 Hz or more, and nothing lost on the link",
+        why=f"{names_of(radio, len(flights))} came by radio" + (f", with {told}" if told else ""),
+        gain="the IMU at 25 Hz or more to integrate, and nothing lost on the link",
         flights=tuple(flight.name for flight in radio),
     )
 

@@ -135,6 +135,17 @@ def test_quiet_axes_are_named_with_the_chirp_that_moves_them():
     assert for_craft([good(told=told, excitation={"axes": axes}), good("lively", told=told)]) == ()
 
 
+def test_firmware_without_chirps_is_asked_for_sticks():
+    quiet = {"rms": 0.02, "unit": "rad/s", "command_std": 0.0, "word": "weak"}
+    axes = good().coverage["excitation"]["axes"] | {"yaw": quiet}
+    flight = good(told=tuple(each for each in TOLD if "yaw" not in each), excitation={"axes": axes})
+    for old in ({"tune": {"firmware": "ArduCopter V3.6.12"}}, {"format": "ulog"}):
+        advice = only(dataclasses.replace(flight, **old))
+        assert "SYSTEMID" not in advice.do
+        assert advice.settings == {}
+    assert "SYSTEMID" in only(dataclasses.replace(flight, tune={"firmware": "ArduCopter 4.5.7"})).do
+
+
 def test_flights_to_repeat_are_named():
     lost = good("lost", health={"position_sigma": {"median": 9.0, "max": 60.0}}, known=False)
     still = good("still", excitation={"acceleration_rms": 0.06})
