@@ -230,9 +230,9 @@ def _analyzed(
         outcomes[job.source.url] = outcome
         watch.end(job.source.url)
         if isinstance(outcome, Failure) and outcome.full:
-            full = outcome.reason
+            full = f"was not begun: of {job.source.file} {outcome.reason}"
     for job in jobs:
-        outcomes.setdefault(job.source.url, Failure(job.source.url, f"was not begun, since of another log {full}"))
+        outcomes.setdefault(job.source.url, Failure(job.source.url, full))
     return outcomes
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import logging
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
@@ -65,8 +66,9 @@ def run(job: Job, progress: Progress | None = None) -> FlightEntry | Failure | N
         try:
             return _keep(result, job)
         except OSError as error:
-            reason = f"its results could not be stored: {error.strerror or error}"
-            return Failure(source.url, reason, full=error.errno in FULL)
+            # Libraries word it in their own ways.
+            why = os.strerror(error.errno) if error.errno in FULL else error.strerror or error
+            return Failure(source.url, f"its results could not be stored: {why}", full=error.errno in FULL)
     except LogError as error:
         return Failure(source.url, str(error), lasting=True) if source.named or source.called_a_log else None
     except RotoridError as error:
