@@ -146,8 +146,8 @@ class InertialSignal:
             return np.empty((0, 3))
         first, last = np.searchsorted(self.t, [at[0], at[-1]])
         window = slice(max(first - MARGIN, 0), last + MARGIN)
-        knots = np.ascontiguousarray(self.t[window])
-        return along_spline(knots, np.ascontiguousarray(self.values[window, columns]), at, integrate)
+        # Copies: views of a table cannot be written to, which to numba is another type to compile for.
+        return along_spline(self.t[window].copy(), self.values[window, columns].copy(), at, integrate)
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Integrate between successive times.

@@ -116,7 +116,7 @@ def _missing(log: "FlightLog") -> Iterator[Finding]:
         if table == "motors" and any(finding.id == "frame-unknown" for finding in log.findings):
             # The outputs are there; which of them are motors is another matter and told already.
             continue
-        if getattr(log.tables, table) is None:
+        if not log.tables.has(table):
             yield Finding(name, severity, f"No {what} in the log: {so}.", _advice(log, bit))
 
 

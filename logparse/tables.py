@@ -170,5 +170,9 @@ class Tables:
     parameters: Mapping[str, float] = field(default_factory=dict)
     origin: Geodetic | None = None
 
+    def has(self, name: str) -> bool:
+        """Whether the log has a table."""
+        return getattr(self, name) is not None
+
     def release(self) -> None:
         """Let go of tables that can be built anew when they are asked for again; here there are none."""

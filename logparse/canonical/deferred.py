@@ -89,6 +89,10 @@ class DeferredTables(Tables):
         object.__setattr__(self, "_long", {})
         super().__init__(**tables)
 
+    def has(self, name: str) -> bool:
+        """Whether the log has a table; a long one need not be built for that."""
+        return name in self._later.builders or super().has(name)
+
     def release(self) -> None:
         """Let go of the long table that is kept; it is built anew when it is asked for again."""
         self._long.clear()
