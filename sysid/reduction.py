@@ -73,10 +73,16 @@ class Part:
     ----------
     states : ndarray, shape (N, 2 n, m)
         Responses to the inputs.
-    regressors : ndarray, shape (N, local + numerators m + 1)
-        Of what is the record's own, of the numerators (power-major), and the output.
-    gram : ndarray
-        Their inner products.
+    trends : ndarray, shape (N, 2 + integrators)
+        Polynomials of time (`sysid.response.trends`), and the output.
+    free : ndarray, shape (N, lags groups)
+        Initial responses, a view of those of the basis.
+    forced : ndarray, shape (N, numerators m)
+        Regressors of the numerators, power-major: a view of the states.
+    used : ndarray, shape (numerators m,)
+        1 for the numerators' coefficients that exist.
+    gram : ndarray, shape (local + numerators m + 1, local + numerators m + 1)
+        Inner products of `regressors`.
     factor, coupling : ndarray
         Of the elimination.
     information : ndarray, shape (numerators m + 1, numerators m + 1)
@@ -89,7 +95,10 @@ class Part:
     """
 
     states: Floats
-    regressors: Floats
+    trends: Floats
+    free: Floats
+    forced: Floats
+    used: Floats
     gram: Floats
     factor: Floats
     coupling: Floats
@@ -97,11 +106,23 @@ class Part:
     local: Floats = field(default_factory=lambda: np.zeros(0))
     residual: Floats = field(default_factory=lambda: np.zeros(0))
 
+    @property
+    def regressors(self) -> Floats:
+        """Of what is the record's own, of the numerators, and the output; shape (N, local + numerators m + 1)."""
+        return np.hstack([self.trends[:, :-1], self.free, self.forced * self.used, self.trends[:, -1:]])
+
     def finish(self, numerators: Floats) -> None:
         """Take the numerators that all records together chose."""
-        c = numerators.ravel()
+        c, first = numerators.ravel(), self.trends.shape[1] - 1
         self.local = backward(self.factor, self.coupling[:, -1] - self.coupling[:, :-1] @ c)
-        self.residual = self.regressors[:, -1] - self.regressors[:, :-1] @ np.concatenate([self.local, c])
+        own = self.trends[:, :first] @ self.local[:first] + self.free @ self.local[first:]
+        self.residual = self.trends[:, -1] - own - self.forced @ (c * self.used)
+
+    def along(self, columns: Floats) -> Floats:
+        """Inner products of the regressors of what is the record's own and of the numerators with other columns."""
+        forced = self.forced.T @ columns
+        forced *= self.used if columns.ndim == 1 else self.used[:, None]
+        return np.concatenate([self.trends[:, :-1].T @ columns, self.free.T @ columns, forced])
 
 
 def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
@@ -115,20 +136,29 @@ def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
 
 def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
     """Form a record's normal equations and eliminate what is its own."""
-    k, shared = problem.integrators, problem.numerators * len(problem.group)
-    locals_ = len(basis.prior)
-    forced = basis.system.forced(u, problem.group, delays=basis.delays if basis.delays.any() else None)
-    z = np.empty((len(y), locals_ + shared + 1))
-    z[:, : 1 + k] = trends(len(y), k)
-    z[:, 1 + k : locals_] = basis.free[: len(y), k : problem.order].reshape(len(y), -1)
-    z[:, locals_:-1] = forced[:, : problem.numerators].reshape(len(y), shared)
-    if problem.counts:
-        z[:, locals_:-1] *= problem.used.ravel()
-    z[:, -1] = y
-    gram = z.T @ z
+    k, samples, lanes, groups = problem.integrators, len(y), len(problem.group), problem.groups
+    states = basis.system.forced(u, problem.group, delays=basis.delays if basis.delays.any() else None)
+    # Views and small products: one array of all regressors would take as long to fill as to multiply.
+    forced = states.reshape(samples, -1)[:, : problem.numerators * lanes]
+    free = basis.free[:samples].reshape(samples, -1)[:, k * groups : problem.order * groups]
+    used = problem.used.ravel()
+    own = np.column_stack([trends(samples, k), y])
+    first, locals_ = 1 + k, len(basis.prior)
+    gram = np.empty((locals_ + len(used) + 1, locals_ + len(used) + 1))
+    small, by_free, by_forced = own.T @ own, free.T @ own, (forced.T @ own) * used[:, None]
+    gram[:first, :first], gram[:first, -1], gram[-1, -1] = small[:-1, :-1], small[:-1, -1], small[-1, -1]
+    gram[first:locals_, :first], gram[first:locals_, -1] = by_free[:, :-1], by_free[:, -1]
+    gram[locals_:-1, :first], gram[locals_:-1, -1] = by_forced[:, :-1], by_forced[:, -1]
+    gram[first:locals_, first:locals_] = free.T @ free
+    gram[locals_:-1, first:locals_] = (forced.T @ free) * used[:, None]
+    gram[locals_:-1, locals_:-1] = (forced.T @ forced) * used * used[:, None]
+    gram[:first, first:locals_] = gram[first:locals_, :first].T
+    gram[:locals_, locals_:-1] = gram[locals_:-1, :locals_].T
+    gram[-1, :-1] = gram[:-1, -1]
     factor = factorise(gram[:locals_, :locals_] + basis.prior)
     coupling = forward(factor, gram[:locals_, locals_:])
-    return Part(forced, z, gram, factor, coupling, gram[locals_:, locals_:] - coupling.T @ coupling)
+    information = gram[locals_:, locals_:] - coupling.T @ coupling
+    return Part(states, own, free, forced, used, gram, factor, coupling, information)
 
 
 def slopes_at(problem: Problem, basis: Basis, numerators: Floats) -> tuple[Floats, Floats]:
@@ -195,18 +225,18 @@ def linearise(problem: Problem, basis: Basis, part: Part, columns: Floats) -> tu
     following : ndarray, shape (2,)
         Sums of squared residuals and of residuals times those one sample later.
     """
-    z, locals_, shared = part.regressors, len(part.local), len(part.information) - 1
+    locals_, shared = len(part.local), len(part.information) - 1
     q = shared + columns.shape[1]
     information, gradient = np.empty((q, q)), np.empty(q)
-    across = z.T @ columns
+    across = part.along(columns)
     coupling = np.hstack([part.coupling[:, :-1], forward(part.factor, across[:locals_])])
     information[:shared, :shared] = part.gram[locals_:-1, locals_:-1]
-    information[:shared, shared:] = across[locals_:-1]
-    information[shared:, :shared] = across[locals_:-1].T
+    information[:shared, shared:] = across[locals_:]
+    information[shared:, :shared] = across[locals_:].T
     information[shared:, shared:] = columns.T @ columns
     information -= coupling.T @ coupling
     residual = part.residual
-    along = z[:, :-1].T @ residual
+    along = part.along(residual)
     gradient[:shared] = along[locals_:]
     gradient[shared:] = columns.T @ residual
     # The local parameters are at their optimum: the prior balances their gradient, which the elimination passes on.
@@ -332,10 +362,11 @@ def initial_responses(problem: Problem, theta: Floats, delays: Floats, numerator
 
 def own_eliminated(basis: Basis, part: Part, columns: Floats) -> Floats:
     """Regressors of what is shared, without what the record's own parameters can explain of them; shape (N, q)."""
-    z, locals_ = part.regressors, len(part.local)
-    along = np.hstack([part.gram[:locals_, locals_:-1], z[:, :locals_].T @ columns])
-    rest = np.hstack([z[:, locals_:-1], columns])
-    return np.asarray(rest - z[:, :locals_] @ backward(part.factor, forward(part.factor, along)))
+    locals_, first = len(part.local), part.trends.shape[1] - 1
+    along = np.hstack([part.gram[:locals_, locals_:-1], part.along(columns)[:locals_]])
+    taken = backward(part.factor, forward(part.factor, along))
+    rest = np.hstack([part.forced * part.used, columns])
+    return np.asarray(rest - part.trends[:, :first] @ taken[:first] - part.free @ taken[first:])
 
 
 def autoproducts(residual: Floats, lags: int) -> Floats:
