@@ -73,9 +73,12 @@ def column(values: Sequence[float | None], digits: int = 3, places: int = 3) -> 
 
 
 def alike(values: Sequence[float | None]) -> list[str]:
-    """Write numbers of one quantity with the decimals that leave the largest three digits."""
+    """Write numbers of one quantity with the decimals that leave the largest three digits, without common zeros."""
     largest = max((abs(value) for value in values if value is not None), default=0.0)
     decimals = max(2 - math.floor(math.log10(largest)), 0) if largest > 0.0 else 0
+    known = [round(value, decimals) for value in values if value is not None]
+    while decimals and all(round(value, decimals - 1) == value for value in known):
+        decimals -= 1
     # Adding 0.0 turns a negative zero into zero.
     return [
         "–" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", MINUS) for value in values

@@ -6,12 +6,15 @@ import pytest
 
 from reports.quantity import (
     NOT_DETERMINED,
+    alike,
     column,
     complex_numbers,
     duration,
     number,
+    per_degree,
     size,
     uncertain,
+    with_unit,
 )
 
 
@@ -73,3 +76,35 @@ def test_conjugate_poles_are_written_once():
 def test_spans_and_sizes():
     assert [duration(s) for s in (9.44, 48.2, 125.0, 3725.0)] == ["9.4 s", "48 s", "2 min 05 s", "1 h 02 min"]
     assert [size(n) for n in (12, 16_384, 3_095_199)] == ["1 kB", "16 kB", "3.1 MB"]
+
+
+@pytest.mark.parametrize(
+    ("values", "texts"),
+    [
+        ([0.0, 3.0, 10.0], ["0", "3", "10"]),
+        ([0.0035, 0.0173, 3.99], ["0.00", "0.02", "3.99"]),
+        ([-2.0, 2.5], ["−2.0", "2.5"]),
+        ([-0.001, 12.34, None], ["0.0", "12.3", "–"]),
+        ([None], ["–"]),
+    ],
+)
+def test_numbers_of_one_quantity_have_the_same_decimals(values, texts):
+    assert alike(values) == texts
+
+
+def test_angles_are_read_in_degrees_but_not_accelerations():
+    assert per_degree("rad/s") == (pytest.approx(180.0 / math.pi), "°/s")
+    assert per_degree("rad/s^2 per unit") == (1.0, "rad/s² per unit")
+
+
+@pytest.mark.parametrize(
+    ("unit", "text"),
+    [
+        ("m/s^2, one motor at full command", "k (m/s²)"),
+        ("1 (MOT_THST_EXPO)", "k"),
+        ("", "k"),
+        ("rad/s² per unit", "k (rad/s² per unit)"),
+    ],
+)
+def test_pure_numbers_have_no_unit(unit, text):
+    assert with_unit("k", per_degree(unit)[1]) == text
