@@ -36,6 +36,7 @@ from sysid.thrust_regression import (
     blocks_of,
     body_down,
     coefficient,
+    coefficients,
     conditions_of,
     covariance_of,
     mass_unknown,
@@ -382,13 +383,13 @@ def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None,
 
     def residual(x: Floats) -> Floats:
         rows = rows_at(float(x[0]))
-        values = regress(rows, forces).values
+        values = coefficients(rows, forces)
         return np.concatenate([f - r @ values for f, r in zip(forces, rows, strict=True)])
 
     starts = [least_squares(residual, [tau], bounds=(1e-4, LONGEST_LAG), x_scale=0.02) for tau in (0.02, 0.1)]
     tau = float(min(starts, key=lambda found: float(found.cost)).x[0])
     rows = rows_at(tau)
-    values, step = regress(rows, forces).values, max(1e-3, 0.01 * tau)
+    values, step = coefficients(rows, forces), max(1e-3, 0.01 * tau)
     above, below = rows_at(tau + step), rows_at(max(tau - step, 0.0))
     width = tau + step - max(tau - step, 0.0)
     full = [np.hstack([r, (a - b) @ values[:, None] / width]) for r, a, b in zip(rows, above, below, strict=True)]

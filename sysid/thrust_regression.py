@@ -139,13 +139,18 @@ def regress(regressors: Sequence[Floats], outputs: Sequence[Floats], most_lags: 
     most_lags : int
         How far residuals are taken to be correlated, samples.
     """
-    x, y = np.vstack(regressors), np.concatenate(outputs)
-    size = np.linalg.norm(x, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    values = np.linalg.lstsq(x / size, y, rcond=1e-12)[0] / size
+    values = coefficients(regressors, outputs)
     residuals = [force - rows @ values for force, rows in zip(outputs, regressors, strict=True)]
     sigma = np.sqrt(np.maximum(np.diag(covariance_of(regressors, residuals, most_lags)), 0.0))
     return Regression(values, sigma, float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))))
+
+
+def coefficients(regressors: Sequence[Floats], outputs: Sequence[Floats]) -> Floats:
+    """Give the values of `regress` alone, (q,)."""
+    x, y = np.vstack(regressors), np.concatenate(outputs)
+    size = np.linalg.norm(x, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.linalg.lstsq(x / size, y, rcond=1e-12)[0] / size)
 
 
 def covariance_of(regressors: Sequence[Floats], residuals: Sequence[Floats], most_lags: int = 10) -> Floats:

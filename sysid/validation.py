@@ -26,7 +26,7 @@ RESTARTS = 10.0
 
 #: Steps that such predictions may integrate over for one horizon of one record: on a long flight hundreds of restarts
 #: tell the error of a long horizon as well as thousands.
-MOST_STEPS = 200_000
+MOST_STEPS = 100_000
 
 #: Samples over which the velocity at the start of a free run is taken, s.
 VELOCITY_SECONDS = 1.0
