@@ -22,9 +22,8 @@ def fleet_markdown(numbers: Numbers) -> str:
     for craft in numbers["groups"]:
         lines += _craft(craft, len(numbers["groups"]) > 1)
     if not numbers["groups"]:
-        lines += ["No craft has two usable flights, so there is no joint model; every flight stands for itself.", ""]
         lines += [fleet_views.own_models(numbers), ""]
-        lines += [*_flights(numbers), ""]
+        lines += [fleet_views.ALONE, "", *_flights(numbers), ""] if numbers["flights"] else []
     worrying = [finding for finding in numbers["findings"] if finding["severity"] != "info"]
     if worrying:
         lines += ["**Health of the logs**", ""]

@@ -64,10 +64,8 @@ def fleet_page(numbers: Numbers, crafts: Sequence[Craft]) -> str:
         title=fleet_views.title(numbers),
         facts=fleet_views.facts(numbers),
         crafts=views,
-        alone=[
-            "No craft has two usable flights here, so there is no joint model; every flight stands for itself.",
-            fleet_views.own_models(numbers),
-        ],
+        alone=([fleet_views.ALONE] if numbers["flights"] else []),
+        own_models=fleet_views.own_models(numbers),
         health=fleet_views.health_table(numbers),
         flights=fleet_views.flight_rows(numbers, pages),
         unfolded=len(numbers["flights"]) <= MOST_UNFOLDED,

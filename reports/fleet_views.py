@@ -13,6 +13,9 @@ from reports.views import rmse_lines
 
 View = dict[str, Any]
 
+#: Where there are flights but no craft.
+ALONE = "No craft has two usable flights here, so there is no joint model; every flight stands for itself."
+
 
 def links(flights: Sequence[Numbers]) -> dict[str, str]:
     """Give the page of every flight, by its name."""
@@ -21,6 +24,8 @@ def links(flights: Sequence[Numbers]) -> dict[str, str]:
 
 def title(numbers: Numbers) -> str:
     """Name the report: by its craft where all flights are of one, else by its logs."""
+    if not numbers["flights"]:
+        return "No flight"
     flights = counted(len(numbers["flights"]), "flight log")
     crafts = numbers["groups"]
     if len(crafts) == 1 and len(crafts[0]["training"]) + len(crafts[0]["held_out"]) == len(numbers["flights"]):
@@ -105,7 +110,7 @@ def own_models(numbers: Numbers) -> str:
     without = len(chosen) - sum(counts.values())
     parts = [f"{count} {'has' if count == 1 else 'have'} {words[trust]}" for trust, count in counts.items() if count]
     parts += [f"{without} {'has' if without == 1 else 'have'} no model that was judged"] if without else []
-    return f"Of {counted(len(chosen), 'flight')}, {', '.join(parts)}." if chosen else "No log could be analysed."
+    return f"Of {counted(len(chosen), 'flight')}, {', '.join(parts)}." if chosen else "No log gave a flight."
 
 
 def health_table(numbers: Numbers) -> View | None:

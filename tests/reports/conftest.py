@@ -188,7 +188,9 @@ def composed(folder: Path, flights: Sequence[FlightResult], crafts: Sequence[Gro
         publish(flight, folder / "flights" / names[flight.name])
     for number, group in enumerate(crafts):
         publish(group, folder / "crafts" / f"craft{number}")
-    config = {name: getattr(flights[0].config, name) for name in AnalysisConfig.__slots__}
+    config = {
+        name: getattr(flights[0].config if flights else AnalysisConfig(), name) for name in AnalysisConfig.__slots__
+    }
     facts = {"failures": FAILURES, "config": config} | facts
     compose(
         open_store(folder),

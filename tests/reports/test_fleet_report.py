@@ -73,6 +73,14 @@ def test_flights_without_a_common_craft_have_a_page(flight, other, tmp_path):
     assert [owner["name"] for owner in models["flights"]] == ["flight01", "flight02"]
 
 
+def test_logs_that_all_gave_nothing_are_told_without_empty_tables(tmp_path):
+    page = composed(tmp_path, []).read_text("utf-8")
+    assert "No log gave a flight." in page
+    assert "not a flight log: text without a single FMT row" in page.replace("Not a", "not a")
+    assert 'class="flights"' not in page
+    assert "| flight |" not in (tmp_path / "report.md").read_text("utf-8")
+
+
 def test_names_of_folders_are_those_of_links(flight, tmp_path):
     odd = replace(flight, name="a flight #1?")
     page = composed(tmp_path, [odd]).read_text("utf-8")
