@@ -76,7 +76,7 @@ class LogRecord:
 
     def as_failure(self) -> Failure:
         """Give the file with its reason."""
-        return Failure(self.url, self.reason)
+        return Failure(self.url, self.reason, lasting=self.state == "failed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -148,8 +148,10 @@ def test_junk_is_listed_with_its_reason(logs, tmp_path):
     (logs / "odd.bin").write_text("bug")
     out = tmp_path / "out"
     (logs / "more.txt").write_text("broken too")
+    manifests = []
     for _ in range(2):  # and again from what is stored
         fleet, _ = run(logs, out)
+        manifests.append(fleet.manifest)
         assert {each.file: each.reason.partition(" (")[0] for each in fleet.failures} == {
             "torn.bin": "torn.bin is broken",
             "odd.bin": "unexpected ZeroDivisionError: division by zero",
@@ -161,6 +163,7 @@ def test_junk_is_listed_with_its_reason(logs, tmp_path):
         }
         assert len(fleet.flights) == 4
     assert fleet.reused == 7
+    assert manifests[0] == manifests[1]
     named = analyze_fleet([logs / "notes.txt"], CONFIG)
     assert [each.file for each in named.failures] == ["notes.txt"], "who names a file wants to know"
 
