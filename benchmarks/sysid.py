@@ -127,7 +127,7 @@ def physical_truth() -> list[tuple[str, str, str, str, str]]:
 
 def paper_size() -> list[tuple[str, str, str, str, str]]:
     """Eight inputs and three outputs, five poles and three zeros, 10 Hz: one record, and ten jointly."""
-    records = [_octocopter_record(seed, 2000) for seed in range(10)]
+    records = [octocopter_record(seed, 2000) for seed in range(10)]
     begun = time.process_time()
     fit_transfer_functions(records[:1])
     one = time.process_time() - begun
@@ -162,7 +162,7 @@ def _rao_garnier_record(seed: int) -> Experiment:
     )
 
 
-def _octocopter_record(seed: int, samples: int) -> Experiment:
+def octocopter_record(seed: int, samples: int) -> Experiment:
     """Make a record of eight correlated inputs and three outputs with modes like those of the paper's table A1."""
     rng = np.random.default_rng(1000 + seed)
     u = lfilter([1.0], [1.0, -0.9], rng.standard_normal((samples, 8)) @ (np.eye(8) + 0.5), axis=0)

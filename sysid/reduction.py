@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -473,13 +473,19 @@ class Elsewhere:
         """Let ``work(problem with the records of a share, *shared)`` be done for every share."""
         plain = replace(problem, elsewhere=None)
         edges = np.linspace(0, len(self.lengths), min(self.spread.shares, len(self.lengths)) + 1).round().astype(int)
-        jobs = [
-            self.spread.executor.submit(
-                _work_on, f"{self.token}/{first}", self.spread.sources[first:last], self.cut, plain, work, shared
-            )
-            for first, last in pairwise(edges)
-        ]
-        return [job.result() for job in jobs]
+        shares = [(f"{self.token}/{first}", self.spread.sources[first:last]) for first, last in pairwise(edges)]
+
+        def submitted(token: str, sources: Sequence[Source] | None) -> Future[tuple[Floats, ...] | None]:
+            return self.spread.executor.submit(_work_on, token, sources, self.cut, plain, work, shared)
+
+        jobs = [submitted(token, None) for token, _ in shares]
+        results = []
+        for (token, sources), job in zip(shares, jobs, strict=True):
+            result = job.result()
+            while result is None:  # another process than those that hold this share
+                result = submitted(token, sources).result()
+            results.append(result)
+        return results
 
 
 #: Records by the token of their share, in normalised units, the last ones used at the end.
@@ -488,17 +494,23 @@ _held: OrderedDict[str, tuple[tuple[Floats, ...], tuple[Floats, ...]]] = Ordered
 
 def _work_on(
     token: str,
-    sources: Sequence[Source],
+    sources: Sequence[Source] | None,
     cut: Cut,
     problem: Problem,
     work: Callable[..., tuple[Floats, ...]],
     shared: tuple[object, ...],
-) -> tuple[Floats, ...]:
-    """Do the work on a share, whose records this process loads when it first needs them."""
+) -> tuple[Floats, ...] | None:
+    """Do the work on a share, whose records this process loads when it is told where they are.
+
+    None when it neither holds them nor was told: lists of records are long, and travel only when they are asked for.
+    """
     held = _held.pop(token, None)
-    if held is None:
+    if held is None and sources is None:
+        return None
+    if held is None and sources is not None:
         records = [source() for source in sources]
         held = tuple(cut.inputs(record) for record in records), tuple(cut.output(record) for record in records)
+    assert held is not None
     _held[token] = held
     while len(_held) > MOST_HELD:
         _held.popitem(last=False)
