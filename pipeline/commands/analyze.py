@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -184,13 +184,17 @@ def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManage
 @contextmanager
 def _cluster(scheduler: str, jobs: int | None, paths: Sequence[str], out: str) -> "Iterator[Executor]":
     """Give the workers of a cluster, when they have shown that they can do this work."""
-    from pipeline.cluster import Cluster
+    from pipeline.cluster import Cluster, SchedulerError
     from pipeline.errors import ConfigError
 
     if jobs is not None:
         raise ConfigError("--jobs counts processes of this computer; with --scheduler all workers of the cluster work")
-    with Cluster(scheduler) as executor:
-        executor.check(paths, out)
+    with ExitStack() as stack:
+        try:
+            executor = stack.enter_context(Cluster(scheduler))
+            executor.check(paths, out)
+        except SchedulerError as error:  # before the work it is wrong usage, later it is not
+            raise ConfigError(str(error)) from error
         yield executor
 
 

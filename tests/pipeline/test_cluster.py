@@ -8,9 +8,12 @@ from contextlib import closing
 
 import fsspec
 import pytest
+from typer.testing import CliRunner
 
 from pipeline import AnalysisConfig, analyze_fleet, cluster, job, joint
+from pipeline.cli import app
 from pipeline.cluster import Cluster, SchedulerError
+from pipeline.errors import ConfigError
 from pipeline.executors import WorkerDiedError, as_done
 from tests.pipeline import calls, flown
 from tests.pipeline.dask_programs import Programs
@@ -198,3 +201,13 @@ def test_the_same_version_with_other_sources_is_refused(monkeypatch):
         cluster.call_guarded(here | {"sources": "bb"}, calls.square, (3,), {})
     with pytest.raises(SchedulerError, match="has rotorid 1 instead of 2"):
         cluster.call_guarded(here | {"sources": "bb", "rotorid": "2"}, calls.square, (3,), {})
+
+
+def test_the_command_ends_as_for_wrong_usage_where_no_scheduler_is(tmp_path, monkeypatch):
+    monkeypatch.setattr(Cluster.__init__, "__defaults__", (0.2,))
+    (tmp_path / "a.bin").write_text("octa 1")
+    command = [str(tmp_path), "--out", str(tmp_path / "out"), "--scheduler", "tcp://127.0.0.1:1"]
+    with pytest.raises(ConfigError, match="no Dask scheduler answers at"):
+        CliRunner().invoke(app, ["analyze", *command], catch_exceptions=False)
+    with pytest.raises(ConfigError, match="--jobs counts processes of this computer"):
+        CliRunner().invoke(app, ["analyze", *command, "--jobs", "2"], catch_exceptions=False)
