@@ -99,7 +99,7 @@ class Runner:
             self._executor = ThreadPoolExecutor(self._workers, thread_name_prefix="analysis")
             return True
         # Imported here and not above: the rooms behind it and Dask are large, and most servers work without a cluster.
-        from pipeline.cluster import Cluster, SchedulerError
+        from pipeline.execution.cluster import Cluster, SchedulerError
 
         try:
             self._executor = Cluster(self._scheduler)

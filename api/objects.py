@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import fsspec
 
 from api.ids import new_id
-from pipeline.store import as_os_error, sync
+from pipeline.storage.store import as_os_error, sync
 
 #: How the name of an object that is still being written ends.
 _PARTIAL = ".partial"

@@ -13,8 +13,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from pipeline.manifest import MANIFEST
-from pipeline.store import ENTRY, LOCK
+from pipeline.storage.manifest import MANIFEST
+from pipeline.storage.store import ENTRY, LOCK
 
 _log = logging.getLogger("rotorid.api")
 
@@ -94,8 +94,8 @@ def _analyze_one(task: Task, progress: Progress) -> None:
     # Imported here and not above: the server itself never needs the 200 MB of numpy, numba and pandas.
     import pipeline
     import reports
-    from pipeline.dataset import write_tables
     from pipeline.stages import overall
+    from pipeline.storage.dataset import write_tables
 
     ((log, name),) = task.logs
     advance = overall(progress)

@@ -111,7 +111,7 @@ def run_once(count: int, logs: Path, out: Path) -> dict[str, Any]:
     import pipeline
     import reports
     from pipeline.commands.analyze import PRELOAD
-    from pipeline.executors import Processes
+    from pipeline.execution.executors import Processes
     from pipeline.flight import analyze
 
     with Processes(count, PRELOAD) as processes:

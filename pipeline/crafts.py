@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from pipeline.config import AnalysisConfig
 from pipeline.craft import by_craft, changes, kept_apart
 from pipeline.entry import FlightEntry, GroupEntry
-from pipeline.manifest import CRAFTS, craft_key
 from pipeline.results import Failure, GroupResult, Publish
 from pipeline.split import choose_split
 from pipeline.stages import Progress, overall
-from pipeline.store import ENTRY, Store
+from pipeline.storage.manifest import CRAFTS, craft_key
+from pipeline.storage.store import ENTRY, Store
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

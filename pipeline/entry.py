@@ -59,7 +59,7 @@ class FlightEntry:
     missing : mapping of str to str
         Why a stage or a kind of model gave nothing, by its key.
     coverage : mapping
-        What the flight excited and covered, as `pipeline.coverage` sums it up.
+        What the flight excited and covered, as `pipeline.flown.coverage` sums it up.
     board : str or None
         The autopilot's own id, as in `pipeline.LogFacts`.
     build, tune : mapping
@@ -67,7 +67,7 @@ class FlightEntry:
     mixer : mapping of str to list of float
         Roll, pitch and yaw factor of each motor by its name, as in `logparse.Motor`.
     parameters : tuple of mapping
-        What the flight alone says about its craft, as `pipeline.flight_parameters` lists it.
+        What the flight alone says about its craft, as `pipeline.trends.flight_parameters` lists it.
     findings : tuple of mapping
         ``id severity evidence`` of what the log, the trajectory and the fits had to say; the words are in the report.
     timings : mapping of str to float
@@ -179,7 +179,7 @@ def flight_entry(
     coverage : mapping, optional
     """
     from pipeline.craft import build_of, craft_name
-    from pipeline.flight_parameters import flight_parameters
+    from pipeline.trends.flight_parameters import flight_parameters
 
     log = result.log
     models = {each.key: each.missing for each in result.models if each.missing}

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING
 
 from pipeline.config import AnalysisConfig
 from pipeline.entry import FlightEntry, GroupEntry
-from pipeline.inventory import READERS, take_stock
-from pipeline.manifest import FLIGHTS, LogRecord, Manifest, configuration, read_manifest, software
 from pipeline.progress import Watch, part_of
 from pipeline.results import Failure, FleetResult, Publish
-from pipeline.sources import Found, find
 from pipeline.stages import Progress, silent
-from pipeline.store import ENTRY, Store, TemporaryStore, open_store
+from pipeline.storage.inventory import READERS, take_stock
+from pipeline.storage.manifest import FLIGHTS, LogRecord, Manifest, configuration, read_manifest, software
+from pipeline.storage.sources import Found, find
+from pipeline.storage.store import ENTRY, Store, TemporaryStore, open_store
 
 if TYPE_CHECKING:
     from pipeline.crafts import Crafts
@@ -55,7 +55,7 @@ def analyze_fleet(
     Parameters
     ----------
     paths : iterable of str or Path, or Found
-        Logs, folders to search for logs, and URLs of either; or what `pipeline.sources.find` found there.
+        Logs, folders to search for logs, and URLs of either; or what `pipeline.storage.sources.find` found there.
     config : AnalysisConfig, optional
     executor : concurrent.futures.Executor, optional
         Where the logs are analysed, each in one call; in this thread when not given.
@@ -198,7 +198,7 @@ def _analyzed(
     if not new:
         return {}
     from pipeline.job import Job
-    from pipeline.manifest import of_one_flight
+    from pipeline.storage.manifest import of_one_flight
 
     sources = {source.url: source for source in found.sources}
     jobs = [
@@ -244,7 +244,7 @@ def _done(jobs: Iterator[Job], executor: Executor | None, watch: Watch) -> Itera
         for job in jobs:
             yield job, run(job, watch.within(job.source.url))
         return
-    from pipeline.executors import WorkerDiedError, as_done
+    from pipeline.execution.executors import WorkerDiedError, as_done
 
     for job, future in as_done(executor, run, jobs):
         try:

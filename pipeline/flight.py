@@ -9,8 +9,8 @@ import sysid
 from logparse import Finding, FlightLog, MissingDataError, health
 from pipeline.comparison import compare_parameters
 from pipeline.config import AnalysisConfig
-from pipeline.coverage import measure
 from pipeline.craft import fingerprint, tune_of
+from pipeline.flown.coverage import measure
 from pipeline.identification import identify
 from pipeline.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.names import printable

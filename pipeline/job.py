@@ -11,15 +11,15 @@ from pathlib import Path, PurePosixPath
 
 from logparse import LogError, RotoridError
 from pipeline.config import AnalysisConfig
-from pipeline.coverage import summarise
-from pipeline.dataset import EXPERIMENTS, TABLES, part, write_experiments, write_tables
 from pipeline.entry import FlightEntry, flight_entry
 from pipeline.flight import analyze
-from pipeline.manifest import FLIGHTS
+from pipeline.flown.coverage import summarise
 from pipeline.results import Failure, FlightResult, Publish
-from pipeline.sources import Source, fetched
 from pipeline.stages import Progress
-from pipeline.store import ENTRY, Store, open_store
+from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, write_experiments, write_tables
+from pipeline.storage.manifest import FLIGHTS
+from pipeline.storage.sources import Source, fetched
+from pipeline.storage.store import ENTRY, Store, open_store
 
 _LOG = logging.getLogger("rotorid.pipeline")
 

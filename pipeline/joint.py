@@ -14,20 +14,20 @@ from functools import partial
 
 import sysid
 from logparse import Finding, Vehicle
-from pipeline.advice import for_craft
+from pipeline.advice.next_flights import for_craft
 from pipeline.comparison import compare_parameters
 from pipeline.config import AnalysisConfig
-from pipeline.dataset import EXPERIMENTS, part, read_experiment
-from pipeline.drift import follow
 from pipeline.entry import FlightEntry
-from pipeline.envelope import envelope
-from pipeline.executors import busy
+from pipeline.execution.executors import busy
+from pipeline.flown.envelope import envelope
 from pipeline.identification import identify
 from pipeline.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Fit, Kind
 from pipeline.results import GroupResult, ModelResult, Prediction
 from pipeline.split import Split
 from pipeline.stages import Progress, Stages, silent
-from pipeline.store import open_store
+from pipeline.storage.dataset import EXPERIMENTS, part, read_experiment
+from pipeline.storage.store import open_store
+from pipeline.trends.drift import follow
 from sysid.reduction import Spread
 
 _LOG = logging.getLogger("rotorid.pipeline")

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
     from estimation import Trajectory
     from logparse import Finding, Tables, Vehicle
-    from pipeline.coverage import Coverage
-    from pipeline.drift import Drift
+    from pipeline.advice.recommendation import Advice
     from pipeline.entry import FlightEntry, GroupEntry
-    from pipeline.envelope import Envelope
-    from pipeline.manifest import Manifest
-    from pipeline.recommendation import Advice
-    from pipeline.store import Store
+    from pipeline.flown.coverage import Coverage
+    from pipeline.flown.envelope import Envelope
+    from pipeline.storage.manifest import Manifest
+    from pipeline.storage.store import Store
+    from pipeline.trends.drift import Drift
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.excitation import Coherence
 
@@ -226,7 +226,7 @@ class FlightResult:
     @property
     def advice(self) -> tuple[Advice, ...]:
         """How to log and fly better next time, most useful first."""
-        from pipeline.advice import for_flight
+        from pipeline.advice.next_flights import for_flight
 
         return for_flight(self)
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from logparse import Finding, RotoridError, Severity
-from pipeline.memory import give_back
+from pipeline.execution.memory import give_back
 
 Progress = Callable[[str, float], None]
 T = TypeVar("T")

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from pipeline.results import Failure
-    from pipeline.sources import Found, Source
+    from pipeline.storage.sources import Found, Source
     from reports.rows import Numbers
 
 _DEFAULT = AnalysisConfig()
 
 #: What workers import once for all: analyses and the writing of their products.
-PRELOAD = ("pipeline.executors", "pipeline.job", "pipeline.joint", "reports.folder")
+PRELOAD = ("pipeline.execution.executors", "pipeline.job", "pipeline.joint", "reports.folder")
 
 
 def analyze(
@@ -116,7 +116,7 @@ def analyze(
     )
     from pipeline.fleet import check_choices
     from pipeline.names import is_url
-    from pipeline.sources import find
+    from pipeline.storage.sources import find
 
     found = find(_existing(paths), besides=None if is_url(out) else Path(out))
     _require_files(found, paths)
@@ -155,8 +155,8 @@ def _one_log(source: "Source", out: Path, config: AnalysisConfig, as_json: bool)
     import pipeline
     import reports
     from pipeline.progress import shown
-    from pipeline.sources import fetched
     from pipeline.stages import overall
+    from pipeline.storage.sources import fetched
     from reports.numbers import flight_numbers
 
     with shown() as progress, fetched(source.url) as file:
@@ -176,7 +176,7 @@ def _one_log(source: "Source", out: Path, config: AnalysisConfig, as_json: bool)
 
 def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManager[Executor]":
     """Give processes of this computer."""
-    from pipeline.executors import processes
+    from pipeline.execution.executors import processes
 
     return processes(jobs, sizes, PRELOAD)
 
@@ -184,8 +184,8 @@ def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManage
 @contextmanager
 def _cluster(scheduler: str, jobs: int | None, paths: Sequence[str], out: str) -> "Iterator[Executor]":
     """Give the workers of a cluster, when they have shown that they can do this work."""
-    from pipeline.cluster import Cluster, SchedulerError
     from pipeline.errors import ConfigError
+    from pipeline.execution.cluster import Cluster, SchedulerError
 
     if jobs is not None:
         raise ConfigError("--jobs counts processes of this computer; with --scheduler all workers of the cluster work")

@@ -6,10 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from pipeline.advice import MOST, for_craft
-from pipeline.advice_on_logging import _BITS
-from pipeline.drift import follow
-from pipeline.envelope import envelope
+from pipeline.advice.log_settings import _BITS
+from pipeline.advice.next_flights import MOST, for_craft
+from pipeline.flown.envelope import envelope
+from pipeline.trends.drift import follow
 from tests.pipeline.test_craft import flown
 from tests.pipeline.test_drift import hovering
 from tests.pipeline.test_envelope import covering

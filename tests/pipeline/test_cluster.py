@@ -10,11 +10,12 @@ import fsspec
 import pytest
 from typer.testing import CliRunner
 
-from pipeline import AnalysisConfig, analyze_fleet, cluster, job, joint
+from pipeline import AnalysisConfig, analyze_fleet, job, joint
 from pipeline.cli import app
-from pipeline.cluster import Cluster, SchedulerError
 from pipeline.errors import ConfigError
-from pipeline.executors import WorkerDiedError, as_done
+from pipeline.execution import cluster
+from pipeline.execution.cluster import Cluster, SchedulerError
+from pipeline.execution.executors import WorkerDiedError, as_done
 from tests.pipeline import calls, flown
 from tests.pipeline.dask_programs import Programs
 from tests.s3_server import s3_server

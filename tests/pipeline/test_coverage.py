@@ -9,8 +9,8 @@ import pytest
 
 import estimation
 import logparse
-from pipeline.coverage import QUANTITIES, measure, summarise
-from pipeline.excitation import _word
+from pipeline.flown.coverage import QUANTITIES, measure, summarise
+from pipeline.flown.excitation import _word
 from pipeline.results import FlightResult, Span
 from simulation import elhesasy2024
 from simulation.fly import Setup
@@ -109,7 +109,7 @@ def test_an_entry_keeps_it_as_small_json(flight):
 
 
 def test_where_the_wind_comes_from():
-    from pipeline.coverage import Wind as Found
+    from pipeline.flown.coverage import Wind as Found
 
     assert Found(north=-1.0, east=0.0, sigma=0.1, source="").to_dict()["from"] == 0.0
     assert Found(north=0.0, east=-2.0, sigma=0.1, source="").to_dict()["from"] == pytest.approx(math.pi / 2)

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from logparse import Finding, Severity, Tables
-from pipeline import dataset
+from pipeline.storage import dataset
 from tests.reports.conftest import made_flight
 
 

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import AnalysisConfig, analyze_fleet, executors, job, joint
-from pipeline.executors import ATTEMPTS, Processes, WorkerDiedError, as_done, count_workers
+from pipeline import AnalysisConfig, analyze_fleet, job, joint
+from pipeline.execution import executors
+from pipeline.execution.executors import ATTEMPTS, Processes, WorkerDiedError, as_done, count_workers
 from tests.pipeline import calls, flown
 
 PROJECT = Path(__file__).parents[2]
@@ -97,7 +98,7 @@ def test_a_worker_that_keeps_memory_is_replaced(monkeypatch):
 PROGRAM = """
 import sys
 from pathlib import Path
-from pipeline.executors import Processes, as_done
+from pipeline.execution.executors import Processes, as_done
 from tests.pipeline import calls, flown
 if __name__ == "__main__":
     with Processes(2, preload=()) as pool:

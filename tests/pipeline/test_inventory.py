@@ -4,11 +4,12 @@ import os
 
 import pytest
 
-from pipeline import AnalysisConfig, inventory
-from pipeline.inventory import flight_names, take_stock
-from pipeline.manifest import Manifest
+from pipeline import AnalysisConfig
 from pipeline.names import folder_names
-from pipeline.sources import find
+from pipeline.storage import inventory
+from pipeline.storage.inventory import flight_names, take_stock
+from pipeline.storage.manifest import Manifest
+from pipeline.storage.sources import find
 
 CONFIG = AnalysisConfig()
 

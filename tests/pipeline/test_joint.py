@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from pipeline import AnalysisConfig, joint
-from pipeline.dataset import EXPERIMENTS, part, write_experiments
 from pipeline.entry import flight_entry
 from pipeline.split import choose_split
 from pipeline.stages import silent
-from pipeline.store import open_store
+from pipeline.storage.dataset import EXPERIMENTS, part, write_experiments
+from pipeline.storage.store import open_store
 from tests.reports.conftest import made_flight
 
 CONFIG = AnalysisConfig(poles=2, zeros=1)

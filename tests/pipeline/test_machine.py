@@ -5,7 +5,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from pipeline import machine
+from pipeline.execution import machine
 
 
 def tree(root: Path, files: dict[str, str]) -> Path:

@@ -9,8 +9,8 @@ from unittest import mock
 import fsspec
 import pytest
 
-from pipeline import sources
-from pipeline.sources import digest, fetched, find
+from pipeline.storage import sources
+from pipeline.storage.sources import digest, fetched, find
 
 
 def files(found):

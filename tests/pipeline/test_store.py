@@ -9,7 +9,7 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from pipeline.store import ENTRY, SCRATCH, FolderStore, ObjectStore, TemporaryStore, open_store
+from pipeline.storage.store import ENTRY, SCRATCH, FolderStore, ObjectStore, TemporaryStore, open_store
 
 
 @pytest.fixture(params=["folder", "objects"])
@@ -100,7 +100,7 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch):
 def test_only_one_run_writes_and_what_a_killed_one_left_goes(tmp_path):
     store = FolderStore(tmp_path)
     killed = (
-        "import os, signal, sys\nfrom pathlib import Path\nfrom pipeline.store import FolderStore\n"
+        "import os, signal, sys\nfrom pathlib import Path\nfrom pipeline.storage.store import FolderStore\n"
         "store = FolderStore(Path(sys.argv[1]))\n"
         "with store.locked(), store.scratch() as scratch:\n"
         "    (scratch / 'half').write_bytes(b'x')\n"

@@ -9,10 +9,10 @@ import pytest
 import estimation
 import logparse
 import sysid
-from pipeline.drift import follow
 from pipeline.entry import FlightEntry
-from pipeline.flight_parameters import SHARES, motor_shares
 from pipeline.results import Span
+from pipeline.trends.drift import follow
+from pipeline.trends.flight_parameters import SHARES, motor_shares
 from simulation import elhesasy2024
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait

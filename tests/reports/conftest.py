@@ -13,7 +13,7 @@ from estimation import Trajectory
 from logparse import Finding, Geodetic, Motor, Severity, Vehicle
 from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFacts, ModelResult, Prediction, Span
 from pipeline.names import folder_names
-from pipeline.store import open_store
+from pipeline.storage.store import open_store
 from reports import publish
 from reports.fleet import compose
 

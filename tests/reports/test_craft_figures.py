@@ -7,11 +7,11 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from pipeline.coverage import MAP, QUANTITIES
-from pipeline.drift import follow
 from pipeline.entry import FlightEntry
-from pipeline.envelope import envelope
-from pipeline.flight_parameters import SHARES
+from pipeline.flown.coverage import MAP, QUANTITIES
+from pipeline.flown.envelope import envelope
+from pipeline.trends.drift import follow
+from pipeline.trends.flight_parameters import SHARES
 from reports.coverage_figures import coverage_figures
 from reports.coverage_views import coverage_table, outside
 from reports.drift_figures import changes, drift_figures

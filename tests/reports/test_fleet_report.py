@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from pipeline.names import folder_names
-from pipeline.store import open_store
+from pipeline.storage.store import open_store
 from reports.fleet import compose
 from tests.reports.conftest import composed
 from tests.reports.test_folder import drawn, strict

@@ -8,14 +8,14 @@ import statistics
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from pipeline.envelope import shown
-from pipeline.recommendation import Advice, having, names_of
+from pipeline.advice.recommendation import Advice, having, names_of
+from pipeline.flown.envelope import shown
 from pipeline.split import POOR_POSITION, position_sigma, unfit
 from sysid.wind import LIGHT, TURBULENCE
 
 if TYPE_CHECKING:
     from pipeline.entry import FlightEntry
-    from pipeline.envelope import Envelope
+    from pipeline.flown.envelope import Envelope
 
 #: Relative error at which drag is worth having; the speeds that give it follow from the gusts.
 DRAG_ERROR = 0.15

@@ -16,9 +16,9 @@ from tempfile import NamedTemporaryFile, TemporaryFile
 from typing import Any, TypeVar
 
 from logparse import RotoridError
-from pipeline.executors import WorkerDiedError
-from pipeline.manifest import software
+from pipeline.execution.executors import WorkerDiedError
 from pipeline.names import is_url
+from pipeline.storage.manifest import software
 
 R = TypeVar("R")
 

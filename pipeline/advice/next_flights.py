@@ -9,17 +9,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from pipeline.advice_on_flying import flying
-from pipeline.advice_on_logging import logging
+from pipeline.advice.flying import flying
+from pipeline.advice.log_settings import logging
+from pipeline.advice.recommendation import Advice, having
 from pipeline.craft import in_order
-from pipeline.flight_parameters import WIND_AS_DRAG
-from pipeline.recommendation import Advice, having
+from pipeline.trends.flight_parameters import WIND_AS_DRAG
 
 if TYPE_CHECKING:
-    from pipeline.drift import Drift
     from pipeline.entry import FlightEntry
-    from pipeline.envelope import Envelope
+    from pipeline.flown.envelope import Envelope
     from pipeline.results import FlightResult
+    from pipeline.trends.drift import Drift
     from sysid import PhysicalParameters
 
 #: Longest list: who gets more does nothing.
@@ -60,8 +60,8 @@ def for_craft(
 
 def for_flight(result: FlightResult) -> tuple[Advice, ...]:
     """Advise on repeating one flight better."""
-    from pipeline.coverage import summarise
     from pipeline.entry import flight_entry
+    from pipeline.flown.coverage import summarise
 
     return for_craft([flight_entry(result, folder="", source="", key="", coverage=summarise(result))])
 

@@ -1,9 +1,9 @@
 """Physical parameters followed over the flights of a craft: whether they scatter, drift or jump, or a motor weakens.
 
-Every flight's own estimate and standard error enter a random-effects meta-regression (`pipeline.meta_analysis`). For
-each parameter two questions are asked: does it change steadily from flight to flight (a slope), and did it change once
-(a step between two flights, its place searched for and paid for by Bonferroni's factor)? All questions about one craft
-together are corrected by Holm's procedure, so that the chance of any false alarm stays below `ALPHA`.
+Every flight's own estimate and standard error enter a random-effects meta-regression (`pipeline.trends.meta_analysis`).
+For each parameter two questions are asked: does it change steadily from flight to flight (a slope), and did it change
+once (a step between two flights, its place searched for and paid for by Bonferroni's factor)? All questions about one
+craft together are corrected by Holm's procedure, so that the chance of any false alarm stays below `ALPHA`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from logparse import Finding, Severity
 from pipeline.craft import in_order, took_off
-from pipeline.flight_parameters import SHARES
-from pipeline.history import ALPHA, History, Point, Trend, history, sentence_of
-from pipeline.meta_analysis import holm
-from pipeline.motor_drift import MotorDrift, motor_drift, trims
+from pipeline.trends.flight_parameters import SHARES
+from pipeline.trends.history import ALPHA, History, Point, Trend, history, sentence_of
+from pipeline.trends.meta_analysis import holm
+from pipeline.trends.motor_drift import MotorDrift, motor_drift, trims
 
 if TYPE_CHECKING:
     from pipeline.entry import FlightEntry

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 from pipeline.names import file_name, is_url
 from pipeline.results import Failure
-from pipeline.store import as_os_error
+from pipeline.storage.store import as_os_error
 
 #: Endings that promise a flight log: a file found in a folder is reported as failed only if it has one of them.
 LOG_SUFFIXES = frozenset({".bin", ".log", ".tlog", ".ulg", ".raw"})

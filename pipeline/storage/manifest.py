@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.config import AnalysisConfig
 from pipeline.results import Failure
-from pipeline.store import Store
+from pipeline.storage.store import Store
 
 if TYPE_CHECKING:
     from logparse import Finding
@@ -46,7 +46,7 @@ class LogRecord:
     Attributes
     ----------
     url, size, modified
-        As in `pipeline.sources.Source`.
+        As in `pipeline.storage.sources.Source`.
     sha256 : str
         Of its content; empty where it could not be read.
     name : str

@@ -17,9 +17,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from logparse import Finding, Severity
-from pipeline.flight_parameters import SHARES
-from pipeline.history import History, Step, Trend, design_of
-from pipeline.meta_analysis import meta_regression
+from pipeline.trends.flight_parameters import SHARES
+from pipeline.trends.history import History, Step, Trend, design_of
+from pipeline.trends.meta_analysis import meta_regression
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

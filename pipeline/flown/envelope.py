@@ -86,7 +86,7 @@ class Envelope:
     ----------
     training, held_out : tuple of str
     quantities : mapping of str to RangeFlown
-        By the names of `pipeline.coverage.QUANTITIES`.
+        By the names of `pipeline.flown.coverage.QUANTITIES`.
     map : mapping
         ``x y x_step y_step`` and the cells ``[i, j, s]`` of ``training`` and ``held_out``.
     winds : tuple of mapping

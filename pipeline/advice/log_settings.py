@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from pipeline.recommendation import Advice, having, names_of
+from pipeline.advice.recommendation import Advice, having, names_of
 
 if TYPE_CHECKING:
     from pipeline.entry import FlightEntry

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.meta_analysis import MetaRegression, meta_regression
+from pipeline.trends.meta_analysis import MetaRegression, meta_regression
 from sysid.thrust_regression import AIR_SIGMA
 
 Floats = NDArray[np.float64]

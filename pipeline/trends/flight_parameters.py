@@ -1,6 +1,7 @@
 """What one flight by itself says about its craft: every physical parameter with its error, and each motor's share.
 
-These rows are light; they are kept of every flight so that parameters can be followed over flights (`pipeline.drift`).
+These rows are light; they are kept of every flight so that parameters can be followed over flights
+(`pipeline.trends.drift`).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What a flight covered: how fast, how high, in which air and wind, how it moved, and how well that was logged.
 
 Numbers here decide which flights train (`pipeline.split`), where a model has been fitted and judged
-(`pipeline.envelope`) and what to fly and log better (`pipeline.advice`). Distributions are seconds per bin of grids
-that are the same for all flights, so that those of several flights add up.
+(`pipeline.flown.envelope`) and what to fly and log better (`pipeline.advice`). Distributions are seconds per bin of
+grids that are the same for all flights, so that those of several flights add up.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import sysid
-from pipeline.excitation import Excitation, excitation_of
+from pipeline.flown.excitation import Excitation, excitation_of
+from pipeline.flown.log_health import LogHealth, log_health
 from pipeline.kinds import RIGID_BODY_KEY
-from pipeline.log_health import LogHealth, log_health
 from sysid.context import flight_context, resample_frame
 from sysid.thrust_curve import curve, motor_commands
 from sysid.wind import WIND_HEIGHT, FlightTrim

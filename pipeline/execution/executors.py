@@ -29,7 +29,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from pipeline.machine import available_memory, pin_threads, processors
+from pipeline.execution.machine import available_memory, pin_threads, processors
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -1,0 +1,1 @@
+"""How to fly and log better next time."""

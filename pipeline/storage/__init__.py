@@ -1,0 +1,1 @@
+"""Where logs come from and where results are kept."""

@@ -1,0 +1,1 @@
+"""Physical parameters followed over the flights of a craft."""
