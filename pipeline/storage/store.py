@@ -93,8 +93,8 @@ class Store(ABC):
             return None
 
     def write_json(self, path: str, value: object) -> None:
-        """Write JSON, see `write`."""
-        self.write(path, (json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode())
+        r"""Write JSON, see `write`; names of files that are not UTF-8 come back as they were, by way of ``\udcff``."""
+        self.write(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())
 
 
 def open_store(where: str | Path) -> Store:

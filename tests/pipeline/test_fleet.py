@@ -76,6 +76,20 @@ def test_a_second_run_does_nothing_and_finds_the_same(logs, tmp_path):
     assert fitted(third)
 
 
+def test_names_that_are_not_utf8_are_kept_as_they_are(logs, tmp_path):
+    odd = os.fsdecode(b"bad\xff\xfename.bin")
+    try:
+        (logs / "quad.bin").rename(logs / odd)
+    except (OSError, UnicodeError):
+        pytest.skip("this file system has no such names")
+    first, analyzed = run(logs, tmp_path / "out")
+    assert len(analyzed) == 4
+    assert odd in [Path(flight.source).name for flight in first.flights]
+    second, analyzed = run(logs, tmp_path / "out")
+    assert analyzed == []
+    assert second.flights == first.flights
+
+
 def test_only_what_is_new_or_changed_is_done(logs, tmp_path):
     out = tmp_path / "out"
     run(logs, out)
