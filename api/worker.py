@@ -113,12 +113,15 @@ def _analyze_one(task: Task, progress: Progress) -> None:
 def _analyze_several(task: Task, progress: Progress) -> None:
     import pipeline
     import reports
+    from reports.folder import SHARED_SCRIPT
 
     config = pipeline.AnalysisConfig(**task.configuration)
     logs = [log for log, _ in task.logs]
-    fleet = pipeline.analyze_fleet(logs, config, None, progress, store=task.folder, publish=reports.publish)
+    # Pages carry their scripts: in the sandbox that reports are shown in, none may be fetched.
+    fleet = pipeline.analyze_fleet(logs, config, None, progress, store=task.folder, publish=reports.write)
     progress("report", 0.99)
     reports.write_fleet(fleet)
+    (task.folder / SHARED_SCRIPT).unlink(missing_ok=True)
     # What serves a second run names the places of the logs on this server, and there is none.
     for file in (*task.folder.rglob(ENTRY), task.folder / MANIFEST, task.folder / LOCK):
         file.unlink(missing_ok=True)

@@ -20,8 +20,10 @@ def test_products_are_kept_and_places_on_the_server_are_not(tmp_path, monkeypatc
     results = tmp_path / "results"
     analyze_logs(Task(logs, {"poles": 1, "zeros": 0}, results), lambda stage, fraction: told.append(fraction))
     files = {path.relative_to(results).as_posix() for path in results.rglob("*") if path.is_file()}
-    assert {"report.html", "report.json", "models.json", "rmse.csv", "plotly.min.js"} <= files
+    assert {"report.html", "report.json", "models.json", "rmse.csv"} <= files
     assert {f"flights/flight{number}/report.html" for number in (1, 2)} <= files
+    assert "plotly.min.js" not in files, "the sandbox of reports lets no script be fetched"
+    assert b'id="plotly"' in (results / "flights/flight1/report.html").read_bytes()
     assert any(name.startswith("tables/trajectory/") and name.endswith(".parquet") for name in files)
     assert not [name for name in files if b"secret-place" in (results / name).read_bytes()]
     assert not [name for name in files if name.rpartition("/")[2].startswith((".", "entry", "manifest"))]
