@@ -1,5 +1,6 @@
-"""What holds for all tests: kernels are compiled before they start, and no example has a deadline."""
+"""What holds for all tests: kernels are compiled before they start, no example has a deadline, Ctrl-C is heard."""
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,10 @@ ROOT = Path(__file__).parents[1]
 # A slow computer, or the first example of a kernel, is no failure.
 settings.register_profile("rotorid", deadline=None)
 settings.load_profile("rotorid")
+
+# A shell lets what it runs in the background ignore Ctrl-C, and so the programs that tests start and interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 #: Programs that between them call nearly every kernel; they run side by side and leave the machine code in the cache.
 _KERNELS = (
