@@ -33,6 +33,9 @@ METHODS = ("rigid body", "rotor", "Kim 2017", "Refinement 2020, stacked", "mean 
 #: Flights on each side from which on errors of models are tested and not only set side by side.
 FEWEST_JUDGES = 3
 
+#: Flights on each side from which on a difference of a few standard errors is more than chance.
+ENOUGH = 3
+
 #: Settings of an analysis that do not change what is found.
 _NO_MATTER = frozenset({"time_limit", "training", "validation"})
 
@@ -310,6 +313,10 @@ def _sentences(parameters: list[Numbers], changed: list[Numbers]) -> list[str]:
         text.append(
             "With one flight on each side nobody knows how much flights differ anyway; wind, battery and temperature "
             "alone move parameters. Analyse several flights before and after."
+        )
+    elif any(row[side]["flights"] < ENOUGH for row in still for side in "ab"):
+        text.append(
+            "So few flights can hardly tell a change from how flights differ anyway; analyse three or more on each side."
         )
     if any(each["of"] == "craft" for each in changed):
         text.append("The craft itself was set differently; the table of settings says how.")

@@ -104,6 +104,17 @@ def test_single_flights_are_compared_by_their_fits_and_the_limit_of_that_is_said
     assert any("one flight on each side" in sentence for sentence in numbers["pairs"][0]["sentences"])
 
 
+def test_two_flights_on_a_side_are_said_to_be_few():
+    def said(flights):
+        rng = np.random.default_rng(2)
+        a, b = rng.normal(7.0, 0.05, (2, flights))
+        (pair,) = compare_reports(report(craft(a)), report(craft(b)), ("a", "b"))["pairs"]
+        return any("three or more on each side" in sentence for sentence in pair["sentences"])
+
+    assert said(2)
+    assert not said(4)
+
+
 def test_only_what_both_sides_determined_is_compared():
     numbers = compare_reports(report(craft([7.0, 7.1], lag=[0.04, 0.05])), report(craft([7.0, 7.1])), ("a", "b"))
     assert [row["parameter"] for row in numbers["pairs"][0]["parameters"]] == ["thrust over mass"]
