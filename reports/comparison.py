@@ -316,7 +316,8 @@ def _sentences(parameters: list[Numbers], changed: list[Numbers]) -> list[str]:
         )
     elif any(row[side]["flights"] < ENOUGH for row in still for side in "ab"):
         text.append(
-            "So few flights can hardly tell a change from how flights differ anyway; analyse three or more on each side."
+            "So few flights can hardly tell a change from how flights differ anyway; analyse three or more on each "
+            "side."
         )
     if any(each["of"] == "craft" for each in changed):
         text.append("The craft itself was set differently; the table of settings says how.")

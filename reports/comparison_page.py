@@ -30,7 +30,7 @@ def parameter_table(pair: Numbers) -> Numbers:
         "rows": [
             {
                 "kind": "strong" if row["significant"] else "",
-                "label": f"{row['parameter']} ({row['unit'].partition(',')[0]}), {row['method']}",
+                "label": f"{row['parameter']}{_unit(row['unit'])}, {row['method']}",
                 "cells": [
                     uncertain(row["a"]["value"], row["a"]["sigma"]),
                     uncertain(row["b"]["value"], row["b"]["sigma"]),
@@ -42,6 +42,11 @@ def parameter_table(pair: Numbers) -> Numbers:
             for row in pair["parameters"]
         ],
     }
+
+
+def _unit(unit: str) -> str:
+    """Give the unit in brackets without the conditions behind it; nothing for a pure number."""
+    return "" if unit.startswith("1 (") else f" ({unit.partition(',')[0]})"
 
 
 def error_table(pair: Numbers) -> Numbers:
