@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from logparse.findings import Finding, Severity
@@ -137,9 +138,11 @@ def _why_no_flight(log: "FlightLog") -> str:
 
 def rate_of(table: pd.DataFrame) -> float:
     """Usual sample rate [Hz]: that of the median interval; NaN for less than two rows."""
-    if len(table) < 2:
-        return float("nan")
-    return 1.0 / float(np.median(np.diff(table.index.to_numpy())))
+    return _rate(table.index.to_numpy())
+
+
+def _rate(t: npt.NDArray[np.float64]) -> float:
+    return 1.0 / float(np.median(np.diff(t))) if len(t) > 1 else float("nan")
 
 
 def _rates(log: "FlightLog") -> Iterator[Finding]:
@@ -152,7 +155,9 @@ def _rates(log: "FlightLog") -> Iterator[Finding]:
             _advice(log, "RCOUT"),
             {"rate": rate},
         )
-    if tables.imu is not None and (rate := rate_of(tables.imu)) < _IMU_RATE:
+    rotation = next(tables.columns("rates", ("out_roll",)), None)
+    slow_rotation = rotation is None or not rotation.notna().any() or _rate(rotation.index.to_numpy()) < 40.0
+    if (t := tables.times("imu")) is not None and (rate := _rate(t)) < _IMU_RATE:
         yield Finding(
             "imu-slow",
             Severity.WARNING,
@@ -165,8 +170,7 @@ def _rates(log: "FlightLog") -> Iterator[Finding]:
             _advice(log, "IMU_FAST"),
             {"rate": rate},
         )
-    rotation = tables.rates
-    if rotation is None or not rotation["out_roll"].notna().any() or rate_of(rotation) < 40.0:
+    if slow_rotation:
         yield Finding(
             "no-fast-rates",
             Severity.INFO,
@@ -178,14 +182,13 @@ def _rates(log: "FlightLog") -> Iterator[Finding]:
 def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
     telemetry = log.format in ("tlog", "mavlink-raw")
     for name in ("motors", "imu", "gps", "attitude"):
-        table = getattr(log.tables, name)
-        if table is None:
+        whole = log.tables.times(name)
+        if whole is None:
             continue
-        t = table.index.to_numpy()
-        t = t[(t >= flight.start) & (t <= flight.stop)]
+        t = whole[(whole >= flight.start) & (whole <= flight.stop)]
         t = np.concatenate(([flight.start], t, [flight.stop]))
         gaps = np.diff(t)
-        limit = max(_GAP, 5.0 / rate_of(table)) if telemetry else _GAP
+        limit = max(_GAP, 5.0 / _rate(whole)) if telemetry else _GAP
         count = int(np.count_nonzero(gaps > limit))
         if count:
             where = float(t[int(np.argmax(gaps))])

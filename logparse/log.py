@@ -1,7 +1,7 @@
 """`read_log`: any flight log in, a `FlightLog` out."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from functools import cached_property
 from importlib import import_module
@@ -42,6 +42,13 @@ class _BatchSource(Protocol):
     """A source that decodes several message types in one pass over the file."""
 
     def decode_many(self, names: Iterable[str], boot: Boot) -> dict[str, pd.DataFrame]: ...
+
+
+@runtime_checkable
+class _FieldSource(Protocol):
+    """A source that decodes some of the fields of a message type."""
+
+    def decode_fields(self, name: str, boot: Boot, fields: Collection[str]) -> pd.DataFrame: ...
 
 
 @runtime_checkable
@@ -91,9 +98,13 @@ class Messages(Mapping[str, pd.DataFrame]):
             self._frames[name] = self._source.decode(name, self._boot)
         return self._frames[name]
 
-    def once(self, name: str) -> pd.DataFrame:
-        """Decode a message without keeping it; the one that is kept, where there is one."""
-        return self._frames[name] if name in self._frames else self._source.decode(name, self._boot)
+    def once(self, name: str, fields: Collection[str] | None = None) -> pd.DataFrame:
+        """Decode a message without keeping it, of `fields` only where that spares memory; or the one that is kept."""
+        if name in self._frames:
+            return self._frames[name]
+        if fields is not None and isinstance(self._source, _FieldSource):
+            return self._source.decode_fields(name, self._boot, fields)
+        return self._source.decode(name, self._boot)
 
     def __contains__(self, name: object) -> bool:
         return name in self._counts
@@ -130,9 +141,13 @@ class _Passing(Mapping[str, pd.DataFrame]):
         return self._messages.counts
 
     def __getitem__(self, name: str) -> pd.DataFrame:
+        return self.choose(name, None)
+
+    def choose(self, name: str, fields: Collection[str] | None) -> pd.DataFrame:
+        """Decode a message; of a long one only `fields`."""
         if self._messages.counts.get(name, 0) < LONG:
             return self._messages[name]
-        return self._messages.once(name)
+        return self._messages.once(name, fields)
 
     def __contains__(self, name: object) -> bool:
         return name in self._messages

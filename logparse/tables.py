@@ -5,10 +5,12 @@ increasing). SI units and radians; world frame NED (north, east, down), body fra
 A value that was not logged or cannot be is NaN. A table that the log does not have is None.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 #: Columns of each canonical table with their unit and meaning. Tables named here have exactly these columns,
@@ -173,6 +175,17 @@ class Tables:
     def has(self, name: str) -> bool:
         """Whether the log has a table."""
         return getattr(self, name) is not None
+
+    def columns(self, name: str, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+        """Give columns of a table one by one, for who needs no more than one at a time; none without the table."""
+        table = getattr(self, name)
+        if table is not None:
+            yield from (table[column] for column in wanted)
+
+    def times(self, name: str) -> npt.NDArray[np.float64] | None:
+        """Give the times of a table's rows, s; None without the table."""
+        table = getattr(self, name)
+        return None if table is None else table.index.to_numpy(np.float64)
 
     def release(self) -> None:
         """Let go of tables that can be built anew when they are asked for again; here there are none."""

@@ -1,6 +1,7 @@
 """One log to one result: read, estimate, identify on the first part of the flight, judge on the rest."""
 
 import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 
 import estimation
@@ -11,6 +12,7 @@ from pipeline.comparison import compare_parameters
 from pipeline.config import AnalysisConfig
 from pipeline.craft import fingerprint, tune_of
 from pipeline.flown.coverage import measure
+from pipeline.flown.log_health import logged_rates
 from pipeline.identification import identify
 from pipeline.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.names import printable
@@ -57,11 +59,11 @@ def analyze(
         raise MissingDataError(stages.missing["tables"])
     checked = stages.run("health", lambda _: health.check(log)) or ()
     flight = stages.run("flight", lambda _: _longest_flight(log, checked))
-    # Where the fast loop is logged its tables are as large as the log: not needed at a time, they are built again.
-    tables.release()
+    rates = None if flight is None else stages.run("health", lambda _: logged_rates(tables, flight))
     trajectory = stages.run(
         "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
     )
+    # Where the fast loop is logged its tables are as large as the log: not needed at a time, they are built again.
     tables.release()
     if flight is None and trajectory is None:
         raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
@@ -74,7 +76,7 @@ def analyze(
     else:
         unfit = _unknown_position(trajectory, flight)
         for kind in KINDS:
-            record = _record(kind, log, trajectory, config, name, stages)
+            record = _record(kind, log, trajectory, config, name, experiments.values(), stages)
             tables.release()
             reason = stages.missing.pop("experiment", unfit)
             if record is not None:
@@ -97,7 +99,10 @@ def analyze(
 
     coverage = None
     if flight is not None and trajectory is not None:
-        coverage = stages.run("coverage", lambda _: measure(log, trajectory, flight, models))
+        coverage = stages.run(
+            "coverage",
+            lambda _: measure(log, trajectory, flight, models, experiments=experiments.values(), rates=rates),
+        )
         tables.release()
 
     # Findings about the fits stay with their models; those of the experiments are about the log.
@@ -133,7 +138,13 @@ def _longest_flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
 
 
 def _record(
-    kind: Kind, log: FlightLog, trajectory: estimation.Trajectory, config: AnalysisConfig, name: str, stages: Stages
+    kind: Kind,
+    log: FlightLog,
+    trajectory: estimation.Trajectory,
+    config: AnalysisConfig,
+    name: str,
+    beside: Iterable[sysid.Experiment],
+    stages: Stages,
 ) -> sysid.Experiment | None:
     """Cut the flight as a kind of model needs it."""
 
@@ -146,6 +157,7 @@ def _record(
             outputs="position",
             frame=kind.frame,
             name=name,
+            beside=beside,
         )
         if whole.duration < SHORTEST_EXPERIMENT:
             raise MissingDataError(

@@ -18,13 +18,14 @@ Columns of `Experiment.context`, all on the experiment's `t`:
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from logparse import Tables
-from sysid.experiment import Floats
+from sysid.experiment import Experiment, Floats
 from sysid.resampling import resample
 
 if TYPE_CHECKING:
@@ -79,18 +80,27 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
     if tables.battery is not None and tables.battery["voltage"].gt(1.0).sum() > 1:
         voltage = tables.battery["voltage"].where(tables.battery["voltage"] > 1.0).to_frame()
         columns["voltage"] = resample_frame(voltage, t)[:, 0]
-    if tables.rates is not None and len(tables.rates) > 1:
-        rates = tables.rates
-        for source_name, name in RATE_COLUMNS.items():
-            values = resample_frame(rates[[source_name]], t)[:, 0]
-            if np.isfinite(values).all():
-                columns[name] = values
+    for rate in tables.columns("rates", RATE_COLUMNS):
+        if len(rate) < 2:
+            break
+        values = resample_frame(rate.to_frame(), t)[:, 0]
+        if np.isfinite(values).all():
+            columns[RATE_COLUMNS[str(rate.name)]] = values
     if tables.esc is not None and len(tables.esc) > 1:
         speeds = [str(name) for name in tables.esc.columns if str(name).startswith("w")]
         for name, values in zip(speeds, resample_frame(tables.esc[speeds], t).T, strict=True):
             if np.isfinite(values).all():
                 columns[f"rotor_speed_{name[1:]}"] = values
-    return pd.DataFrame(columns, index=pd.Index(t, name="t"))
+    return pd.DataFrame(columns, index=pd.Index(t, name="t"), copy=False)
+
+
+def shared_context(
+    experiments: Iterable[Experiment], trajectory: Trajectory, tables: Tables, t: Floats
+) -> pd.DataFrame:
+    """Give the context of that of the same flight's experiments that has the clock `t`; else a new one."""
+    same = (each.context for each in experiments if each.context is not None and np.array_equal(each.t, t))
+    found = next(same, None)
+    return flight_context(trajectory, tables, t) if found is None else found
 
 
 def resample_frame(frame: pd.DataFrame, t: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -185,6 +185,7 @@ class Experiment:
         frame: str = "earth",
         *,
         name: str | None = None,
+        beside: Iterable[Experiment] = (),
     ) -> Experiment:
         """Cut the longest usable piece of a log's longest flight and bring it to one clock.
 
@@ -208,6 +209,8 @@ class Experiment:
             `sysid.inputs`.
         name : str, optional
             Defaults to the file's name.
+        beside : iterable of Experiment
+            Others of the same log and trajectory: one with the same clock shares its context.
 
         Raises
         ------
@@ -216,7 +219,7 @@ class Experiment:
         """
         from sysid.flight_record import record_flight
 
-        return record_flight(log, trajectory, rate, inputs, outputs, frame, name)
+        return record_flight(log, trajectory, rate, inputs, outputs, frame, name, beside)
 
     @property
     def dt(self) -> float:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from logparse import Finding, MissingDataError, Severity, Vehicle
-from sysid.context import flight_context, has_pressure, resample_frame
+from sysid.context import has_pressure, resample_frame, shared_context
 from sysid.experiment import MIN_SAMPLES, Experiment, Floats
 from sysid.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
 from sysid.mixer import project, rounding
@@ -42,6 +43,7 @@ def record_flight(
     outputs: str,
     frame: str,
     name: str | None,
+    beside: Iterable[Experiment] = (),
 ) -> Experiment:
     """Do the work of `Experiment.from_flight`."""
     for kind, value, known in (("inputs", inputs, INPUT_SETS), ("outputs", outputs, OUTPUTS), ("frame", frame, FRAMES)):
@@ -65,7 +67,7 @@ def record_flight(
         )
     t = start + np.arange(int((stop - start) * rate + 1e-9) + 1) / rate
     u = resample(piece.index.to_numpy(np.float64), piece.to_numpy(np.float64), t)
-    context = flight_context(trajectory, log.tables, t)
+    context = shared_context(beside, trajectory, log.tables, t)
     if not has_pressure(log.tables) and context["density"].notna().all():
         more.append(
             Finding(

@@ -38,12 +38,15 @@ def resample(source_t: Floats, values: Floats, t: Floats) -> Floats:
         known = np.isfinite(values[:, column])
         if np.count_nonzero(known) < 2:
             continue
-        time, signal = source_t[known], values[known, column]
+        # The rates of a fast loop are long: what is whole is not copied.
+        time, signal = (source_t, values[:, column]) if known.all() else (source_t[known], values[known, column])
         if dt >= FASTER * step:
             grid = np.arange(time[0], time[-1] + 0.5 * step, step)
-            extended, taps = _extended(np.interp(grid, time, signal), step, PASS / dt)
             # Only what the new clock asks for is filtered.
             between = np.interp(t, grid, np.arange(len(grid), dtype=np.float64))
+            signal = np.interp(grid, time, signal)
+            del grid
+            extended, taps = _extended(signal, step, PASS / dt)
             result[:, column] = filtered_at(extended, taps, between)
         else:
             result[:, column] = np.interp(t, time, signal)

@@ -27,7 +27,14 @@ def build(
 ) -> Tables:
     """Build all tables that the messages allow, but for those that `later` takes."""
     imu, further_imu = later.take("imu", messages, _IMU, lambda own: dataflash_sensors.imu(messages, own), remarks)
-    rates, _ = later.take("rates", messages, _RATES, lambda _: (control.rates(messages), ()), remarks)
+    rates, _ = later.take(
+        "rates",
+        messages,
+        _RATES,
+        lambda _: (control.rates(messages), ()),
+        remarks,
+        (lambda wanted: control.rate_columns(messages, wanted)) if "RATE" in messages else None,
+    )
     gps, further_gps = dataflash_sensors.gps(
         messages, parameters, _old_receiver(messages, parameters, vehicle), remarks
     )

@@ -1,11 +1,12 @@
 """What the autopilot estimated and wanted, in DataFlash logs: attitude, own position, targets, rates, truth."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 import pandas as pd
 import pymap3d
 
+from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances
 from logparse.canonical.series import Array, euler_angles, join, quaternions, sample, series, wrap
 from logparse.canonical.units import numbers, quantity
@@ -212,16 +213,32 @@ def _throttle(messages: Messages) -> pd.DataFrame | None:
 _AXES = (("x", "R", "roll"), ("y", "P", "pitch"), ("z", "Y", "yaw"))
 
 
+#: Columns of the table of rates: field of RATE and its unit.
+_RATE_FIELDS = (
+    {f"w_{axis}_ref": (f"{letter}Des", "deg/s") for axis, letter, _ in _AXES}
+    | {f"w_{axis}": (letter, "deg/s") for axis, letter, _ in _AXES}
+    | {f"out_{name}": (f"{letter}Out", "") for _, letter, name in _AXES}
+    | {"out_thrust": ("AOut", "")}
+)
+
+
 def rates(messages: Messages) -> pd.DataFrame | None:
     """Rate controller: targets, rates and outputs of RATE, or of PIDR, PIDP and PIDY where RATE is not logged."""
     if "RATE" not in messages:
         return _rates_from_pid(messages)
-    frame = messages["RATE"]
-    sources = [(f"w_{axis}_ref", f"{letter}Des", "deg/s") for axis, letter, _ in _AXES]
-    sources += [(f"w_{axis}", letter, "deg/s") for axis, letter, _ in _AXES]
-    for name, letter in (("roll", "R"), ("pitch", "P"), ("yaw", "Y"), ("thrust", "A")):
-        sources.append((f"out_{name}", f"{letter}Out", ""))
-    return series(frame.index, ((name, quantity(frame, source, unit)) for name, source, unit in sources))
+    frame = _rate_message(messages, _RATE_FIELDS)
+    return series(frame.index, ((name, quantity(frame, *source)) for name, source in _RATE_FIELDS.items()))
+
+
+def rate_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+    """Columns of the table that `rates` makes of RATE, one by one, in the order wanted."""
+    frame = _rate_message(messages, wanted)
+    for name in wanted:
+        yield series(frame.index, {name: quantity(frame, *_RATE_FIELDS[name])})[name]
+
+
+def _rate_message(messages: Messages, wanted: Collection[str]) -> pd.DataFrame:
+    return SomeFields(messages, {_RATE_FIELDS[name][0] for name in wanted})["RATE"]
 
 
 def _rates_from_pid(messages: Messages) -> pd.DataFrame | None:

@@ -1,12 +1,13 @@
 """Sensors and actuators of DataFlash logs, from the 2013 firmware to today's."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances, pick
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, sample, series
@@ -95,13 +96,21 @@ def _pulses(pulses: Array, message: str, remarks: Remarks) -> Array:
     return remarks.remove(pulses, bad, message, f"pulse of a motor outside {low:.0f}..{high:.0f} us")
 
 
+#: Fields of the fast messages that `imu` reads, of any age.
+_IMU_FIELDS = (
+    *(f"{sensor}{axis}" for sensor in ("Gyr", "Acc") for axis in "XYZ"),
+    *("I", "Instance", "Inst", "GH", "AH", "GyHlt", "AcHlt", "SampleUS"),
+)
+
+
 def imu(messages: Messages, remarks: Remarks) -> Sensor:
     """Angular rate and specific force: IMU, IMU2, IMU3 or IMU with its instance; ACC1 and GYR1 where IMU is missing."""
     tables = []
+    messages = SomeFields(messages, _IMU_FIELDS)
     for name, frame in instances(messages, "IMU", "IMU2", "IMU3"):
-        rates = [quantity(frame, f"Gyr{axis}", "rad/s") for axis in "XYZ"]
-        forces = [quantity(frame, f"Acc{axis}", "m/s/s") for axis in "XYZ"]
-        tables.append((name, _imu_table(frame.index.to_numpy(), rates, forces, name, remarks, _flags(frame))))
+        fields = [(f"Gyr{axis}", "rad/s") for axis in "XYZ"] + [(f"Acc{axis}", "m/s/s") for axis in "XYZ"]
+        values = (quantity(frame, field, unit) for field, unit in fields)
+        tables.append((name, _imu_table(frame.index.to_numpy(), values, name, remarks, _flags(frame))))
     if not tables:
         for k, (name, gyro) in enumerate(instances(messages, "GYR", "GYR1", "GYR2", "GYR3")):
             accel = instances(messages, "ACC", "ACC1", "ACC2", "ACC3")
@@ -113,9 +122,8 @@ def imu(messages: Messages, remarks: Remarks) -> Sensor:
                 _sampled(force), {f"f{axis}": quantity(force, f"Acc{axis}", "m/s/s") for axis in "XYZ"}
             )
             t = rate_table.index.to_numpy()
-            rates = list(rate_table.to_numpy().T)
-            forces = list(sample(force_table, t, gap=0.05).T)
-            tables.append((name, _imu_table(t, rates, forces, f"{name}/{force_name}", remarks, None)))
+            columns = (*rate_table.to_numpy().T, *sample(force_table, t, gap=0.05).T)
+            tables.append((name, _imu_table(t, columns, f"{name}/{force_name}", remarks, None)))
     return pick(tables, "accel_z")
 
 
@@ -139,19 +147,22 @@ def _flags(frame: pd.DataFrame) -> npt.NDArray[np.bool_] | None:
 
 def _imu_table(
     t: Array,
-    rates: list[Array],
-    forces: list[Array],
+    columns: Iterable[Array],
     name: str,
     remarks: Remarks,
     healthy: npt.NDArray[np.bool_] | None,
 ) -> pd.DataFrame:
-    values = np.column_stack((*rates, *forces))
+    # Column by column into the block: together, columns and block would be as large as the log.
+    values = np.empty((len(t), 6))
+    for k, column in enumerate(columns):
+        values[:, k] = column
     values = remarks.remove(
         values, np.asarray(~np.isfinite(values).all(axis=1)), name, "gyro or accelerometer not a number"
     )
     values = remarks.remove(values, (values == 0.0).all(axis=1), name, "gyro and accelerometer all zero")
     with np.errstate(invalid="ignore"):
-        wild = (np.abs(values[:, :3]) > 100.0).any(axis=1) | (np.abs(values[:, 3:]) > 500.0).any(axis=1)
+        limits = np.repeat([100.0, 500.0], 3)
+        wild = (values > limits).any(axis=1) | (values < -limits).any(axis=1)
     values = remarks.remove(values, np.asarray(wild), name, "above 100 rad/s or 500 m/s^2")
     if healthy is not None:
         values = remarks.remove(values, np.asarray(~healthy), name, "sensor marked unhealthy by the autopilot")

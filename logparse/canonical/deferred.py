@@ -3,19 +3,43 @@
 An hour at 400 Hz is 1.4 million rows: kept beside each other, messages and tables are several times the log.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from logparse.canonical.remarks import Remarks
 from logparse.findings import Finding
 from logparse.source import LONG
-from logparse.tables import Tables
+from logparse.tables import COLUMNS, Tables
 
 #: A table and those of the other instances of its sensor.
 Built = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
+#: Gives wanted columns of a table one by one.
+Columns = Callable[[Collection[str]], Iterator["pd.Series[float]"]]
+
+
+class SomeFields(Mapping[str, pd.DataFrame]):
+    """Messages with only some of their fields, where they are so long that the others would take memory for nothing."""
+
+    def __init__(self, messages: Mapping[str, pd.DataFrame], fields: Collection[str]):
+        self._messages, self._fields = messages, fields
+        self._choose: Callable[[str, Collection[str]], pd.DataFrame] | None = getattr(messages, "choose", None)
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        return self._messages[name] if self._choose is None else self._choose(name, self._fields)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._messages
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._messages)
+
+    def __len__(self) -> int:
+        return len(self._messages)
 
 
 @dataclass(slots=True)
@@ -26,11 +50,14 @@ class Later:
     ----------
     builders : dict of str to callable
         By table.
+    columns : dict of str to callable
+        By table, of those whose columns can be had one by one; what removes no value, and so has nothing to say.
     remarks : dict of str to Remarks
         Of the tables that were built so far.
     """
 
     builders: dict[str, Callable[[], Built]] = field(default_factory=dict)
+    columns: dict[str, Columns] = field(default_factory=dict)
     remarks: dict[str, Remarks] = field(default_factory=dict)
 
     def take(
@@ -40,8 +67,9 @@ class Later:
         sources: tuple[str, ...],
         build: Callable[[Remarks], Built],
         remarks: Remarks,
+        columns: Columns | None = None,
     ) -> Built:
-        """Build a table now when it is short; else remember how."""
+        """Build a table now when it is short; else remember how, and how to give its columns one by one."""
         counts: Mapping[str, int] = getattr(messages, "counts", {})
         if sum(counts.get(source, 0) for source in sources) < LONG:
             return build(remarks)
@@ -53,12 +81,14 @@ class Later:
             return (table if table is not None and len(table) else None), further
 
         self.builders[name] = build_and_remark
+        if columns is not None:
+            self.columns[name] = columns
         return None, ()
 
     def findings(self, remarks: Remarks) -> tuple[Finding, ...]:
         """Give all findings, those of tables that nobody has asked for included."""
         for name, build in self.builders.items():
-            if name not in self.remarks:
+            if name not in self.remarks and name not in self.columns:
                 build()
         together = Remarks()
         for each in (remarks, *self.remarks.values()):
@@ -73,9 +103,10 @@ class DeferredTables(Tables):
     the log.
     """
 
-    __slots__ = ("_later", "_long")
+    __slots__ = ("_later", "_long", "_times")
     _later: Later
     _long: dict[str, Built]
+    _times: dict[str, npt.NDArray[np.float64]]
 
     @classmethod
     def of(cls, tables: Tables, later: Later) -> "DeferredTables":
@@ -87,15 +118,35 @@ class DeferredTables(Tables):
     def __init__(self, **tables: Any):
         object.__setattr__(self, "_later", Later())
         object.__setattr__(self, "_long", {})
+        object.__setattr__(self, "_times", {})
         super().__init__(**tables)
 
     def has(self, name: str) -> bool:
         """Whether the log has a table; a long one need not be built for that."""
         return name in self._later.builders or super().has(name)
 
+    def columns(self, name: str, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+        """Give columns of a table one by one; of a long one no more than one is in memory at a time."""
+        if name in self._later.columns and name not in self._long:
+            yield from self._later.columns[name](wanted)
+        else:
+            yield from super().columns(name, wanted)
+
+    def times(self, name: str) -> npt.NDArray[np.float64] | None:
+        """Give the times of a table's rows; those of long tables are kept when the tables are not."""
+        if name not in self._later.builders:
+            return super().times(name)
+        if name not in self._times:
+            first = next(self.columns(name, list(COLUMNS[name])[:1]), None)
+            if first is None:
+                return None
+            self._times[name] = first.index.to_numpy(np.float64)
+        return self._times[name]
+
     def release(self) -> None:
-        """Let go of the long table that is kept; it is built anew when it is asked for again."""
+        """Let go of the long table that is kept, and of times; they are built anew when they are asked for again."""
         self._long.clear()
+        self._times.clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _whole, ({each.name: getattr(self, each.name) for each in fields(self)},)

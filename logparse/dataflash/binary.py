@@ -5,7 +5,7 @@ for, with the units and multipliers that the FMTU rows name.
 """
 
 from bisect import bisect_right
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -121,8 +121,15 @@ class DataflashSource:
         """All fields of one message type."""
         return self.decode_many((name,), boot)[name]
 
+    def decode_fields(self, name: str, boot: Boot, fields: Collection[str]) -> pd.DataFrame:
+        """Those of the fields of one message type that it has."""
+        return self._decode((name,), boot, fields)[name]
+
     def decode_many(self, names: Iterable[str], boot: Boot) -> dict[str, pd.DataFrame]:
         """All fields of several message types, in one pass over the file."""
+        return self._decode(names, boot, None)
+
+    def _decode(self, names: Iterable[str], boot: Boot, fields: Collection[str] | None) -> dict[str, pd.DataFrame]:
         chain, span = self._chain, self._chain.spans[boot]
         names = list(dict.fromkeys(names))
         found = chain.totals(span)
@@ -130,7 +137,7 @@ class DataflashSource:
         untimed = {k for k in numbers if chain.slots[k].time is None}
         times = self._interpolated_times(span, boot, untimed) if untimed else {}
         chain.pages.release()
-        layout = Layout([chain.slots[k] for k in numbers], [int(found[k]) for k in numbers], self._units)
+        layout = Layout([chain.slots[k] for k in numbers], [int(found[k]) for k in numbers], self._units, fields)
         self._gather(span, layout, numbers)
         parts: dict[str, list[tuple[int, pd.DataFrame]]] = {name: [] for name in names}
         for table, number in enumerate(numbers):

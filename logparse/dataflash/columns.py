@@ -1,5 +1,7 @@
 """Where the columns of DataFlash messages lie in memory, and what they become in a DataFrame."""
 
+from collections.abc import Collection
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -27,23 +29,35 @@ _SCALE = {
 
 
 class Layout:
-    """Where the columns of some tables lie in one block of memory."""
+    """Where the columns of some tables lie in one block of memory.
 
-    def __init__(self, slots: list[Slot], rows: list[int], units: UnitTable):
+    Parameters
+    ----------
+    slots : list of Slot
+    rows : list of int
+        Of each table.
+    units : UnitTable
+    wanted : collection of str, optional
+        Fields that become columns; all of them by default.
+    """
+
+    def __init__(self, slots: list[Slot], rows: list[int], units: UnitTable, wanted: Collection[str] | None = None):
         self.slots, self.rows = slots, rows
-        self._scales = [slot.scales(units) for slot in slots]
+        chosen = [[wanted is None or item.name in wanted for item in slot.fields] for slot in slots]
+        self._fields = [list(compress(slot.fields, kept)) for slot, kept in zip(slots, chosen, strict=True)]
+        self._scales = [list(compress(slot.scales(units), kept)) for slot, kept in zip(slots, chosen, strict=True)]
         first, offset, operation, size, target, factor, divisor = [0], [], [], [], [], [], []
         self._places: list[list[tuple[int, np.dtype]]] = []
         end = 0
-        for slot, n, scales in zip(slots, rows, self._scales, strict=True):
+        for slot, fields, n, scales in zip(slots, self._fields, rows, self._scales, strict=True):
             places = []
-            plan = [(item, *scale) for item, scale in zip(slot.fields, scales, strict=True)]
+            plan = [(item, *scale) for item, scale in zip(fields, scales, strict=True)]
             if slot.time is not None:
                 # The index: the boot clock in seconds.
                 plan.append((slot.time, 1.0, float(slot.time_scale)))
             for k, (item, up, down) in enumerate(plan):
                 code = item.type.dtype.str.lstrip("<|")
-                is_index = k == len(slot.fields)
+                is_index = k == len(fields)
                 if (up == 1.0 and down == 1.0) or code == "f2":
                     what = _COPY.get(item.type.size, _decode.COPY_N)
                     dtype = item.type.dtype if item.type.items == 1 else np.dtype((np.void, item.type.size))
@@ -76,18 +90,18 @@ class Layout:
 
     def time(self, table: int) -> npt.NDArray[np.float64]:
         """Boot clock of each row, s."""
-        return self._raw(table, len(self.slots[table].fields))
+        return self._raw(table, len(self._fields[table]))
 
     def multipliers(self, table: int) -> dict[str, float]:
         """Scale that was applied to each scaled column."""
-        scales = zip(self.slots[table].fields, self._scales[table], strict=True)
+        scales = zip(self._fields[table], self._scales[table], strict=True)
         return {item.name: up / down for item, (up, down) in scales if up != down}
 
     def columns(self, table: int) -> dict[str, Any]:
         """Columns by name."""
         slot = self.slots[table]
         columns: dict[str, Any] = {}
-        for k, item in enumerate(slot.fields):
+        for k, item in enumerate(self._fields[table]):
             raw = self._raw(table, k)
             if item.char == "a":
                 values = pa.Array.from_buffers(pa.int16(), 32 * len(raw), [None, pa.py_buffer(raw.view(np.uint8))])

@@ -7,7 +7,7 @@ grids that are the same for all flights, so that those of several flights add up
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import atan2, isfinite, pi
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ import sysid
 from pipeline.flown.excitation import Excitation, excitation_of
 from pipeline.flown.log_health import LogHealth, log_health
 from pipeline.kinds import RIGID_BODY_KEY
-from sysid.context import flight_context, resample_frame
+from sysid.context import resample_frame, shared_context
 from sysid.thrust_curve import curve, motor_commands
 from sysid.wind import WIND_HEIGHT, FlightTrim
 
@@ -181,7 +181,15 @@ class Coverage:
         }
 
 
-def measure(log: FlightLog, trajectory: Trajectory, flight: Span, models: Sequence[ModelResult] = ()) -> Coverage:
+def measure(
+    log: FlightLog,
+    trajectory: Trajectory,
+    flight: Span,
+    models: Sequence[ModelResult] = (),
+    *,
+    experiments: Iterable[sysid.Experiment] = (),
+    rates: Mapping[str, Mapping[str, float]] | None = None,
+) -> Coverage:
     """Measure what a flight covered.
 
     Parameters
@@ -192,11 +200,15 @@ def measure(log: FlightLog, trajectory: Trajectory, flight: Span, models: Sequen
         The airborne time that is analysed, s on the boot clock.
     models : sequence of ModelResult
         Fitted to this flight; the rigid body's wind and the coherence of the others are read.
+    experiments : iterable of Experiment
+        Of this flight, whose context may serve.
+    rates : mapping, optional
+        From `logged_rates`, where it is known already.
     """
     states = trajectory.states
     start, stop = max(flight.start, float(states.index[0])), min(flight.stop, float(states.index[-1]))
     t = start + np.arange(max(int((stop - start) * RATE), 1) + 1) / RATE
-    context = flight_context(trajectory, log.tables, t)
+    context = shared_context(experiments, trajectory, log.tables, t)
     position = resample_frame(states[["p_n", "p_e", "p_d"]], t)
     missing: dict[str, str] = {}
     series: dict[str, Floats] = {
@@ -237,7 +249,7 @@ def measure(log: FlightLog, trajectory: Trajectory, flight: Span, models: Sequen
             source="rigid body fitted to this flight",
         ),
         excitation=excitation_of(log, trajectory, context, models),
-        health=log_health(log, trajectory, flight),
+        health=log_health(log, trajectory, flight, rates),
         missing=missing,
     )
 

@@ -80,13 +80,15 @@ class LogHealth:
         }
 
 
-def log_health(log: FlightLog, trajectory: Trajectory, flight: Span) -> LogHealth:
-    """Measure how well a flight was logged."""
+def log_health(
+    log: FlightLog, trajectory: Trajectory, flight: Span, rates: Mapping[str, Mapping[str, float]] | None = None
+) -> LogHealth:
+    """Measure how well a flight was logged; `rates` are those of `logged_rates` where they are known already."""
     sigma = trajectory.sigma.loc[flight.start : flight.stop]
     horizontal = (sigma["p_n"] ** 2 + sigma["p_e"] ** 2) ** 0.5
     parameters = log.parameters
     return LogHealth(
-        rates=_rates(log.tables, flight),
+        rates=logged_rates(log.tables, flight) if rates is None else rates,
         gps=_gps(log.tables, flight),
         vibration=health.vibration(log, flight.start, flight.stop),
         battery=_battery(log.tables, flight),
@@ -100,14 +102,14 @@ def log_health(log: FlightLog, trajectory: Trajectory, flight: Span) -> LogHealt
     )
 
 
-def _rates(tables: Tables, flight: Span) -> dict[str, dict[str, float]]:
+def logged_rates(tables: Tables, flight: Span) -> dict[str, dict[str, float]]:
+    """Measure how fast each table was logged in flight, and with which gaps."""
     rates = {}
     for name in _TABLES:
-        table = getattr(tables, name)
-        if table is None:
+        whole = tables.times(name)
+        if whole is None:
             continue
-        t = table.index.to_numpy(np.float64)
-        t = t[(t >= flight.start) & (t <= flight.stop)]
+        t = whole[(whole >= flight.start) & (whole <= flight.stop)]
         if len(t) < 2:
             continue
         usual = float(np.median(np.diff(t)))

@@ -66,6 +66,28 @@ def test_a_long_table_is_kept_until_another_is_asked_for_or_it_is_released(defer
     assert tables.imu is not again
 
 
+def test_columns_come_one_by_one_without_their_table(at_once, deferred):
+    whole, tables = at_once[0], deferred.tables
+    wanted = ("out_roll", "w_x_ref", "out_thrust")
+    for source in (whole, tables):
+        columns = list(source.columns("rates", wanted))
+        assert [column.name for column in columns] == list(wanted)
+        for column in columns:
+            pd.testing.assert_series_equal(column, whole.rates[column.name], check_exact=True)
+    assert not tables._long
+    assert list(Tables().columns("rates", wanted)) == []
+
+
+def test_times_are_those_of_the_table_until_they_are_released(at_once, deferred):
+    whole, tables = at_once[0], deferred.tables
+    for name in ("imu", "rates", "gps"):
+        assert tables.times(name).tolist() == whole.times(name).tolist() == getattr(whole, name).index.tolist()
+    assert tables.times("imu") is tables.times("imu")
+    tables.release()
+    assert not tables._times
+    assert Tables().times("imu") is None
+
+
 def test_copies_hold_what_was_deferred(deferred):
     tables = deferred.tables
     same_tables(pickle.loads(pickle.dumps(tables)), tables)

@@ -54,6 +54,15 @@ def test_position_is_north_east_up_of_the_first_airborne_sample():
     assert record.context["voltage"].isna().all()
 
 
+def test_records_of_one_flight_and_clock_share_their_context():
+    log, trajectory = made()
+    first = Experiment.from_flight(log, trajectory)
+    same = Experiment.from_flight(log, trajectory, outputs="velocity", beside=[first])
+    faster = Experiment.from_flight(log, trajectory, rate=20.0, beside=[first])
+    assert same.context is first.context
+    assert len(faster.context) == len(faster.t)
+
+
 def test_gaps_in_the_motor_outputs_end_the_record():
     log, _ = made()
     kept = log.tables.motors.drop(log.tables.motors.loc[20.0:25.0].index)
