@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from sysid.body_motion import SHARED, THETA, Motion, motion
 from sysid.equation_error import EquationErrorFit, fit_equation_error
 from sysid.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.motor_effects import fit_motor_effects
-from sysid.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice
+from sysid.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice, window_count
 from sysid.rigid_body import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
 from sysid.rotation import COHERENT, STILL, RotationFit, centre_of_gravity, fit_rotation, logged_motors
 from sysid.search import Progress
@@ -71,6 +72,13 @@ GAIN_FLOOR = 0.01
 
 #: Steps by which another law of drag must have shown that it fits better.
 _RIVAL_STEPS = 6
+
+#: Windows of each flight, evenly spread, on which laws of drag are judged: four minutes, so that all of a usual flight
+#: is. What they differ by adds up over windows; where so many do not tell two laws apart, all windows are asked.
+JUDGED_WINDOWS = 24
+
+#: Standard deviations by which the costs of two laws must differ to tell them apart (Vuong 1989).
+_APART = 3.0
 
 #: Part of the time at an end of its range from which a motor is worth a finding.
 SATURATED = 0.05
@@ -305,29 +313,48 @@ def _best_law(
     deadline: float,
     report: Progress,
 ) -> tuple[OutputErrorFit, int]:
-    """Fit by output error with every law of drag that equation error could not rule out; keep the best."""
+    """Fit by output error with every law of drag that equation error could not rule out; keep the best.
+
+    Of a long flight a bounded part judges the laws; all of it is for the best, and for what comes close to that.
+    """
     shapes = [wind_shapes(flight.t, k) for flight, k in zip(motions, knots, strict=True)]
-    prior, start = _widened(prior, rough.values, len(motions), shapes[0].shape[1])
-    law = rough.laws[0]
-    report("paths over windows", 0.1)
-    best = fit_output_error(motions, shapes, start, prior, law=law, deadline=deadline)
-    for number, other in enumerate(rough.laws[1:], start=1):
-        report("paths over windows, another law of drag", 0.1 + 0.7 * number / len(rough.laws))
-        if time.monotonic() > deadline:
-            break
-        rival = fit_output_error(
+    prior, values = _widened(prior, rough.values, len(motions), shapes[0].shape[1])
+    laws: Sequence[int] = rough.laws
+    long = any(window_count(flight) > JUDGED_WINDOWS for flight in motions)
+    for judging in (True, False) if long else (False,):
+        law, close = laws[0], []
+        report("paths over windows", 0.5 if long and not judging else 0.1)
+        fit = partial(
+            fit_output_error,
             motions,
             shapes,
-            best.values,
-            prior,
-            law=other,
-            spread=best.spread,
-            most_steps=_RIVAL_STEPS,
+            prior=prior,
+            most_windows=JUDGED_WINDOWS if judging else None,
             deadline=deadline,
         )
-        if rival.cost < best.cost:
-            best, law = fit_output_error(motions, shapes, rival.values, prior, law=other, deadline=deadline), other
-    return best, law
+        settle = long and not judging
+        best = fit(values, law=law, settle=settle)
+        for number, other in enumerate(laws[1:], start=1):
+            begin, end = (0.1, 0.5) if judging else ((0.5, 0.8) if long else (0.1, 0.8))
+            report("paths over windows, another law of drag", begin + (end - begin) * number / len(laws))
+            if time.monotonic() > deadline:
+                break
+            rival = fit(best.values, law=other, spread=best.spread, most_steps=_RIVAL_STEPS)
+            better = rival.cost < best.cost
+            if not _apart(best, rival):
+                close.append(law if better else other)
+            if better:
+                best, law = fit(rival.values, law=other, settle=settle), other
+        laws, values = (law, *close), best.values
+        if judging and time.monotonic() > deadline:
+            return replace(best, converged=False), law
+    return best, laws[0]
+
+
+def _apart(one: OutputErrorFit, other: OutputErrorFit) -> bool:
+    """Whether two laws, under the same weights, differ by more than their windows' scatter."""
+    differences = one.costs - other.costs
+    return bool(abs(differences.sum()) > _APART * np.sqrt(len(differences)) * differences.std())
 
 
 def _widened(prior: Prior, values: Floats, flights: int, shapes: int) -> tuple[Prior, Floats]:

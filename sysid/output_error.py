@@ -37,8 +37,10 @@ HUBER = 3.0
 #: Gauss-Newton steps after which a fit that has not settled is given up.
 MOST_STEPS = 30
 
-#: How often the residuals' spread is found anew.
+#: How often the residuals' spread is found anew; the most where it shall settle, and the change that tells that it has.
 _REWEIGHTINGS = 4
+_MOST_REWEIGHTINGS = 12
+_SETTLED = 0.01
 
 #: Largest part of a direction's information in one window that its score is corrected for.
 _LARGEST_SHARE = 0.9
@@ -46,6 +48,9 @@ _LARGEST_SHARE = 0.9
 #: Scores of windows up to this many apart may go together: gusts last longer than a window.
 _NEIGHBOURS = 2
 
+
+#: Damping of normal equations with a diagonal of one, below which it changes no step.
+_FELT = 1e-3
 
 #: A step that gains less than this in log-likelihood is the last.
 _CONVERGED = 1e-3
@@ -81,11 +86,11 @@ class OutputErrorFit:
         What the data alone say, scaled to the residuals' real information.
     rmse : float
         Of position over all windows and axes, m.
-    cost : float
-        Half the sum of squared residuals over their spread (Huber's beyond three of it).
+    costs : ndarray, shape (windows,)
+        Half the sum of squared residuals over their spread (Huber's beyond three of it), of each window.
     spread : ndarray, shape (flights, 3)
         Standard deviation of the residuals by which they were weighted, north, east, down, m.
-    windows, iterations : int
+    iterations : int
     converged : bool
     """
 
@@ -93,11 +98,15 @@ class OutputErrorFit:
     covariance: Floats
     information: Floats
     rmse: float
-    cost: float
+    costs: Floats
     spread: Floats
-    windows: int
     iterations: int
     converged: bool
+
+    @property
+    def cost(self) -> float:
+        """Sum of the windows' costs."""
+        return float(self.costs.sum())
 
 
 @dataclass(slots=True)
@@ -107,9 +116,12 @@ class _Window:
     stop: int
     stride: int
     initial: Floats
-    #: Those shapes of the wind that are not zero in the window, and where its parameters stand among all.
+    #: Those shapes of the wind that are not zero in the window, on its samples; where its parameters stand among all,
+    #: which of them are estimated, and where these stand among the estimated ones.
     shapes: Floats
     places: NDArray[np.int64]
+    moves: NDArray[np.bool_]
+    free: NDArray[np.int64]
 
 
 @dataclass(slots=True)
@@ -124,19 +136,22 @@ class _Paths:
 class _Linearised:
     """Normal equations with initial states projected out, each window's part, and how its state follows.
 
-    `places` has for each window which of the free parameters its scores, parts and last of `back` are of.
+    Scores, parts and last of `back` of a window are of the parameters that its `free` tells.
     """
 
-    cost: float
+    costs: Floats
     hessian: Floats
     gradient: Floats
     scores: list[Floats]
     parts: list[Floats]
-    places: list[NDArray[np.int64]]
     back: list[tuple[Floats, Floats]]
     residuals: list[Floats]
     spread: Floats
-    flights: NDArray[np.int64]
+    windows: Sequence[_Window]
+
+    @property
+    def cost(self) -> float:
+        return float(self.costs.sum())
 
 
 def flight_slice(flight: int, shapes: int) -> slice:
@@ -153,7 +168,9 @@ def fit_output_error(
     *,
     law: int,
     window_seconds: float | None = WINDOW_SECONDS,
+    most_windows: int | None = None,
     spread: Floats | None = None,
+    settle: bool = False,
     most_steps: int = MOST_STEPS,
     deadline: float = np.inf,
 ) -> OutputErrorFit:
@@ -171,91 +188,124 @@ def fit_output_error(
         Of drag (`_rigid_kernels`).
     window_seconds : float or None
         None runs freely through each record from its measured first state, which then is not estimated.
+    most_windows : int, optional
+        Take no more of each flight, evenly spread over it.
     spread : ndarray, shape (flights, 3), optional
         Standard deviations of the residuals to weight with, m; default: found in the course of the fit.
+    settle : bool
+        Find the spread anew until it has settled. It hangs on the wind, which a long flight has many points of; in a
+        short one it would follow what these take away from the residuals.
     most_steps : int
         Give up after so many Gauss-Newton steps.
     deadline : float
         On `time.monotonic`; reached, the best values so far are returned as not converged.
     """
-    windows = _windows(motions, shapes, window_seconds)
     free = np.flatnonzero(prior.sigma > 0.0)
+    windows = _windows(motions, shapes, window_seconds, most_windows, free)
     weight = np.where(np.isfinite(prior.sigma[free]), 1.0 / np.maximum(prior.sigma[free], 1e-300) ** 2, 0.0)
     values = np.clip(start, prior.low, prior.high)
     sigma = np.full((len(motions), 3), np.nan) if spread is None else spread
     converged, iteration = False, 0
     estimate_states = window_seconds is not None
     paths = _run_windows(motions, windows, values, law)
-    now = _weigh(paths, windows, sigma, free, estimate_states)
+    now = _weigh(paths, windows, sigma, len(free), estimate_states)
     if not np.isfinite(now.cost):
         raise ExperimentError("the craft runs away from its measured path at the first values; check PWM and attitude")
     balance = 1.0 if spread is None else _balance(now)
-    damping, reweighted = 1e-6, 0 if spread is None else _REWEIGHTINGS
+    damping, reweighted, settled = 1e-6, 0, spread is not None
     while iteration < most_steps and time.monotonic() < deadline:
         iteration += 1
-        if reweighted < _REWEIGHTINGS:
+        if not settled:
             # The residuals' spread belongs to the estimates: weights follow it until it has settled.
-            sigma, reweighted = np.maximum(now.spread, SMALLEST_SIGMA), reweighted + 1
-            now = _weigh(paths, windows, sigma, free, estimate_states)
+            before, sigma, reweighted = sigma, np.maximum(now.spread, SMALLEST_SIGMA), reweighted + 1
+            still = bool(np.all(np.abs(sigma - before) <= _SETTLED * sigma))
+            settled = reweighted >= _REWEIGHTINGS and (still or not settle or reweighted >= _MOST_REWEIGHTINGS)
+            now = _weigh(paths, windows, sigma, len(free), estimate_states)
             balance = _balance(now)
         pull = balance * weight * (values[free] - prior.mean[free])
         total = now.cost + 0.5 * float(balance * weight @ (values[free] - prior.mean[free]) ** 2)
         uphill = now.gradient - pull
-        # What stands at its limit and pulls outward stays there for this step.
-        pinned = ((values[free] <= prior.low[free]) & (uphill < 0.0)) | (
-            (values[free] >= prior.high[free]) & (uphill > 0.0)
-        )
-        uphill = np.where(pinned, 0.0, uphill)
         hessian = now.hessian + np.diag(balance * weight)
-        hessian[pinned, :] = hessian[:, pinned] = 0.0
-        hessian[pinned, pinned] = 1.0
-        scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-        normal = hessian / np.outer(scale, scale)
         accepted = False
         while not accepted and damping < 1e6:
-            step = np.linalg.lstsq(normal + damping * np.eye(len(free)), uphill / scale, rcond=1e-13)[0]
             trial = values.copy()
-            trial[free] = np.clip(values[free] + step / scale, prior.low[free], prior.high[free])
+            trial[free] = _within(hessian, uphill, damping, values[free], prior.low[free], prior.high[free])
             moved = trial[free] - values[free]
-            before = [window.initial for window in windows]
-            for window, places, (direct, by_theta) in zip(windows, now.places, now.back, strict=True):
+            states = [window.initial for window in windows]
+            for window, (direct, by_theta) in zip(windows, now.back, strict=True):
                 if estimate_states:
-                    window.initial = window.initial + direct - by_theta @ moved[places]
+                    window.initial = window.initial + direct - by_theta @ moved[window.free]
             following = _run_windows(motions, windows, trial, law)
-            then = _weigh(following, windows, sigma, free, estimate_states)
+            then = _weigh(following, windows, sigma, len(free), estimate_states)
             cost = then.cost + 0.5 * float(balance * weight @ (trial[free] - prior.mean[free]) ** 2)
             if np.isfinite(cost) and cost <= total * (1.0 + 1e-9) + 1e-12:
                 accepted, damping = True, max(damping * 0.1, 1e-9)
             else:
-                damping *= 10.0
-                for window, initial in zip(windows, before, strict=True):
+                damping = max(10.0 * damping, _FELT)
+                for window, initial in zip(windows, states, strict=True):
                     window.initial = initial
         if not accepted:
             break
         gain = total - cost
         values, now, paths = trial, then, following
-        if reweighted >= _REWEIGHTINGS and gain < _CONVERGED * balance:
+        if settled and gain < _CONVERGED * balance:
             converged = True
             break
     return _result(now, values, free, balance, weight, sigma, iteration, converged)
 
 
-def _windows(motions: Sequence[Motion], shapes: Sequence[Floats], seconds: float | None) -> list[_Window]:
-    """Cut each flight into windows of equal length near `seconds`."""
+def _within(hessian: Floats, uphill: Floats, damping: float, values: Floats, low: Floats, high: Floats) -> Floats:
+    """Where a damped Gauss-Newton step leads within limits.
+
+    What stands at its limit and is pulled outward stays; what would step over its limit stops there, and the others
+    step anew as is best for them with that, lest they follow a step that is not taken.
+    """
+    stopped = ((values <= low) & (uphill < 0.0)) | ((values >= high) & (uphill > 0.0))
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    normal = hessian / np.outer(scale, scale) + damping * np.eye(len(values))
+    reached = values.copy()
+    while not stopped.all():
+        moves = np.flatnonzero(~stopped)
+        known = uphill[moves] / scale[moves] - normal[np.ix_(moves, stopped)] @ (scale * (reached - values))[stopped]
+        step = np.linalg.lstsq(normal[np.ix_(moves, moves)], known, rcond=1e-13)[0]
+        reached[moves] = values[moves] + step / scale[moves]
+        over = (reached < low) | (reached > high)
+        reached = np.clip(reached, low, high)
+        if not over.any():
+            break
+        stopped |= over
+    return reached
+
+
+def window_count(motion: Motion, seconds: float | None = WINDOW_SECONDS) -> int:
+    """Into how many windows of equal length near `seconds` a flight is cut."""
+    return 1 if seconds is None else max(round(len(motion.t) * motion.dt / seconds), 1)
+
+
+def _windows(
+    motions: Sequence[Motion],
+    shapes: Sequence[Floats],
+    seconds: float | None,
+    most: int | None,
+    free: NDArray[np.int64],
+) -> list[_Window]:
+    """Cut each flight into windows, and take no more than `most` of it, evenly spread."""
     windows = []
     for flight, motion in enumerate(motions):
         stride = max(round(RESIDUAL_SECONDS / motion.dt), 1)
-        samples = len(motion.t)
-        count = 1 if seconds is None else max(round(samples * motion.dt / seconds), 1)
-        edges = np.linspace(0, samples, count + 1).round().astype(int)
-        for start, stop in pairwise(edges):
+        count = window_count(motion, seconds)
+        edges = list(pairwise(np.linspace(0, len(motion.t), count + 1).round().astype(int)))
+        taken = range(count) if most is None or count <= most else np.linspace(0, count - 1, most).round().astype(int)
+        for start, stop in (edges[i] for i in taken):
             initial = np.concatenate([motion.position[start], motion.velocity[start]])
             active = np.flatnonzero(np.any(shapes[flight][start:stop] != 0.0, axis=0))
             first = flight_slice(flight, shapes[flight].shape[1]).start
             winds = (first + 1 + 2 * active[:, None] + np.arange(2)).ravel()
             places = np.concatenate([np.arange(SHARED), [first], winds])
-            own = np.ascontiguousarray(shapes[flight][:, active])
-            windows.append(_Window(flight, int(start), int(stop), stride, initial, own, places))
+            own = np.ascontiguousarray(shapes[flight][start:stop, active])
+            moves = np.isin(places, free)
+            among = np.searchsorted(free, places[moves])
+            windows.append(_Window(flight, int(start), int(stop), stride, initial, own, places, moves, among))
     return windows
 
 
@@ -269,12 +319,12 @@ def _run_windows(motions: Sequence[Motion], windows: Sequence[_Window], values: 
         out, jacobian = np.empty((count, 3)), np.empty((count, 3, len(theta) + 6))
         path_sensitivities(
             theta,
-            signals[window.flight],
+            signals[window.flight][window.start : window.stop],
             window.shapes,
             motion.dt,
             motion.ground,
             law,
-            window.start,
+            0,
             window.initial,
             window.stride,
             out,
@@ -285,43 +335,37 @@ def _run_windows(motions: Sequence[Motion], windows: Sequence[_Window], values: 
     return paths
 
 
-def _weigh(
-    paths: _Paths, windows: Sequence[_Window], sigma: Floats, free: NDArray[np.int64], estimate_states: bool
-) -> _Linearised:
+def _weigh(paths: _Paths, windows: Sequence[_Window], sigma: Floats, size: int, estimate_states: bool) -> _Linearised:
     """Form the normal equations of residuals over their spread, those beyond `HUBER` of it with less weight."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return _weighed(paths, windows, sigma, free, estimate_states)
+        return _weighed(paths, windows, sigma, size, estimate_states)
 
 
-def _weighed(
-    paths: _Paths, windows: Sequence[_Window], sigma: Floats, free: NDArray[np.int64], estimate_states: bool
-) -> _Linearised:
-    hessian, gradient = np.zeros((len(free), len(free))), np.zeros(len(free))
+def _weighed(paths: _Paths, windows: Sequence[_Window], sigma: Floats, size: int, estimate_states: bool) -> _Linearised:
+    hessian, gradient = np.zeros((size, size)), np.zeros(size)
     now = _Linearised(
-        0.0,
+        np.zeros(len(windows)),
         hessian,
         gradient,
         [],
         [],
         [],
-        [],
         paths.residuals,
         np.zeros((len(sigma), 3)),
-        np.array([window.flight for window in windows]),
+        windows,
     )
-    for window, residual, jacobian in zip(windows, paths.residuals, paths.jacobians, strict=True):
+    for k, (window, residual, jacobian) in enumerate(zip(windows, paths.residuals, paths.jacobians, strict=True)):
         noise = sigma[window.flight]
         noise = np.where(np.isfinite(noise), noise, 1.0)
         scaled = residual / noise
         size_of = np.abs(scaled)
         robust = np.where(size_of > HUBER, HUBER / np.maximum(size_of, 1e-300), 1.0)
-        now.cost += float(np.sum(np.where(size_of > HUBER, HUBER * (size_of - 0.5 * HUBER), 0.5 * size_of**2)))
+        now.costs[k] = np.sum(np.where(size_of > HUBER, HUBER * (size_of - 0.5 * HUBER), 0.5 * size_of**2))
         root = np.sqrt(robust)
         flat = (jacobian * (root / noise)[:, :, None]).reshape(-1, jacobian.shape[2])
         target = (scaled * root).ravel()
         # What is held need not be carried along.
-        moves = np.isin(window.places, free)
-        places = np.searchsorted(free, window.places[moves])
+        moves, places = window.moves, window.free
         of_theta, of_state = flat[:, : len(moves)][:, moves], flat[:, len(moves) :]
         if estimate_states:
             q, r = np.linalg.qr(of_state)
@@ -334,7 +378,6 @@ def _weighed(
         part, score = of_theta.T @ of_theta, of_theta.T @ target
         hessian[np.ix_(places, places)] += part
         gradient[places] += score
-        now.places.append(places)
         now.parts.append(part)
         now.scores.append(score)
     for flight in range(len(sigma)):
@@ -361,7 +404,8 @@ def _meat(now: _Linearised, total: Floats) -> Floats:
     whiten = vectors[:, kept] / np.sqrt(eigenvalues[kept])
     added = np.zeros((len(now.scores), int(kept.sum())))
     plain = np.zeros((len(now.scores), len(total)))
-    for k, (score, own, places) in enumerate(zip(now.scores, now.parts, now.places, strict=True)):
+    for k, (score, own, window) in enumerate(zip(now.scores, now.parts, now.windows, strict=True)):
+        places = window.free
         # The share of a window is of the few dimensions that it tells of, and so are its axes.
         size, axes = np.linalg.eigh(own)
         root = (axes * np.sqrt(np.maximum(size, 0.0))).T @ whiten[places]
@@ -374,8 +418,9 @@ def _meat(now: _Linearised, total: Floats) -> Floats:
     colour = vectors[:, kept] * np.sqrt(eigenvalues[kept])
     scores = (plain @ whiten + added) @ colour.T
     meat = scores.T @ scores
+    flights = np.array([window.flight for window in now.windows])
     for lag in range(1, _NEIGHBOURS + 1):
-        same = (now.flights[lag:] == now.flights[:-lag])[:, None]
+        same = (flights[lag:] == flights[:-lag])[:, None]
         cross = (scores[lag:] * same).T @ scores[:-lag]
         meat = meat + (1.0 - lag / (_NEIGHBOURS + 1.0)) * (cross + cross.T)
     return np.asarray(meat)
@@ -415,9 +460,8 @@ def _result(
         covariance=covariance,
         information=information,
         rmse=float(np.sqrt(np.mean(everything**2))),
-        cost=now.cost,
+        costs=now.costs,
         spread=sigma,
-        windows=len(now.scores),
         iterations=iterations,
         converged=converged,
     )

@@ -72,5 +72,7 @@ def wind_knots(t: Floats, spacing: float | None) -> Floats:
 
 def wind_shapes(t: Floats, knots: Floats) -> Floats:
     """Arrange how the wind varies: a constant, and a triangle of height 1 about each knot; shape (N, 1 + knots)."""
-    triangles = [np.interp(t, knots, row) for row in np.eye(len(knots))]
-    return np.ascontiguousarray(np.column_stack([np.ones(len(t)), *triangles]))
+    shapes = np.ones((len(t), 1 + len(knots)))
+    for column, row in enumerate(np.eye(len(knots)), start=1):
+        shapes[:, column] = np.interp(t, knots, row)
+    return shapes

@@ -11,9 +11,10 @@ from logparse import MissingDataError
 from simulation.elhesasy2024 import octocopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
-from sysid import Experiment, ExperimentError, fit_rigid_body, validate
+from sysid import Experiment, ExperimentError, body_fit, fit_rigid_body, validate
 from sysid._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG, accelerations, path, path_sensitivities
 from sysid.body_motion import Motion, rotation_matrices
+from sysid.output_error import _within
 from sysid.thrust_curve import lagged
 from tests.sysid.flown_craft import HOVER, flown, record
 
@@ -191,6 +192,35 @@ def test_every_parameter_of_the_octocopter_is_found():
     trim = next(iter(model.flights.values()))
     assert np.hypot(trim.wind_n - 2.0 * np.cos(np.radians(40.0)), trim.wind_e - 2.0 * np.sin(np.radians(40.0))) < 0.05
     assert trim.thrust_scale == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_bounded_part_of_a_long_flight_judges_the_laws_of_drag(monkeypatch):
+    """Its law, and parameters from all windows, are those that all windows give throughout."""
+    monkeypatch.setattr(body_fit, "JUDGED_WINDOWS", 6)
+    whole = fitted()
+    model = fit_rigid_body([record(exciting(), np.random.default_rng(1))], mass=octocopter().mass)
+    assert (model.rotor_drag, model.axis_drag) == (whole.rotor_drag, whole.axis_drag)
+    for name, parameter in whole.parameters.items():
+        if parameter.determined:
+            other = model.parameters[name]
+            assert abs(other.value - parameter.value) < 0.1 * parameter.sigma, name
+            assert other.sigma == pytest.approx(parameter.sigma, rel=0.1), name
+
+
+def test_without_time_a_long_flight_says_that_it_has_not_settled(monkeypatch):
+    monkeypatch.setattr(body_fit, "JUDGED_WINDOWS", 6)
+    model = fit_rigid_body([record(exciting(), np.random.default_rng(1))], time_limit=0.0)
+    assert "not-converged" in [finding.id for finding in model.findings]
+
+
+def test_a_step_stops_at_limits_and_goes_on_along_them():
+    """The quadratic x^2 + x y + y^2 / 2 - 2 y has its minimum at (-2, 4); for x >= -1 at y = 3, for x >= 0 at y = 2."""
+    hessian, uphill = np.array([[2.0, 1.0], [1.0, 1.0]]), np.array([0.0, 2.0])
+    at, high = np.zeros(2), np.full(2, 9.0)
+    for low, least in ((-9.0, (-2.0, 4.0)), (-1.0, (-1.0, 3.0)), (0.0, (0.0, 2.0))):
+        np.testing.assert_allclose(_within(hessian, uphill, 0.0, at, np.array([low, -9.0]), high), least, atol=1e-12)
+    pulled = _within(hessian, np.array([-1.0, 2.0]), 0.0, at, np.array([0.0, -9.0]), high)
+    np.testing.assert_allclose(pulled, (0.0, 2.0), atol=1e-12)
 
 
 def test_another_flight_is_predicted_with_its_wind_found_on_the_way():
