@@ -176,13 +176,13 @@
   }
 
   // A page that prints itself, without a person who waits, does so once it has loaded: an open frame keeps it loading
-  // until the plots can be drawn.
+  // until the plots can be drawn. In a sandbox, as the service shows reports, no page has a hold on its frames.
   function holdLoad() {
     const frame = document.createElement("iframe");
     frame.hidden = true;
     document.body.append(frame);
-    frame.contentDocument.open();
-    return () => { frame.contentDocument.close(); frame.remove(); };
+    frame.contentDocument?.open();
+    return () => { frame.contentDocument?.close(); frame.remove(); };
   }
 
   if (!figures.length) return;
