@@ -49,8 +49,7 @@ def estimate(
         When neither an IMU of 15 Hz nor attitude with positions is there.
     """
     noise = noise or SensorNoise()
-    imu = usable(tables.imu, GYRO + ACCEL)
-    if imu is not None and len(imu) >= FEWEST_SAMPLES and sample_rate(imu) >= SLOWEST_IMU:
+    if _has_fast_imu(tables):
         return estimate_strapdown(tables, rate=rate, start=start, stop=stop, date=date, noise=noise, smoothed=smooth)
     if is_low_rate(tables):
         return estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise, smoothed=smooth)
@@ -58,3 +57,8 @@ def estimate(
         "the log has neither IMU samples at 15 Hz or more nor GPS positions with attitude, so there is nothing to make "
         "a trajectory from: set LOG_BITMASK to include IMU and GPS (telemetry: SR0_POSITION, SR0_EXTRA1 >= 4)"
     )
+
+
+def _has_fast_imu(tables: Tables) -> bool:
+    imu = usable(tables.imu, GYRO + ACCEL)
+    return imu is not None and len(imu) >= FEWEST_SAMPLES and sample_rate(imu) >= SLOWEST_IMU

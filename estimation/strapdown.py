@@ -29,15 +29,22 @@ LONGEST_MEMORY = 600.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Estimated:
-    """What came of a segment, at times t; rates and forces as measured, shape (n, 3)."""
+class _Rows:
+    """Rows of the trajectory at times t; rates and forces as measured, shape (n, 3)."""
 
-    segment: Segment
     t: np.ndarray
-    filtered: Filtered
     estimates: Estimates
     rates: np.ndarray
     forces: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class _Estimated:
+    """What came of a segment."""
+
+    segment: Segment
+    filtered: Filtered
+    rows: _Rows
 
 
 def estimate_strapdown(
@@ -66,7 +73,7 @@ def estimate_strapdown(
     tuned = tune(longest.signal, observations, longest.aligned.x, longest.aligned.P, place.world, noise)
     observations = tuned.in_time(observations)
     span = (-np.inf if start is None else start, np.inf if stop is None else stop)
-    done = [e for e in _estimate_all(found, span, rate, observations, place.world, tuned, smoothed) if e.t.size]
+    done = [e for e in _estimate_all(found, span, rate, observations, place.world, tuned, smoothed) if e.rows.t.size]
     if not done:
         raise ValueError(f"the log has no IMU samples between start = {start} and stop = {stop} s")
     findings = missing_sensors(
@@ -77,14 +84,21 @@ def estimate_strapdown(
         findings += other_imu(segment.imu, segment.gain, segment.samples)
     for estimated in done:
         findings += gps_troubles(estimated.filtered)
-    states, sigma = _frames(done)
+    diagnostics = _diagnostics(tables, done, place, tuned)
+    rows = [e.rows for e in done]
+    # What comes now is as large as the IMU's samples, which nobody needs any more.
+    del found, longest, segment, estimated, done
+    tables.release()
+    states, sigma = _frames(rows)
     return Trajectory(
         states=states,
         sigma=sigma,
-        covariance=np.concatenate([e.estimates.covariance for e in done]),
+        covariance=np.concatenate([e.estimates.covariance for e in rows])
+        if len(rows) > 1
+        else rows[0].estimates.covariance,
         origin=place.origin or Geodetic(float("nan"), float("nan"), 0.0),
         method="strapdown",
-        diagnostics=_diagnostics(tables, done, place, tuned),
+        diagnostics=diagnostics,
         findings=tuple(findings),
     )
 
@@ -98,7 +112,7 @@ def _diagnostics(tables: Tables, done: list[_Estimated], place: Surroundings, tu
         "imu_rate": sample_rate(max((e.segment for e in done), key=lambda segment: segment.length).samples),
         "innovations": innovation_statistics([e.filtered for e in done]),
         "log_likelihood": sum(e.filtered.log_likelihood for e in done),
-        "segments": [(float(e.t[0]), float(e.t[-1])) for e in done],
+        "segments": [(float(e.rows.t[0]), float(e.rows.t[-1])) for e in done],
         "aligned_still": [e.segment.aligned.still for e in done],
         "yaw_source": [e.segment.aligned.yaw_source for e in done],
         "gyro_delay": gyro_delay,
@@ -212,7 +226,7 @@ def _estimate(
     estimates = filled_in(found, smoothed=smoothed)
     rates = np.concatenate([signal.rate(asked) for asked in rows])
     forces = np.concatenate([signal.force(asked) for asked in rows])
-    return _Estimated(segment, t, whole, estimates, rates, forces)
+    return _Estimated(segment, whole, _Rows(t, estimates, rates, forces))
 
 
 def _place(piece: Estimates, whole: Estimates, number: int) -> None:
@@ -225,7 +239,7 @@ def _place(piece: Estimates, whole: Estimates, number: int) -> None:
     whole.slow_variance[first : first + len(piece.slow_variance)] = piece.slow_variance
 
 
-def _frames(done: list[_Estimated]) -> tuple[pd.DataFrame, pd.DataFrame]:
+def _frames(done: list[_Rows]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Lay the segments' estimates out as the tables of a `Trajectory`."""
     index = pd.Index(np.concatenate([e.t for e in done]), name="t")
     # A sensor that is not there has no error to estimate.

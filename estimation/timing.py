@@ -257,7 +257,8 @@ def _level(power: np.ndarray, rows: int, first: int, step: float) -> np.ndarray:
     """
     span = min(len(power), max(3, round(NOISE_SPAN / step)))
     hop = max(1, round(NOISE_STEP / step))
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(power, span)[::hop], axis=1)
+    # One by one: side by side they overlap, and are several times the signal.
+    medians = [np.median(each) for each in np.lib.stride_tricks.sliding_window_view(power, span)[::hop]]
     middle = first + 0.5 * (span - 1) + hop * np.arange(len(medians))
     return np.asarray(np.interp(np.arange(rows), middle, medians) / MEDIAN_OF_THREE)
 

@@ -6,7 +6,7 @@ and the window's initial states; initial states are projected out, and the rest 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -199,18 +199,21 @@ def output_error(
     lever = np.array(known if known is not None else _levers(windows, float(values[0])))
     weights = np.ones(3)
     for _ in range(STEPS):
-        sensitivity, residual = _sensitivities(gains, outputs, values, lever, known is None)
-        weights = np.array([1.0 / max(float(np.sqrt(np.mean(r**2))), 1e-12) for r in residual])
-        stacked = np.vstack([w * s for w, s in zip(weights, sensitivity, strict=True)])
-        size = np.linalg.norm(stacked, axis=0)
-        size = np.where(size > 0.0, size, 1.0)
-        aim = np.concatenate([w * r for w, r in zip(weights, residual, strict=True)])
-        step = np.linalg.lstsq(stacked / size, aim, rcond=1e-8)[0] / size
+        weights = np.array(
+            [
+                1.0 / max(float(np.sqrt(np.mean(r**2))), 1e-12)
+                for _, r in _sensitivities(gains, outputs, values, lever, known is None)
+            ]
+        )
+        triangle = _triangle(weights, _sensitivities(gains, outputs, values, lever, known is None))
+        size = _norms(triangle[:, :-1])
+        step = np.linalg.lstsq(triangle[:, :-1] / size, triangle[:, -1], rcond=1e-8)[0] / size
         values = values + step[:q]
         if known is None:
             lever = lever + step[q:]
-    sensitivity, residual = _sensitivities(gains, outputs, values, lever, known is None)
-    covariance, condition = _covariance(sensitivity, residual, weights, [len(w.yaw) for w in windows])
+    last = list(_sensitivities(gains, outputs, values, lever, known is None))
+    residual = [left for _, left in last]
+    covariance, condition = _covariance(last, weights, [len(w.yaw) for w in windows])
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Estimate(
         values,
@@ -242,9 +245,9 @@ def _levers(windows: Sequence[Window], specific: float) -> list[float]:
 
 def _sensitivities(
     gains: Sequence[Floats], outputs: Sequence[Floats], values: Floats, lever: Floats, free: bool
-) -> tuple[list[Floats], list[Floats]]:
+) -> Iterator[tuple[Floats, Floats]]:
+    """Give sensitivities and residual of one output after the other."""
     scale = (1.0, lever[0], lever[1])
-    rows, residual = [], []
     for o, (gain, output) in enumerate(zip(gains, outputs, strict=True)):
         effect = gain @ values
         columns = [scale[o] * gain]
@@ -253,27 +256,44 @@ def _sensitivities(
             if o > 0:
                 levers[:, o - 1] = effect
             columns.append(levers)
-        rows.append(np.hstack(columns))
-        residual.append(output - scale[o] * effect)
-    return rows, residual
+        yield np.hstack(columns), output - scale[o] * effect
+
+
+def _triangle(weights: Floats, parts: Iterable[tuple[Floats, Floats]]) -> Floats:
+    """Triangular factor of all outputs' weighted sensitivities beside residuals.
+
+    It has their singular values and least squares, and all rows need not be in memory together.
+    """
+    triangle: Floats | None = None
+    for weight, (rows, left) in zip(weights, parts, strict=True):
+        block = weight * np.column_stack([rows, left])
+        tall = block if triangle is None else np.vstack([triangle, block])
+        triangle = np.asarray(np.linalg.qr(tall, mode="r"))
+    assert triangle is not None
+    return triangle
+
+
+def _norms(columns: Floats) -> Floats:
+    """Lengths of columns; 1 of those that are zero."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.where(size > 0.0, size, 1.0)
 
 
 def _covariance(
-    sensitivity: Sequence[Floats], residual: Sequence[Floats], weights: Floats, lengths: Sequence[int]
+    parts: Sequence[tuple[Floats, Floats]], weights: Floats, lengths: Sequence[int]
 ) -> tuple[Floats, float]:
     """Covariance for residuals that are coloured within windows, and the spread of the scaled singular values."""
-    stacked = np.vstack([w * s for w, s in zip(weights, sensitivity, strict=True)])
-    size = np.linalg.norm(stacked, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    singular = np.linalg.svd(stacked / size, compute_uv=False)
+    triangle = _triangle(weights, parts)[:, :-1]
+    size = _norms(triangle)
+    singular = np.linalg.svd(triangle / size, compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
-    inverse = np.linalg.pinv((stacked / size).T @ (stacked / size), rcond=1e-14)
+    inverse = np.linalg.pinv((triangle / size).T @ (triangle / size), rcond=1e-14)
     cuts = np.cumsum(lengths)[:-1]
     middle = np.zeros_like(inverse)
-    for w, rows, left in zip(weights, sensitivity, residual, strict=True):
-        parts = np.split(left, cuts)
-        lags = max(min(len(parts[0]) // 4, round(len(parts[0]) * CORRELATED / WINDOW)), 1)
-        colour = autocovariance(parts, lags)
+    for w, (rows, left) in zip(weights, parts, strict=True):
+        pieces = np.split(left, cuts)
+        lags = max(min(len(pieces[0]) // 4, round(len(pieces[0]) * CORRELATED / WINDOW)), 1)
+        colour = autocovariance(pieces, lags)
         middle += w**4 * coloured_information(np.split(rows / size, cuts), colour)
     return np.asarray(inverse @ middle @ inverse / np.outer(size, size)), condition
 
@@ -304,7 +324,7 @@ def mean_torque(windows: Sequence[Window]) -> TorqueEstimate | None:
     scaled = yaw / np.where(size > 0.0, size, 1.0)
     values = np.linalg.lstsq(scaled, output, rcond=1e-8)[0]
     residual = output - scaled @ values
-    covariance, _ = _covariance([scaled], [residual], np.ones(1), [len(w.yaw) for w in windows])
+    covariance, _ = _covariance([(scaled, residual)], np.ones(1), [len(w.yaw) for w in windows])
     value, sigma = float(values[0] / size[0]), float(np.sqrt(max(covariance[0, 0], 0.0)) / size[0])
     explained = _explained(residual, output)
     if not value > 0.0 or sigma > DETERMINED * value or explained < EXPLAINED:
