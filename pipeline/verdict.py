@@ -81,7 +81,11 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
         measured += f" and taking the target itself by {asked} m"
     if not all(np.isfinite(validation.average[output]) for output in outputs):
         return Verdict(Trust.NO, f"Do not trust the model: its free run on {unseen} diverges.")
-    follows = [output for output in beats if fit[output] >= CLOSE_PERCENT]
+    trained = validation.table[validation.table["trained"].astype(bool)]
+    own = trained.groupby("output", sort=False)["fit_percent"].mean()
+    # What does not even follow the flight that it was fitted to is right elsewhere by luck.
+    unfit = [output for output in outputs if output in own and not own[output] > 0.0]
+    follows = [output for output in beats if fit[output] >= CLOSE_PERCENT and output not in unfit]
     if len(follows) == len(outputs) and scored["flight"].nunique() < FEWEST_JUDGES:
         return Verdict(
             Trust.LIMITED,
@@ -92,9 +96,10 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     if follows:
         lost = [output for output in outputs if output not in follows]
         return Verdict(
-            Trust.LIMITED, f"Trust the model in {_and(follows)} only: {measured}. {_hardly(validation, means, lost)}."
+            Trust.LIMITED,
+            f"Trust the model in {_and(follows)} only: {measured}. {_hardly(validation, means, lost, unfit)}.",
         )
-    return Verdict(Trust.NO, f"Do not trust the model: {measured}. {_hardly(validation, means, outputs)}.")
+    return Verdict(Trust.NO, f"Do not trust the model: {measured}. {_hardly(validation, means, outputs, unfit)}.")
 
 
 def summarise(verdicts: Mapping[str, Verdict]) -> Verdict:
@@ -124,13 +129,15 @@ def summarise(verdicts: Mapping[str, Verdict]) -> Verdict:
     return Verdict(Trust.LIMITED if mixed else best, f"{sentence[0].upper()}{sentence[1:]}.")
 
 
-def _hardly(validation: Validation, means: pd.Series[float], outputs: list[str]) -> str:
+def _hardly(validation: Validation, means: pd.Series[float], outputs: list[str], unfit: list[str]) -> str:
     """Say how little a model achieves on outputs that it does not follow, output by output where they differ."""
     words: dict[str, list[str]] = {}
     for output in outputs:
         error, mean = validation.average[output], means[output]
         if error > WORSE * mean:
             word = "worse than always predicting the mean"
+        elif output in unfit and validation.trusted[output]:
+            word = "worse than the mean on the very flight time that it was fitted to"
         elif validation.trusted[output]:
             word = "hardly better than a guess without any model"
         elif _closed_loop(validation):

@@ -33,6 +33,9 @@ METHODS = ("rigid body", "rotor", "Kim 2017", "Refinement 2020, stacked", "mean 
 #: Flights on each side from which on errors of models are tested and not only set side by side.
 FEWEST_JUDGES = 3
 
+#: Standard errors that a value must differ from zero by for a change of it to be told in percent.
+KNOWN = 3.0
+
 #: Flights on each side from which on a difference of a few standard errors is more than chance.
 ENOUGH = 3
 
@@ -206,18 +209,20 @@ def _difference(a: Sequence[tuple[float, float]], b: Sequence[tuple[float, float
     after = np.repeat([0.0, 1.0], [len(a), len(b)])
     fit = meta_regression(values, sigmas, np.column_stack([1.0 - after, after]))
     change, sigma, p = fit.test([-1.0, 1.0])
-    before = float(fit.beta[0])
+    before, before_sigma = float(fit.beta[0]), math.sqrt(fit.covariance[0, 0])
+    # Percent of what may be zero mean nothing.
+    percent = 100.0 / before if abs(before) > KNOWN * before_sigma else 0.0
     return {
-        "a": {"value": before, "sigma": math.sqrt(fit.covariance[0, 0]), "flights": len(a)},
+        "a": {"value": before, "sigma": before_sigma, "flights": len(a)},
         "b": {"value": float(fit.beta[1]), "sigma": math.sqrt(fit.covariance[1, 1]), "flights": len(b)},
         "between_flights": fit.tau if fit.df else None,
         "difference": change,
         "difference_sigma": sigma,
-        "difference_percent": 100.0 * change / before if before else None,
-        "interval_percent": [100.0 * (change + side * _interval(fit.df) * sigma) / before for side in (-1.0, 1.0)]
-        if before
+        "difference_percent": percent * change if percent else None,
+        "interval_percent": [percent * (change + side * _interval(fit.df) * sigma) for side in (-1.0, 1.0)]
+        if percent
         else None,
-        "detectable_percent": 100.0 * _detectable(fit.df) * sigma / abs(before) if before else None,
+        "detectable_percent": abs(percent) * _detectable(fit.df) * sigma if percent else None,
         "p": p,
     }
 
@@ -309,10 +314,11 @@ def _sentences(parameters: list[Numbers], changed: list[Numbers]) -> list[str]:
     if still:
         least = ", ".join(f"{row['parameter']} {number(row['detectable_percent'], 2)} %" for row in still)
         text.append(f"Where no change is seen, one smaller than this would hardly have been found: {least}.")
-    if any(row["between_flights"] is None for row in parameters):
+    alone = [row["parameter"] for row in parameters if row["between_flights"] is None]
+    if alone:
         text.append(
-            "With one flight on each side nobody knows how much flights differ anyway; wind, battery and temperature "
-            "alone move parameters. Analyse several flights before and after."
+            f"With one flight on each side that tells it ({', '.join(alone)}) nobody knows how much flights differ "
+            "anyway; wind, battery and temperature alone move parameters. Analyse several flights before and after."
         )
     elif any(row[side]["flights"] < ENOUGH for row in still for side in "ab"):
         text.append(

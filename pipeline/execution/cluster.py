@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryFile
 from typing import Any, TypeVar
+from urllib.parse import urlsplit
 
 from logparse import RotoridError
 from pipeline.execution.executors import WorkerDiedError
@@ -60,6 +61,8 @@ class Cluster(Executor):
             raise SchedulerError(
                 "working with a scheduler needs Dask, which is not installed: pip install 'rotorid[cluster]'"
             ) from None
+        if not _has_port(address):  # Dask would look for it for a minute
+            raise SchedulerError(f"{address!r} is no address of a scheduler: give host and port, as tcp://cluster:8786")
         self.address = address
         self._patience = patience
         self._software: Mapping[str, Any] | None = None
@@ -266,6 +269,13 @@ def call_guarded(
         libraries = _difference(own["libraries"], expected["libraries"])
         raise SchedulerError(libraries or _difference(own, {"rotorid": expected["rotorid"]}) or OTHER_SOURCES)
     return function(*args, **named)
+
+
+def _has_port(address: str) -> bool:
+    try:
+        return urlsplit(address if "://" in address else f"tcp://{address}").port is not None
+    except ValueError:
+        return False
 
 
 def _trampoline() -> Callable[[bytes], Any]:

@@ -54,6 +54,15 @@ def test_verdict_follows_the_worst_axis(fit, trusted, trust, words):
     assert words in verdict.sentence
 
 
+def test_an_axis_that_does_not_follow_its_own_flight_is_right_elsewhere_by_luck():
+    found = validation({"x": 60.0, "z": 80.0}, {"x": True, "z": True})
+    found.table.loc[found.table["trained"] & (found.table["output"] == "x"), "fit_percent"] = -169.0
+    verdict = judge(found)
+    assert verdict.trust is Trust.LIMITED
+    assert "in z only" in verdict.sentence
+    assert "worse than the mean on the very flight time that it was fitted to" in verdict.sentence
+
+
 def test_no_verdict_without_unseen_flight():
     assert judge(None).trust is Trust.UNKNOWN
     assert judge(validation({"x": 99.0}, {"x": True}, unseen=False)).trust is Trust.UNKNOWN

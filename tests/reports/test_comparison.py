@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.errors import ConfigError
-from reports.comparison import SIGNIFICANCE, compare_reports
+from reports.comparison import SIGNIFICANCE, change, compare_reports
 from reports.comparison_page import comparison_markdown, comparison_page
 
 VEHICLE = {"frame_class": "quad", "frame_type": "x", "spin_min": 0.15, "board_id": "7"}
@@ -101,7 +101,10 @@ def test_single_flights_are_compared_by_their_fits_and_the_limit_of_that_is_said
     row = only(numbers)
     assert row["difference_sigma"] == pytest.approx(0.02 * math.sqrt(2.0))
     assert row["between_flights"] is None
-    assert any("one flight on each side" in sentence for sentence in numbers["pairs"][0]["sentences"])
+    assert any(
+        "one flight on each side that tells it (thrust over mass)" in sentence
+        for sentence in numbers["pairs"][0]["sentences"]
+    )
 
 
 def test_two_flights_on_a_side_are_said_to_be_few():
@@ -113,6 +116,13 @@ def test_two_flights_on_a_side_are_said_to_be_few():
 
     assert said(2)
     assert not said(4)
+
+
+def test_a_change_of_what_may_be_zero_is_told_in_its_unit():
+    row = only(compare_reports(report(craft([0.01, 0.02])), report(craft([5.0, 5.1])), ("a", "b")))
+    assert row["significant"]
+    assert row["difference_percent"] is None
+    assert "%" not in change(row)
 
 
 def test_only_what_both_sides_determined_is_compared():
