@@ -4,6 +4,7 @@ Only small calls and what they return pass through the scheduler: logs are read 
 all computers reach. Before the first call it is made sure that they do, and that the same software computes everywhere.
 """
 
+import gc
 import pickle
 import tempfile
 import warnings
@@ -66,20 +67,25 @@ class Cluster(Executor):
         self.address = address
         self._patience = patience
         self._software: Mapping[str, Any] | None = None
+        failure = ""
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", VersionMismatchWarning)  # `check` says it in a sentence
                 self._client: Any = Client(address, timeout=patience, set_as_default=False)  # type: ignore[no-untyped-call]
         except OSError as error:
-            raise SchedulerError(
+            failure = (
                 f"no Dask scheduler answers at {address}: start one with `dask scheduler`, or look for a mistake in "
                 f"the address and for a firewall ({str(error) or type(error).__name__})"
-            ) from error
+            )
         except Exception as error:
-            raise SchedulerError(
+            failure = (
                 f"{address!r} is no address of a scheduler, such as tcp://cluster:8786, or another version of Dask "
                 f"runs there ({type(error).__name__}: {error})"
-            ) from error
+            )
+        if failure:
+            # What is left of the client waits for itself when it is collected while another one starts.
+            gc.collect()
+            raise SchedulerError(failure)
 
     @property
     def in_flight(self) -> int:

@@ -1,12 +1,16 @@
 """Processes side by side: what one dies of costs that call only, and nothing outlives whoever started them."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
 import pytest
 
@@ -32,6 +36,19 @@ def pipe(tmp_path):
     return path
 
 
+@contextmanager
+def heard(pipe: Path, program: "subprocess.Popen[bytes] | None" = None) -> Iterator[TextIO]:
+    """Open a pipe to read once somebody writes into it; a program that should and has died must not be waited for."""
+    told = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    ready = select.poll()
+    ready.register(told, select.POLLIN)
+    while not ready.poll(1000.0):
+        assert program is None or program.poll() is None, program.communicate()
+    os.set_blocking(told, True)
+    with os.fdopen(told) as file:
+        yield file
+
+
 def test_calls_and_what_they_raise_come_back(pair):
     assert list(pair.map(calls.square, range(5))) == [0, 1, 4, 9, 16]
     with pytest.raises(ValueError, match="too short") as raised:
@@ -47,7 +64,7 @@ def test_calls_and_what_they_raise_come_back(pair):
 def test_a_killed_worker_is_replaced_and_its_call_tried_again(pair, tmp_path, pipe):
     lost = pair.submit(calls.stay_at_first, tmp_path)
     others = [pair.submit(calls.square, number) for number in range(4)]
-    with pipe.open() as told:
+    with heard(pipe) as told:
         os.kill(int(told.readline()), signal.SIGKILL)
     assert lost.result() == "done"
     assert [future.result() for future in others] == [0, 1, 4, 9]
@@ -119,7 +136,7 @@ def test_workers_end_at_once_with_whoever_started_them(ended_by, tmp_path, pipe)
         stderr=subprocess.PIPE,
         start_new_session=True,
     )
-    with pipe.open() as told:
+    with heard(pipe, program) as told:
         told.readline()
         told.readline()
         if ended_by == signal.SIGINT:  # a terminal sends it to all of them
@@ -138,7 +155,7 @@ def test_workers_end_at_once_with_whoever_started_them(ended_by, tmp_path, pipe)
 def test_temporary_files_of_a_killed_worker_go_too(pair, tmp_path, pipe):
     assert Path(pair.submit(tempfile.gettempdir).result()).is_relative_to(tempfile.gettempdir())
     lost = pair.submit(calls.stay_at_first, tmp_path)
-    with pipe.open() as told:
+    with heard(pipe) as told:
         worker = int(told.readline())
         folder = pair.submit(tempfile.mkdtemp).result()
         assert Path(folder).is_dir()
