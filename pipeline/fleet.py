@@ -24,6 +24,7 @@ from pipeline.results import Failure, FleetResult, Publish
 from pipeline.stages import Progress, silent
 from pipeline.storage.inventory import READERS, take_stock
 from pipeline.storage.manifest import FLIGHTS, LogRecord, Manifest, configuration, read_manifest, software
+from pipeline.storage.removed import bring_back, set_aside
 from pipeline.storage.sources import Found, find
 from pipeline.storage.store import ENTRY, Store, TemporaryStore, open_store
 
@@ -90,6 +91,10 @@ def analyze_fleet(
         new = _analyzed(records, known, found, config, store, publish, executor, part_of(progress, 0.0, 0.8))
         analyzed = perf_counter()
         records = _settled(records, {**known, **new})
+        removed = tuple(_removed(former, records))
+        gone, folders = {record.folder for record in former.removed}, {record.folder for record in records}
+        set_aside(store, [record for record in removed if record.folder not in gone])
+        bring_back(store, [record for record in former.removed if record.folder in folders])
         flights = _flights(records, {**known, **new})
         crafts = _crafts(flights, former, config, store, publish, executor, part_of(progress, 0.8, 0.99), redo=redo)
         manifest = Manifest(
@@ -100,7 +105,7 @@ def analyze_fleet(
             crafts=tuple(entry.to_dict() for entry in (*crafts.entries, *crafts.unstored)),
             passed_over=tuple((each.source, each.reason) for each in found.passed_over),
             left_out=crafts.left_out,
-            removed=tuple(_removed(former, records)),
+            removed=removed,
             reported=former.reported,
         )
         unwritten = _write(manifest, store)

@@ -74,6 +74,10 @@ class Store(ABC):
         """Remove a file or a folder; nothing happens where there is none."""
 
     @abstractmethod
+    def move(self, path: str, new: str) -> None:
+        """Move a folder to where there is none."""
+
+    @abstractmethod
     def names(self, path: str) -> list[str]:
         """List what is in a folder; nothing where there is none."""
 
@@ -177,6 +181,12 @@ class FolderStore(Store):
         else:
             target.unlink(missing_ok=True)
 
+    def move(self, path: str, new: str) -> None:
+        """Move a folder to where there is none."""
+        target = self.folder / new
+        target.parent.mkdir(parents=True, exist_ok=True)
+        (self.folder / path).rename(target)
+
     def names(self, path: str) -> list[str]:
         """List what is in a folder; nothing where there is none."""
         folder = self.folder / path
@@ -269,6 +279,13 @@ class ObjectStore(Store):
                 self._files.rm(str(self._root / path), recursive=True)
         except FileNotFoundError:
             return
+
+    def move(self, path: str, new: str) -> None:
+        """Copy all objects below a prefix to another, and remove them there."""
+        with as_os_error():
+            for name in self._below(path):
+                self._files.cp_file(str(self._root / path / name), str(self._root / new / name))
+        self.remove(path)
 
     def names(self, path: str) -> list[str]:
         """List what is directly below a prefix."""

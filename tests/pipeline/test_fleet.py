@@ -121,17 +121,35 @@ def test_other_software_does_everything_anew(logs, tmp_path, monkeypatch):
 def test_logs_that_are_gone_leave_the_report_but_not_the_store(logs, tmp_path):
     out = tmp_path / "out"
     run(logs, out)
+
+    def in_datasets() -> set[str]:
+        return {path.parent.name for path in out.glob("*/*/vehicle=*/flight=*/part.parquet")}
+
+    everything = in_datasets()
     (logs / "octa3.bin").rename(tmp_path / "octa3.bin")
     fleet, analyzed = run(logs, out)
     assert analyzed == []
+    assert in_datasets() == everything - {"flight=octa3"}, "no query counts what the report does not"
     assert [flight.name for flight in fleet.flights] == ["octa1", "octa2", "quad"]
     assert [each.file for each in fleet.removed] == ["octa3.bin"]
     assert [each.file for each in run(logs, out)[0].removed] == ["octa3.bin"], "until it comes back"
     (tmp_path / "octa3.bin").rename(logs / "octa3.bin")
     fleet, analyzed = run(logs, out)
     assert analyzed == []
+    assert fitted(fleet), "from the experiments that came back"
     assert fleet.removed == ()
     assert len(fleet.flights) == 4
+    assert in_datasets() == everything
+
+
+def test_a_renamed_log_is_in_the_datasets_once(logs, tmp_path):
+    out = tmp_path / "out"
+    run(logs, out)
+    for name in ("other", "octa3"):
+        (logs / "octa3.bin" if name == "other" else logs / "other.bin").rename(logs / f"{name}.bin")
+        run(logs, out)
+        parts = {path.parent.name for path in out.glob("*/*/vehicle=*/flight=*/part.parquet")}
+        assert parts == {"flight=octa1", "flight=octa2", f"flight={name}", "flight=quad"}
 
 
 def test_logs_may_move_together(logs, tmp_path):

@@ -47,6 +47,14 @@ def test_a_folder_is_kept_whole_and_replaced_whole(store):
         store.read("flights/a/entry.json")
 
 
+def test_a_folder_moves_with_all_that_is_in_it(store):
+    store.write("tables/gps/flight=a/part.parquet", b"a")
+    store.write("tables/gps/flight=b/part.parquet", b"b")
+    store.move("tables/gps/flight=a", "removed/tables/gps/flight=a")
+    assert store.names("tables/gps") == ["flight=b"]
+    assert store.read("removed/tables/gps/flight=a/part.parquet") == b"a"
+
+
 def test_files_are_replaced_and_broken_json_counts_as_none(store):
     store.write_json("manifest.json", {"name": "Ø\udcff".encode("utf-8", "replace").decode()})
     store.write_json("manifest.json", [1])

@@ -1,0 +1,50 @@
+"""Tables of logs that are no longer among the inputs: out of the datasets, but kept in case the logs come back.
+
+A renamed log is analysed under its new name. Were its old tables still in the dataset, a query would count one flight
+twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import PurePosixPath
+
+from pipeline.storage.manifest import FLIGHTS, LogRecord
+from pipeline.storage.store import ENTRY, Store
+
+#: Folder of the store that has the datasets of logs that are gone.
+REMOVED = "removed"
+
+
+def set_aside(store: Store, records: Sequence[LogRecord]) -> None:
+    """Move the tables of flights out of the datasets."""
+    for place in _places(store, records, ""):
+        store.remove(f"{REMOVED}/{place}")
+        store.move(place, f"{REMOVED}/{place}")
+
+
+def bring_back(store: Store, records: Sequence[LogRecord]) -> None:
+    """Move them back, where nothing newer stands."""
+    for place in list(_places(store, records, f"{REMOVED}/")):
+        if store.names(place):
+            store.remove(f"{REMOVED}/{place}")
+        else:
+            store.move(f"{REMOVED}/{place}", place)
+
+
+def _places(store: Store, records: Sequence[LogRecord], below: str) -> Iterator[str]:
+    """List the partitions that flights have in the datasets, as far as they are there."""
+    if not records:
+        return
+    # Imported here: it brings the numerical rooms, which an unchanged folder must not wait for.
+    from pipeline.storage.dataset import EXPERIMENTS, TABLES, part
+
+    for record in records:
+        entry = store.read_json(f"{FLIGHTS}/{record.folder}/{ENTRY}")
+        if entry is None:
+            continue
+        for dataset in (TABLES, EXPERIMENTS):
+            for name in store.names(f"{below}{dataset}"):
+                place = str(PurePosixPath(part(dataset, name, entry["vehicle"], record.folder)).parent)
+                if store.names(below + place):
+                    yield place
