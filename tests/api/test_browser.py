@@ -230,6 +230,7 @@ def test_the_keyboard_is_enough(page: Page) -> None:
         page.keyboard.press("Enter")
     chooser.value.set_files([{"name": "keys.bin", "mimeType": "application/octet-stream", "buffer": b"good keys"}])
     page.locator("iframe").wait_for()
+    page.wait_for_load_state()  # keys are heard when the page's script has run
     page.locator("summary", has_text="Downloads").focus()
     page.keyboard.press("Enter")
     expect(page.get_by_role("link", name="RMSE table")).to_be_visible()

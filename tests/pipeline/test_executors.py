@@ -49,6 +49,13 @@ def heard(pipe: Path, program: "subprocess.Popen[bytes] | None" = None) -> Itera
         yield file
 
 
+@pytest.fixture
+def short_folder():
+    """Give a folder with a short path: those of sockets, which lie in temporary folders, have 107 characters."""
+    with tempfile.TemporaryDirectory(prefix="r", dir="/tmp") as folder:
+        yield Path(folder)
+
+
 def test_calls_and_what_they_raise_come_back(pair):
     assert list(pair.map(calls.square, range(5))) == [0, 1, 4, 9, 16]
     with pytest.raises(ValueError, match="too short") as raised:
@@ -119,15 +126,14 @@ from pipeline.execution.executors import Processes, as_done
 from tests.pipeline import calls, flown
 if __name__ == "__main__":
     with Processes(2, preload=()) as pool:
-        for _ in as_done(pool, calls.stay, [Path(sys.argv[1])] * 5):
-            pass
+        for _, future in as_done(pool, calls.stay, [Path(sys.argv[1])] * 5):
+            future.result()
 """
 
 
 @pytest.mark.parametrize("ended_by", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_workers_end_at_once_with_whoever_started_them(ended_by, tmp_path, pipe):
-    scratch = tmp_path / "scratch"
-    scratch.mkdir()
+def test_workers_end_at_once_with_whoever_started_them(ended_by, tmp_path, pipe, short_folder):
+    scratch = short_folder
     program_file = tmp_path / "program.py"
     program_file.write_text(PROGRAM)
     program = subprocess.Popen(

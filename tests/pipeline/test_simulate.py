@@ -1,12 +1,14 @@
 """`rotorid simulate` as a user meets it."""
 
 import json
+import re
 
 import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.errors import ConfigError
+from reports.packing import unpack
 from simulation import CASES, ArrivalError
 
 RUNNER = CliRunner()
@@ -35,7 +37,9 @@ def test_a_case_writes_page_text_history_log_and_truth(tmp_path):
     assert all(name in done.stdout for name in names)
     page = (tmp_path / "motion-vertical.html").read_text(encoding="utf-8")
     assert "time of arrival" in page
-    assert "rotor acceleration (rad/s²)" in page
+    travelling = re.search(r'id="figures">(.*?)</script>', page, re.DOTALL)
+    figures = [unpack(figure["packed"]) for figure in json.loads(travelling.group(1))]
+    assert "rotor acceleration (rad/s²)" in [figure["layout"]["yaxis"]["title"]["text"] for figure in figures]
     assert page.count('class="plot waiting') == 4
     assert "http" not in page.split("<body>")[1].split('id="figures"')[0]
 

@@ -10,7 +10,8 @@ import pytest
 
 from logparse import MissingDataError, Vehicle
 from logparse.frames import motor_table
-from reports import summary, views
+from reports import summary
+from reports.model_views import thrust_coefficients
 from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.thrust_curve import motor_commands
 from sysid.thrust_regression import AIR_SIGMA
@@ -159,7 +160,7 @@ def test_unknown_air_widens_the_standard_error():
 def test_reports_say_at_which_voltage_and_in_which_air(voltage, words):
     thrust = fit_thrust([flight(13, voltage=voltage)]).to_dict()
     assert words + "in standard sea-level air" in summary.thrust_coefficient(thrust)
-    caption = views.thrust_coefficients(thrust, {})["caption"]
+    caption = thrust_coefficients(thrust, {})["caption"]
     assert words + "in standard sea-level air" in caption
     assert "3.5 % for the density of the air" in caption
 
