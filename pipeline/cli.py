@@ -18,7 +18,7 @@ from pipeline.commands.bench import bench
 from pipeline.commands.bifilar import bifilar
 from pipeline.commands.compare import compare
 from pipeline.commands.craft import craft
-from pipeline.commands.exits import OK, SOME_FAILED, WRONG_USAGE, fail
+from pipeline.commands.exits import INTERRUPTED, OK, SOME_FAILED, WRONG_USAGE, fail
 from pipeline.commands.export import export
 from pipeline.commands.inspect import inspect
 from pipeline.commands.serve import serve
@@ -86,7 +86,7 @@ def main() -> NoReturn:
     except OSError as error:
         fail(f"{error.filename or 'output'}: {error.strerror or error}", SOME_FAILED)
     except KeyboardInterrupt:
-        fail("interrupted", 130)
+        fail("interrupted", INTERRUPTED)
     except Exception as error:
         from logparse import RotoridError
         from pipeline.errors import ConfigError

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.exits import OK, SOME_FAILED, fail
+from pipeline.commands.exits import INTERRUPTED, OK, SOME_FAILED, fail
 from pipeline.commands.output import console, prepare
 from pipeline.config import AnalysisConfig
 
@@ -128,7 +128,10 @@ def analyze(
     else:
         sizes = [source.size for source in found.sources if source.named or source.called_a_log]
         workers = _processes(jobs, sizes) if scheduler is None else _cluster(scheduler, jobs, paths, out)
-        _several_logs(found, out, config, workers, redo, as_json)
+        try:
+            _several_logs(found, out, config, workers, redo, as_json)
+        except KeyboardInterrupt:
+            fail("interrupted; what is done is kept, and the same command goes on from there", INTERRUPTED)
 
 
 def _existing(paths: Sequence[str]) -> Sequence[str]:

@@ -6,6 +6,9 @@ from typing import NoReturn
 #: All went well; some logs failed or none gave a model; the command was used in a wrong way.
 OK, SOME_FAILED, WRONG_USAGE = 0, 1, 2
 
+#: Ctrl-C, as shells have it.
+INTERRUPTED = 130
+
 
 def fail(message: str, status: int) -> NoReturn:
     """Say on stderr what is wrong, and end."""
