@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pipeline.flown.excitation import BAND, in_band
 from pipeline.names import printable
 from pipeline.results import FlightResult, GroupResult, ModelResult, Span
 from pipeline.verdict import Trust, Verdict, judge, summarise
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from logparse import Finding, Vehicle
     from sysid import Model, PhysicalParameters, Validation
     from sysid.excitation import Coherence
-
-#: Frequencies, rad/s, over which coherence is summed up: slower is wind and drift, faster is noise.
-COHERENCE_BAND = (0.5, 5.0)
 
 
 def flight_numbers(result: FlightResult) -> Numbers:
@@ -135,19 +133,13 @@ def _coherence(found: Coherence | str | None) -> Numbers | None:
     """Sum a coherence up over the frequencies at which a multirotor answers; or say why there is none."""
     if found is None or isinstance(found, str):
         return None if found is None else {"missing": found}
-    band = (found.frequency >= COHERENCE_BAND[0]) & (found.frequency <= COHERENCE_BAND[1])
+    unknown = {"multiple_median": None, "above_chance": None}
     return {
-        "band_rad_s": list(COHERENCE_BAND),
+        "band_rad_s": list(BAND),
         "inputs": list(found.input_names),
         "averages": found.averages,
         "chance": found.threshold,
-        "outputs": {
-            output: {
-                "multiple_median": float(np.median(multiple[band])) if band.any() else None,
-                "above_chance": float(np.mean(multiple[band] > found.threshold)) if band.any() else None,
-            }
-            for output, multiple in zip(found.output_names, found.multiple.T, strict=True)
-        },
+        "outputs": in_band(found) or dict.fromkeys(found.output_names, unknown),
     }
 
 

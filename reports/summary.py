@@ -3,7 +3,7 @@
 import math
 
 from reports.quantity import duration, number, size, uncertain
-from reports.rows import Numbers
+from reports.rows import Numbers, held_out
 
 FORMATS = {
     "dataflash": "DataFlash log",
@@ -133,17 +133,16 @@ def best(models: list[Numbers]) -> Numbers | None:
     """Choose the model that can be trusted most, and of equals the one that errs least against the mean's error."""
 
     def rank(result: Numbers) -> tuple[int, float]:
-        held = [row for row in result["rmse"] if row["part"] == "held-out"]
         ratios = [
             row["rmse_m"][output] / row["rmse_mean_m"][output]
             if row["rmse_m"][output] is not None and row["rmse_mean_m"][output]
             else math.inf
-            for row in held
+            for row in held_out(result)
             for output in row["rmse_m"]
         ]
         return list(TRUST_WORDS).index(result["verdict"]["trust"]), sum(ratios) / len(ratios) if ratios else math.inf
 
-    judged = [result for result in models if any(row["part"] == "held-out" for row in result["rmse"])]
+    judged = [result for result in models if held_out(result)]
     return min(judged, key=rank, default=None)
 
 

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from reports import summary
 from reports.quantity import column, number
-from reports.rows import Numbers, average
+from reports.rows import Numbers, average, held_out
 
 _STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
 
@@ -61,7 +61,7 @@ def _flights(flights: list[Numbers], narrow: bool) -> Table:
     table.add_column("model")
     table.add_column("verdict")
     chosen = [summary.best(flight["models"]) for flight in flights]
-    held = [None if result is None else _held_out(result)[0] for result in chosen]
+    held = [None if result is None else held_out(result)[0] for result in chosen]
     errors = [column([row["rmse_m"].get(output) if row else None for row in held]) for output in "xyz"]
     for place, (flight, result) in enumerate(zip(flights, chosen, strict=True)):
         vehicle = flight["vehicle"]
@@ -81,7 +81,7 @@ def _flights(flights: list[Numbers], narrow: bool) -> Table:
 
 def _models(models: list[Numbers]) -> list[RenderableType]:
     """Set models side by side with their errors on held-out flight, averaged, and the guess that they must beat."""
-    judged = [result for result in models if _held_out(result)]
+    judged = [result for result in models if held_out(result)]
     if not judged:
         return []
     table = _table()
@@ -90,17 +90,13 @@ def _models(models: list[Numbers]) -> list[RenderableType]:
     for output in outputs:
         table.add_column(f"{output} (m)", justify="right", no_wrap=True)
     table.add_column("verdict")
-    mean = average(_held_out(judged[0]), "rmse_mean_m")
+    mean = average(held_out(judged[0]), "rmse_mean_m")
     rows = [*(result["rmse_average_m"] for result in judged), mean]
     columns = [column([row[output] for row in rows]) for output in outputs]
     for place, result in enumerate(judged):
         table.add_row(Text(result["title"]), *(cells[place] for cells in columns), _word(result))
     table.add_row("always predicting the mean", *(cells[-1] for cells in columns), "", style="dim")
     return [table]
-
-
-def _held_out(result: Numbers) -> list[Numbers]:
-    return [row for row in result["rmse"] if row["part"] == "held-out"]
 
 
 def _word(result: Numbers) -> Text:

@@ -192,8 +192,11 @@ def _word(multiple: float) -> str:
 
 def _coherence(models: Sequence[ModelResult]) -> dict[str, dict[str, float]] | None:
     found = next((each.coherence for each in models if isinstance(each.coherence, Coherence)), None)
-    if found is None:
-        return None
+    return None if found is None else in_band(found)
+
+
+def in_band(found: Coherence) -> dict[str, dict[str, float]] | None:
+    """Sum a coherence up over the frequencies at which a multirotor answers; None where it has none of them."""
     band = (found.frequency >= BAND[0]) & (found.frequency <= BAND[1])
     if not band.any():
         return None
