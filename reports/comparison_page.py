@@ -13,7 +13,7 @@ from reports import summary
 from reports.comparison import change
 from reports.figure import Figure, layout_of
 from reports.html import render
-from reports.markdown import markdown_table
+from reports.markdown import escaped, markdown_table
 from reports.quantity import number, uncertain
 from reports.rows import Numbers
 
@@ -215,12 +215,14 @@ def _intervals(pair: Numbers, name: str) -> Figure | None:
 
 def comparison_markdown(numbers: Numbers) -> str:
     """Write the comparison for a pull request or a mail."""
-    lines = [f"# {numbers['a']['report']} against {numbers['b']['report']}", ""]
+    title = f"{numbers['a']['report']} against {numbers['b']['report']}"
+    lines = [f"# {escaped(title)}", ""]
     for pair in numbers["pairs"]:
-        lines += [f"## {heading(pair)}", "", flights(pair), "", *(f"{sentence}\n" for sentence in pair["sentences"])]
+        lines += [f"## {escaped(heading(pair))}", "", flights(pair), ""]
+        lines += [f"{escaped(sentence)}\n" for sentence in pair["sentences"]]
         for title, table in tables(pair):
             lines += [f"### {title}", "", markdown_table(table), ""]
-    return "\n".join([*lines, unpaired(numbers)]).rstrip() + "\n"
+    return "\n".join([*lines, escaped(unpaired(numbers))]).rstrip() + "\n"
 
 
 def comparison_overview(numbers: Numbers) -> RenderableType:

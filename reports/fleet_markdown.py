@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from reports import fleet_views, summary
 from reports.craft_views import average_table
 from reports.drift_views import drift_sentences
-from reports.markdown import markdown_table
+from reports.markdown import escaped, markdown_table
 from reports.quantity import counted, uncertain
 from reports.rows import Numbers
 
@@ -18,7 +18,7 @@ _MOST = 5
 
 def fleet_markdown(numbers: Numbers) -> str:
     """Write the summary: what was analysed, each craft, and what went wrong."""
-    lines = [f"## {_text(fleet_views.title(numbers))}", "", _text(fleet_views.facts(numbers)), ""]
+    lines = [f"## {escaped(fleet_views.title(numbers))}", "", escaped(fleet_views.facts(numbers)), ""]
     for craft in numbers["groups"]:
         lines += _craft(craft, len(numbers["groups"]) > 1)
     if not numbers["groups"]:
@@ -29,14 +29,14 @@ def fleet_markdown(numbers: Numbers) -> str:
         lines += ["**Health of the logs**", ""]
         lines += [
             f"- {finding['severity']}, {counted(len(finding['flights']), 'log')}: "
-            + _text(summary.sentence(finding["reason"]))
+            + escaped(summary.sentence(finding["reason"]))
             for finding in worrying[:_MOST]
         ]
         lines += [*_more(worrying, "kinds of findings"), ""]
     failures = numbers["failures"]
     if failures:
         lines += ["**Logs that gave nothing**", ""]
-        lines += [f"- `{each['file'].replace('`', '')}`: {_text(each['reason'])}" for each in failures[:_MOST]]
+        lines += [f"- `{each['file'].replace('`', '')}`: {escaped(each['reason'])}" for each in failures[:_MOST]]
         lines += [*_more(failures, "logs"), ""]
     lines.append(f"<sub>rotorid {numbers['rotorid']}; all numbers are in report.json, plots in report.html.</sub>")
     return "\n".join(lines) + "\n"
@@ -44,31 +44,31 @@ def fleet_markdown(numbers: Numbers) -> str:
 
 def _craft(craft: Numbers, titled: bool) -> Iterator[str]:
     if titled:
-        yield from (f"### {_text(craft['name'])}", "")
-    yield from (f"{_MARKS[craft['verdict']['trust']]} **{_text(craft['verdict']['sentence'])}**", "")
-    yield from (_text(" ".join(summary.joint_sentences(craft))), "")
+        yield from (f"### {escaped(craft['name'])}", "")
+    yield from (f"{_MARKS[craft['verdict']['trust']]} **{escaped(craft['verdict']['sentence'])}**", "")
+    yield from (escaped(" ".join(summary.joint_sentences(craft))), "")
     table = average_table(craft)
     if table:
         marks = {model["title"]: _MARKS[model["verdict"]["trust"]] for model in craft["models"]}
         rows = [
             {
                 "kind": row["kind"],
-                "label": _text(row["label"]),
+                "label": row["label"],
                 "cells": [*map(str.strip, row["cells"]), marks.get(row["label"], "")],
             }
             for row in table["rows"]
         ]
         heads = [*(f"RMSE {output} (m)" for output in table["outputs"]), "trust"]
         yield from (markdown_table({"caption": "", "label": table["label"], "heads": heads, "rows": rows}), "")
-        yield from (f"<sub>{_text(table['caption'])}</sub>", "")
+        yield from (f"<sub>{escaped(table['caption'])}</sub>", "")
     found = [row for row in craft["parameters"] or [] if row["value"] is not None]
     if found:
         yield from ("<details><summary>Parameters</summary>", "")
         rows = [
             {
                 "kind": "",
-                "label": _text(row["parameter"]),
-                "cells": [_text(row["method"]), uncertain(row["value"], row["sigma"]), _text(row["unit"])],
+                "label": row["parameter"],
+                "cells": [row["method"], uncertain(row["value"], row["sigma"]), row["unit"]],
             }
             for row in found
         ]
@@ -79,8 +79,8 @@ def _craft(craft: Numbers, titled: bool) -> Iterator[str]:
             "</details>",
             "",
         )
-    yield from (f"- {_text(sentence)}" for sentence in drift_sentences(craft["drift"]))
-    yield from (f"- Next time: {_text(summary.sentence(each['do']))}" for each in craft["advice"][:_MOST])
+    yield from (f"- {escaped(sentence)}" for sentence in drift_sentences(craft["drift"]))
+    yield from (f"- Next time: {escaped(summary.sentence(each['do']))}" for each in craft["advice"][:_MOST])
     yield ""
 
 
@@ -88,11 +88,11 @@ def _flights(numbers: Numbers) -> Iterator[str]:
     rows = [
         {
             "kind": "",
-            "label": _text(row["name"]),
+            "label": row["name"],
             "cells": [
                 row["airborne"],
                 *([cell.strip() for cell in row["cells"]] or ["–"] * 3),
-                f"{_MARKS[row['trust']]} {_text(row['model'] or row['reason'])}",
+                f"{_MARKS[row['trust']]} {row['model'] or row['reason']}",
             ],
         }
         for row in fleet_views.flight_rows(numbers, fleet_views.links(numbers["flights"]))[: 4 * _MOST]
@@ -103,10 +103,3 @@ def _flights(numbers: Numbers) -> Iterator[str]:
 
 def _more(found: list[Numbers], what: str) -> list[str]:
     return [f"- and {len(found) - _MOST} more {what}"] if len(found) > _MOST else []
-
-
-def _text(text: str) -> str:
-    """Escape what Markdown and HTML would take for their own."""
-    for mark in "\\`*_[]<>#|":
-        text = text.replace(mark, {"<": "&lt;", ">": "&gt;"}.get(mark, f"\\{mark}"))
-    return " ".join(text.split())

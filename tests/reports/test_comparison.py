@@ -213,3 +213,9 @@ def test_text_of_reports_is_escaped_in_the_page():
     page = comparison_page(compare_reports(report(evil), report(evil), ("<b>a</b>", "b")))
     assert "<script>alert(1)" not in page
     assert "<b>a</b>" not in page
+
+
+def test_text_of_reports_breaks_no_table_of_the_markdown():
+    odd = craft([7.0, 7.1], vehicle=VEHICLE | {"firmware": "a|b_<i>"})
+    text = comparison_markdown(compare_reports(report(craft([7.0, 7.1])), report(odd), ("a", "b")))
+    assert "| firmware (craft) | – | a\\|b\\_&lt;i&gt; |" in text
