@@ -110,9 +110,9 @@ def run_once(count: int, logs: Path, out: Path) -> dict[str, Any]:
     """Analyse a folder with so many workers; in a process of its own."""
     import pipeline
     import reports
-    from pipeline.commands.analyze import PRELOAD
     from pipeline.execution.executors import Processes
     from pipeline.flight import analyze
+    from rotorid.cli.analyze import PRELOAD
 
     with Processes(count, PRELOAD) as processes:
         for first in [processes.submit(measured, analyze, (SHORT,), {}) for _ in range(count)]:
@@ -149,7 +149,15 @@ def run_once(count: int, logs: Path, out: Path) -> dict[str, Any]:
 
 def unchanged(logs: Path, out: Path) -> tuple[float, float]:
     """Run the command on a folder that it knows: seconds and CPU seconds of the whole program."""
-    command = [sys.executable, "-c", "from pipeline.cli import main; main()", "analyze", str(logs), "--out", str(out)]
+    command = [
+        sys.executable,
+        "-c",
+        "from rotorid.cli.main import main; main()",
+        "analyze",
+        str(logs),
+        "--out",
+        str(out),
+    ]
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     seconds, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)

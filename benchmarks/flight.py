@@ -127,7 +127,7 @@ def help_seconds(passes: int = 7) -> float:
     for _ in range(passes):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(
-            [sys.executable, "-c", "from pipeline.cli import main; main()", "--help"],
+            [sys.executable, "-c", "from rotorid.cli.main import main; main()", "--help"],
             check=True,
             cwd=ROOT,
             stdout=subprocess.DEVNULL,

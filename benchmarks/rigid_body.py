@@ -14,16 +14,16 @@ import pandas as pd
 
 from estimation import estimate
 from logparse import Motor, Vehicle, read_log
-from simulation.elhesasy2024 import octocopter
 from simulation.fly import Setup, fly
 from simulation.mission import Chirp, GoTo, Mission, Turn
+from simulation.papers.elhesasy2024 import octocopter
 from simulation.place import Place
 from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, validate
-from sysid._rigid_kernels import GRAVITY
-from sysid.body_motion import SHARED, THETA, Motion, motion
-from sysid.context import standard_density
-from sysid.output_error import Prior, fit_output_error
+from sysid.records.context import standard_density
+from sysid.rigid_body._rigid_kernels import GRAVITY
+from sysid.rigid_body.body_motion import SHARED, THETA, Motion, motion
+from sysid.rigid_body.output_error import Prior, fit_output_error
 
 LOGS = Path("../shared/logs/sitl")
 NOT_HERE = "no logs"

@@ -127,7 +127,7 @@ def _service(data: Path) -> Iterator[tuple[str, int]]:
     address = f"http://127.0.0.1:{port}"
     settings = {"ROTORID_DATA": str(data), "ROTORID_UPLOAD_LIMIT": "2GB", "ROTORID_UPLOAD_RATE": ""}
     program = subprocess.Popen(
-        [sys.executable, "-c", "from pipeline.cli import main; main()", "serve", "--port", str(port)],
+        [sys.executable, "-c", "from rotorid.cli.main import main; main()", "serve", "--port", str(port)],
         env=os.environ | settings,
         cwd=ROOT,
         stdout=subprocess.DEVNULL,

@@ -19,8 +19,8 @@ from scipy.linalg import expm
 from scipy.signal import lfilter, lsim, max_len_seq
 
 from sysid import Experiment, fit_transfer_functions
-from sysid.response import discretise
-from sysid.sections import denominators
+from sysid.transfer_functions.response import discretise
+from sysid.transfer_functions.sections import denominators
 
 #: Rao and Garnier 2002: a fast lightly damped mode beside a slow one, non-minimum phase.
 NUM, DEN = [-6400.0, 1600.0], [1.0, 5.0, 408.0, 416.0, 1600.0]

@@ -19,7 +19,7 @@ import pandas as pd
 from estimation import Trajectory, estimate
 from logparse import FlightLog, read_log
 from sysid import Experiment, Validation, fit_closed_loop, fit_transfer_functions, validate
-from sysid.excitation import coherence, examine
+from sysid.records.excitation import coherence, examine
 
 SITL = Path(__file__).resolve().parents[2] / "shared" / "logs" / "sitl"
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from benchmarks.sysid import octocopter_record
 from sysid import Experiment
-from sysid.reduction import Cut, Elsewhere, Spread
-from sysid.sections import resolvable_band
-from sysid.separable import Problem, nonlinear_system, solve
+from sysid.transfer_functions.reduction import Cut, Elsewhere, Spread
+from sysid.transfer_functions.sections import resolvable_band
+from sysid.transfer_functions.separable import Problem, nonlinear_system, solve
 
 #: Records, and samples of each: a minute at 10 Hz, as most flights of sample_logs/.
 COUNTS, SAMPLES = (10, 100, 1000), 600

@@ -10,7 +10,7 @@ from pipeline.config import AnalysisConfig
 from pipeline.kinds import Kind
 from pipeline.results import ModelResult, Prediction
 from pipeline.stages import Stages
-from sysid.excitation import Coherence, coherence
+from sysid.records.excitation import Coherence, coherence
 
 #: Part of the time limit of a stage after which a scan of orders ends with what it has.
 SCAN_PART = 0.8

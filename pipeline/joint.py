@@ -28,7 +28,7 @@ from pipeline.stages import Progress, Stages, silent
 from pipeline.storage.dataset import EXPERIMENTS, part, read_experiment
 from pipeline.storage.store import open_store
 from pipeline.trends.drift import follow
-from sysid.reduction import Spread
+from sysid.transfer_functions.reduction import Spread
 
 _LOG = logging.getLogger("rotorid.pipeline")
 

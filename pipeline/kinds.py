@@ -9,7 +9,7 @@ from typing import Protocol
 import sysid
 from pipeline.config import AnalysisConfig
 from pipeline.stages import Progress
-from sysid.reduction import Spread
+from sysid.transfer_functions.reduction import Spread
 
 #: Part of the time limit of a stage after which a fit gives the best model so far instead of being given up.
 FIT_PART = 0.5

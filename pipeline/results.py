@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pipeline.storage.store import Store
     from pipeline.trends.drift import Drift
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
-    from sysid.excitation import Coherence
+    from sysid.records.excitation import Coherence
 
 
 #: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.

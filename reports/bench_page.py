@@ -10,8 +10,8 @@ from typing import Any
 from reports.figure import Figure, Trace, layout_of
 from reports.html import render
 from reports.quantity import number, uncertain
-from sysid.bench import Bench
-from sysid.bench_table import BenchError
+from sysid.bench.stand import Bench
+from sysid.bench.table import BenchError
 
 #: Colours of motors, the same in every plot of the page, and their line styles beyond the first four.
 _COLORS = ("@own", "@joint", "@mixer", "@body")

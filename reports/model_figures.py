@@ -12,7 +12,7 @@ from pipeline.results import ModelResult
 from reports.figure import Figure, Trace, layout_of, model_color, plotly_text, short
 from reports.rows import Numbers
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel
-from sysid.frequency_response import Root, frequency_response, poles, zeros
+from sysid.transfer_functions.frequency_response import Root, frequency_response, poles, zeros
 
 #: Frequencies of a Bode plot.
 POINTS = 60

@@ -18,7 +18,7 @@ from reports.rows import Numbers, average, held_out
 if TYPE_CHECKING:
     from logparse import Finding, Vehicle
     from sysid import Model, PhysicalParameters, Validation
-    from sysid.excitation import Coherence
+    from sysid.records.excitation import Coherence
 
 
 def flight_numbers(result: FlightResult) -> Numbers:

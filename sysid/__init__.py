@@ -5,28 +5,28 @@ state), ``predict(experiment, horizon)`` (restarted at every sample), ``to_dict(
 ``training`` (names of the records it was fitted to); `validate` judges it on records it has not seen.
 """
 
-from sysid.arx import ArxModel, fit_arx
-from sysid.bench import Bench, analyse_bench
-from sysid.bench_table import BenchError, read_bench
-from sysid.bifilar import bifilar, check_thread
-from sysid.body_fit import fit_rigid_body
-from sysid.closed_loop import ClosedLoopModel, fit_closed_loop
-from sysid.craft_export import write_craft
-from sysid.experiment import Experiment, ExperimentError
-from sysid.frame_json import FrameExport, frame_json
-from sysid.hover import HoverModel, hover_from_speeds, hover_model
-from sysid.kim2017 import Kim2017Model, fit_kim2017
-from sysid.order import OrderScan, scan_orders
-from sysid.pem import fit_transfer_functions
-from sysid.physical import PhysicalParameters, physical_parameters
-from sysid.refinement2020 import Refinement2020Model, fit_refinement2020
-from sysid.rigid_body import BodyParameter, RigidBodyModel
-from sysid.rotor import RotorModel, fit_rotor
-from sysid.thrust import ThrustModel, fit_thrust
-from sysid.thrust_regression import ThrustCoefficient
-from sysid.transfer_function import FitReport, TransferFunction, TransferFunctionModel
-from sysid.validation import Model, Validation, validate
-from sysid.wind import FlightTrim
+from sysid.bench.pendulum import bifilar, check_thread
+from sysid.bench.stand import Bench, analyse_bench
+from sysid.bench.table import BenchError, read_bench
+from sysid.records.experiment import Experiment, ExperimentError
+from sysid.rigid_body.body_fit import fit_rigid_body
+from sysid.rigid_body.craft_export import write_craft
+from sysid.rigid_body.frame_json import FrameExport, frame_json
+from sysid.rigid_body.hover import HoverModel, hover_from_speeds, hover_model
+from sysid.rigid_body.model import BodyParameter, RigidBodyModel
+from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
+from sysid.rigid_body.wind import FlightTrim
+from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
+from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
+from sysid.rotors.rotor import RotorModel, fit_rotor
+from sysid.rotors.thrust import ThrustModel, fit_thrust
+from sysid.rotors.thrust_regression import ThrustCoefficient
+from sysid.transfer_functions.arx import ArxModel, fit_arx
+from sysid.transfer_functions.closed_loop import ClosedLoopModel, fit_closed_loop
+from sysid.transfer_functions.pem import fit_transfer_functions
+from sysid.transfer_functions.transfer_function import FitReport, TransferFunction, TransferFunctionModel
+from sysid.validation.assessment import Model, Validation, validate
+from sysid.validation.order import OrderScan, scan_orders
 
 __all__ = [
     "ArxModel",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.advice.recommendation import Advice, having, names_of
 from pipeline.flown.envelope import shown
 from pipeline.split import POOR_POSITION, position_sigma, unfit
-from sysid.wind import LIGHT, TURBULENCE
+from sysid.rigid_body.wind import LIGHT, TURBULENCE
 
 if TYPE_CHECKING:
     from pipeline.entry import FlightEntry
@@ -136,7 +136,7 @@ def _conditions(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
 
 
 def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
-    """Say how fast to fly so that drag can be told from the wind that nobody measured (see `sysid.airspeed`)."""
+    """Recommend a speed at which drag stands out from unmeasured wind (see `sysid.rigid_body.airspeed`)."""
     if not flights or _DRAG & set(told):
         return
     windy = [flight for flight in flights if flight.coverage.get("wind") is not None]

@@ -18,9 +18,9 @@ import sysid
 from pipeline.flown.excitation import Excitation, excitation_of
 from pipeline.flown.log_health import LogHealth, log_health
 from pipeline.kinds import RIGID_BODY_KEY
-from sysid.context import resample_frame, shared_context
-from sysid.thrust_curve import curve, motor_commands
-from sysid.wind import WIND_HEIGHT, FlightTrim
+from sysid.records.context import resample_frame, shared_context
+from sysid.records.thrust_curve import curve, motor_commands
+from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

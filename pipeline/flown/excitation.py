@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from logparse import MissingDataError
-from sysid.context import resample_frame
-from sysid.excitation import Coherence
-from sysid.mixer import project
-from sysid.rotation import STILL
-from sysid.rotor import VARYING
+from sysid.records.context import resample_frame
+from sysid.records.excitation import Coherence
+from sysid.records.mixer import project
+from sysid.rigid_body.rotation import STILL
+from sysid.rotors.rotor import VARYING
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,7 +58,7 @@ class AxisExcitation:
         Standard deviation of the mixer's command, in parts of a motor's full thrust.
     word : str
         ``"none"``, ``"weak"``, ``"fair"`` or ``"strong"``; weak ends where identification begins to believe an axis
-        (`sysid.rotation.STILL`, `sysid.rotor.VARYING`).
+        (`sysid.rigid_body.rotation.STILL`, `sysid.rotors.rotor.VARYING`).
     """
 
     rms: float
@@ -121,7 +121,7 @@ def excitation_of(
     log : FlightLog
     trajectory : Trajectory
     context : DataFrame
-        Of the flight on a uniform clock, as `sysid.context.flight_context` gives it.
+        Of the flight on a uniform clock, as `sysid.records.context.flight_context` gives it.
     models : sequence of ModelResult
         Whose coherence is summed up: the first that has one.
     """

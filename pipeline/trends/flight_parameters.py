@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline.kinds import THRUST_KEY
-from sysid.physical import METHODS
-from sysid.thrust_curve import curve, motor_commands
-from sysid.thrust_regression import BLOCK_SECONDS, regress, vehicle_of
+from sysid.records.thrust_curve import curve, motor_commands
+from sysid.rigid_body.physical import METHODS
+from sysid.rotors.thrust_regression import BLOCK_SECONDS, regress, vehicle_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.trends.meta_analysis import MetaRegression, meta_regression
-from sysid.thrust_regression import AIR_SIGMA
+from sysid.rotors.thrust_regression import AIR_SIGMA
 
 Floats = NDArray[np.float64]
 

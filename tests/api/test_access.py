@@ -18,7 +18,7 @@ from api.local_only import LOOPBACK
 from api.records import ShareRecord, TokenRecord
 from api.routes import page_forms, pages
 from api.settings import Access
-from pipeline.cli import app as command_line
+from rotorid.cli.main import app as command_line
 from tests.api import standins
 from tests.api.conftest import running
 

@@ -5,8 +5,8 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.cli import app
-from sysid.bench_table import BenchError
+from rotorid.cli.main import app
+from sysid.bench.table import BenchError
 
 RUN = CliRunner()
 

@@ -14,7 +14,7 @@ import pytest
 
 import pipeline
 import reports
-from pipeline import cli
+from rotorid.cli import main as cli
 from tests.reports.conftest import made_flight
 
 ROOT = Path(__file__).parents[2]
@@ -22,7 +22,7 @@ SAMPLES = ROOT / "sample_logs"
 
 
 def rotorid(*arguments, cwd=None):
-    command = [sys.executable, "-c", "from pipeline.cli import main; main()", *map(str, arguments)]
+    command = [sys.executable, "-c", "from rotorid.cli.main import main; main()", *map(str, arguments)]
     environment = os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "PYTHONPATH": str(ROOT)}
     return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=3000)
 
@@ -72,13 +72,14 @@ def test_wrong_usage_ends_with_2_and_says_why(arguments, tmp_path, rotorid_here,
 
 def test_help_waits_for_nothing_but_what_it_needs():
     """Help within 0.3 s: what takes longer to import than help may take, however fast the machine, stays away."""
-    script = "import sys\nfrom pipeline import cli\n"
+    script = "import sys\nfrom rotorid.cli import main as cli\n"
     commands = ([], *([command.callback.__name__] for command in cli.app.registered_commands), ["token", "create"])
     script += f"for command in {list(commands)}:\n    cli.app([*command, '--help'], standalone_mode=False)\n"
     script += "print(sorted({name.partition('.')[0] for name in sys.modules} - set(sys.stdlib_module_names)))"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, timeout=3000)
     *text, modules = run.stdout.splitlines()
     assert {name for name in ast.literal_eval(modules) if not name.startswith("_")} <= {
+        "rotorid",
         "pipeline",
         "logparse",
         "shellingham",
@@ -232,7 +233,7 @@ def test_a_folder_with_good_and_bad_logs(tmp_path):
 def _unchanged(first, *arguments):
     """Run the same again: it says the same, does nothing, and waits for no numerical package."""
     script = (
-        "import atexit, sys\nfrom pipeline.cli import main\n"
+        "import atexit, sys\nfrom rotorid.cli.main import main\n"
         "heavy = {'numpy', 'pandas', 'scipy', 'numba', 'pyarrow', 'plotly', 'fsspec'}\n"
         "atexit.register(lambda: print('heavy:', *heavy & set(sys.modules), file=sys.stderr))\nmain()"
     )

@@ -12,9 +12,9 @@ import logparse
 from pipeline.flown.coverage import QUANTITIES, measure, summarise
 from pipeline.flown.excitation import _word
 from pipeline.results import FlightResult, Span
-from simulation import elhesasy2024
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
+from simulation.papers import elhesasy2024
 from simulation.place import Place
 from simulation.sample_flights import SampleFlight
 from simulation.sample_logs import fly_sample, write_flight

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.errors import ConfigError
+from rotorid.cli.main import app
 
 RUN = CliRunner()
 LOG = "sample_logs/octa05_nairobi_turns.bin"

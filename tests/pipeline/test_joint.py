@@ -113,13 +113,13 @@ def test_records_spread_over_many_workers_give_the_same_models(craft, store, her
         in_flight = 100
 
         def submit(self, work, /, *args, **named):
-            if dead and work.__module__ == "sysid.reduction":
+            if dead and work.__module__ == "sysid.transfer_functions.reduction":
                 raise BrokenExecutor("killed")
             return super().submit(work, *args, **named)
 
     monkeypatch.setattr(joint, "SPREAD_FROM", 1)
-    monkeypatch.setattr("sysid.search.LEAST_SEARCHED", 100)
-    monkeypatch.setattr("sysid.search.SEARCHED", 5)
+    monkeypatch.setattr("sysid.transfer_functions.search.LEAST_SEARCHED", 100)
+    monkeypatch.setattr("sysid.transfer_functions.search.SEARCHED", 5)
     alone = identify(craft, store)
     with Wide(1) as executor:
         spread = identify(craft, store, executor)

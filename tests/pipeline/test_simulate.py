@@ -6,9 +6,9 @@ import re
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.errors import ConfigError
 from reports.packing import unpack
+from rotorid.cli.main import app
 from simulation import CASES, ArrivalError
 
 RUNNER = CliRunner()

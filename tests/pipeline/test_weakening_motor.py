@@ -13,9 +13,9 @@ from pipeline.entry import FlightEntry
 from pipeline.results import Span
 from pipeline.trends.drift import follow
 from pipeline.trends.flight_parameters import SHARES, motor_shares
-from simulation import elhesasy2024
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
+from simulation.papers import elhesasy2024
 from simulation.place import Place
 from simulation.rotor import QuadraticRotor
 from simulation.sample_flights import SampleFlight

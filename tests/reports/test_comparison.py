@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.errors import ConfigError
 from reports.comparison import SIGNIFICANCE, change, compare_reports
 from reports.comparison_page import comparison_markdown, comparison_page
+from rotorid.cli.main import app
 
 VEHICLE = {"frame_class": "quad", "frame_type": "x", "spin_min": 0.15, "board_id": "7"}
 

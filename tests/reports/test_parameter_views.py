@@ -93,7 +93,7 @@ def test_page_json_and_models_have_both(flight, tmp_path):
         index=index,
     )
     found = sysid.PhysicalParameters(table, None, None, None, None, None)
-    spectra = sysid.excitation.coherence([flight.experiments["motors"]])
+    spectra = sysid.records.excitation.coherence([flight.experiments["motors"]])
     models = (dataclasses.replace(flight.models[0], coherence=spectra), *flight.models[1:])
     result = dataclasses.replace(flight, parameters=found, models=models)
     page = reports.write(result, tmp_path).read_text("utf-8")

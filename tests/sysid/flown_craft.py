@@ -9,7 +9,7 @@ from simulation.place import Place
 from simulation.vehicle import Multirotor
 from simulation.wind import Wind
 from sysid import Experiment
-from sysid.context import standard_density
+from sysid.records.context import standard_density
 from tests.sysid.simulated_craft import described
 
 #: Back and forth at several speeds, up and down, every axis shaken, with turns between: what tells every parameter.

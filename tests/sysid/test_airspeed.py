@@ -9,9 +9,9 @@ from simulation.mission import Chirp, Mission, Wait
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
 from sysid import fit_rigid_body
-from sysid.airspeed import MOST, doubt_of_air
-from sysid.body_motion import Motion, rotation_matrices
-from sysid.wind import FlightTrim
+from sysid.rigid_body.airspeed import MOST, doubt_of_air
+from sysid.rigid_body.body_motion import Motion, rotation_matrices
+from sysid.rigid_body.wind import FlightTrim
 from tests.sysid.flown_craft import flown, record
 
 SHAKEN = Mission(

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from sysid import Experiment, ExperimentError
-from sysid.arx import fit_arx
-from sysid.validation import validate
+from sysid.transfer_functions.arx import fit_arx
+from sysid.validation.assessment import validate
 
 A, B = [1.0, -1.5, 0.7], [[0.0, 1.0, 0.5], [0.0, -0.3, 0.2]]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from logparse import Vehicle
-from simulation import kim2017
-from sysid.bench import analyse_bench
-from sysid.bench_table import BenchError, read_bench
-from sysid.bifilar import Threads, bifilar, check_thread
+from simulation.papers import kim2017
+from sysid.bench.pendulum import Threads, bifilar, check_thread
+from sysid.bench.stand import analyse_bench
+from sysid.bench.table import BenchError, read_bench
 
 PWM = np.arange(1000.0, 2001.0, 100.0)
 WEIGHT = 2.6 * 9.80665

@@ -9,8 +9,8 @@ from scipy.signal import lfilter, lsim
 from estimation import estimate
 from logparse import read_log
 from sysid import Experiment, ExperimentError, fit_closed_loop, validate
-from sysid.closed_loop import _closed
-from sysid.transfer_function import TransferFunction
+from sysid.transfer_functions.closed_loop import _closed
+from sysid.transfer_functions.transfer_function import TransferFunction
 
 SITL = Path(__file__).resolve().parents[3] / "shared" / "logs" / "sitl"
 

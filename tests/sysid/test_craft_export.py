@@ -10,12 +10,12 @@ from scipy.io import loadmat
 
 from logparse import MissingDataError, Vehicle
 from logparse.frames import motor_table
-from simulation import kim2017 as paper
 from simulation.controllers import hover_linearisation
-from sysid.craft_export import write_craft
-from sysid.frame_json import frame_json
-from sysid.hover import hover_from_speeds, hover_model
-from sysid.rigid_body import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
+from simulation.papers import kim2017 as paper
+from sysid.rigid_body.craft_export import write_craft
+from sysid.rigid_body.frame_json import frame_json
+from sysid.rigid_body.hover import hover_from_speeds, hover_model
+from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
 
 G = 9.80665
 OCTA = Vehicle(motors=motor_table("octa", "plus"), spin_min=0.15, spin_max=0.95, thrust_expo=0.65)

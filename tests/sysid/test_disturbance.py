@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from sysid.disturbance import FADE, Disturbance, fit_disturbance, steady_gains
+from sysid.transfer_functions.disturbance import FADE, Disturbance, fit_disturbance, steady_gains
 
 DT = 0.1
 

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from logparse import Vehicle
 from sysid import Experiment, ExperimentError
-from sysid.excitation import coherence, examine
+from sysid.records.excitation import coherence, examine
 from tests.sysid.simulated import motion
 
 DT = 0.1

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from sysid import Experiment, ExperimentError
-from sysid.experiment import require_alike
+from sysid.records.experiment import require_alike
 
 T = np.arange(100) * 0.1
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.io import loadmat
 
 from sysid import TransferFunctionModel, fit_transfer_functions
-from sysid.export import ExportError, coefficients, to_control, write_mat
+from sysid.transfer_functions.export import ExportError, coefficients, to_control, write_mat
 from tests.sysid.simulated import simulated_record
 
 

@@ -11,8 +11,8 @@ import pytest
 from estimation import STATE_COLUMNS
 from logparse import Geodetic, MissingDataError, Tables, Vehicle
 from sysid import Experiment
-from sysid.context import air_density, standard_density
-from sysid.resampling import resample
+from sysid.records.context import air_density, standard_density
+from sysid.records.resampling import resample
 
 
 @dataclass

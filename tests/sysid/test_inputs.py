@@ -12,7 +12,7 @@ from logparse import Geodetic, MissingDataError, Tables, Vehicle, read_log
 from logparse.frames import motor_table
 from logparse.tables import COLUMNS
 from sysid import Experiment
-from sysid.excitation import coherence
+from sysid.records.excitation import coherence
 from tests.sysid.flights import frame, made
 
 T = np.arange(0.0, 60.0, 0.1)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from logparse import MissingDataError
-from simulation import kim2017 as paper
-from simulation.elhesasy2024 import octocopter
-from sysid.experiment import ExperimentError
-from sysid.kim2017 import fit_kim2017
-from sysid.thrust_curve import Law
+from simulation.papers import kim2017 as paper
+from simulation.papers.elhesasy2024 import octocopter
+from sysid.records.experiment import ExperimentError
+from sysid.records.thrust_curve import Law
+from sysid.rotors.kim2017 import fit_kim2017
 from tests.sysid.simulated_craft import disturbed, flight, without
 
 THRUST = paper.THRUST_COEFFICIENTS[-1]

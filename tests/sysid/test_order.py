@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from sysid import Experiment, ExperimentError, scan_orders
-from sysid.order import recommend
+from sysid.validation.order import recommend
 from tests.sysid.simulated import motion, simulated_record
 
 #: Third order, one zero: simulated by SciPy.

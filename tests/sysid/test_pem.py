@@ -8,7 +8,7 @@ import pytest
 
 from logparse import RotoridError
 from sysid import Experiment, ExperimentError, fit_transfer_functions
-from sysid.experiment import horizon_steps
+from sysid.records.experiment import horizon_steps
 from tests.sysid.simulated import TRUE, motion, simulated_record
 
 POLES, ZEROS = 3, 1

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulation.elhesasy2024 import octocopter
+from simulation.papers.elhesasy2024 import octocopter
 from sysid import Experiment, analyse_bench, fit_rigid_body, physical_parameters, read_bench
-from sysid.physical import METHODS, UNITS
+from sysid.rigid_body.physical import METHODS, UNITS
 from tests.sysid.simulated_craft import flight, without
 
 LOGS = Path("../shared/logs/sitl")

@@ -10,9 +10,9 @@ import pytest
 from scipy.signal import lfilter
 
 from sysid import Experiment, fit_closed_loop, fit_transfer_functions
-from sysid.reduction import Spread
-from sysid.response import discretise
-from sysid.sections import denominators
+from sysid.transfer_functions.reduction import Spread
+from sysid.transfer_functions.response import discretise
+from sysid.transfer_functions.sections import denominators
 
 COUNT, SAMPLES, STEP = 6, 800, 0.1
 

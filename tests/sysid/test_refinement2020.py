@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from logparse import MissingDataError
-from simulation.elhesasy2024 import octocopter
-from simulation.kim2017 import quadcopter
-from sysid.refinement2020 import fit_refinement2020
+from simulation.papers.elhesasy2024 import octocopter
+from simulation.papers.kim2017 import quadcopter
+from sysid.rotors.refinement2020 import fit_refinement2020
 from tests.sysid.simulated_craft import disturbed, flight, without
 
 #: The paper's drag: C |v| v on each axis, here 0.0306 N s^2/m^2.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from sysid.residuals import examine_residuals
+from sysid.statistics.residuals import examine_residuals
 
 
 def inputs(rng, samples=600, count=2):

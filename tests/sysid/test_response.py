@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lsim, lti, step
 
-from sysid.response import INITIAL_SECONDS, discretise, free_run
-from sysid.sections import denominators
+from sysid.transfer_functions.response import INITIAL_SECONDS, discretise, free_run
+from sysid.transfer_functions.sections import denominators
 
 POLES = np.array(
     [

@@ -8,21 +8,22 @@ import numpy as np
 import pytest
 
 from logparse import MissingDataError
-from simulation.elhesasy2024 import octocopter
+from simulation.papers.elhesasy2024 import octocopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
-from sysid import Experiment, ExperimentError, body_fit, fit_rigid_body, validate
-from sysid._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG, accelerations, path, path_sensitivities
-from sysid.body_motion import Motion, rotation_matrices
-from sysid.output_error import _within
-from sysid.thrust_curve import lagged
+from sysid import Experiment, ExperimentError, fit_rigid_body, validate
+from sysid.records.thrust_curve import lagged
+from sysid.rigid_body import body_fit
+from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG, accelerations, path, path_sensitivities
+from sysid.rigid_body.body_motion import Motion, rotation_matrices
+from sysid.rigid_body.output_error import _within
 from tests.sysid.flown_craft import HOVER, flown, record
 
 RATE = 25.0
 
 
 def truth(craft, voltage):
-    """Give what the equations of `sysid.rigid_body` should find for a craft of `simulation`."""
+    """Give what the equations of `sysid.rigid_body.model` should find for a craft of `simulation`."""
     rotor, drive = craft.rotors[0].rotor, craft.drive
     full = rotor.thrust_coefficient * (drive.speed_max * voltage / drive.voltage_reference) ** 2
     mass, arm = craft.mass, float(np.hypot(*craft.rotors[0].position[:2]))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from logparse import MissingDataError
-from simulation.elhesasy2024 import octocopter
-from simulation.kim2017 import quadcopter
-from sysid.kim2017 import fit_kim2017
-from sysid.rotor import fit_rotor
-from sysid.thrust_curve import Law, lagged
+from simulation.papers.elhesasy2024 import octocopter
+from simulation.papers.kim2017 import quadcopter
+from sysid.records.thrust_curve import Law, lagged
+from sysid.rotors.kim2017 import fit_kim2017
+from sysid.rotors.rotor import fit_rotor
 from tests.sysid.simulated_craft import flight, without
 from tests.sysid.test_thrust import flight as level_flight
 

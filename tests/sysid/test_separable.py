@@ -5,9 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sysid.sections import Band
-from sysid.separable import Problem, descend, nonlinear_system, reduced_information, sensitivities, solve
-from sysid.uncertainty import effective_parameters, parameter_covariance
+from sysid.transfer_functions.sections import Band
+from sysid.transfer_functions.separable import (
+    Problem,
+    descend,
+    nonlinear_system,
+    reduced_information,
+    sensitivities,
+    solve,
+)
+from sysid.transfer_functions.uncertainty import effective_parameters, parameter_covariance
 
 BASE = Problem(
     inputs=(),

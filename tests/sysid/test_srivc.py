@@ -5,9 +5,9 @@ import pytest
 from scipy.signal import lfilter, lsim, max_len_seq
 
 from sysid import Experiment, fit_transfer_functions
-from sysid.sections import denominators, from_poles, resolvable_band, take
-from sysid.separable import Problem, descend, solve
-from sysid.srivc import refine, srivc
+from sysid.transfer_functions.sections import denominators, from_poles, resolvable_band, take
+from sysid.transfer_functions.separable import Problem, descend, solve
+from sysid.transfer_functions.srivc import refine, srivc
 
 #: Rao and Garnier 2002.
 NUM, DEN, STEP, SAMPLES = [-6400.0, 1600.0], [1.0, 5.0, 408.0, 416.0, 1600.0], 0.01, 7161

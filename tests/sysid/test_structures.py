@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import cont2discrete, lfilter, lsim
 
 from sysid import Experiment, fit_transfer_functions
-from sysid.transfer_function import TransferFunctionModel
+from sysid.transfer_functions.transfer_function import TransferFunctionModel
 
 DT, SAMPLES, FINE = 0.1, 1200, 20
 

@@ -1,1 +1,0 @@
-"""The commands of ``rotorid``, a file each; `pipeline.cli` puts them together."""

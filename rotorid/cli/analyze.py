@@ -1,0 +1,272 @@
+"""``rotorid analyze``: logs to models and a report."""
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.config import AnalysisConfig
+from rotorid.cli.exits import INTERRUPTED, OK, SOME_FAILED, fail
+from rotorid.cli.output import console, prepare
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from pipeline.results import Failure
+    from pipeline.storage.sources import Found, Source
+    from reports.rows import Numbers
+
+_DEFAULT = AnalysisConfig()
+
+#: What workers import once for all: analyses and the writing of their products.
+PRELOAD = ("pipeline.execution.executors", "pipeline.job", "pipeline.joint", "reports.folder")
+
+
+def analyze(
+    paths: Annotated[
+        list[str],
+        typer.Argument(
+            help="Logs (.bin, .log, .tlog, .ulg, told by content), folders of logs, and URLs of either (s3://...)."
+        ),
+    ],
+    out: Annotated[
+        str,
+        typer.Option(
+            help="Folder or URL for report.html, report.json and all else that is made. Of several logs it also keeps "
+            "what is done: the same command again does only what is new or changed, or was interrupted."
+        ),
+    ],
+    rate: Annotated[
+        float,
+        typer.Option(help="Samples per second of the fit. Autopilots log motor outputs at 10 Hz; more adds nothing."),
+    ] = _DEFAULT.rate,
+    poles: Annotated[
+        int, typer.Option(help="Poles of each transfer function. More follow a flight closer and others worse.")
+    ] = _DEFAULT.poles,
+    zeros: Annotated[int, typer.Option(help="Zeros of each transfer function, fewer than poles.")] = _DEFAULT.zeros,
+    mass: Annotated[
+        float | None,
+        typer.Option(help="Take-off mass in kg. A flight shows only k/m; with the mass, thrust comes in newtons."),
+    ] = None,
+    training: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Name (or pattern such as 'paper0[1-3]') of a flight to fit on; all others judge. "
+            "May be given several times. Default: half of them, chosen alike by place, day and excitation."
+        ),
+    ] = None,
+    validation: Annotated[
+        list[str] | None,
+        typer.Option(help="Name (or pattern) of a flight to judge on, likewise. Default: all that do not train."),
+    ] = None,
+    training_fraction: Annotated[
+        float, typer.Option(help="Of a single flight, the part to fit on; the rest judges.")
+    ] = _DEFAULT.training_fraction,
+    scan_orders: Annotated[
+        bool,
+        typer.Option(
+            "--scan-orders",
+            help="Also try other numbers of poles and zeros, and recommend one. Takes as long as ten more fits.",
+        ),
+    ] = _DEFAULT.scan_orders,
+    time_limit: Annotated[
+        float, typer.Option(help="Seconds after which a fit of one log is given up.")
+    ] = _DEFAULT.time_limit,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Logs analysed at the same time. Default: one for each processor, as far as memory goes."
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            help="Address of a Dask scheduler, such as tcp://cluster:8786, whose workers analyse; logs and --out "
+            "must be on disks that they share, or URLs (needs rotorid[cluster])."
+        ),
+    ] = None,
+    redo: Annotated[
+        bool, typer.Option("--redo", help="Analyse all logs anew, also those whose results are in --out already.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Write report.json to stdout instead of the table.")] = False,
+) -> None:
+    """Read logs, reconstruct the flights, fit models and judge them on flight time that they have not seen.
+
+    One log is fitted on the first part of its flight and judged on the rest. Of several logs each is analysed for
+    itself; flights of the same craft are then fitted jointly and judged on the other flights.
+
+    Example: rotorid analyze flights --out report --training 'march*'
+
+    Exit status: 0 all fine, 1 some logs failed (each is named with its reason) or no log gave a model, 2 wrong usage.
+    """
+    config = AnalysisConfig(
+        rate=rate,
+        poles=poles,
+        zeros=zeros,
+        mass=mass,
+        training=tuple(training or ()),
+        validation=tuple(validation or ()),
+        training_fraction=training_fraction,
+        scan_orders=scan_orders,
+        time_limit=time_limit,
+    )
+    from pipeline.fleet import check_choices
+    from pipeline.names import is_url
+    from pipeline.storage.sources import find
+
+    found = find(_existing(paths), besides=None if is_url(out) else Path(out))
+    _require_files(found, paths)
+    check_choices(found, config)
+    prepare(out)
+    single = len(found.sources) == 1 and found.sources[0].named and scheduler is None
+    if single and not (config.training or config.validation):
+        _one_log(found.sources[0], Path(out), config, as_json)
+    else:
+        sizes = [source.size for source in found.sources if source.named or source.called_a_log]
+        workers = _processes(jobs, sizes) if scheduler is None else _cluster(scheduler, jobs, paths, out)
+        try:
+            _several_logs(found, out, config, workers, redo, as_json)
+        except KeyboardInterrupt:
+            fail("interrupted; what is done is kept, and the same command goes on from there", INTERRUPTED)
+
+
+def _existing(paths: Sequence[str]) -> Sequence[str]:
+    from pipeline.names import is_url
+
+    missing = [path for path in paths if not is_url(path) and not Path(path).exists()]
+    if missing:
+        from pipeline.errors import ConfigError
+
+        raise ConfigError(f"{', '.join(missing)}: no such file or folder")
+    return paths
+
+
+def _require_files(found: "Found", paths: Sequence[str]) -> None:
+    if not found.sources and not found.failures:
+        from pipeline.errors import ConfigError
+
+        closed = (f"{each.source}: {each.reason}" for each in found.passed_over)
+        raise ConfigError(f"no files in {', '.join(paths)} ({'; '.join(closed)})")
+
+
+def _one_log(source: "Source", out: Path, config: AnalysisConfig, as_json: bool) -> None:
+    """Analyse a log anew and write its report."""
+    import pipeline
+    import reports
+    from pipeline.progress import shown
+    from pipeline.stages import overall
+    from pipeline.storage.sources import fetched
+    from reports.numbers import flight_numbers
+
+    with shown() as progress, fetched(source.url) as file:
+        advance = overall(progress)
+        result = pipeline.analyze(file, config, advance)
+        advance("report", 0.0)
+        try:
+            report = reports.write(result, out)
+        except OSError as error:  # the disk is full, for one: what was found must not go with it
+            _show(flight_numbers(result), "", as_json)
+            fail(f"the report could not be written: {error.filename or out}: {error.strerror}", SOME_FAILED)
+    # What was written need not be gathered again.
+    numbers = json.loads((out / "report.json").read_text("utf-8"))
+    _show(numbers, str(report), as_json)
+    _end(numbers, ())
+
+
+def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManager[Executor]":
+    """Give processes of this computer."""
+    from pipeline.execution.executors import processes
+
+    return processes(jobs, sizes, PRELOAD)
+
+
+@contextmanager
+def _cluster(scheduler: str, jobs: int | None, paths: Sequence[str], out: str) -> "Iterator[Executor]":
+    """Give the workers of a cluster, when they have shown that they can do this work."""
+    from pipeline.errors import ConfigError
+    from pipeline.execution.cluster import Cluster, SchedulerError
+
+    if jobs is not None:
+        raise ConfigError("--jobs counts processes of this computer; with --scheduler all workers of the cluster work")
+    with ExitStack() as stack:
+        try:
+            executor = stack.enter_context(Cluster(scheduler))
+            executor.check(paths, out)
+        except SchedulerError as error:  # before the work it is wrong usage, later it is not
+            raise ConfigError(str(error)) from error
+        yield executor
+
+
+def _several_logs(
+    found: "Found",
+    out: str,
+    config: AnalysisConfig,
+    workers: "AbstractContextManager[Executor]",
+    redo: bool,
+    as_json: bool,
+) -> None:
+    """Analyse what is new among logs and write the report on all, unless it stands already."""
+    import pipeline
+    import reports
+    from pipeline.progress import shown
+
+    with shown() as progress, workers as executor:
+        fleet = pipeline.analyze_fleet(found, config, executor, progress, store=out, publish=reports.publish, redo=redo)
+        try:
+            if not fleet.reported:
+                progress("writing the report", 0.99)
+                reports.write_fleet(fleet)
+                fleet.confirm_report()
+        except OSError as error:
+            _list_failures(fleet.failures)
+            kept = "what is done is kept; make room and run the same command again"
+            fail(f"the report could not be written: {error.strerror or error}; {kept}", SOME_FAILED)
+    numbers = json.loads(fleet.store.read("report.json"))
+    _show(numbers, f"{out.rstrip('/')}/report.html", as_json)
+    if not as_json and fleet.reused:
+        console().print(f"{fleet.reused} of {len(found.sources)} files were unchanged and not read again.", style="dim")
+    _end(numbers, fleet.failures)
+
+
+def _show(numbers: "Numbers", report: str, as_json: bool) -> None:
+    """Print what was found."""
+    from pipeline.names import printable
+    from reports import terminal
+
+    if as_json:
+        sys.stdout.write(json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+        return
+    stdout = console()
+    stdout.print(terminal.overview(numbers, stdout.width))
+    if report:
+        stdout.print(f"\nReport: {printable(report)}", markup=False, soft_wrap=True)
+
+
+def _end(numbers: "Numbers", failures: "Sequence[Failure]") -> None:
+    """End with the status that the findings deserve."""
+    from reports import terminal
+
+    _list_failures(failures)
+    modelless = terminal.no_model(numbers)
+    if modelless:
+        fail(modelless, SOME_FAILED)
+    raise typer.Exit(SOME_FAILED if failures else OK)
+
+
+def _list_failures(failures: "Sequence[Failure]") -> None:
+    """Name each log that gave nothing on stderr, with its reason."""
+    if not failures:
+        return
+    from rich.console import Console
+
+    from pipeline.names import printable
+
+    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    errors.print(f"\n{len(failures)} log{'s' if len(failures) > 1 else ''} gave nothing:", style="red")
+    for each in failures:
+        line = each.reason if each.reason.startswith(each.file) else f"{each.file}: {each.reason}"
+        errors.print(f"  {printable(line)}", markup=False, soft_wrap=True)

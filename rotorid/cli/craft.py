@@ -1,0 +1,96 @@
+"""``rotorid craft``: physical parameters of a craft by every method, and files for simulators."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rotorid.cli.output import console, prepare
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.table import Table
+
+#: Samples per second: rotation needs more than the transfer functions' ten.
+RATE = 50.0
+
+
+def craft(
+    logs: Annotated[
+        list[Path], typer.Argument(exists=True, dir_okay=False, help="Flights of one craft, logged by its autopilot.")
+    ],
+    mass: Annotated[float | None, typer.Option(min=0.0, help="Take-off mass, kg; motion does not tell it.")] = None,
+    arm: Annotated[
+        float | None, typer.Option(min=0.0, help="Distance of the motors from the centre, m; for inertia in kg m^2.")
+    ] = None,
+    disc_area: Annotated[
+        float | None, typer.Option(min=0.0, help="Area of all rotor discs, m^2, for the simulator's drag.")
+    ] = None,
+    bench: Annotated[
+        list[Path] | None,
+        typer.Option(
+            exists=True, dir_okay=False, help="Thrust-stand table, as rotorid bench reads it: a prior (needs --mass)."
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder for parameters.csv, craft.json, craft.mat and the simulator's sitl_frame.json.")
+    ] = Path("craft"),
+    as_json: Annotated[bool, typer.Option("--json", help="Write the table as JSON to stdout.")] = False,
+) -> None:
+    """Identify thrust, inertia, torque and drag by every method side by side, and write the craft for simulators.
+
+    Example: rotorid craft flight1.bin flight2.bin --mass 4.3 --arm 0.32 --out craft
+    """
+    import logparse
+    import sysid
+    from estimation import estimate
+    from pipeline.errors import ConfigError
+    from pipeline.progress import shown
+
+    if bench and mass is None:
+        raise ConfigError("a thrust stand gives newtons and flight gives thrust over mass: give --mass with --bench")
+    prepare(out)
+    records = []
+    with shown() as progress:
+        for number, path in enumerate(logs):
+            progress(f"reading {path.name}", number / (len(logs) + 1))
+            log = logparse.read_log(path)
+            records.append(sysid.Experiment.from_flight(log, estimate(log.tables), rate=RATE))
+        progress("fitting", len(logs) / (len(logs) + 1))
+        priors = None
+        if bench and mass is not None:
+            priors = sysid.analyse_bench(sysid.read_bench(bench)).priors(mass, records[0].vehicle)
+        body = sysid.fit_rigid_body(records, mass=mass, priors=priors)
+        found = sysid.physical_parameters(records, mass, arm=arm, rigid_body=body)
+    files, findings = sysid.write_craft(body, out, mass, arm=arm, disc_area=disc_area)
+    found.table.to_csv(out / "parameters.csv")
+    if as_json:
+        typer.echo(found.table.reset_index().to_json(orient="records", indent=1))
+        return
+    console().print(_overview(found.table))
+    for finding in findings:
+        typer.echo(finding.reason)
+    for file in (out / "parameters.csv", *files):
+        typer.echo(file)
+
+
+def _overview(table: pd.DataFrame) -> Table:
+    from rich.table import Table
+
+    from reports.quantity import uncertain
+
+    shown = Table(title="Physical parameters, every method on the same flights")
+    for name in ("parameter", "method", "value", "unit", "in SI", "note"):
+        shown.add_column(name, overflow="fold")
+    last = ""
+    for row in table.reset_index().to_dict("records"):
+        si = f"{uncertain(row['si_value'], row['si_sigma'])} {row['si_unit']}" if math.isfinite(row["si_value"]) else ""
+        unit = str(row["unit"]).partition(",")[0].partition(" (")[0]
+        parameter = str(row["parameter"])
+        name = "" if parameter == last else parameter
+        shown.add_row(name, row["method"], uncertain(row["value"], row["sigma"]), unit, si, row["note"])
+        last = parameter
+    return shown

@@ -1,0 +1,31 @@
+"""``rotorid inspect``: what is in a log."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rotorid.cli.options import Boot, power_up
+from rotorid.cli.output import console
+
+
+def inspect(
+    log: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A log of any format.")],
+    boot: Boot = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write everything as JSON to stdout.")] = False,
+) -> None:
+    """Show what is in a log: craft, flights, tables with their rates and gaps, and what to log better next time.
+
+    Example: rotorid inspect flight.bin
+    """
+    import logparse
+    from logparse.inspection import inspect as look_into
+
+    numbers = look_into(logparse.read_log(log, power_up(boot))).to_dict()
+    if as_json:
+        typer.echo(json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False))
+        return
+    from reports import inspection
+
+    console().print(inspection.overview(numbers))

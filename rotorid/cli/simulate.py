@@ -1,0 +1,147 @@
+"""``rotorid simulate``: fly a simulated craft."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from rotorid.cli.exits import SOME_FAILED, fail
+from rotorid.cli.output import prepare
+
+if TYPE_CHECKING:
+    from simulation import Outcome
+
+
+def simulate(
+    case: Annotated[
+        str,
+        typer.Argument(
+            help="Case to fly, such as motion-wind, or a group of them, such as elhesasy; or a models.json to run."
+        ),
+    ] = "list",
+    out: Annotated[Path, typer.Option(help="Folder for what is written; made when missing.")] = Path(),
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Change a setting of the case, such as wind=3 or target=48,35,81. May be given several times.",
+        ),
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, help="Settings from a YAML or TOML file; --set comes on top."),
+    ] = None,
+    inputs: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True, dir_okay=False, help="Of a models.json: a log, or a CSV of t and inputs, to run it with."
+        ),
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="Of a models.json: which models, such as motors, or flight01/motors.")
+    ] = None,
+    trim: Annotated[
+        Literal["own", "training"] | None,
+        typer.Option(
+            help="Of a models.json: inputs about which its linear models work, the mean of those given, or of those "
+            "fitted. Default: own where the motion was measured, else training.",
+        ),
+    ] = None,
+    show_list: Annotated[bool, typer.Option("--list", help="List all cases and their settings, and end.")] = False,
+) -> None:
+    """Fly a case of one of the papers; write a page with plots, its characteristics, its history, a log and its truth.
+
+    sample-logs writes the logs of sample_logs/ with their truth, the same to the last bit on every run.
+
+    With a models.json of `rotorid analyze` and --inputs: run its models instead, and write what they predict.
+
+    Example: rotorid simulate motion-wind --set wind=3 --out flown
+
+    Example: rotorid simulate out/models.json --inputs other.bin --model motors --out replayed
+    """
+    if case.lower().endswith(".json") and Path(case).is_file():
+        from rotorid.cli.replay import run_models
+
+        run_models(Path(case), inputs, model, out, trim)
+        return
+    import simulation
+    from pipeline.errors import ConfigError
+    from pipeline.progress import shown
+
+    if show_list or case == "list":
+        _list_cases()
+        return
+    if case == "sample-logs":
+        if settings or config:
+            raise ConfigError("sample-logs are the same on every run and have no settings; fly one of the cases")
+        prepare(out)
+        with shown() as progress:
+            files = simulation.write_sample_logs(out, progress)
+        for file in files:
+            typer.echo(file)
+        return
+    try:
+        cases = simulation.find(case)
+        changes = (simulation.read_settings(config) if config else {}) | simulation.parse_settings(settings or ())
+        prepare(out)
+        faults: list[str] = []
+        with shown() as progress:
+            for number, each in enumerate(cases):
+                progress(each.name, number / len(cases))
+                outcome = each.run(changes)
+                _write(outcome, out, whole=len(cases) == 1)
+                faults += [f"{each.name}: {outcome.fault}"] if outcome.fault else []
+    except simulation.ParameterError as error:
+        raise ConfigError(str(error)) from error
+    if faults:
+        fail("\n".join(faults), SOME_FAILED)
+
+
+def _write(outcome: "Outcome", out: Path, *, whole: bool) -> None:
+    """Write what a case gave, and tell on stdout: its characteristics if it is the only one, and the files."""
+    import simulation
+    from reports.simulation import simulation_page
+
+    files = simulation.write(outcome, out)
+    page = out / f"{outcome.name}.html"
+    page.write_text(
+        simulation_page(
+            outcome.name,
+            outcome.summary,
+            outcome.facts,
+            outcome.plots,
+            outcome.tables,
+            outcome.notes,
+            [file.name for file in files],
+        ),
+        encoding="utf-8",
+    )
+    if whole:
+        typer.echo(files[0].read_text(encoding="utf-8"))
+    for file in (page, *files):
+        typer.echo(file)
+
+
+def _list_cases() -> None:
+    import dataclasses
+
+    import simulation
+
+    for each in simulation.CASES.values():
+        typer.echo(f"{each.name:24}{each.summary}")
+        names = [field.name for field in dataclasses.fields(each.settings)]
+        values = (f"{name}={_shown(getattr(each.settings, name))}" for name in names)
+        typer.echo(f"{'':24}settings: {' '.join(values)}")
+    typer.echo("")
+    for name, members in simulation.GROUPS.items():
+        typer.echo(f"{name:24}{', '.join(member.name for member in members)}")
+    typer.echo(f"{'sample-logs':24}everything in sample_logs/")
+
+
+def _shown(value: object) -> str:
+    """Write a value as --set takes it."""
+    if isinstance(value, tuple):
+        return ",".join(map(_shown, value))
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return f"'{text}'" if " " in text else text

@@ -1,0 +1,1 @@
+"""The craft and flights of the source papers."""

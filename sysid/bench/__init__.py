@@ -1,0 +1,1 @@
+"""Bench tests: thrust stand and bifilar pendulum."""

@@ -1,0 +1,372 @@
+"""Thrust and torque coefficients from a thrust stand, at any battery voltage, after Kim 2017 (section II.E).
+
+A test runs PWM through its range at several battery voltages. At each PWM thrust, torque and rotor speed follow the
+voltage by a straight line; evaluated at the voltage of the day they give
+
+- algorithm 1: the trim PWM, by linear interpolation of thrust over PWM at the weight that a motor carries;
+- algorithm 2: the coefficients k and b of ``T = k w^2`` and ``tau = b w^2`` (eq. 13, 14), by least squares over PWM.
+
+Without rotor speeds the thrust at full command and the curvature of thrust over command stand in for k
+(`sysid.records.thrust_curve`), which is what the rigid body takes from a stand as a prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from logparse import Finding, Severity, Vehicle
+from sysid.bench.levels import (
+    Coefficients,
+    CommandCurve,
+    Level,
+    Trim,
+    at_voltage,
+    least_squares,
+    through_origin,
+    voltages_tested,
+    weak_motors,
+)
+from sysid.bench.table import BenchError, BenchTable
+from sysid.records.thrust_curve import REFERENCE_DENSITY, motor_commands
+from sysid.statistics.estimate import Estimate
+
+#: How far outside the tested voltages lines are followed, in parts of the voltage.
+BEYOND = 0.02
+
+#: Steps of PWM that are one level, us.
+STEP = 5.0
+
+_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bench:
+    """A thrust-stand test.
+
+    Attributes
+    ----------
+    table : BenchTable
+    density : float
+        Air at the stand, kg/m^3.
+    voltages : tuple of float
+        Voltages tested, V; empty when not recorded.
+    findings : tuple of Finding
+        Of the table and of the test.
+    """
+
+    table: BenchTable
+    density: float
+    voltages: tuple[float, ...]
+    findings: tuple[Finding, ...]
+    _levels: Mapping[str, tuple[Level, ...]]
+
+    @property
+    def motors(self) -> tuple[str, ...]:
+        """Names of the motors tested."""
+        return self.table.motors
+
+    def at_voltage(self, motor: str, voltage: float | None = None) -> pd.DataFrame:
+        """Evaluate a motor's lines over voltage at each PWM.
+
+        Parameters
+        ----------
+        motor : str
+        voltage : float, optional
+            V; by default all voltages of the test together.
+
+        Returns
+        -------
+        DataFrame
+            Index ``pwm`` [us]; ``thrust`` [N], ``torque`` [N m], ``speed`` [rad/s], ``current`` [A]; NaN where not
+            measured.
+
+        Raises
+        ------
+        BenchError
+            When the motor or the voltage was not tested.
+        """
+        levels = self._levels.get(motor)
+        if levels is None:
+            raise BenchError(f"motor {motor} was not tested; tested: {', '.join(self.motors)}")
+        if voltage is not None:
+            self._require_tested(voltage)
+        rows = [at_voltage(level, voltage) for level in levels]
+        index = pd.Index([level.pwm for level in levels], name="pwm")
+        return pd.DataFrame(rows, index=index, columns=["thrust", "torque", "speed", "current"])
+
+    def coefficients(self, motor: str, voltage: float | None = None) -> Coefficients:
+        """Fit k and b at a voltage (algorithm 2).
+
+        Parameters
+        ----------
+        motor : str
+        voltage : float, optional
+            V.
+
+        Raises
+        ------
+        BenchError
+            When the motor or the voltage was not tested.
+        """
+        curve = self.at_voltage(motor, voltage)
+        return Coefficients(
+            through_origin(curve["speed"], curve["thrust"], "N s^2"),
+            through_origin(curve["speed"], curve["torque"], "N m s^2"),
+        )
+
+    def trim(self, motor: str, weight: float, voltage: float | None = None, motors: int | None = None) -> Trim:
+        """Find the PWM at which the motors carry a weight (algorithm 1).
+
+        Parameters
+        ----------
+        motor : str
+        weight : float
+            Of the craft, N.
+        voltage : float, optional
+            V.
+        motors : int, optional
+            How many share the weight; as many as were tested by default, or four where one motor was.
+
+        Raises
+        ------
+        BenchError
+            When the motor cannot lift its share, or was not tested at this voltage.
+        """
+        count = motors or (len(self.motors) if len(self.motors) > 1 else 4)
+        if not (weight > 0.0 and count > 0):
+            raise BenchError(f"weight {weight:g} N on {count} motors: both must be positive")
+        curve, share = self.at_voltage(motor, voltage), weight / count
+        thrust = np.maximum.accumulate(curve["thrust"].to_numpy(np.float64))
+        where = f" at {voltage:g} V" if voltage is not None else ""
+        if not thrust[0] < share <= thrust[-1]:
+            raise BenchError(
+                f"motor {motor}{where} gives {max(thrust[0], 0.0):.2f} to {thrust[-1]:.2f} N; its share of the weight "
+                f"is {share:.2f} N ({weight:.2f} N over {count} motors)"
+            )
+        rising = np.concatenate([[True], np.diff(thrust) > 0.0])
+        pwm = curve.index.to_numpy(np.float64)
+        trim = float(np.interp(share, thrust[rising], pwm[rising]))
+
+        def there(name: str) -> float | None:
+            values = curve[name].to_numpy(np.float64)
+            return float(np.interp(trim, pwm, values)) if np.isfinite(values).all() else None
+
+        return Trim(trim, share, there("speed"), there("current"))
+
+    def command_curve(self, vehicle: Vehicle | None = None, voltage: float | None = None) -> CommandCurve:
+        """Fit thrust over the autopilot's command for all motors together.
+
+        Parameters
+        ----------
+        vehicle : Vehicle, optional
+            PWM range and spin limits; ArduPilot's defaults otherwise.
+        voltage : float, optional
+            V; the highest tested otherwise.
+
+        Raises
+        ------
+        BenchError
+            When fewer than four levels of PWM lie within the range, or no thrust was measured in it.
+        """
+        craft = vehicle or Vehicle()
+        volts = voltage if voltage is not None else (max(self.voltages) if self.voltages else None)
+        curves = [self.at_voltage(motor, volts) for motor in self.motors]
+        pwm = np.concatenate([curve.index.to_numpy(np.float64) for curve in curves])
+        thrust = np.concatenate([curve["thrust"].to_numpy(np.float64) for curve in curves])
+        command = motor_commands(pwm, craft)
+        inside = (command > 0.02) & (command <= 1.0001)
+        c, t = command[inside], thrust[inside] * REFERENCE_DENSITY / self.density
+        if len(np.unique(np.round(c, 3))) < 4:
+            raise BenchError(
+                f"{len(np.unique(np.round(c, 3)))} levels of PWM lie between idle and full spin of the autopilot "
+                "(MOT_PWM_*, MOT_SPIN_*); four or more show the thrust curve"
+            )
+        rows = np.column_stack([c, c * c])
+        (linear, square), covariance = least_squares(rows, t)
+        if not linear + square > 0.0:
+            raise BenchError("no thrust at full command: was the motor armed, and does the stand pull or push?")
+        full, expo = linear + square, square / (linear + square)
+        spread = np.array([-square, linear]) / full**2
+        return CommandCurve(
+            Estimate(float(full), float(np.sqrt(covariance.sum())), "N at full command"),
+            Estimate(float(expo), float(np.sqrt(spread @ covariance @ spread)), "1"),
+            float(volts) if volts is not None else float("nan"),
+        )
+
+    def priors(
+        self, mass: float, vehicle: Vehicle | None = None, voltage: float | None = None
+    ) -> dict[str, tuple[float, float]]:
+        """Give the rigid body what the stand knows: mean and standard deviation by its parameters' names.
+
+        Parameters
+        ----------
+        mass : float
+            kg; the rigid body's thrust is per unit of mass.
+        vehicle : Vehicle, optional
+        voltage : float, optional
+            Reference voltage of the rigid body, V.
+
+        Returns
+        -------
+        dict
+            ``thrust`` [m/s^2, one motor at full command] and ``thrust_expo``. Motors differ from each other and
+            propellers in flight from those on a stand by some percent, so that no standard deviation is below 3 % of
+            thrust and 0.05 of curvature.
+        """
+        if not mass > 0.0:
+            raise BenchError(f"mass must be positive, not {mass:g} kg")
+        curve = self.command_curve(vehicle, voltage)
+        assert curve.full_thrust.value is not None
+        assert curve.full_thrust.sigma is not None
+        assert curve.expo.value is not None
+        assert curve.expo.sigma is not None
+        thrust = curve.full_thrust.value / mass
+        return {
+            "thrust": (thrust, float(np.hypot(curve.full_thrust.sigma / mass, 0.03 * thrust))),
+            "thrust_expo": (curve.expo.value, float(np.hypot(curve.expo.sigma, 0.05))),
+        }
+
+    def coefficient_table(self) -> pd.DataFrame:
+        """Give k and b in the form of Table 3: rows voltages, columns (coefficient, motor)."""
+        rows: dict[float, dict[tuple[str, str], float]] = {}
+        for voltage in self.voltages or (float("nan"),):
+            found = {m: self.coefficients(m, voltage if np.isfinite(voltage) else None) for m in self.motors}
+            rows[voltage] = {
+                **{("k", m): _or_nan(each.thrust.value) for m, each in found.items()},
+                **{("b", m): _or_nan(each.torque.value) for m, each in found.items()},
+            }
+        table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("voltage")
+        pairs = [(coefficient, motor) for coefficient in ("k", "b") for motor in self.motors]
+        table.columns = pd.MultiIndex.from_tuples(pairs, names=["coefficient", "motor"])
+        return table
+
+    def to_dict(
+        self, weight: float | None = None, voltage: float | None = None, motors: int | None = None
+    ) -> dict[str, Any]:
+        """Give coefficients at the tested voltages, and trim at a weight and voltage, as numbers for JSON."""
+        volts: list[float | None] = [*self.voltages] or [None]
+        if voltage is not None and voltage not in volts:
+            volts.append(voltage)
+        result: dict[str, Any] = {
+            "kind": "bench",
+            "table": self.table.name,
+            "density": self.density,
+            "voltages": list(self.voltages),
+            "coefficients": [
+                {
+                    "motor": motor,
+                    "voltage": volt,
+                    "thrust": found.thrust.to_dict(),
+                    "torque": found.torque.to_dict(),
+                }
+                for motor in self.motors
+                for volt in volts
+                for found in [self.coefficients(motor, volt)]
+            ],
+            "trim": [],
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+        if weight is not None:
+            for motor in self.motors:
+                row: dict[str, Any] = {"motor": motor, "voltage": voltage, "weight": weight}
+                try:
+                    trim = self.trim(motor, weight, voltage, motors)
+                except BenchError as error:
+                    row["reason"] = str(error)
+                else:
+                    row |= {"pwm": trim.pwm, "thrust": trim.thrust, "speed": trim.speed, "current": trim.current}
+                result["trim"].append(row)
+        return result
+
+    def _require_tested(self, voltage: float) -> None:
+        if not self.voltages:
+            raise BenchError(f"the table has no voltages, so that nothing can be said at {voltage:g} V")
+        low, high = min(self.voltages), max(self.voltages)
+        if not low * (1.0 - BEYOND) <= voltage <= high * (1.0 + BEYOND):
+            raise BenchError(
+                f"{voltage:g} V is outside the voltages tested ({low:.4g} to {high:.4g} V); test the motors there"
+            )
+
+
+def analyse_bench(table: BenchTable, density: float | None = None) -> Bench:
+    """Arrange a table by motor, PWM and voltage.
+
+    Parameters
+    ----------
+    table : BenchTable
+    density : float, optional
+        Air at the stand, kg/m^3; the table's own otherwise, or sea-level air with a finding.
+
+    Raises
+    ------
+    BenchError
+        When a motor has fewer than three levels of PWM.
+    """
+    findings = list(table.findings)
+    air = density if density is not None else table.density
+    if air is None:
+        air = REFERENCE_DENSITY
+        findings.append(
+            Finding(
+                "bench-density-assumed",
+                Severity.INFO,
+                f"the air at the stand is not known; coefficients are taken to hold at {REFERENCE_DENSITY} kg/m^3",
+                "give the density (--density): pressure [Pa] / (287.05 (273.15 + deg C))",
+            )
+        )
+    if not 0.5 < air < 1.6:
+        raise BenchError(f"air of {air:g} kg/m^3 is not found on earth; give the density in kg/m^3")
+    levels = {}
+    for motor, rows in table.rows.groupby("motor", sort=False):
+        steps = np.round(rows["pwm"] / STEP)
+        found = [
+            Level(
+                float(level["pwm"].mean()),
+                level["voltage"].to_numpy(np.float64),
+                level[["thrust", "torque", "speed", "current"]].to_numpy(np.float64),
+            )
+            for _, level in rows.groupby(steps)
+        ]
+        if len(found) < 3:
+            raise BenchError(f"motor {motor}: {len(found)} level(s) of PWM; a thrust curve needs three or more")
+        levels[str(motor)] = tuple(found)
+    voltages = voltages_tested(table.rows)
+    if not voltages:
+        findings.append(
+            Finding(
+                "bench-voltage-missing",
+                Severity.WARNING,
+                "the table has no battery voltage: coefficients hold for the unknown voltage of the test only",
+                "record the voltage",
+            )
+        )
+    elif len(voltages) == 1:
+        findings.append(
+            Finding(
+                "bench-one-voltage",
+                Severity.INFO,
+                f"tested at {voltages[0]:.4g} V only: how coefficients and trim follow the battery is not determined",
+                "repeat the test with the battery half and nearly empty",
+            )
+        )
+    if table.rows["speed"].isna().all():
+        findings.append(
+            Finding(
+                "bench-speed-missing",
+                Severity.WARNING,
+                "no rotor speeds were measured, so that k and b per square of speed are not determined; trim and the "
+                "thrust curve over PWM are",
+                "measure speed (optical probe, or ESC)",
+            )
+        )
+    findings += weak_motors(levels)
+    return Bench(table=table, density=air, voltages=voltages, findings=tuple(findings), _levels=levels)
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value

@@ -1,0 +1,414 @@
+"""Thrust-stand tables: read CSV of any layout with units in its headers, into SI, with findings on implausible rows.
+
+A table has one row per measurement: PWM, voltage, thrust, and where measured torque, speed and current, perhaps a motor
+number (Kim 2017) and much else (RCbenchmark and Tyto write some twenty columns). Headers carry units in brackets:
+``Thrust (gf)``, ``Torque (N·m)``, ``Motor Electrical Speed (RPM)``, ``ESC signal (µs)``, ``Voltage [V]``.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from logparse import Finding, RotoridError, Severity
+from sysid.records.experiment import Floats
+
+Flags = NDArray[np.bool_]
+
+#: Columns of a `BenchTable` and their units.
+COLUMNS = {"pwm": "us", "voltage": "V", "thrust": "N", "torque": "N m", "speed": "rad/s", "current": "A"}
+
+_KGF = 9.80665
+_POUND = 4.4482216152605
+
+#: Factor to SI by quantity and unit, the unit in lower case without blanks, dots and stars.
+_UNITS: dict[str, dict[str, float]] = {
+    "pwm": {"us": 1.0, "ms": 1000.0, "s": 1e6},
+    "voltage": {"v": 1.0, "mv": 1e-3, "volt": 1.0, "volts": 1.0},
+    "thrust": {
+        **{"n": 1.0, "mn": 1e-3, "gf": _KGF / 1000.0, "g": _KGF / 1000.0, "kgf": _KGF, "kg": _KGF},
+        **{"lbf": _POUND, "lb": _POUND, "ozf": _POUND / 16.0, "oz": _POUND / 16.0},
+    },
+    "torque": {
+        **{"nm": 1.0, "n-m": 1.0, "mnm": 1e-3, "ncm": 0.01, "nmm": 1e-3, "kgfcm": _KGF / 100.0, "kgfm": _KGF},
+        **{"gfcm": _KGF / 1e5, "lbfin": _POUND * 0.0254, "lbin": _POUND * 0.0254, "lbfft": _POUND * 0.3048},
+        **{"ozfin": _POUND / 16.0 * 0.0254, "ozin": _POUND / 16.0 * 0.0254},
+    },
+    "speed": {
+        **{"rpm": math.pi / 30.0, "1/min": math.pi / 30.0, "rad/s": 1.0, "rad/sec": 1.0},
+        **{"hz": 2.0 * math.pi, "rps": 2.0 * math.pi, "rev/s": 2.0 * math.pi, "1/s": 2.0 * math.pi},
+    },
+    "current": {"a": 1.0, "ma": 1e-3, "amp": 1.0, "amps": 1.0},
+    "density": {"kg/m3": 1.0, "kg/m^3": 1.0, "kg/m³": 1.0, "g/l": 1.0},
+}
+
+#: Words that name a quantity, the better first: a table with several takes the first.
+_WORDS: dict[str, tuple[str, ...]] = {
+    "pwm": ("esc signal", "esc throttle", "pwm", "throttle", "signal", "esc"),
+    "voltage": ("voltage", "volts", "volt"),
+    "thrust": ("thrust", "force", "lift"),
+    "torque": ("torque", "moment"),
+    "speed": ("motor optical speed", "motor electrical speed", "rotation speed", "rotational speed", "rpm", "omega"),
+    "current": ("current", "amps"),
+    "density": ("air density", "density"),
+    "motor": ("motor number", "motor no", "motor id", "motor", "engine"),
+}
+
+#: Words of columns that are something else although they contain one of the above.
+_NOT = ("efficiency", "power", "limit", "cutoff", "max", "min", "std", "tare", "command rate", "kv", "temperature")
+
+_UNIT = re.compile(r"[(\[]\s*([^)\]]*)\s*[)\]]")
+
+#: Thrust below this part of the largest is noise about zero.
+NOISE = 0.01
+
+#: A row further from the smooth surface than this many scaled median deviations, and than this part of the largest
+#: thrust, is an outlier.
+OUTLYING, OUTLYING_PART = 6.0, 0.05
+
+#: Plausible PWM, us.
+PWM_RANGE = (700.0, 2300.0)
+
+
+class BenchError(RotoridError):
+    """A bench table or pendulum test that cannot be used."""
+
+
+@dataclass(frozen=True, slots=True)
+class BenchTable:
+    """Measurements of a thrust stand.
+
+    Attributes
+    ----------
+    name : str
+    rows : DataFrame
+        ``motor`` (str) and the columns of `COLUMNS` in SI; NaN where not measured. Implausible rows are left out.
+    density : float or None
+        Air at the stand, kg/m^3, where the table tells it.
+    findings : tuple of Finding
+    """
+
+    name: str
+    rows: pd.DataFrame
+    density: float | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def motors(self) -> tuple[str, ...]:
+        """Names of the motors, in order."""
+        return tuple(dict.fromkeys(self.rows["motor"]))
+
+
+def read_bench(paths: Sequence[Path]) -> BenchTable:
+    """Read thrust-stand tables: several motors in one table, or a table for each motor.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        CSV files; comma, semicolon or tab. A table without a motor column is one motor, ``m1``, ``m2`` ... in order.
+
+    Raises
+    ------
+    BenchError
+        When a table has no PWM or no thrust, or no plausible row is left.
+    """
+    findings: list[Finding] = []
+    parts, densities = [], []
+    for number, path in enumerate(paths, start=1):
+        rows, density, more = _read(path, f"m{number}")
+        findings += more
+        parts.append(rows)
+        densities += [] if density is None else [density]
+    if not parts:
+        raise BenchError("no bench table given")
+    kept = []
+    together = pd.concat(parts, ignore_index=True)
+    for motor, rows in together.groupby("motor", sort=False):
+        plausible, more = _plausible(str(motor), rows)
+        kept.append(plausible)
+        findings += more
+    rows = pd.concat(kept, ignore_index=True)
+    if rows.empty:
+        raise BenchError(f"{paths[0].name}: no plausible row is left")
+    density = float(np.median(densities)) if densities else None
+    return BenchTable(" + ".join(path.name for path in paths), rows, density, tuple(findings))
+
+
+def _read(path: Path, motor: str) -> tuple[pd.DataFrame, float | None, list[Finding]]:
+    try:
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        raise BenchError(f"{path}: {error.strerror or error}") from error
+    numbered = [(at, line) for at, line in enumerate(text.splitlines(), start=1) if line.strip(" ,;\t")]
+    lines = [line for _, line in numbered]
+    head = next((k for k, line in enumerate(lines) if _assign(_cells(line, line)).keys() >= {"pwm", "thrust"}), None)
+    if head is None:
+        found = _assign(_cells(lines[0], lines[0])) if lines else {}
+        missing = " and no ".join(
+            label for key, label in {"pwm": "PWM (ESC signal)", "thrust": "thrust"}.items() if key not in found
+        )
+        raise BenchError(
+            f"{path.name}: no {missing} column; a bench table needs a header such as 'PWM (us), Voltage (V), "
+            "Thrust (N), Torque (N m), RPM, Current (A)'"
+        )
+    header = _cells(lines[head], lines[head])
+    columns = _assign(header)
+    cells = [_cells(line, lines[head]) for line in lines[head + 1 :]]
+    findings: list[Finding] = []
+    data: dict[str, object] = {}
+    for quantity in (*COLUMNS, "density"):
+        if quantity not in columns:
+            data[quantity] = np.full(len(cells), np.nan)
+            continue
+        at = columns[quantity]
+        factor, remark = _factor(quantity, header[at], path.name)
+        findings += remark
+        data[quantity] = factor * np.array([_number(row[at]) if at < len(row) else np.nan for row in cells])
+    density = np.asarray(data.pop("density"))
+    rows = pd.DataFrame(data)
+    at = columns.get("motor", -1)
+    rows.insert(0, "motor", [_motor(row[at]) if 0 <= at < len(row) else motor for row in cells])
+    measured = np.isfinite(rows["pwm"]) & np.isfinite(rows["thrust"])
+    if not measured.any():
+        raise BenchError(f"{path.name}: no row has both PWM and thrust as numbers")
+    findings += _unread(path.name, [numbered[head + 1 + k][0] for k in np.flatnonzero(~measured)])
+    air = density[measured.to_numpy() & np.isfinite(density)]
+    return rows[measured], float(np.median(air)) if len(air) else None, findings
+
+
+def _unread(file: str, lines: Sequence[int]) -> list[Finding]:
+    """Name the lines without both PWM and thrust."""
+    if not lines:
+        return []
+    where = ", ".join(str(line) for line in lines[:5]) + (" ..." if len(lines) > 5 else "")
+    return [
+        Finding(
+            "bench-row-unread",
+            Severity.WARNING,
+            f"{file}: {len(lines)} row(s) without PWM and thrust as numbers (line {where}); left out",
+            "fill in what the stand measured, or delete these lines",
+            {"file": file, "rows": len(lines)},
+        )
+    ]
+
+
+def _cells(line: str, header: str) -> list[str]:
+    separator = max(",;\t", key=header.count)
+    cells = next(csv.reader([line], delimiter=separator), [])
+    return [cell.strip() for cell in cells]
+
+
+def _assign(header: Sequence[str]) -> dict[str, int]:
+    """Find the column of each quantity."""
+    plain = [re.sub(r"\s+", " ", _UNIT.sub(" ", name).replace("_", " ").strip().lower()) for name in header]
+    result: dict[str, int] = {}
+    for quantity, words in _WORDS.items():
+        for word in words:
+            hits = [
+                k
+                for k, name in enumerate(plain)
+                if re.search(rf"\b{word}\b", name)
+                and not any(other in name for other in _NOT)
+                and k not in result.values()
+                and (quantity != "motor" or (name.split()[0] in ("motor", "engine") and len(name.split()) <= 2))
+            ]
+            if hits:
+                result[quantity] = hits[0]
+                break
+    return result
+
+
+def _factor(quantity: str, header: str, file: str) -> tuple[float, list[Finding]]:
+    """Factor to SI of a header's unit; without a unit SI, or what the name implies, is assumed and said."""
+    found = _UNIT.search(header)
+    unit = found[1] if found else (header if quantity == "speed" and "rpm" in header.lower() else "")
+    if not found and "_" in header:
+        unit = header.rsplit("_", 1)[1]
+    key = re.sub(r"[\s·.*⋅]", "", unit).replace("µ", "u").replace("μ", "u").lower()
+    known = _UNITS[quantity]
+    if quantity == "speed" and "rpm" in key:
+        key = "rpm"
+    if key in known:
+        return known[key], []
+    if key and found:
+        raise BenchError(f"{file}: unit {unit!r} of column {header!r} is not known; use one of {', '.join(known)}")
+    assumed = next(iter(known))
+    if quantity == "speed":
+        assumed = "rpm"
+    return known[assumed], [] if quantity in ("pwm", "voltage", "current") else [
+        Finding(
+            "bench-unit-assumed",
+            Severity.WARNING,
+            f"{file}: column {header!r} carries no unit; {'N m' if assumed == 'nm' else assumed.upper()} is assumed",
+            "write units into the header, such as 'Thrust (gf)'",
+            {"column": header},
+        )
+    ]
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        try:
+            return float(cell.replace(",", "."))
+        except ValueError:
+            return math.nan
+
+
+def _motor(cell: str) -> str:
+    digits = re.search(r"\d+", cell)
+    return f"m{int(digits[0])}" if digits else (cell or "m1")
+
+
+def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Finding]]:
+    """Leave implausible rows out, and say so."""
+    findings: list[Finding] = []
+
+    def leave_out(bad: Flags, identity: str, what: Callable[[int], str], advice: str) -> None:
+        nonlocal rows
+        count = int(np.count_nonzero(bad))
+        if count:
+            where = ", ".join(f"{pwm:.0f}" for pwm in rows.loc[bad, "pwm"].head(5))
+            findings.append(
+                Finding(
+                    identity,
+                    Severity.WARNING,
+                    f"motor {motor}: {what(count)} (PWM {where}{' ...' if count > 5 else ''} us); left out",
+                    advice,
+                    {"motor": motor, "rows": count},
+                )
+            )
+            rows = rows[~bad]
+
+    pwm = rows["pwm"].to_numpy()
+    outside = (pwm < PWM_RANGE[0]) | (pwm > PWM_RANGE[1])
+    leave_out(
+        outside, "bench-pwm-implausible", lambda n: f"{n} row(s) with a PWM no ESC takes", "check the unit of PWM"
+    )
+    if len(rows) and float(rows["thrust"].median()) < 0.0:
+        rows = rows.assign(thrust=-rows["thrust"])
+        findings.append(
+            Finding(
+                "bench-thrust-sign",
+                Severity.INFO,
+                f"motor {motor}: thrust is counted negative (the stand pulls); its sign is turned",
+                "",
+                {"motor": motor},
+            )
+        )
+    rows = rows.assign(torque=rows["torque"].abs())
+    if rows.empty:
+        return rows, findings
+    largest = float(rows["thrust"].quantile(0.98))
+    leave_out(
+        rows["thrust"].to_numpy() < -NOISE * largest,
+        "bench-negative-thrust",
+        lambda n: f"{n} row(s) with negative thrust",
+        "tare the load cell before the test",
+    )
+    findings += _order(motor, rows)
+    left = _surface_residual(rows)
+    scale = 1.4826 * float(np.median(np.abs(left)))
+    far = np.abs(left) > max(OUTLYING * scale, OUTLYING_PART * float(rows["thrust"].max()))
+    findings += _mixed_units(motor, rows, left, far)
+    leave_out(
+        far,
+        "bench-outlier",
+        lambda n: f"{n} row(s) far from the curve of thrust over PWM",
+        "repeat these points",
+    )
+    findings += _power(motor, rows)
+    return rows, findings
+
+
+def _order(motor: str, rows: pd.DataFrame) -> list[Finding]:
+    """Say when PWM jumps about within the test: neither up, down, nor repeated sweeps."""
+    steps = np.sign(np.diff(rows["pwm"].to_numpy()))
+    turns = int(np.count_nonzero(np.diff(steps[steps != 0.0]) != 0.0))
+    levels = max(rows["pwm"].round().nunique(), 1)
+    if turns <= max(2.0 * len(rows) / levels, 3.0):
+        return []
+    return [
+        Finding(
+            "bench-pwm-order",
+            Severity.WARNING,
+            f"motor {motor}: PWM goes up and down {turns} times in {len(rows)} rows, so that heat and battery mix with "
+            "the effect of PWM; rows are sorted",
+            "step PWM up, or up and down, in order",
+            {"motor": motor, "turns": turns},
+        )
+    ]
+
+
+def _surface_residual(rows: pd.DataFrame) -> Floats:
+    """Thrust less a cubic in PWM that scales with voltage, fitted robustly."""
+    pwm = rows["pwm"].to_numpy()
+    x = (pwm - pwm.mean()) / max(float(np.std(pwm)), 1.0)
+    columns = [np.ones_like(x), x, x**2, x**3][: min(4, rows["pwm"].round().nunique())]
+    voltage = rows["voltage"].to_numpy()
+    if np.isfinite(voltage).all() and np.ptp(voltage) > 0.05 * voltage.mean():
+        v = (voltage - voltage.mean()) / np.std(voltage)
+        columns += [v, v * x]
+    a, y = np.column_stack(columns), rows["thrust"].to_numpy()
+    weight = np.ones(len(y))
+    left = y
+    for _ in range(30):
+        root = np.sqrt(weight)
+        left = y - a @ np.linalg.lstsq(a * root[:, None], y * root, rcond=1e-10)[0]
+        scale = max(1.4826 * float(np.median(np.abs(left))), 1e-6 * float(np.abs(y).max()), 1e-12)
+        # Cauchy weights: a row in other units must not pull the curve at all.
+        weight = 1.0 / (1.0 + (left / (2.4 * scale)) ** 2)
+    return np.asarray(left)
+
+
+def _mixed_units(motor: str, rows: pd.DataFrame, left: Floats, far: Flags) -> list[Finding]:
+    """Recognise outliers that are the smooth curve in other units."""
+    thrust = rows["thrust"].to_numpy()
+    smooth = thrust - left
+    usable = far & (np.abs(smooth) > NOISE * float(np.abs(thrust).max()))
+    usable |= far & (thrust > 2.0 * np.abs(smooth))
+    for name, factor in {
+        "grams force among newtons": 1000.0 / _KGF,
+        "kilograms force among newtons": 1.0 / _KGF,
+    }.items():
+        ratio = thrust[usable] / np.where(smooth[usable] == 0.0, np.nan, smooth[usable])
+        alike = int(np.count_nonzero(np.abs(ratio / factor - 1.0) < 0.25)) if len(ratio) else 0
+        if alike:
+            return [
+                Finding(
+                    "bench-mixed-units",
+                    Severity.WARNING,
+                    f"motor {motor}: {alike} row(s) fit the others as {name}",
+                    "write all rows in the unit of the header",
+                    {"motor": motor, "rows": alike},
+                )
+            ]
+    return []
+
+
+def _power(motor: str, rows: pd.DataFrame) -> list[Finding]:
+    """Compare shaft power with electrical power."""
+    shaft = (rows["torque"] * rows["speed"]).to_numpy()
+    electric = (rows["voltage"] * rows["current"]).to_numpy()
+    known = np.isfinite(shaft) & np.isfinite(electric) & (electric > 5.0)
+    if np.count_nonzero(known) < 3 or float(np.median(shaft[known] / electric[known])) <= 1.0:
+        return []
+    ratio = float(np.median(shaft[known] / electric[known]))
+    return [
+        Finding(
+            "bench-power-implausible",
+            Severity.WARNING,
+            f"motor {motor}: the shaft gives {ratio:.1f} times the power that the battery puts in",
+            "check the units of torque, speed and current, and the motor's pole count",
+            {"motor": motor, "ratio": ratio},
+        )
+    ]

@@ -1,0 +1,157 @@
+"""What physical models read of a flight besides inputs and outputs: attitude, rates, specific force, air, voltage.
+
+Columns of `Experiment.context`, all on the experiment's `t`:
+
+=====================================  =============================================================================
+``roll pitch yaw``                     rad, unwrapped, from the smoothed attitude
+``w_x w_y w_z``                        rad/s, angular rate, FRD, bias removed
+``f_x f_y f_z``                        m/s^2, specific force, FRD, bias removed
+``v_n v_e v_d``                        m/s
+``density``                            kg/m^3, NaN where neither pressure nor altitude is known
+``voltage``                            V, NaN where not logged
+``rate_x rate_y rate_z``               rad/s as the rate controller saw them; only where RATE or its like is logged
+``out_roll out_pitch out_yaw``         the rate controller's outputs to the mixer, -1..1; only where logged
+``out_thrust``                         0..1; only where logged
+``rotor_speed_1 ...``                  rad/s of motor k from its ESC; only where logged
+=====================================  =============================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from logparse import Tables
+from sysid.records.experiment import Experiment, Floats
+from sysid.records.resampling import resample
+
+if TYPE_CHECKING:
+    from estimation import Trajectory
+
+#: Columns of the table of rates and their names here.
+RATE_COLUMNS = {
+    "w_x": "rate_x",
+    "w_y": "rate_y",
+    "w_z": "rate_z",
+    "out_roll": "out_roll",
+    "out_pitch": "out_pitch",
+    "out_yaw": "out_yaw",
+    "out_thrust": "out_thrust",
+}
+
+#: International standard atmosphere, sea level.
+_PRESSURE_0, _TEMPERATURE_0, _LAPSE, _GAS, _EXPONENT = 101325.0, 288.15, 0.0065, 287.053, 5.25588
+
+
+def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
+    """Bring what physical models read to the clock of an experiment.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    tables : Tables
+        Of the log.
+    t : ndarray, shape (N,)
+        Uniform, s.
+
+    Returns
+    -------
+    DataFrame
+        Index `t`, columns as this module says.
+    """
+    states = trajectory.states
+    w, x, y, z = (states[f"q_{axis}"].to_numpy(np.float64) for axis in "wxyz")
+    angles = pd.DataFrame(
+        {
+            "roll": np.unwrap(np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))),
+            "pitch": np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)),
+            "yaw": np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))),
+        },
+        index=states.index,
+    )
+    rest = ["w_x", "w_y", "w_z", "f_x", "f_y", "f_z", "v_n", "v_e", "v_d"]
+    source = pd.concat([angles, states[rest]], axis=1)
+    columns = dict(zip(source.columns, resample_frame(source, t).T, strict=True))
+    columns["density"] = _density(trajectory, tables, t)
+    columns["voltage"] = np.full(len(t), np.nan)
+    if tables.battery is not None and tables.battery["voltage"].gt(1.0).sum() > 1:
+        voltage = tables.battery["voltage"].where(tables.battery["voltage"] > 1.0).to_frame()
+        columns["voltage"] = resample_frame(voltage, t)[:, 0]
+    for rate in tables.columns("rates", RATE_COLUMNS):
+        if len(rate) < 2:
+            break
+        values = resample_frame(rate.to_frame(), t)[:, 0]
+        if np.isfinite(values).all():
+            columns[RATE_COLUMNS[str(rate.name)]] = values
+    if tables.esc is not None and len(tables.esc) > 1:
+        speeds = [str(name) for name in tables.esc.columns if str(name).startswith("w")]
+        for name, values in zip(speeds, resample_frame(tables.esc[speeds], t).T, strict=True):
+            if np.isfinite(values).all():
+                columns[f"rotor_speed_{name[1:]}"] = values
+    return pd.DataFrame(columns, index=pd.Index(t, name="t"), copy=False)
+
+
+def shared_context(
+    experiments: Iterable[Experiment], trajectory: Trajectory, tables: Tables, t: Floats
+) -> pd.DataFrame:
+    """Give the context of that of the same flight's experiments that has the clock `t`; else a new one."""
+    same = (each.context for each in experiments if each.context is not None and np.array_equal(each.t, t))
+    found = next(same, None)
+    return flight_context(trajectory, tables, t) if found is None else found
+
+
+def resample_frame(frame: pd.DataFrame, t: Floats) -> Floats:
+    """Resample every column of a table indexed by time; shape (N, columns)."""
+    source_t = frame.index.to_numpy(np.float64)
+    # One by one: the rates of a fast loop are long.
+    columns = [resample(source_t, frame[[name]].to_numpy(np.float64), t) for name in frame.columns]
+    return np.hstack(columns) if columns else np.empty((len(t), 0))
+
+
+def air_density(pressure: Floats) -> Floats:
+    """Density of the standard atmosphere at a static pressure, kg/m^3.
+
+    The temperature is that of the standard atmosphere at the pressure altitude: barometers report the temperature of
+    the board, which is often 20 K above that of the air.
+
+    Parameters
+    ----------
+    pressure : ndarray
+        Pa.
+    """
+    temperature = _TEMPERATURE_0 * (pressure / _PRESSURE_0) ** (1.0 / _EXPONENT)
+    return np.asarray(pressure / (_GAS * temperature))
+
+
+def standard_density(altitude: Floats) -> Floats:
+    """Density of the standard atmosphere at an altitude, kg/m^3.
+
+    Parameters
+    ----------
+    altitude : ndarray
+        m above mean sea level, in the troposphere.
+    """
+    warmth = 1.0 - _LAPSE * altitude / _TEMPERATURE_0
+    return np.asarray(_PRESSURE_0 * warmth ** (_EXPONENT - 1.0) / (_GAS * _TEMPERATURE_0))
+
+
+def has_pressure(tables: Tables) -> bool:
+    """Say whether the log has a barometer with pressures."""
+    return tables.baro is not None and bool(tables.baro["pressure"].gt(0.0).sum() > 1)
+
+
+def _has_altitude(tables: Tables) -> bool:
+    """Say whether altitudes count from the sea: the log has an origin or a fix."""
+    return tables.origin is not None or (tables.gps is not None and bool(tables.gps["alt"].notna().any()))
+
+
+def _density(trajectory: Trajectory, tables: Tables, t: Floats) -> Floats:
+    if tables.baro is not None and has_pressure(tables):
+        pressure = tables.baro["pressure"].where(tables.baro["pressure"] > 0.0).to_frame()
+        return air_density(resample_frame(pressure, t)[:, 0])
+    if _has_altitude(tables):
+        return standard_density(trajectory.origin.alt - resample_frame(trajectory.states[["p_d"]], t)[:, 0])
+    return np.full(len(t), np.nan)

@@ -1,0 +1,241 @@
+"""From a log and its trajectory to an `Experiment`: the airborne segment on one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from logparse import Finding, MissingDataError, Severity, Vehicle
+from sysid.records.context import has_pressure, resample_frame, shared_context
+from sysid.records.experiment import MIN_SAMPLES, Experiment, Floats
+from sysid.records.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
+from sysid.records.mixer import project, rounding
+from sysid.records.resampling import resample
+
+if TYPE_CHECKING:
+    from estimation import Trajectory
+    from logparse import FlightLog
+
+#: A gap in the inputs longer than this ends the usable segment, s.
+LONGEST_GAP = 1.0
+
+#: An input known for less than this part of the flight is left out, so that it does not take the others with it.
+KNOWN = 0.5
+
+#: Commands that move by less than this many standard deviations of their rounding are mostly rounding.
+ABOVE_ROUNDING = 2.0
+
+#: Input sets that are the sums of several signals: one of them missing is all missing.
+_WHOLE = ("mixer", "rate_outputs", "reference", "velocity_reference")
+
+OUTPUTS = ("position", "velocity")
+FRAMES = ("earth", "heading")
+
+
+def record_flight(
+    log: FlightLog,
+    trajectory: Trajectory,
+    rate: float,
+    inputs: str,
+    outputs: str,
+    frame: str,
+    name: str | None,
+    beside: Iterable[Experiment] = (),
+) -> Experiment:
+    """Do the work of `Experiment.from_flight`."""
+    for kind, value, known in (("inputs", inputs, INPUT_SETS), ("outputs", outputs, OUTPUTS), ("frame", frame, FRAMES)):
+        if value not in known:
+            raise ValueError(f"{kind} must be one of {', '.join(known)}, not {value!r}")
+    label = name or log.path.name
+    if log.flight is None:
+        raise MissingDataError(f"{label}: the craft never left the ground, so that there is nothing to identify")
+    try:
+        source = read_inputs(log.tables, log.vehicle, trajectory, inputs, frame)
+        states = trajectory.states
+        first = max(log.flight.start, float(states.index[0]))
+        last = min(log.flight.stop, float(states.index[-1]))
+        signals, more = _usable(source, inputs, first, last)
+        piece, start, stop, findings = _longest_piece(source, signals, first, last)
+    except MissingDataError as error:
+        raise MissingDataError(f"{label}: {error}") from None
+    if (stop - start) * rate < MIN_SAMPLES:
+        raise MissingDataError(
+            f"{label}: {source.title} and trajectory overlap in flight for {max(stop - start, 0.0):.1f} s only"
+        )
+    t = start + np.arange(int((stop - start) * rate + 1e-9) + 1) / rate
+    u = resample(piece.index.to_numpy(np.float64), piece.to_numpy(np.float64), t)
+    context = shared_context(beside, trajectory, log.tables, t)
+    if not has_pressure(log.tables) and context["density"].notna().all():
+        more.append(
+            Finding(
+                "density-from-altitude",
+                Severity.INFO,
+                "without a barometer the air's density is that of the standard atmosphere at the craft's altitude "
+                f"({context['density'].mean():.3f} kg/m^3)",
+                "log the barometer (BARO, or SCALED_PRESSURE in telemetry)",
+                {"density": float(context["density"].mean())},
+            )
+        )
+    if inputs in ("motors", "mixer"):
+        more += _rounded(log.tables.motors, log.vehicle, start, stop)
+    more += _steps(source, start, stop)
+    motion, unit = _motion(states, outputs, turned=frame == "heading" and inputs == "motors")
+    y = resample_frame(motion, t)
+    if outputs == "position":
+        if inputs == "reference":
+            # Counted from where the craft was, as positions are, so that their difference is the loop's error.
+            u = u - y[0]
+        y = y - y[0]
+    return Experiment.from_arrays(
+        t,
+        u,
+        y,
+        name=label,
+        input_names=[str(column) for column in piece.columns],
+        output_names=[str(column) for column in motion.columns],
+        units={**source.units, **dict.fromkeys(map(str, motion.columns), unit)},
+        context=context,
+        vehicle=log.vehicle,
+        findings=(*source.findings, *findings, *more),
+    )
+
+
+def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:
+    """Say that targets jump, as those of telemetry do."""
+    inside = source.steps[(source.steps[:, 0] > start) & (source.steps[:, 0] < stop), 1]
+    if not len(inside):
+        return []
+    return [
+        Finding(
+            "reference-steps",
+            Severity.WARNING,
+            f"{source.title} jump {len(inside)} time(s), by up to {float(inside.max()):.1f} m, as waypoints do: "
+            "between them the autopilot shapes a path that this log does not have, and a linear model takes its "
+            "limits of speed and acceleration for slowness",
+            "use the DataFlash log of the flight; its PSCN, PSCE and PSCD have the path",
+            {"steps": len(inside), "largest": float(inside.max())},
+        )
+    ]
+
+
+def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float, stop: float) -> list[Finding]:
+    """Say which commands of the mixer drown in the rounding of PWM to whole microseconds."""
+    if motors is None or vehicle is None:
+        return []
+    flown = motors.loc[start:stop].dropna(how="any")
+    try:
+        noise = rounding(flown, vehicle)
+        moved = project(flown, vehicle, None).std(ddof=0)
+    except MissingDataError:  # no frame, or motors without an output, which is told elsewhere
+        return []
+    drowned = [name for name, sigma in noise.items() if 0.0 < float(moved[name]) < ABOVE_ROUNDING * sigma]
+    if not drowned:
+        return []
+    return [
+        Finding(
+            "commands-below-rounding",
+            Severity.WARNING,
+            f"motor outputs hardly show what was asked in {', '.join(drowned)}: "
+            + ", ".join(f"{100.0 * float(moved[name]):.2g}" for name in drowned)
+            + " % of full thrust (standard deviation), of which rounding PWM to 1 us alone makes "
+            + ", ".join(f"{100.0 * noise[name]:.2g}" for name in drowned)
+            + " %; their effect on the craft cannot be told from motor outputs",
+            "fly with more roll and pitch, or use the rate controller's outputs (RATE messages)",
+            {f"moved_{name}": float(moved[name]) for name in drowned}
+            | {f"rounding_{name}": noise[name] for name in drowned},
+        )
+    ]
+
+
+def _motion(states: pd.DataFrame, outputs: str, *, turned: bool) -> tuple[pd.DataFrame, str]:
+    """Give position or velocity, z up, along north and east or, turned, along and across the nose; and its unit."""
+    kind, unit = ("p", "m") if outputs == "position" else ("v", "m/s")
+    values = states[[f"{kind}_n", f"{kind}_e", f"{kind}_d"]].to_numpy(np.float64) * [1.0, 1.0, -1.0]
+    names = ["x", "y", "z"]
+    if turned:
+        names = ["forward", "right", "z"]
+        yaw = yaw_of(states)
+        if outputs == "position":
+            middle, steps = 0.5 * (yaw[1:] + yaw[:-1]), np.diff(values[:, :2], axis=0)
+            values[:, :2] = np.vstack([np.zeros(2), np.cumsum(_to_heading(steps, middle), axis=0)])
+        else:
+            values[:, :2] = _to_heading(values[:, :2], yaw)
+    columns = names if outputs == "position" else [f"v_{name}" for name in names]
+    return pd.DataFrame(values, index=states.index, columns=columns), unit
+
+
+def _to_heading(north_east: Floats, yaw: Floats) -> Floats:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([c * north_east[:, 0] + s * north_east[:, 1], c * north_east[:, 1] - s * north_east[:, 0]])
+
+
+def _usable(source: Inputs, kind: str, start: float, stop: float) -> tuple[pd.DataFrame, list[Finding]]:
+    """Leave out motors without values in the flight; other sets need all of theirs."""
+    signals = source.signals
+    inside = signals.loc[start:stop]
+    known = inside.notna().to_numpy()
+    needed = max(2, KNOWN * int(known.any(axis=1).sum()))
+    empty = [column for k, column in enumerate(signals.columns) if known[:, k].sum() < needed]
+    names = ", ".join(str(column) for column in empty)
+    if len(empty) == signals.shape[1] or (empty and kind in _WHOLE and not known.all(axis=1).any()):
+        if kind in ("motors", "mixer"):
+            raise MissingDataError(
+                f"no motor output has a value in flight ({names}); check SERVOn_FUNCTION and LOG_BITMASK"
+            )
+        raise MissingDataError(f"there are no {source.title} in flight: its controller was not active then")
+    if not empty or kind in _WHOLE:
+        return signals, []
+    return signals.drop(columns=empty), [
+        Finding(
+            "motor-without-output",
+            Severity.WARNING,
+            f"no output was logged in flight for {names}; left out",
+            "check SERVOn_FUNCTION of these motors",
+            {"motors": names},
+        )
+    ]
+
+
+def _longest_piece(
+    source: Inputs, signals: pd.DataFrame, first: float, last: float
+) -> tuple[pd.DataFrame, float, float, list[Finding]]:
+    """Keep the longest stretch in flight without a gap in any input and without a restart of its controller."""
+    signals = signals[signals.notna().all(axis=1)]
+    t = signals.index.to_numpy(np.float64)
+    if len(t) < 2:
+        raise MissingDataError(f"the {source.title} are never known all together")
+    gaps = np.diff(t) > LONGEST_GAP
+    broken = gaps | (np.searchsorted(source.restarts, t[1:]) > np.searchsorted(source.restarts, t[:-1]))
+    at = np.flatnonzero(broken)
+    begins, ends = np.concatenate([[0], at + 1]), np.concatenate([at, [len(t) - 1]])
+    starts, stops = np.maximum(t[begins], first), np.minimum(t[ends], last)
+    k = int(np.argmax(stops - starts))
+    start, stop = float(starts[k]), float(stops[k])
+    piece = signals.iloc[begins[k] : ends[k] + 1]
+    inside = np.flatnonzero(broken & (t[1:] > first) & (t[:-1] < last))
+    whole = min(last, float(t[-1])) - max(first, float(t[0]))
+    if len(inside) == 0 or len(piece) < 2:
+        return piece, start, stop, []
+    restarts = int(np.sum(~gaps[inside]))
+    longest = float(np.diff(t)[inside].max())
+    if restarts == len(inside):
+        what = f"the controller of the {source.title} starts anew {restarts} time(s) in flight"
+    else:
+        what = f"{source.title} are missing {len(inside) - restarts} time(s) in flight, for up to {longest:.1f} s"
+    return (
+        piece,
+        start,
+        stop,
+        [
+            Finding(
+                f"{source.title.removesuffix('s').replace(' ', '-')}-gaps",
+                Severity.WARNING,
+                f"{what}; {stop - start:.1f} of {whole:.1f} s in one piece are used",
+                "",
+                {"gaps": len(inside), "restarts": restarts, "used_seconds": stop - start},
+            )
+        ],
+    )

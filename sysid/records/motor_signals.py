@@ -1,0 +1,110 @@
+"""Motor signals and rates fast enough for rotation, from what a log has of them.
+
+Attitude control runs at 400 Hz; motor outputs are often logged at 10 Hz and show it in aliases only. Rates and the rate
+controller's outputs are logged together and faster (ArduPilot's RATE). Where they are there, the four patterns of the
+mixer (thrust, roll, pitch, yaw) are taken from them, scaled by the ratio of the motors' mean thrust to the controller's
+thrust output, and from the motor outputs only what the patterns leave over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from logparse import Finding, Severity, Vehicle
+from sysid.records.experiment import Experiment, Floats
+from sysid.records.thrust_curve import Law, column, thrust_signals
+
+#: Rate of motor signals that shows rotation, Hz: ten times the bandwidth of attitude loops.
+ENOUGH = 20.0
+
+#: Part of samples on straight lines between their neighbours above which inputs were logged slower than the record.
+INTERPOLATED = 0.3
+
+#: Time over which the scale of the controller's outputs is averaged, s, and the least thrust output to read it from.
+SCALE_SECONDS, LEAST_THRUST = 10.0, 0.02
+
+
+#: Part of the power of rates that motors must explain: noise and aliases in their signals bias effectiveness by up to
+#: the rest.
+EXPLAINED = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class MotorSignals:
+    """Signals of the motors (N, n), rates (N, 3) [rad/s], and whether they show rotation."""
+
+    signals: Floats
+    rates: Floats
+    fast: bool
+    source: str
+
+
+def motor_signals(record: Experiment, law: Law, vehicle: Vehicle, voltage: float | None, expo: float) -> MotorSignals:
+    """Give the fastest signals that the record has.
+
+    Parameters
+    ----------
+    record : Experiment
+    law : Law
+    vehicle : Vehicle
+    voltage : float or None
+        Reference voltage, V.
+    expo : float
+        Curvature of the thrust curve.
+    """
+    signals = thrust_signals(record, law, vehicle, voltage, expo)
+    rates = np.column_stack([column(record, f"w_{axis}") for axis in "xyz"])
+    if law is Law.SPEED:
+        return MotorSignals(signals, rates, _fast(record, signals), "ESC speeds")
+    outputs = np.column_stack([column(record, f"out_{name}") for name in ("thrust", "roll", "pitch", "yaw")])
+    controller = np.column_stack([column(record, f"rate_{axis}") for axis in "xyz"])
+    known = {f"m{motor.number}": motor for motor in vehicle.motors}
+    if not (np.isfinite(outputs).all() and np.isfinite(controller).all() and set(record.input_names) <= set(known)):
+        return MotorSignals(signals, rates, _fast(record, record.u), "motor outputs")
+    motors = [known[name] for name in record.input_names]
+    factors = np.array([[1.0, motor.roll, motor.pitch, motor.yaw] for motor in motors])
+    size = max(min(round(SCALE_SECONDS / record.dt), len(record.t)), 1)
+    mean, asked = _moving_mean(signals.mean(axis=1), size), _moving_mean(outputs[:, 0], size)
+    scale = np.where(asked > LEAST_THRUST, mean / np.maximum(asked, LEAST_THRUST), 1.0)
+    slow = signals - signals @ np.linalg.pinv(factors).T @ factors.T
+    return MotorSignals(
+        slow + scale[:, None] * (outputs @ factors.T), controller, record.rate >= ENOUGH, "rate controller's outputs"
+    )
+
+
+def too_slow(method: str, source: str) -> Finding:
+    """Say why nothing about rotation is determined."""
+    return Finding(
+        "motor-signals-slow",
+        Severity.WARNING,
+        f"{method}: {source} are logged too slowly for rotation ({ENOUGH:g} Hz or more show it), so that inertia and "
+        "yaw torque are not determined",
+        "log fast attitude (LOG_BITMASK: ATTITUDE_FAST, for RATE at the loop's rate), and analyse at 50 Hz",
+    )
+
+
+def unexplained(part: float, what: str) -> str:
+    """Say why an effectiveness is not believed; empty when motors explain enough of what the craft did."""
+    if part >= EXPLAINED:
+        return ""
+    return f"motors explain only {100.0 * max(part, 0.0):.0f} % of the {what}: wind or slow logs do the rest"
+
+
+def _fast(record: Experiment, values: Floats) -> bool:
+    """Say whether values change at the record's own rate, and that rate is enough."""
+    if record.rate < ENOUGH:
+        return False
+    moving = values[:, np.ptp(values, axis=0) > 0.0]
+    if moving.size == 0:
+        return False
+    bend = np.abs(np.diff(moving, n=2, axis=0))
+    straight = float(np.mean(bend < 1e-6 * np.ptp(moving, axis=0)))
+    return straight < INTERPOLATED
+
+
+def _moving_mean(values: Floats, size: int) -> Floats:
+    """Mean over `size` samples centred on each, shorter at the ends."""
+    kernel = np.ones(size)
+    return np.asarray(np.convolve(values, kernel, "same") / np.convolve(np.ones(len(values)), kernel, "same"))

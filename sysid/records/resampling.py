@@ -1,0 +1,79 @@
+"""Signals of any rate onto one uniform clock, without folding what is too fast for it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import firwin
+
+from sysid.records._resampling_kernels import filtered_at
+from sysid.records.experiment import Floats
+
+#: Pass band of the anti-aliasing filter in parts of the new sampling rate; the stop band starts at half of it.
+PASS = 0.4
+
+#: A source is filtered when it is this much faster than the new clock.
+FASTER = 1.5
+
+
+def resample(source_t: Floats, values: Floats, t: Floats) -> Floats:
+    """Bring columns to the clock `t`: zero-phase low-pass where the source is faster, then straight lines.
+
+    Parameters
+    ----------
+    source_t : ndarray, shape (M,)
+        Strictly increasing, s.
+    values : ndarray, shape (M, k)
+        NaN marks missing samples; they are bridged by straight lines. A column without any value stays NaN.
+    t : ndarray, shape (N,)
+        Uniform, s.
+
+    Returns
+    -------
+    ndarray, shape (N, k)
+    """
+    dt = float((t[-1] - t[0]) / (len(t) - 1))
+    step = float(np.median(np.diff(source_t)))
+    result = np.full((len(t), values.shape[1]), np.nan)
+    for column in range(values.shape[1]):
+        known = np.isfinite(values[:, column])
+        if np.count_nonzero(known) < 2:
+            continue
+        # The rates of a fast loop are long: what is whole is not copied.
+        time, signal = (source_t, values[:, column]) if known.all() else (source_t[known], values[known, column])
+        if dt >= FASTER * step:
+            grid = np.arange(time[0], time[-1] + 0.5 * step, step)
+            # Only what the new clock asks for is filtered.
+            between = np.interp(t, grid, np.arange(len(grid), dtype=np.float64))
+            signal = np.interp(grid, time, signal)
+            del grid
+            extended, taps = _extended(signal, step, PASS / dt)
+            result[:, column] = filtered_at(extended, taps, between)
+        else:
+            result[:, column] = np.interp(t, time, signal)
+    return result
+
+
+def _extended(signal: Floats, dt: float, cutoff: float) -> tuple[Floats, Floats]:
+    """Lay out a symmetric FIR low-pass filter and continue the signal for it at both ends.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (N,)
+    dt : float
+        s.
+    cutoff : float
+        Hz.
+
+    Returns
+    -------
+    extended : ndarray, shape (N + taps - 1,)
+        The ends are continued by point reflection, which keeps level and slope.
+    taps : ndarray
+        A single one where there is nothing to filter.
+    """
+    half = min(round(1.6 / (cutoff * dt)), len(signal) - 1)
+    if half < 1 or cutoff * dt >= 0.5:
+        return signal, np.ones(1)
+    before = 2.0 * signal[0] - signal[half:0:-1]
+    after = 2.0 * signal[-1] - signal[-2 : -half - 2 : -1]
+    return np.concatenate([before, signal, after]), firwin(2 * half + 1, 2.0 * cutoff * dt)

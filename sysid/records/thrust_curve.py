@@ -1,0 +1,160 @@
+"""What a motor's logged signal says about its thrust: the autopilot's curve for PWM, the square of a rotor's speed.
+
+Two laws turn a logged signal into a number s that thrust is proportional to, ``T = k s``::
+
+    command:  s = (rho / 1.225) [(1 - e) c V + e (c V)^2]    c: PWM between idle and full spin, 0 .. 1 (ArduPilot
+                                                             AP_MotorsMulticopter); V: voltage over the reference
+    speed:    s = (rho / 1.225) w^2                          w: rotor speed, rad/s (Kim 2017 eq. 13, Refinement 2020)
+
+so that k is the thrust at full command [N], or the coefficient of the rotor [N s^2], in sea-level air.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+
+import numpy as np
+from scipy.signal import lfilter
+
+from logparse import Vehicle
+from sysid.records.experiment import Experiment, Floats
+
+#: Density to which coefficients refer, kg/m^3.
+REFERENCE_DENSITY = 1.225
+
+
+class Law(StrEnum):
+    """How the signal of a motor becomes thrust."""
+
+    COMMAND = "command"
+    SPEED = "speed"
+
+    @property
+    def thrust_unit(self) -> str:
+        """Unit of k."""
+        return "N at full command" if self is Law.COMMAND else "N s^2"
+
+    @property
+    def specific_unit(self) -> str:
+        """Unit of k/m."""
+        return "m/s^2 at full command" if self is Law.COMMAND else "N s^2/kg"
+
+    @property
+    def torque_unit(self) -> str:
+        """Unit of b."""
+        return "N m at full command" if self is Law.COMMAND else "N m s^2"
+
+
+def motor_commands(pwm: Floats, vehicle: Vehicle) -> Floats:
+    """Invert the autopilot's output scaling: command c between idle and full spin, 0 to 1, not clipped.
+
+    Parameters
+    ----------
+    pwm : ndarray
+        us.
+    vehicle : Vehicle
+    """
+    width = vehicle.pwm_max - vehicle.pwm_min
+    idle = vehicle.pwm_min + vehicle.spin_min * width
+    full = vehicle.pwm_min + vehicle.spin_max * width
+    return np.asarray((pwm - idle) / (full - idle))
+
+
+def motor_pwm(command: float, vehicle: Vehicle) -> float:
+    """Give the PWM [us] of a command: the inverse of `motor_commands`."""
+    width = vehicle.pwm_max - vehicle.pwm_min
+    return vehicle.pwm_min + width * (vehicle.spin_min + command * (vehicle.spin_max - vehicle.spin_min))
+
+
+def curve(command: Floats, expo: float) -> Floats:
+    """Thrust over full thrust, ``(1 - e) c + e c^2``."""
+    return np.asarray((1.0 - expo) * command + expo * command**2)
+
+
+def command_for(thrust: float, expo: float) -> float:
+    """Solve ``(1 - e) c + e c^2 = thrust`` for the command."""
+    if abs(expo) < 1e-6:
+        return thrust
+    return float((expo - 1.0 + np.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust)) / (2.0 * expo))
+
+
+def column(record: Experiment, name: str) -> Floats:
+    """Give a column of the record's context; NaN where the log does not tell."""
+    if record.context is None or name not in record.context:
+        return np.full(len(record.t), np.nan)
+    return record.context[name].to_numpy(np.float64)
+
+
+def relative_density(record: Experiment) -> Floats:
+    """Density of the air over that of the sea level; 1 where unknown."""
+    density = column(record, "density") / REFERENCE_DENSITY
+    return np.where(np.isfinite(density), density, 1.0)
+
+
+def reference_voltage(records: Sequence[Experiment]) -> float | None:
+    """Median voltage of the records, V; None when one of them does not tell."""
+    voltages = np.concatenate([column(record, "voltage") for record in records])
+    return float(np.median(voltages)) if np.isfinite(voltages).all() else None
+
+
+def rotor_speeds(record: Experiment) -> Floats | None:
+    """Give the speeds that the ESCs report for the record's motors, rad/s, (N, motors); None unless all report."""
+    if record.context is None:
+        return None
+    speeds = [column(record, f"rotor_speed_{name.removeprefix('m')}") for name in record.input_names]
+    result = np.column_stack(speeds)
+    return result if np.isfinite(result).all() and (result.max(axis=0) > 0.0).any() else None
+
+
+def thrust_signals(
+    record: Experiment, law: Law, vehicle: Vehicle, voltage: float | None, expo: float | None = None
+) -> Floats:
+    """Give s of the module's text for each motor, (N, motors).
+
+    Parameters
+    ----------
+    record : Experiment
+        Inputs are PWM in us; for `Law.SPEED` the context has rotor speeds.
+    law : Law
+    vehicle : Vehicle
+        PWM range and thrust curve.
+    voltage : float or None
+        Reference voltage, V; None ignores the battery.
+    expo : float, optional
+        Curvature of the thrust curve; the vehicle's own by default.
+
+    Raises
+    ------
+    ValueError
+        The law wants rotor speeds and the record has none.
+    """
+    density = relative_density(record)[:, None]
+    if law is Law.SPEED:
+        speeds = rotor_speeds(record)
+        if speeds is None:
+            raise ValueError(f"{record.name}: rotor speeds are not logged")
+        return np.asarray(density * speeds**2)
+    command = np.clip(motor_commands(record.u, vehicle), 0.0, 1.0)
+    if voltage is not None:
+        command = command * (column(record, "voltage") / voltage)[:, None]
+    return np.asarray(density * curve(command, vehicle.thrust_expo if expo is None else expo))
+
+
+def lagged(signals: Floats, time_constant: float, dt: float) -> Floats:
+    """Pass signals through a first-order lag from its steady state, exact for inputs linear between samples.
+
+    Parameters
+    ----------
+    signals : ndarray, shape (N, k) or (N,)
+    time_constant, dt : float
+        s.
+    """
+    if time_constant <= 1e-6 * dt:
+        return signals
+    a = float(np.exp(-dt / time_constant))
+    new = 1.0 - (1.0 - a) * time_constant / dt
+    old = 1.0 - a - new
+    # State of the direct form II transposed filter that makes the output begin at the first sample.
+    start = (1.0 - new) * signals[:1]
+    return np.asarray(lfilter([new, old], [1.0, -a], signals, axis=0, zi=start)[0])

@@ -1,0 +1,571 @@
+"""From flights to a rigid body: equation error, output error, rotation, and what of it all is determined."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from logparse import Finding, Severity, Vehicle
+from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.records.thrust_curve import REFERENCE_DENSITY, motor_commands, reference_voltage
+from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
+from sysid.rigid_body.airspeed import AirDoubt, doubt_of_air
+from sysid.rigid_body.body_motion import SHARED, THETA, Motion, motion
+from sysid.rigid_body.equation_error import EquationErrorFit, fit_equation_error
+from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
+from sysid.rigid_body.motor_effects import fit_motor_effects
+from sysid.rigid_body.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice, window_count
+from sysid.rigid_body.rotation import COHERENT, STILL, RotationFit, centre_of_gravity, fit_rotation, logged_motors
+from sysid.rigid_body.trim import trim_from, trim_prior
+from sysid.rigid_body.wind import WIND_EXPONENT, FlightTrim, wind_knots, wind_shapes
+from sysid.rotors.thrust_regression import vehicle_of
+from sysid.transfer_functions.search import Progress
+
+#: What is known of any multirotor before it flies: mean, standard deviation, limits. The spreads are wide, so that they
+#: only hold what a flight does not excite. The curve's mean is the autopilot's setting; nothing is known of thrust.
+PRIORS: Mapping[str, tuple[float, float, float, float]] = {
+    "thrust": (0.0, np.inf, 1e-3, 1e4),
+    "thrust_expo": (0.65, 0.1, 0.0, 1.0),
+    "drag_linear_x": (0.25, 0.5, 0.0, 5.0),
+    "drag_linear_y": (0.25, 0.5, 0.0, 5.0),
+    "drag_linear_z": (0.25, 0.5, 0.0, 5.0),
+    "drag_quadratic_x": (0.02, 0.1, 0.0, 1.0),
+    "drag_quadratic_y": (0.02, 0.1, 0.0, 1.0),
+    "drag_quadratic_z": (0.02, 0.1, 0.0, 1.0),
+    "climb_loss": (0.0, 0.05, 0.0, 1.0),
+    "tilt_x": (0.0, 0.01, -0.1, 0.1),
+    "tilt_y": (0.0, 0.01, -0.1, 0.1),
+    "wind_exponent": (*WIND_EXPONENT, 0.0, 1.0),
+    "motor_lag": (0.03, 0.03, 0.0, 0.3),
+}
+
+#: Largest standard error of what is called determined: a part of the estimate; absolute where zero is a proper value.
+RELATIVE = {"thrust": 0.15, "roll_gain": 0.2, "pitch_gain": 0.2, "yaw_gain": 0.2}
+ABSOLUTE = {
+    "thrust_expo": 0.05,
+    "climb_loss": 0.02,
+    "tilt_x": 0.004,
+    "tilt_y": 0.004,
+    "wind_exponent": 0.08,
+    "motor_lag": 0.015,
+    "roll_damping": 1.0,
+    "pitch_damping": 1.0,
+    "yaw_damping": 1.0,
+    "yaw_lead": 0.01,
+    "torque_lag": 0.01,
+    "torque_delay": 0.01,
+    "cg_x": 0.03,
+    "cg_y": 0.03,
+}
+_DRAG_RELATIVE = 0.25
+
+#: Standard error that a lag and a delay of rotation are given, s: within it one stands for the other.
+_LAG_SIGMA = 0.005
+
+#: Part of a gain by which one lag and straight lines between samples misrepresent motors, filters and staircases of
+#: commands; the scatter of stretches, which all share it, does not show it.
+GAIN_FLOOR = 0.01
+
+#: Steps by which another law of drag must have shown that it fits better.
+_RIVAL_STEPS = 6
+
+#: Windows of each flight, evenly spread, on which laws of drag are judged: four minutes, so that all of a usual flight
+#: is. What they differ by adds up over windows; where so many do not tell two laws apart, all windows are asked.
+JUDGED_WINDOWS = 24
+
+#: Standard deviations by which the costs of two laws must differ to tell them apart (Vuong 1989).
+_APART = 3.0
+
+#: Part of the time at an end of its range from which a motor is worth a finding.
+SATURATED = 0.05
+
+#: Time between the points of a varying wind, s: shorter than the long gusts (Dryden: about 100 m at 15 m height, 20 to
+#: 50 s in light wind), which else pull drag about and hide from its standard error; longer than a window. With it
+#: standard errors agree with Monte Carlo in gusts.
+WIND_SPACING = 20.0
+_NOTHING = 1e-6
+
+#: Speed below which drag is not worth telling, m/s.
+_SLOW = 0.5
+
+#: What to fly so that a parameter can be had.
+ADVICE = {
+    "thrust": "fly longer, or in one place so that gusts do not hide thrust",
+    "thrust_expo": "climb and descend with vigour, or fly with different loads or at different altitudes",
+    "drag_linear": "fly back and forth at several speeds along this axis",
+    "drag_quadratic": "fly back and forth at several speeds, the highest included, along this axis",
+    "climb_loss": "climb fast and descend fast",
+    "tilt": "turn in the wind, so that wind and a leaning thrust can be told apart",
+    "wind_exponent": "fly low and high in wind",
+    "motor_lag": "log motor outputs faster, and move the throttle briskly",
+}
+
+
+def fit_rigid_body(
+    experiments: Sequence[Experiment],
+    mass: float | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    wind_spacing: float | None = WIND_SPACING,
+    time_limit: float = 60.0,
+    progress: Progress | None = None,
+) -> RigidBodyModel:
+    """Identify thrust, drag, wind and effectiveness of one craft from one or more flights.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Inputs PWM of the motors, outputs x, y, z, with context; best at 50 samples a second.
+    mass : float, optional
+        kg; without it everything is per unit of mass.
+    priors : mapping of str to (mean, sigma), optional
+        What is known beforehand of parameters of `TRANSLATION_UNITS`, in their units, such as the thrust from a bench
+        over the mass. Sigma 0 holds a parameter.
+    wind_spacing : float, optional
+        Time between the points of the broken line by which the wind of a flight varies about its mean, s; None for
+        constant winds.
+    time_limit : float
+        s, for the steps of output error; the best values so far are returned, with a finding.
+    progress : callable, optional
+        ``progress(stage, fraction)``.
+
+    Raises
+    ------
+    ExperimentError
+        When the records are not alike or not of the kind, or too short, or a prior is none of the parameters'.
+    MissingDataError
+        Without attitude.
+    """
+    begun, report = time.monotonic(), progress or (lambda stage, fraction: None)
+    records = require_alike(experiments)
+    if mass is not None and not mass > 0.0:
+        raise ExperimentError(f"mass must be positive, not {mass} kg")
+    unknown = set(priors or {}) - set(THETA)
+    if unknown:
+        raise ExperimentError(f"no such parameter: {', '.join(sorted(unknown))}; there are {', '.join(THETA)}")
+    vehicle, findings = vehicle_of(records[0])
+    voltage = reference_voltage(records)
+    findings += [*_motor_outputs(records, vehicle), *_gaps(records, vehicle, mass, voltage)]
+    report("accelerations", 0.0)
+    motions = [motion(record, vehicle, voltage) for record in records]
+    prior, start = _prior(motions, vehicle, priors or {})
+    rough = fit_equation_error(motions, [np.ones((len(flight.t), 1)) for flight in motions], start, prior)
+    knots = _knots(motions, wind_spacing)
+    fine, law = _best_law(motions, knots, prior, rough, begun + time_limit, report)
+    if not fine.converged:
+        findings.append(
+            Finding(
+                "not-converged",
+                Severity.WARNING,
+                f"output error had not settled after {fine.iterations} steps and {time.monotonic() - begun:.1f} s; its "
+                "standard errors mean little",
+                "give it more time, use longer flights, or leave out flights in which the craft was disturbed",
+            )
+        )
+    trims = [_trim(fine, i, knots[i]) for i in range(len(motions))]
+    air = doubt_of_air(motions, trims, varies=wind_spacing is not None)
+    report("rotation", 0.8)
+    turning = _rotation(records, vehicle, voltage)
+    parameters, covariance, estimated = _parameters(fine, prior, air, records, vehicle, voltage, turning)
+    findings += _undetermined(parameters) + _drag_apart(parameters, motions, fine, air)
+    report("fitted", 1.0)
+    return RigidBodyModel(
+        name="rigid body, thrust and drag from PWM and attitude",
+        parameters={name: _in_si(parameter, parameters, mass) for name, parameter in parameters.items()},
+        estimated=estimated,
+        covariance=covariance,
+        condition=_condition(fine.information[:SHARED, :SHARED]),
+        rotor_drag=bool(law & ROTOR_DRAG),
+        axis_drag=bool(law & AXIS_DRAG),
+        mass=mass,
+        vehicle=vehicle,
+        reference_density=REFERENCE_DENSITY,
+        reference_voltage=voltage,
+        flights={flight.name: air.widened(trim) for flight, trim in zip(motions, trims, strict=True)},
+        rotation_fit={} if turning is None else {axis: fit.coherent for axis, fit in turning.axes.items()},
+        rmse=fine.rmse,
+        training=tuple(record.name for record in records),
+        findings=tuple(findings),
+        motors={} if turning is None else fit_motor_effects(records, vehicle, voltage, turning),
+    )
+
+
+def _motor_outputs(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]:
+    """Name motors whose output stands still or stands at an end of its range."""
+    findings = []
+    for j, name in enumerate(records[0].input_names):
+        pwm = np.concatenate([record.u[:, j] for record in records])
+        if np.ptp(pwm) == 0.0:
+            findings.append(
+                Finding(
+                    "constant-input",
+                    Severity.WARNING,
+                    f"the output of motor {name} stays at {pwm[0]:.0f} us throughout; if the motor does not follow it, "
+                    "thrust per motor is wrong by its share",
+                    "check that this motor output is connected, enabled and logged",
+                    {"input": name, "value": float(pwm[0])},
+                )
+            )
+            continue
+        command = motor_commands(pwm, vehicle)
+        part = float(np.mean((command <= 0.0) | (command >= 1.0)))
+        if part > SATURATED:
+            findings.append(
+                Finding(
+                    "saturated-input",
+                    Severity.WARNING,
+                    f"the output of motor {name} is at an end of its range for {100.0 * part:.0f} % of the time",
+                    "check the craft's weight against its thrust, and MOT_SPIN_MIN and MOT_SPIN_MAX",
+                    {"input": name, "part": part},
+                )
+            )
+    return findings
+
+
+def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, voltage: float | None) -> list[Finding]:
+    """Say what the logs lack and what that means."""
+    findings = []
+    count, flown = len(records[0].input_names), len(vehicle.motors)
+    if count < flown:
+        findings.append(
+            Finding(
+                "motors-not-logged",
+                Severity.WARNING,
+                f"only {count} of {flown} motors are logged; the others carry an unknown part of the weight, so that "
+                "thrust per motor and effectiveness are not determined; drag and wind are",
+                "log the outputs of all motors and all SERVOn_FUNCTION parameters",
+                {"logged": count, "motors": flown},
+            )
+        )
+    if voltage is None:
+        findings.append(
+            Finding(
+                "voltage-missing",
+                Severity.WARNING,
+                "voltage was not logged in every record: thrust is taken not to depend on it, which makes the thrust "
+                "scale of a flight an average over its discharge",
+                "set up the battery monitor (BATT_MONITOR)",
+            )
+        )
+    lacking = [r.name for r in records if r.context is not None and not r.context["density"].notna().all()]
+    if lacking:
+        findings.append(
+            Finding(
+                "density-unknown",
+                Severity.WARNING,
+                f"neither pressure nor altitude in {', '.join(lacking)}: sea-level air is assumed",
+                "log the barometer or GPS",
+            )
+        )
+    if mass is None:
+        findings.append(
+            Finding(
+                "mass-unknown",
+                Severity.INFO,
+                "motion gives forces per unit of mass only; the take-off mass gives newtons and kg m^2",
+                "give the take-off mass (--mass)",
+            )
+        )
+    return findings
+
+
+def _prior(
+    motions: Sequence[Motion], vehicle: Vehicle, given: Mapping[str, tuple[float, float]]
+) -> tuple[Prior, Floats]:
+    """Prior knowledge and where to start; thrust starts where it carries the weight."""
+    shared = np.array([PRIORS[name] for name in THETA])
+    shared[THETA.index("thrust_expo"), 0] = np.clip(vehicle.thrust_expo, 0.0, 1.0)
+    for name, (mean, sigma) in given.items():
+        low, high = PRIORS[name][2:]
+        if not (np.isfinite(mean) and sigma >= 0.0 and low <= mean <= high):
+            raise ExperimentError(
+                f"{name} cannot be {mean} with a standard deviation of {sigma}: it lies between {low} and {high}"
+            )
+        shared[THETA.index(name), :2] = mean, sigma
+    own = np.array(trim_prior(1, 0.0)).T
+    table = np.vstack([shared, *([own] * len(motions))])
+    prior = Prior(*np.ascontiguousarray(table.T))
+    start = prior.mean.copy()
+    expo = start[1]
+    pulls = np.concatenate([m.density * ((1.0 - expo) * m.linear + expo * m.square) for m in motions])
+    if not pulls.mean() > 0.0:
+        raise ExperimentError("no motor turns in flight: all motor outputs are at or below idle")
+    if not start[0] > 0.0:
+        start[0] = GRAVITY / pulls.mean()
+    return prior, start
+
+
+def _knots(motions: Sequence[Motion], spacing: float | None) -> list[Floats]:
+    """Place the points between which winds vary, as many in each flight as the longest needs."""
+    most = max(len(wind_knots(flight.t, spacing)) for flight in motions)
+    return [np.linspace(flight.t[0], flight.t[-1], most) for flight in motions]
+
+
+def _best_law(
+    motions: Sequence[Motion],
+    knots: Sequence[Floats],
+    prior: Prior,
+    rough: EquationErrorFit,
+    deadline: float,
+    report: Progress,
+) -> tuple[OutputErrorFit, int]:
+    """Fit by output error with every law of drag that equation error could not rule out; keep the best.
+
+    Of a long flight a bounded part judges the laws; all of it is for the best, and for what comes close to that.
+    """
+    shapes = [wind_shapes(flight.t, k) for flight, k in zip(motions, knots, strict=True)]
+    prior, values = _widened(prior, rough.values, len(motions), shapes[0].shape[1])
+    laws: Sequence[int] = rough.laws
+    long = any(window_count(flight) > JUDGED_WINDOWS for flight in motions)
+    for judging in (True, False) if long else (False,):
+        law, close = laws[0], []
+        report("paths over windows", 0.5 if long and not judging else 0.1)
+        fit = partial(
+            fit_output_error,
+            motions,
+            shapes,
+            prior=prior,
+            most_windows=JUDGED_WINDOWS if judging else None,
+            deadline=deadline,
+        )
+        settle = long and not judging
+        best = fit(values, law=law, settle=settle)
+        for number, other in enumerate(laws[1:], start=1):
+            begin, end = (0.1, 0.5) if judging else ((0.5, 0.8) if long else (0.1, 0.8))
+            report("paths over windows, another law of drag", begin + (end - begin) * number / len(laws))
+            if time.monotonic() > deadline:
+                break
+            rival = fit(best.values, law=other, spread=best.spread, most_steps=_RIVAL_STEPS)
+            better = rival.cost < best.cost
+            if not _apart(best, rival):
+                close.append(law if better else other)
+            if better:
+                best, law = fit(rival.values, law=other, settle=settle), other
+        laws, values = (law, *close), best.values
+        if judging and time.monotonic() > deadline:
+            return replace(best, converged=False), law
+    return best, laws[0]
+
+
+def _apart(one: OutputErrorFit, other: OutputErrorFit) -> bool:
+    """Whether two laws, under the same weights, differ by more than their windows' scatter."""
+    differences = one.costs - other.costs
+    return bool(abs(differences.sum()) > _APART * np.sqrt(len(differences)) * differences.std())
+
+
+def _widened(prior: Prior, values: Floats, flights: int, shapes: int) -> tuple[Prior, Floats]:
+    """Make room for winds that vary about the constant ones found by equation error."""
+    shared = np.array([prior.mean, prior.sigma, prior.low, prior.high])[:, :SHARED]
+    parts, start = [shared], [values[:SHARED]]
+    for flight in range(flights):
+        scale, north, east = values[flight_slice(flight, 1)]
+        parts.append(np.array(trim_prior(shapes, float(np.hypot(north, east)))))
+        start.append(np.array([scale, north, east, *np.zeros(2 * (shapes - 1))]))
+    return Prior(*np.ascontiguousarray(np.hstack(parts))), np.concatenate(start)
+
+
+def _rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None) -> RotationFit | None:
+    if not logged_motors(records[0], vehicle) or len(records[0].input_names) < len(vehicle.motors):
+        return None
+    return fit_rotation(records, vehicle, voltage)
+
+
+def _trim(fine: OutputErrorFit, flight: int, knots: Floats) -> FlightTrim:
+    own = flight_slice(flight, 1 + len(knots))
+    return trim_from(fine.values[own], fine.covariance[own, own], knots, "fit")
+
+
+def _parameters(
+    fine: OutputErrorFit,
+    prior: Prior,
+    air: AirDoubt,
+    records: Sequence[Experiment],
+    vehicle: Vehicle,
+    voltage: float | None,
+    turning: RotationFit | None,
+) -> tuple[dict[str, BodyParameter], Floats, tuple[str, ...]]:
+    """Judge every parameter; give them with the covariance of those that were estimated."""
+    result: dict[str, BodyParameter] = {}
+    sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
+    held = prior.sigma[:SHARED] == 0.0
+    extra = np.array([air.of(name) for name in THETA]) * np.abs(fine.values[:SHARED])
+    extra[held] = 0.0
+    sigma = np.hypot(sigma, extra)
+    unlogged = len(records[0].input_names) < len(vehicle.motors)
+    for k, name in enumerate(THETA):
+        value, reason = float(fine.values[k]), ""
+        if prior.sigma[k] == 0.0:
+            reason = "held at the value given"
+        elif name == "thrust" and unlogged:
+            reason = f"only {len(records[0].input_names)} of {len(vehicle.motors)} motors are logged"
+        else:
+            reason = _doubt(name, value, float(sigma[k]))
+            if air.of(name) > _DRAG_RELATIVE:
+                reason = air.reason(name)
+            if not reason and name not in ("motor_lag", "climb_loss") and value in (prior.low[k], prior.high[k]):
+                reason = f"the estimate ran into its limit of {value:g}"
+        result[name] = _parameter(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason)
+    size = len(THETA) + len(ROTATION_UNITS)
+    covariance = np.zeros((size, size))
+    covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED] + np.diag(extra**2)
+    numbers: dict[str, tuple[float, float, str]] = {}
+    if turning is None:
+        why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
+        why = "not all motors are logged" if unlogged else why
+        numbers = dict.fromkeys(ROTATION_UNITS, (0.0, float("inf"), why))
+    else:
+        for axis, fit in turning.axes.items():
+            reason = "" if fit.coherent >= COHERENT else _incoherent(axis, fit.coherent, fit.moved, turning.source)
+            # Noise in the command makes the gain too small by up to what is not coherent.
+            parts = np.array([fit.gain_sigma, (1.0 - fit.coherent) * fit.gain, GAIN_FLOOR * fit.gain])
+            spread = float(np.linalg.norm(parts))
+            numbers[f"{axis}_gain"] = (fit.gain, spread, reason)
+            numbers[f"{axis}_damping"] = (fit.damping, fit.damping_sigma, reason)
+        # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
+        for name, value in (("torque_lag", turning.lag), ("torque_delay", turning.delay)):
+            best = max(turning.axes.values(), key=lambda fit: fit.coherent)
+            reason = "" if best.coherent >= COHERENT else "no axis has a determined gain"
+            numbers[name] = (value, _LAG_SIGMA, reason)
+        numbers["yaw_lead"] = (turning.axes["yaw"].lead, _LAG_SIGMA, numbers["yaw_gain"][2])
+        constant = _constant_motors(records)
+        why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
+        for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, vehicle, voltage), strict=True):
+            numbers[name] = (value, spread, why if constant else "")
+    for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):
+        value, spread, reason = numbers[name]
+        reason = reason or _doubt(name, value, spread)
+        result[name] = _parameter(name, unit, value, spread, reason)
+        covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
+    return result, covariance, (*THETA, *ROTATION_UNITS)
+
+
+def _constant_motors(records: Sequence[Experiment]) -> list[str]:
+    """Motors whose output stands still in any of the flights."""
+    still = [np.ptp(record.u, axis=0) == 0.0 for record in records]
+    return [name for j, name in enumerate(records[0].input_names) if any(part[j] for part in still)]
+
+
+def _incoherent(axis: str, coherent: float, moved: float, source: str) -> str:
+    text = f"the {source} explain only {100.0 * max(coherent, 0.0):.0f} % of the angular acceleration in {axis}"
+    log = "log RATE and " if source == "motor outputs" else ""
+    if moved < STILL:
+        return f"{text}: the axis was hardly moved ({moved:.2g} rad/s); {log}fly sticks or SYSTEMID on it"
+    why = "outputs and rates do not belong together"
+    if source == "motor outputs":
+        why = "outputs are logged too slowly, or do not reach the motors"
+    advice = f"{log}check the motors' order, their outputs and the logs' times"
+    return f"{text}, although the axis moved ({moved:.2g} rad/s): {why}; {advice}"
+
+
+def _doubt(name: str, value: float, sigma: float) -> str:
+    """Why a parameter is not determined; empty when it is."""
+    group = name.rsplit("_", 1)[0] if name.startswith(("drag", "tilt")) else name
+    advice = f"; {ADVICE[group]}" if group in ADVICE else ""
+    if not np.isfinite(sigma):
+        return f"the flight does not tell it{advice}"
+    if name in ABSOLUTE:
+        limit = ABSOLUTE[name]
+        return "" if sigma <= limit else f"the standard error of {sigma:.2g} exceeds {limit:g}{advice}"
+    limit = RELATIVE.get(name, _DRAG_RELATIVE)
+    if value > 0.0 and sigma <= limit * value:
+        return ""
+    if value < _NOTHING or sigma > value:
+        return f"the estimate does not differ from zero (standard error {sigma:.2g}){advice}"
+    return f"the standard error is {100.0 * sigma / value:.0f} % of the estimate{advice}"
+
+
+def _parameter(name: str, unit: str, value: float, sigma: float, reason: str) -> BodyParameter:
+    known = not reason
+    return BodyParameter(
+        name=name,
+        unit=unit,
+        value=value if known else None,
+        sigma=sigma if known else None,
+        determined=known,
+        reason=reason,
+        used=value,
+    )
+
+
+def _in_si(parameter: BodyParameter, all_of_them: Mapping[str, BodyParameter], mass: float | None) -> BodyParameter:
+    """Add what the mass turns a parameter into."""
+    name, value, sigma = parameter.name, parameter.value, parameter.sigma
+    if mass is None or value is None or sigma is None:
+        return parameter
+    factor, unit = 0.0, ""
+    if name == "thrust":
+        factor, unit = mass, "N at full command"
+    elif name.startswith("drag_linear"):
+        factor, unit = mass, "N s/m"
+    elif name.startswith("drag_quadratic"):
+        factor, unit = 2.0 * mass / REFERENCE_DENSITY, "m^2 (drag coefficient times area)"
+    elif name == "climb_loss":
+        factor, unit = mass, "N s^2/m^2"
+    if unit:
+        return replace(parameter, si_value=factor * value, si_sigma=factor * sigma, si_unit=unit)
+    thrust = all_of_them["thrust"]
+    if name in ("roll_gain", "pitch_gain") and thrust.value is not None and thrust.sigma is not None:
+        over_arm = mass * thrust.value / value
+        part = float(np.hypot(thrust.sigma / thrust.value, sigma / value))
+        return replace(parameter, si_value=over_arm, si_sigma=over_arm * part, si_unit="kg m (inertia over arm)")
+    return parameter
+
+
+def _undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:
+    missing = [p for p in parameters.values() if not p.determined and p.reason != "held at the value given"]
+    if not missing:
+        return []
+    return [
+        Finding(
+            "not-determined",
+            Severity.INFO,
+            "not determined: " + "; ".join(f"{p.name} ({p.reason})" for p in missing),
+            "",
+            {"parameters": ", ".join(p.name for p in missing)},
+        )
+    ]
+
+
+def _drag_apart(
+    parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: OutputErrorFit, air: AirDoubt
+) -> list[Finding]:
+    """Give the whole drag at the speed flown where its linear and quadratic parts cannot be told apart."""
+    findings = []
+    for place, axis in enumerate("xyz"):
+        names = (f"drag_linear_{axis}", f"drag_quadratic_{axis}")
+        if all(parameters[name].determined for name in names):
+            continue
+        speeds = np.concatenate(
+            [np.einsum("ni,ni->n", m.rotation.reshape(-1, 3, 3)[:, :, place], m.velocity) for m in motions]
+        )
+        speed = float(np.sqrt(np.mean(speeds**2)))
+        weights = np.zeros(len(fine.values))
+        weights[[THETA.index(name) for name in names]] = speed, speed**2
+        drag = float(weights @ fine.values)
+        sigma = float(np.sqrt(max(float(weights @ fine.covariance @ weights), 0.0)))
+        sigma = float(np.hypot(sigma, air.of(names[0]) * drag))
+        if speed > _SLOW and sigma < _DRAG_RELATIVE * drag:
+            findings.append(
+                Finding(
+                    "drag-together",
+                    Severity.INFO,
+                    f"linear and quadratic drag along {axis} cannot be told apart, but together they slow the craft "
+                    f"by {drag:.3g} +- {sigma:.1g} m/s^2 at {speed:.1f} m/s",
+                    ADVICE["drag_quadratic"],
+                    {"axis": axis, "speed": speed, "drag": drag, "sigma": sigma},
+                )
+            )
+    return findings
+
+
+def _condition(information: Floats) -> float:
+    """Condition number of an information matrix with unit diagonal; infinite where a parameter has none."""
+    diagonal = np.diag(information)
+    if not (diagonal > 0.0).all():
+        return float("inf")
+    scale = np.sqrt(diagonal)
+    return float(np.linalg.cond(information / np.outer(scale, scale)))

@@ -1,0 +1,383 @@
+"""The rigid body identified from flight: thrust, drag, wind, and how strongly motors turn the craft.
+
+Translation, with attitude as an input (NED world, FRD body; R from body to world; s = density over 1.225 kg/m^3)::
+
+    v' = (0, 0, g) + R a_b
+    t  = thrust * scale * s * (V / V_ref)^2 * sum_k [(1 - e) c_k + e c_k^2]     first-order lag `motor_lag`
+    u  = R^T (v - wind(h)),   wind(h) = wind_10 (h / 10 m)^wind_exponent
+    a_b = t (tilt_x, tilt_y, -1) - L drag_linear u - s drag_quadratic |u| u + (0, 0, s climb_loss max(0, -u_z)^2)
+
+with c_k the command of motor k between idle and full spin, and L = sqrt(s t / g) where drag is that of the rotors,
+which goes with their speed, or L = s where it is not; quadratic drag may go with the speed along its axis, |u_i| for
+|u|.
+
+Rotation, with levers l_k = -sin(angle_k) for roll and cos(angle_k) for pitch, in arms, and l_k = -spin_k for yaw (a
+rotor turning clockwise pushes the craft anticlockwise), and T_k = s (V / V_ref)^2 [(1 - e) c_k + e c_k^2]::
+
+    w' = gain sum_k l_k (T_k + lead T_k') - damping w          for each axis, lead in yaw only
+
+so that inertia over arm is ``I_xx / l = m thrust / roll_gain``. Motion alone gives everything per unit of mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from logparse import Finding, MissingDataError, Vehicle
+from sysid.records.experiment import Experiment, Floats, horizon_steps
+from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
+from sysid.rigid_body.body_motion import LAG, THETA, Motion, motion
+from sysid.rigid_body.motor_effects import MotorEffect
+from sysid.rigid_body.rotation import AXES, logged_motors, run_rates, torque_commands
+from sysid.rigid_body.trim import fit_trim
+from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
+
+#: From how much of a flight that the model has not seen wind and thrust scale are found, s.
+TRIM_SECONDS = 30.0
+
+#: Parameters in the order in which they are estimated, with their units; the first group from translation, the second
+#: from rotation.
+TRANSLATION_UNITS: Mapping[str, str] = {
+    "thrust": "m/s^2, one motor at full command in sea-level air at the reference voltage (k/m)",
+    "thrust_expo": "1",
+    "drag_linear_x": "1/s, in sea-level air at hover thrust",
+    "drag_linear_y": "1/s",
+    "drag_linear_z": "1/s",
+    "drag_quadratic_x": "1/m, in sea-level air",
+    "drag_quadratic_y": "1/m",
+    "drag_quadratic_z": "1/m",
+    "climb_loss": "1/m, thrust per mass lost with the square of the climb through the air, at sea level",
+    "tilt_x": "rad, thrust leans forward",
+    "tilt_y": "rad, thrust leans right",
+    "wind_exponent": "1",
+    "motor_lag": "s",
+}
+ROTATION_UNITS: Mapping[str, str] = {
+    "roll_gain": "rad/s^2, one motor at full command on an arm along y in sea-level air (l k/I_xx)",
+    "pitch_gain": "rad/s^2 (l k/I_yy)",
+    "yaw_gain": "rad/s^2, one motor at full command (b/I_zz)",
+    "roll_damping": "1/s",
+    "pitch_damping": "1/s",
+    "yaw_damping": "1/s",
+    "yaw_lead": "s, torque of the rotors' own acceleration over their drag's",
+    "torque_lag": "s, first order, between torque command and torque",
+    "torque_delay": "s, gyro filters included",
+    "cg_x": "1, centre of gravity ahead of the motors' centre, in arms",
+    "cg_y": "1, to the right",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class BodyParameter:
+    """One parameter and what is known of it.
+
+    Attributes
+    ----------
+    name, unit : str
+    value, sigma : float or None
+        Estimate and standard error (for coloured residuals); None when not determined.
+    determined : bool
+    reason : str
+        Why not, empty when determined.
+    used : float
+        What the model computes with: the estimate, or what stands in for it when not determined.
+    si_value, si_sigma : float or None
+        The same in SI for the mass given (N, N s/m, ...); None without a mass, or where mass does not enter.
+    si_unit : str
+    """
+
+    name: str
+    unit: str
+    value: float | None
+    sigma: float | None
+    determined: bool
+    reason: str
+    used: float
+    si_value: float | None = None
+    si_sigma: float | None = None
+    si_unit: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers and text for JSON."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigidBodyModel:
+    """A craft as physics sees it.
+
+    Attributes
+    ----------
+    name : str
+    parameters : mapping of str to BodyParameter
+        By the names of `TRANSLATION_UNITS` and `ROTATION_UNITS`; all are there, determined or not.
+    estimated : tuple of str
+        Names of rows and columns of `covariance`.
+    covariance : ndarray
+        Of the estimated parameters, valid for coloured residuals.
+    condition : float
+        Condition number of the information on the translational parameters, scaled to unit diagonal.
+    rotor_drag : bool
+        Whether linear drag goes with the rotors' speed; else with the air's density.
+    axis_drag : bool
+        Whether quadratic drag along an axis goes with the square of the speed along it; else with the whole speed.
+    mass : float or None
+        As given, kg.
+    vehicle : Vehicle
+        Geometry of the motors and the autopilot's output scaling.
+    reference_density : float
+        1.225 kg/m^3.
+    reference_voltage : float or None
+        V; None when voltage was not logged.
+    flights : mapping of str to FlightTrim
+        Wind and thrust scale of the flights that they are known of.
+    rotation_fit : mapping of str to float
+        R^2 of angular acceleration per axis, where estimated.
+    rmse : float
+        Of position over the windows of the fit, m.
+    motors : mapping of str to MotorEffect
+        Each motor's share of thrust and torque, where motors can be told apart.
+    training : tuple of str
+    findings : tuple of Finding
+    """
+
+    name: str
+    parameters: Mapping[str, BodyParameter]
+    estimated: tuple[str, ...]
+    covariance: Floats
+    condition: float
+    rotor_drag: bool
+    axis_drag: bool
+    mass: float | None
+    vehicle: Vehicle
+    reference_density: float
+    reference_voltage: float | None
+    flights: Mapping[str, FlightTrim]
+    rotation_fit: Mapping[str, float]
+    rmse: float
+    training: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    motors: Mapping[str, MotorEffect] = field(default_factory=dict)
+
+    @property
+    def law(self) -> int:
+        """Law of drag as the kernels number it."""
+        return (ROTOR_DRAG if self.rotor_drag else 0) | (AXIS_DRAG if self.axis_drag else 0)
+
+    def value(self, name: str) -> float:
+        """Give the number that the model computes with."""
+        return self.parameters[name].used
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlations of the estimated parameters, in the order of `estimated`."""
+        sigma: Floats = np.sqrt(np.diag(self.covariance))
+        sigma = np.where(sigma > 0.0, sigma, 1.0)
+        return np.asarray(self.covariance / np.outer(sigma, sigma))
+
+    def simulate(self, experiment: Experiment) -> Floats:
+        """Run freely from the measured initial state, with PWM and measured attitude as inputs.
+
+        Wind and thrust scale are those in `flights`; of a flight that is not there they are found from its first 30 s
+        (`trim`).
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Inputs PWM of the motors, outputs x, y, z; with context.
+
+        Returns
+        -------
+        ndarray, shape (N, 3)
+            x, y, z, m.
+        """
+        flight = self._motion(experiment)
+        theta, shapes = self._theta(flight, self._trim_of(experiment))
+        return self._outputs(experiment, flight.run(theta, shapes, self.law)[:, :3])
+
+    def predict(self, experiment: Experiment, horizon: float = 1.0, every: int = 1) -> Floats:
+        """Predict every sample from the state `horizon` seconds before it; wind and thrust scale as in `simulate`.
+
+        Parameters
+        ----------
+        experiment : Experiment
+        horizon : float
+            s.
+        every : int
+            Restart at every so many-th sample only: long horizons at 50 Hz are the same motion over and over.
+
+        Returns
+        -------
+        ndarray, shape (N, 3)
+            x, y, z, m; samples before the first horizon are those of the free run; NaN where no restart leads to.
+        """
+        flight = self._motion(experiment)
+        theta, shapes = self._theta(flight, self._trim_of(experiment))
+        steps = min(horizon_steps(horizon, flight.dt), len(flight.t) - 1)
+        out = np.full((len(flight.t), 3), np.nan)
+        signals, initial = flight.signals(theta[LAG]), np.hstack([flight.position, flight.velocity])
+        ahead(theta, signals, shapes, flight.dt, flight.ground, self.law, initial, steps, every, out)
+        return self._outputs(experiment, out)
+
+    def with_early_trim(self, experiment: Experiment) -> RigidBodyModel:
+        """Give the model with wind and thrust scale found as `simulate` finds them, so that it need not do so again."""
+        return replace(self, flights={**self.flights, experiment.name: self._trim_of(experiment)})
+
+    def predict_rates(self, experiment: Experiment, horizon: float = 0.5) -> Floats:
+        """Predict angular rates from those `horizon` seconds before and the torque commands since.
+
+        Commands are the rate controller's outputs where they are logged, else the motors' PWM.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Inputs PWM of the motors; with context.
+        horizon : float
+            s.
+
+        Returns
+        -------
+        ndarray, shape (N, 3)
+            About body x, y, z, rad/s; samples before the first horizon follow from the first rates.
+
+        Raises
+        ------
+        MissingDataError
+            When effectiveness was not determined about every axis, or not all motors are logged.
+        """
+        unknown = [axis for axis in AXES if not self.parameters[f"{axis}_gain"].determined]
+        if unknown:
+            raise MissingDataError(
+                f"the effectiveness in {', '.join(unknown)} is not determined, so that no rates can be predicted: "
+                f"{self.parameters[f'{unknown[0]}_gain'].reason}"
+            )
+        if len(logged_motors(experiment, self.vehicle)) < len(self.vehicle.motors):
+            raise MissingDataError(f"{experiment.name}: rates cannot be predicted without the outputs of all motors")
+        commands, rates, _ = torque_commands(experiment, self.vehicle, self.reference_voltage)
+        gains = np.array([self.value(f"{axis}_gain") for axis in AXES])
+        damping = np.array([self.value(f"{axis}_damping") for axis in AXES])
+        lag, delay = self.value("torque_lag"), self.value("torque_delay")
+        lead = np.array([0.0, 0.0, self.value("yaw_lead")])
+        return run_rates(experiment.t, commands * gains, rates, damping, lead, lag, delay, horizon)
+
+    def initial_seconds(self, experiment: Experiment) -> float:
+        """How much of a record's outputs a free run looks at, s: for wind and thrust scale where they are unknown."""
+        return 0.0 if experiment.name in self.flights else TRIM_SECONDS
+
+    def trim(
+        self, experiment: Experiment, seconds: float | None = None, wind_spacing: float | None = None
+    ) -> FlightTrim:
+        """Find wind and thrust scale of a flight, so that the free run from its initial state fits best.
+
+        Parameters
+        ----------
+        experiment : Experiment
+        seconds : float, optional
+            Use the beginning of the flight only, s; default: all of it.
+        wind_spacing : float, optional
+            Let the wind vary, with this time between the points of a broken line, s; default: constant wind.
+        """
+        flight = self._motion(experiment)
+        source = "whole flight"
+        if seconds is not None and seconds < flight.t[-1] - flight.t[0]:
+            flight, source = flight.cut(0, max(round(seconds / flight.dt), 2)), f"first {seconds:g} s"
+        return fit_trim(flight, np.array([self.value(name) for name in THETA]), self.law, source, wind_spacing)
+
+    def trimmed(
+        self, experiments: Sequence[Experiment], seconds: float | None = None, wind_spacing: float | None = None
+    ) -> RigidBodyModel:
+        """Give the model with wind and thrust scale of these flights as `trim` finds them, and say so in its name."""
+        flights = {record.name: self.trim(record, seconds, wind_spacing) for record in experiments}
+        how = "each whole flight" if seconds is None else f"the first {seconds:g} s of each flight"
+        return replace(
+            self,
+            name=f"{self.name.split(',')[0]}, wind and thrust scale trimmed on {how}",
+            flights={**self.flights, **flights},
+        )
+
+    def drag(self, axis: str, speed: float) -> tuple[float, float]:
+        """Deceleration [m/s^2] by drag at a speed [m/s] along a body axis in sea-level air at hover, and its sigma.
+
+        Linear and quadratic drag are often known together much better than apart.
+
+        Parameters
+        ----------
+        axis : str
+            ``"x"``, ``"y"`` or ``"z"``.
+        speed : float
+            m/s.
+        """
+        names = (f"drag_linear_{axis}", f"drag_quadratic_{axis}")
+        weights = np.zeros(len(self.estimated))
+        for name, part in zip(names, (speed, speed * abs(speed)), strict=True):
+            if name in self.estimated:
+                weights[self.estimated.index(name)] = part
+        total = self.value(names[0]) * speed + self.value(names[1]) * speed * abs(speed)
+        return total, float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON."""
+        return {
+            "kind": "rigid_body",
+            "name": self.name,
+            "parameters": {name: parameter.to_dict() for name, parameter in self.parameters.items()},
+            "estimated": list(self.estimated),
+            "covariance": self.covariance.tolist(),
+            "correlation": self.correlation.tolist(),
+            "condition": self.condition if np.isfinite(self.condition) else None,
+            "rotor_drag": self.rotor_drag,
+            "axis_drag": self.axis_drag,
+            "mass": self.mass,
+            "reference_density": self.reference_density,
+            "reference_voltage": self.reference_voltage,
+            "wind_height": WIND_HEIGHT,
+            "flights": {name: trim.to_dict() for name, trim in self.flights.items()},
+            "rotation_fit": dict(self.rotation_fit),
+            "rmse": self.rmse,
+            "motors": {name: effect.to_dict() for name, effect in self.motors.items()},
+            "training": list(self.training),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], vehicle: Vehicle) -> RigidBodyModel:
+        """Read what `to_dict` gave, for a craft with these motors; wind and thrust scale of flights are found anew."""
+        return cls(
+            name=values["name"],
+            parameters={name: BodyParameter(**parameter) for name, parameter in values["parameters"].items()},
+            estimated=tuple(values["estimated"]),
+            covariance=np.asarray(values["covariance"], dtype=np.float64),
+            condition=float("inf") if values["condition"] is None else float(values["condition"]),
+            rotor_drag=values["rotor_drag"],
+            axis_drag=values["axis_drag"],
+            mass=values["mass"],
+            vehicle=vehicle,
+            reference_density=values["reference_density"],
+            reference_voltage=values["reference_voltage"],
+            flights={},
+            rotation_fit=dict(values["rotation_fit"]),
+            rmse=values["rmse"],
+            training=tuple(values["training"]),
+            findings=(),
+            motors={name: MotorEffect(**effect) for name, effect in values.get("motors", {}).items()},
+        )
+
+    def _motion(self, experiment: Experiment) -> Motion:
+        return motion(experiment, self.vehicle, self.reference_voltage)
+
+    def _trim_of(self, experiment: Experiment) -> FlightTrim:
+        known = self.flights.get(experiment.name)
+        return known if known is not None else self.trim(experiment, TRIM_SECONDS)
+
+    def _theta(self, flight: Motion, trim: FlightTrim) -> tuple[Floats, Floats]:
+        """Parameters and wind for the kernels: the winds north and east are shapes of their own."""
+        shared = [self.value(name) for name in THETA]
+        return np.array([*shared, trim.thrust_scale, 1.0, 0.0, 0.0, 1.0]), np.ascontiguousarray(trim.wind(flight.t))
+
+    @staticmethod
+    def _outputs(experiment: Experiment, position: Floats) -> Floats:
+        return np.asarray(position * np.array([1.0, 1.0, -1.0]) + experiment.y[0])

@@ -1,0 +1,144 @@
+"""What each motor by itself does to the craft's rotation, where motors move independently enough to tell.
+
+For each axis the angular acceleration is regressed on the thrust commands of all motors at once, as
+`sysid.rigid_body.rotation`
+does on their sum. Coefficients over lever and common gain give each motor's thrust relative to all; those about the
+yaw axis its torque. A controller moves many motors in four ways only (thrust, roll, pitch, yaw): with more than four,
+single motors stay hidden.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from logparse import Vehicle
+from sysid.records.experiment import Experiment, Floats
+from sysid.rigid_body.rotation import (
+    AXES,
+    COHERENT,
+    RotationFit,
+    levers,
+    logged_motors,
+    rotation_spectra,
+    thrust_commands,
+)
+
+#: Condition number of the motors' commands, scaled, above which they are not told apart.
+SEPARABLE = 1e3
+
+#: Lever below which an axis tells nothing of a motor, in arms.
+_LEVER = 0.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotorEffect:
+    """One motor's share.
+
+    Attributes
+    ----------
+    thrust, thrust_sigma : float or None
+        Thrust at a command over that of all motors alike; None when not determined.
+    torque, torque_sigma : float or None
+        Torque over yaw inertia at full command in sea-level air, in the sense in which the motor turns the craft,
+        rad/s^2; None when not determined.
+    reason : str
+        Why not, empty when determined.
+    """
+
+    thrust: float | None
+    thrust_sigma: float | None
+    torque: float | None
+    torque_sigma: float | None
+    reason: str = ""
+
+    def to_dict(self) -> dict[str, float | str | None]:
+        """Give numbers and text for JSON."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+def fit_motor_effects(
+    records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, turning: RotationFit
+) -> Mapping[str, MotorEffect]:
+    """Tell motors apart by the rotation that each causes.
+
+    Parameters
+    ----------
+    records : sequence of Experiment
+        With context, all motors logged.
+    vehicle : Vehicle
+    voltage : float or None
+        Reference, V.
+    turning : RotationFit
+        Common gains, lag and delay of the same records.
+    """
+    names, motors = records[0].input_names, logged_motors(records[0], vehicle)
+    commands = [thrust_commands(record, vehicle, voltage) for record in records]
+    rates = [
+        record.context[["w_x", "w_y", "w_z"]].to_numpy(np.float64) for record in records if record.context is not None
+    ]
+    spectra = rotation_spectra(commands, rates, records[0].dt)
+    if spectra is None:
+        return {name: _unknown("the flight is too short") for name in names}
+    omega, q, w = spectra
+    shaped = q * (np.exp(-1j * omega * turning.delay) / (1.0 + 1j * omega * turning.lag))[None, :, None]
+    flat = shaped.reshape(-1, len(names))
+    gram = np.real(flat.conj().T @ flat)
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    condition = float(np.linalg.cond(gram / np.outer(size, size)))
+    if not condition < SEPARABLE:
+        why = f"the motors move together (condition number {condition:.1e})"
+        return {name: _unknown(f"{why}; the controller gives them four commands only") for name in names}
+    fits = {
+        axis: _axis(omega, shaped * (1.0 + 1j * omega * turning.axes[axis].lead)[None, :, None], w[:, :, k])
+        for k, axis in enumerate(AXES)
+    }
+    coherent = min(fits["roll"][2], fits["pitch"][2])
+    if coherent < COHERENT:
+        why = f"the motor outputs explain only {100.0 * max(coherent, 0.0):.0f} % of the angular acceleration"
+        return {name: _unknown(f"{why}; log them faster and move all axes") for name in names}
+    arms, result = levers(motors), {}
+    for j, name in enumerate(names):
+        shares, weights = [], []
+        for axis in ("roll", "pitch"):
+            scale = turning.axes[axis].gain * arms[axis][j]
+            if abs(arms[axis][j]) > _LEVER:
+                shares.append(fits[axis][0][j] / scale)
+                weights.append((scale / fits[axis][1][j]) ** 2)
+        weight = np.array(weights)
+        known = fits["yaw"][2] >= COHERENT
+        result[name] = MotorEffect(
+            thrust=float(np.array(shares) @ weight / weight.sum()),
+            thrust_sigma=float(1.0 / np.sqrt(weight.sum())),
+            torque=float(fits["yaw"][0][j] * arms["yaw"][j]) if known else None,
+            torque_sigma=float(fits["yaw"][1][j]) if known else None,
+            reason="" if known else "the yaw axis was hardly moved",
+        )
+    return result
+
+
+def _unknown(reason: str) -> MotorEffect:
+    return MotorEffect(thrust=None, thrust_sigma=None, torque=None, torque_sigma=None, reason=reason)
+
+
+def _axis(omega: Floats, shaped: np.ndarray, w: np.ndarray) -> tuple[Floats, Floats, float]:
+    """Coefficients of all motors about one axis, their standard errors, and the part explained."""
+    design = np.concatenate([shaped, -w[:, :, None]], axis=2)
+    target = 1j * omega * w
+    flat, y = design.reshape(-1, design.shape[2]), target.ravel()
+    normal = np.real(flat.conj().T @ flat)
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    inverse = np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size)
+    values = inverse @ np.real(flat.conj().T @ y)
+    residual = target - design @ values
+    scores = np.real(np.einsum("sfk,sf->sk", design.conj(), residual))
+    # Stretches overlap by half: neighbours are taken together.
+    pairs = np.array([scores[k : k + 2].sum(axis=0) for k in range(0, len(scores), 2)])
+    spare = len(pairs) / max(len(pairs) - len(values) / 2.0, 1.0)
+    sigma = np.sqrt(np.maximum(np.diag(inverse @ (pairs.T @ pairs * spare) @ inverse), 0.0))
+    power = float(np.sum(np.abs(target) ** 2))
+    explained = 1.0 - float(np.sum(np.abs(residual) ** 2)) / power if power > 0.0 else 0.0
+    count = design.shape[2] - 1
+    return values[:count], sigma[:count], explained

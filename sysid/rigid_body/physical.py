@@ -1,0 +1,257 @@
+"""Physical parameters by every method on the same flights, side by side with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+import pandas as pd
+
+from logparse import RotoridError
+from sysid.records.experiment import Experiment
+from sysid.records.motor_signals import unexplained
+from sysid.records.thrust_curve import Law
+from sysid.rigid_body.model import RigidBodyModel
+from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
+from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
+from sysid.rotors.rotor import RotorModel, fit_rotor
+from sysid.rotors.thrust import ThrustModel, fit_thrust
+
+_Fitted = TypeVar("_Fitted")
+
+#: Methods, in the order of the columns of a report.
+METHODS = ("mean thrust", "rotor", "Kim 2017", "Refinement 2020, mean", "Refinement 2020, stacked", "rigid body")
+
+#: Why a method says nothing about rotation.
+SLOW = "motor signals are logged too slowly for rotation"
+
+#: Parameters that methods share, with the units in which motion alone gives them.
+UNITS = {
+    "thrust over mass": "m/s^2, one motor at full command in sea-level air",
+    "thrust curve": "1 (MOT_THST_EXPO)",
+    "motor lag": "s",
+    "roll inertia over mass and arm": "m",
+    "pitch inertia over mass and arm": "m",
+    "yaw torque over inertia": "rad/s^2, one motor at full command",
+    "linear drag over mass": "1/s, mean of body x and y",
+    "quadratic drag over mass": "1/m, mean of body x and y",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PhysicalParameters:
+    """What every method found.
+
+    Attributes
+    ----------
+    table : DataFrame
+        Index (parameter, method); ``value`` and ``sigma`` (NaN where not determined), ``unit``, ``si_value``,
+        ``si_sigma``, ``si_unit`` (with mass, and arm where it enters), ``note`` (why not, or what kind of number).
+    thrust, rotor, kim2017, refinement2020, rigid_body
+        The models; None where a method could not be applied.
+    """
+
+    table: pd.DataFrame
+    thrust: ThrustModel | None
+    rotor: RotorModel | None
+    kim2017: Kim2017Model | None
+    refinement2020: Refinement2020Model | None
+    rigid_body: RigidBodyModel | None
+
+
+def physical_parameters(
+    experiments: Sequence[Experiment],
+    mass: float | None = None,
+    *,
+    arm: float | None = None,
+    inertia: tuple[float, float, float] | None = None,
+    rigid_body: RigidBodyModel | None = None,
+) -> PhysicalParameters:
+    """Apply every method to the same flights.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        PWM inputs, position outputs, with context; 50 Hz where logs allow, or rotation is aliased.
+    mass : float, optional
+        kg.
+    arm : float, optional
+        m, for inertia in SI.
+    inertia : tuple of 3 float, optional
+        Of a pendulum, kg m^2: Kim 2017 takes it (with arm and mass) as given.
+    rigid_body : RigidBodyModel, optional
+        As fitted to these flights (`fit_rigid_body`), for its column.
+    """
+    notes: dict[str, str] = {}
+
+    def attempt(name: str, fit: Callable[[], _Fitted]) -> _Fitted | None:
+        try:
+            return fit()
+        except RotoridError as error:
+            notes[name] = str(error)
+            return None
+
+    thrust = attempt("mean thrust", lambda: fit_thrust(experiments, mass))
+    rotor = attempt("rotor", lambda: fit_rotor(experiments, mass))
+    refinement = attempt(
+        "Refinement 2020", lambda: fit_refinement2020(experiments, mass, time_constant=None, law=Law.COMMAND)
+    )
+    lag = refinement.time_constant if refinement is not None else 0.0
+    kim = attempt(
+        "Kim 2017",
+        lambda: fit_kim2017(experiments, mass, inertia=inertia, arm=arm, time_constant=lag, law=Law.COMMAND),
+    )
+    sheet = _Sheet(mass, arm)
+    _from_thrust(sheet, thrust, rotor, notes)
+    _from_kim(sheet, kim, inertia is not None and arm is not None and mass is not None, notes)
+    _from_refinement(sheet, refinement, notes)
+    _from_rigid_body(sheet, rigid_body)
+    return PhysicalParameters(sheet.table(), thrust, rotor, kim, refinement, rigid_body)
+
+
+@dataclass(slots=True)
+class _Sheet:
+    mass: float | None
+    arm: float | None
+    rows: dict[tuple[str, str], dict[str, float | str]] = field(default_factory=dict)
+
+    def put(self, parameter: str, method: str, value: float | None, sigma: float | None = None, note: str = "") -> None:
+        """Fill in one number, with its SI counterpart where mass and arm allow."""
+        known = value is not None and np.isfinite(value)
+        factor, unit = self._si(parameter)
+        number = float(value) if known and value is not None else float("nan")
+        spread = float(sigma) if known and sigma is not None else float("nan")
+        self.rows[parameter, method] = {
+            "value": number,
+            "sigma": spread,
+            "unit": UNITS[parameter],
+            "si_value": number * factor,
+            "si_sigma": spread * factor,
+            "si_unit": unit,
+            "note": note,
+        }
+
+    def _si(self, parameter: str) -> tuple[float, str]:
+        if self.mass is None:
+            return float("nan"), ""
+        if parameter.endswith("over mass and arm"):
+            return (self.mass * self.arm, "kg m^2") if self.arm is not None else (self.mass, "kg m (inertia over arm)")
+        units = {
+            "thrust over mass": "N at full command",
+            "linear drag over mass": "N s/m",
+            "quadratic drag over mass": "N s^2/m^2",
+        }
+        return (self.mass, units[parameter]) if parameter in units else (float("nan"), "")
+
+    def table(self) -> pd.DataFrame:
+        order = [(p, m) for p in UNITS for m in METHODS if (p, m) in self.rows]
+        index = pd.MultiIndex.from_tuples(order, names=["parameter", "method"])
+        return pd.DataFrame([self.rows[key] for key in order], index=index)
+
+
+def _from_thrust(sheet: _Sheet, thrust: ThrustModel | None, rotor: RotorModel | None, notes: dict[str, str]) -> None:
+    if thrust is None:
+        sheet.put("thrust over mass", "mean thrust", None, note=notes.get("mean thrust", ""))
+    else:
+        sheet.put("thrust over mass", "mean thrust", thrust.common.per_mass, thrust.common.sigma, thrust.common.reason)
+    if rotor is None:
+        for parameter in ("thrust over mass", "thrust curve", "motor lag"):
+            sheet.put(parameter, "rotor", None, note=notes.get("rotor", ""))
+        return
+    if rotor.law is Law.COMMAND:
+        sheet.put("thrust over mass", "rotor", rotor.common.per_mass, rotor.common.sigma, rotor.common.reason)
+    else:
+        value = rotor.common.per_mass
+        told = "not determined" if value is None else f"{value:.4g} {rotor.law.specific_unit}"
+        sheet.put("thrust over mass", "rotor", None, note=f"thrust goes with rotor speed squared: {told}")
+    sheet.put("thrust curve", "rotor", rotor.expo.value, rotor.expo.sigma, rotor.expo.reason)
+    lag = rotor.time_constant
+    sheet.put("motor lag", "rotor", lag.value, lag.sigma, lag.reason or "with every delay between log and thrust")
+
+
+def _from_kim(sheet: _Sheet, kim: Kim2017Model | None, given: bool, notes: dict[str, str]) -> None:
+    names = ("roll inertia over mass and arm", "pitch inertia over mass and arm")
+    if kim is None:
+        for parameter in ("thrust over mass", *names, "yaw torque over inertia"):
+            sheet.put(parameter, "Kim 2017", None, note=notes.get("Kim 2017", ""))
+        return
+    sheet.put("thrust over mass", "Kim 2017", kim.common.per_mass, kim.common.sigma, kim.common.reason)
+    for name, lever, sigma in zip(names, kim.lever, kim.lever_sigma, strict=True):
+        if not kim.rotation:
+            sheet.put(name, "Kim 2017", None, note=SLOW)
+            continue
+        if given:
+            sheet.put(name, "Kim 2017", 1.0 / lever, None, "as given (pendulum)")
+            continue
+        part = kim.explained["w_x" if name.startswith("roll") else "w_y"]
+        why = unexplained(part, "rate about this axis")
+        if not why and not (lever > 0.0 and sigma < 0.15 * lever):
+            why = "the craft hardly turns about this axis"
+        if why:
+            sheet.put(name, "Kim 2017", None, note=why)
+        else:
+            sheet.put(name, "Kim 2017", 1.0 / lever, sigma / lever**2)
+    sheet.put(
+        "yaw torque over inertia",
+        "Kim 2017",
+        kim.torque_per_inertia,
+        kim.torque_sigma,
+        "" if kim.torque_per_inertia is not None else ("the craft hardly yaws by its motors" if kim.rotation else SLOW),
+    )
+
+
+def _from_refinement(sheet: _Sheet, model: Refinement2020Model | None, notes: dict[str, str]) -> None:
+    names = {
+        "thrust over mass": "k",
+        "roll inertia over mass and arm": "Jx",
+        "pitch inertia over mass and arm": "Jy",
+        "yaw torque over inertia": "b/Jz",
+        "quadratic drag over mass": "C",
+    }
+    for parameter, name in names.items():
+        if model is None:
+            for method in METHODS[3:5]:
+                sheet.put(parameter, method, None, note=notes.get("Refinement 2020", ""))
+            continue
+        # The paper takes roll and pitch inertia to be one.
+        mean = model.instants.get("Jx" if name == "Jy" else name)
+        if mean is not None:
+            note = mean.reason or f"spread of {mean.used} instants; median {mean.median:.4g}"
+            sheet.put(parameter, METHODS[3], mean.mean, mean.spread, note)
+        stacked = model.stacked[name]
+        sheet.put(parameter, METHODS[4], stacked.value, stacked.sigma, stacked.reason)
+
+
+def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None) -> None:
+    if model is None:
+        return
+    for parameter, name in {
+        "thrust over mass": "thrust",
+        "thrust curve": "thrust_expo",
+        "motor lag": "motor_lag",
+        "yaw torque over inertia": "yaw_gain",
+    }.items():
+        found = model.parameters[name]
+        sheet.put(parameter, "rigid body", found.value, found.sigma, found.reason)
+    thrust = model.parameters["thrust"]
+    for axis in ("roll", "pitch"):
+        gain, name = model.parameters[f"{axis}_gain"], f"{axis} inertia over mass and arm"
+        if thrust.value is None or gain.value is None or thrust.sigma is None or gain.sigma is None:
+            sheet.put(name, "rigid body", None, note=gain.reason or thrust.reason)
+            continue
+        relative = float(np.hypot(thrust.sigma / thrust.value, gain.sigma / gain.value))
+        sheet.put(name, "rigid body", thrust.value / gain.value, thrust.value / gain.value * relative)
+    for law in ("linear", "quadratic"):
+        pair = [model.parameters[f"drag_{law}_{axis}"] for axis in ("x", "y")]
+        values, sigmas = [each.value for each in pair], [each.sigma for each in pair]
+        if None in values or None in sigmas:
+            sheet.put(f"{law} drag over mass", "rigid body", None, note=pair[0].reason or pair[1].reason)
+            continue
+        sheet.put(
+            f"{law} drag over mass",
+            "rigid body",
+            float(np.mean([value for value in values if value is not None])),
+            float(np.sqrt(sum(sigma**2 for sigma in sigmas if sigma is not None)) / 2.0),
+        )

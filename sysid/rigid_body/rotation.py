@@ -1,0 +1,380 @@
+"""How strongly motors turn the craft: effectiveness over inertia from the rate controller's outputs or the motors' PWM.
+
+For each axis, between the angular acceleration and the torque command q (sum of lever times thrust command times
+density); lead, in yaw only, is the torque of the rotors' own acceleration::
+
+    w' + damping w = gain (q + lead q') + offset,    q delayed and through a first-order lag
+
+Fourier coefficients of short, tapered, overlapping stretches of the flight turn this into a linear regression over a
+band of frequencies, for given lag and delay; these two are found by a search on the remainder. Outputs of the rate
+controller are logged together with the rates, fast; motor outputs are often logged at a small part of the loop's rate,
+and then show attitude control only in aliases. What one unit of output means in thrust is read off the log: the motors'
+total thrust command over the controller's thrust output, which includes whatever the firmware does about voltage and
+density.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import lfilter
+
+from logparse import Motor, Vehicle
+from sysid.records.experiment import Experiment, Floats
+from sysid.records.thrust_curve import REFERENCE_DENSITY, curve, lagged, motor_commands
+
+AXES = ("roll", "pitch", "yaw")
+
+#: Length of a stretch, s, and how many start within one length.
+STRETCH_SECONDS = 8.0
+OVERLAP = 2
+
+#: Band, Hz: above wind and trim, below the filters of gyros and structure; and the highest part of the sampling rate.
+LOWEST, HIGHEST, NYQUIST_PART = 0.4, 10.0, 0.4
+
+#: Coherent part below which a gain is not believed: noise in the command would bias it by up to the rest.
+COHERENT = 0.9
+
+#: Angular rate (root mean square in the band) below which an axis was hardly moved, rad/s: that of a swing by one
+#: degree at 0.6 Hz.
+STILL = 0.05
+
+#: Time over which the scale of the controller's outputs is averaged, s.
+SCALE_SECONDS = 10.0
+
+#: Fewest frequencies from which a lag and a delay are told.
+_FEWEST_LINES = 3
+
+#: Thrust output below which the scale is not read off it.
+_LEAST_THRUST = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisFit:
+    """Effectiveness about one axis.
+
+    Attributes
+    ----------
+    gain, gain_sigma : float
+        rad/s^2 for one motor at full command (roll, pitch: on an arm across) in sea-level air.
+    damping, damping_sigma : float
+        1/s.
+    coherent : float
+        Part of the angular acceleration's power in the band that the command explains (R^2).
+    lead : float
+        Torque of the rotors' own acceleration over that of their drag, as a time, s; in yaw only, else 0.
+    moved : float
+        Root mean square of the angular rate in the band, rad/s.
+    """
+
+    gain: float
+    gain_sigma: float
+    damping: float
+    damping_sigma: float
+    coherent: float
+    lead: float
+    moved: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RotationFit:
+    """Effectiveness about all axes.
+
+    Attributes
+    ----------
+    axes : mapping of str to AxisFit
+        By roll, pitch, yaw.
+    lag, delay : float
+        First-order lag and pure delay between command and torque, gyro filters included, s.
+    source : str
+        ``"rate outputs"`` or ``"motor outputs"``.
+    """
+
+    axes: dict[str, AxisFit]
+    lag: float
+    delay: float
+    source: str
+
+
+def logged_motors(record: Experiment, vehicle: Vehicle) -> tuple[Motor, ...]:
+    """Give the motors of the frame behind the inputs m1, m2 ...; empty when any of them is unknown."""
+    known = {f"m{motor.number}": motor for motor in vehicle.motors}
+    return tuple(known[name] for name in record.input_names) if set(record.input_names) <= set(known) else ()
+
+
+def levers(motors: Sequence[Motor]) -> dict[str, Floats]:
+    """Lever of every motor about each axis, in arms; for yaw the sense in which its torque turns the craft."""
+    angles = np.array([motor.angle for motor in motors])
+    return {
+        "roll": -np.sin(angles),
+        "pitch": np.cos(angles),
+        "yaw": -np.array([float(motor.spin) for motor in motors]),
+    }
+
+
+def thrust_commands(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Floats:
+    """Thrust command of every motor, full at 1, in sea-level air at the reference voltage [V]; shape (N, motors)."""
+    assert record.context is not None
+    thrust = curve(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0), vehicle.thrust_expo)
+    voltages = record.context["voltage"].to_numpy(np.float64)
+    if voltage is not None and np.isfinite(voltages).all():
+        thrust = thrust * ((voltages / voltage) ** 2)[:, None]
+    density = record.context["density"].to_numpy(np.float64) / REFERENCE_DENSITY
+    return np.asarray(thrust * np.where(np.isfinite(density), density, 1.0)[:, None])
+
+
+def centre_of_gravity(
+    records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Offset of the centre of gravity from the motors' centre, forward and right, each with its sigma, in arms.
+
+    Over a flight the craft does not turn faster and faster, so that the thrust's moment vanishes on average; motors
+    that pull unequally show in the same way.
+    """
+    ahead, right = [], []
+    for record in records:
+        thrust = thrust_commands(record, vehicle, voltage)
+        arms = levers(logged_motors(record, vehicle))
+        size = max(round(SCALE_SECONDS / record.dt), 1)
+        for k in range(0, max(len(thrust) - size // 2, 1), size):
+            part = thrust[k : k + size].mean(axis=0)
+            ahead.append(float(part @ arms["pitch"] / part.sum()))
+            right.append(float(-part @ arms["roll"] / part.sum()))
+    if len(ahead) < 3:
+        return (0.0, np.inf), (0.0, np.inf)
+    x, y = ((float(np.mean(v)), float(np.std(v, ddof=1) / np.sqrt(len(v)))) for v in (np.array(ahead), np.array(right)))
+    return x, y
+
+
+def torque_commands(record: Experiment, vehicle: Vehicle, voltage: float | None) -> tuple[Floats, Floats, str]:
+    """Torque commands and rates about the three axes.
+
+    Parameters
+    ----------
+    record : Experiment
+        Inputs PWM of the motors, in the order of ``vehicle.motors``; with context.
+    vehicle : Vehicle
+    voltage : float or None
+        Reference, V.
+
+    Returns
+    -------
+    commands : ndarray, shape (N, 3)
+        Sum of lever times thrust command times density over 1.225 kg/m^3.
+    rates : ndarray, shape (N, 3)
+        rad/s.
+    source : str
+    """
+    context = record.context
+    assert context is not None
+    thrust = thrust_commands(record, vehicle, voltage)
+    motors = logged_motors(record, vehicle)
+    arms = levers(motors)
+    if "out_roll" not in context or "rate_x" not in context:
+        commands = np.column_stack([thrust @ arms[axis] for axis in AXES])
+        return commands, context[["w_x", "w_y", "w_z"]].to_numpy(np.float64), "motor outputs"
+    per_output = [float(arms[axis] @ np.array([getattr(motor, axis) for motor in motors])) for axis in AXES]
+    outputs = context[[f"out_{axis}" for axis in AXES]].to_numpy(np.float64)
+    scale = np.ones(len(record.t))
+    if "out_thrust" in context:
+        size = max(min(round(SCALE_SECONDS / record.dt), len(record.t)), 1)
+        together, asked = (
+            _moving_mean(values, size) for values in (thrust.mean(axis=1), context["out_thrust"].to_numpy(np.float64))
+        )
+        scale = np.where(asked > _LEAST_THRUST, together / np.maximum(asked, _LEAST_THRUST), 1.0)
+    rates = context[["rate_x", "rate_y", "rate_z"]].to_numpy(np.float64)
+    return outputs * per_output * scale[:, None], rates, "rate outputs"
+
+
+def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None) -> RotationFit | None:
+    """Estimate effectiveness and damping about each axis.
+
+    Parameters
+    ----------
+    records : sequence of Experiment
+        Alike, with context, all motors logged.
+    vehicle : Vehicle
+    voltage : float or None
+        Reference, V.
+
+    Returns
+    -------
+    RotationFit or None
+        None when no record is long enough for a stretch, or sampled too slowly for the band.
+    """
+    parts = [torque_commands(record, vehicle, voltage) for record in records]
+    source = parts[0][2]
+    same = [(commands, rates) for commands, rates, kind in parts if kind == source]
+    spectra = rotation_spectra([commands for commands, _ in same], [rates for _, rates in same], records[0].dt)
+    if spectra is None:
+        return None
+    omega, q, w = spectra
+
+    def remainder(x: Floats) -> float:
+        return _remainder(omega, q, w, float(x[0]), float(x[1]))
+
+    solved = minimize(
+        remainder,
+        [0.01, 0.01],
+        method="Nelder-Mead",
+        bounds=[(0.0, 0.3), (-0.05, 0.2)],
+    )
+    lag, delay = (float(value) for value in solved.x)
+    moved = _band_rates(w, records[0].dt)
+    axes = {
+        axis: _axis(omega, q[:, :, k], w[:, :, k], lag, delay, axis == "yaw", float(moved[k]))
+        for k, axis in enumerate(AXES)
+    }
+    return RotationFit(axes=axes, lag=lag, delay=delay, source=source)
+
+
+def run_rates(
+    t: Floats, drive: Floats, rates: Floats, damping: Floats, lead: Floats, lag: float, delay: float, horizon: float
+) -> Floats:
+    """Predict angular rates `horizon` seconds ahead, from measured rates and driving angular accelerations.
+
+    With damping d the difference of two solutions decays as exp(-d t), so that one free run y serves all starts:
+    w(t) = y(t) + exp(-d h) [w(t - h) - y(t - h)].
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+    drive : ndarray, shape (N, 3)
+        Gain times torque command, rad/s^2.
+    rates : ndarray, shape (N, 3)
+        Measured, rad/s.
+    damping : ndarray, shape (3,)
+        1/s.
+    lead : ndarray, shape (3,)
+        s.
+    lag, delay, horizon : float
+        s.
+    """
+    dt = float((t[-1] - t[0]) / (len(t) - 1))
+    steps = min(max(round(horizon / dt), 1), len(t) - 1)
+    out = np.empty_like(rates)
+    for k in range(3):
+        late = lagged(np.interp(t - delay, t, drive[:, k]), lag, dt)
+        late = late + lead[k] * np.gradient(late, dt)
+        # Offsets of moments, such as a centre of gravity to one side, do not turn the craft on average.
+        late = late - late.mean() + damping[k] * rates[:, k].mean()
+        decay = float(np.exp(-damping[k] * dt))
+        free: Floats = np.asarray(lfilter([dt / 2.0, dt / 2.0], [1.0, -decay], late))
+        start = np.maximum(np.arange(len(t)) - steps, 0)
+        held = decay ** (np.arange(len(t)) - start)
+        out[:, k] = free + held * (rates[start, k] - free[start])
+    return out
+
+
+def _moving_mean(values: Floats, size: int) -> Floats:
+    padded = np.pad(values, (size // 2, size - 1 - size // 2), mode="reflect")
+    sums = np.cumsum(np.concatenate([[0.0], padded]))
+    return np.asarray((sums[size:] - sums[:-size]) / size)
+
+
+def rotation_spectra(
+    commands: Sequence[Floats], rates: Sequence[Floats], dt: float
+) -> tuple[Floats, np.ndarray, np.ndarray] | None:
+    """Fourier coefficients of commands and rates in the band, over stretches of all records.
+
+    Parameters
+    ----------
+    commands, rates : sequence of ndarray, shape (N_r, k) and (N_r, 3)
+    dt : float
+        s.
+
+    Returns
+    -------
+    tuple of ndarray or None
+        Angular frequencies (F,), commands (S, F, k) and rates (S, F, 3); None when no record is long enough or the
+        sampling too slow.
+    """
+    top = min(HIGHEST, NYQUIST_PART / dt)
+    taken = [_spectra(q, w, dt, top) for q, w in zip(commands, rates, strict=True)]
+    spectra = [part for part in taken if part is not None]
+    if not spectra or len(spectra[0][0]) < _FEWEST_LINES:
+        return None
+    return (
+        spectra[0][0],
+        np.concatenate([part[1] for part in spectra]),
+        np.concatenate([part[2] for part in spectra]),
+    )
+
+
+def _spectra(commands: Floats, rates: Floats, dt: float, top: float) -> tuple[Floats, np.ndarray, np.ndarray] | None:
+    """Fourier coefficients of tapered stretches in the band: frequencies (F,), commands and rates (S, F, 3)."""
+    size = round(STRETCH_SECONDS / dt)
+    if len(commands) < size or top <= LOWEST:
+        return None
+    starts = range(0, len(commands) - size + 1, size // OVERLAP)
+    taper = np.hanning(size)[:, None]
+    frequency: Floats = np.fft.rfftfreq(size, dt).astype(np.float64)
+    band = (frequency >= LOWEST) & (frequency <= top)
+
+    def transform(values: Floats) -> np.ndarray:
+        stretches = [values[k : k + size] - values[k : k + size].mean(axis=0) for k in starts]
+        return np.array([np.fft.rfft(stretch * taper, axis=0)[band] for stretch in stretches])
+
+    return np.asarray(2.0 * np.pi * frequency[band]), transform(commands), transform(rates)
+
+
+def _design(
+    omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float, lead: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Regressors (S, F, 2 or 3) and target (S, F) of one axis; the third is the command's derivative."""
+    shaped = q * np.exp(-1j * omega * delay) / (1.0 + 1j * omega * lag)
+    return np.stack([shaped, -w, 1j * omega * shaped][: 3 if lead else 2], axis=-1), 1j * omega * w
+
+
+def _solve(x: np.ndarray, y: np.ndarray) -> Floats:
+    flat, target = x.reshape(-1, x.shape[-1]), y.ravel()
+    normal, right = np.real(flat.conj().T @ flat), np.real(flat.conj().T @ target)
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    return np.asarray(np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-10)[0] / scale)
+
+
+def _remainder(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float) -> float:
+    """Part of the angular acceleration in roll and pitch that is not explained.
+
+    Yaw is left out: the torque by which rotors speed up comes before that by which they turn, and hides the lag.
+    """
+    total = 0.0
+    for k in range(2):
+        design, target = _design(omega, q[:, :, k], w[:, :, k], lag, delay, False)
+        residual = target - design @ _solve(design, target)
+        total += float(np.sum(np.abs(residual) ** 2)) / max(float(np.sum(np.abs(target) ** 2)), 1e-300)
+    return total
+
+
+def _band_rates(w: np.ndarray, dt: float) -> Floats:
+    """Root mean square of the rates in the band, from coefficients (S, F, 3) of Hann-tapered stretches (Parseval)."""
+    size = round(STRETCH_SECONDS / dt)
+    power = 2.0 * np.sum(np.abs(w) ** 2, axis=1).mean(axis=0)
+    return np.asarray(np.sqrt(power / (size * np.sum(np.hanning(size) ** 2))))
+
+
+def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float, lead: bool, moved: float) -> AxisFit:
+    design, target = _design(omega, q, w, lag, delay, lead)
+    values = _solve(design, target)
+    residual = target - design @ values
+    power = float(np.sum(np.abs(target) ** 2))
+    coherent = 1.0 - float(np.sum(np.abs(residual) ** 2)) / power if power > 0.0 else 0.0
+    flat = design.reshape(-1, design.shape[2])
+    bread = np.linalg.pinv(np.real(flat.conj().T @ flat), hermitian=True)
+    # Stretches that overlap share noise: sums over neighbours are the clusters.
+    scores = np.real(np.einsum("sfk,sf->sk", design.conj(), residual))
+    clusters = np.array([scores[k : k + OVERLAP].sum(axis=0) for k in range(0, len(scores), OVERLAP)])
+    count = len(clusters)
+    sigma = np.sqrt(np.diag(bread @ (clusters.T @ clusters * count / max(count - 2, 1)) @ bread))
+    return AxisFit(
+        gain=float(values[0]),
+        gain_sigma=float(sigma[0]),
+        damping=float(values[1]),
+        damping_sigma=float(sigma[1]),
+        coherent=coherent,
+        lead=float(values[2] / values[0]) if lead and values[0] != 0.0 else 0.0,
+        moved=moved,
+    )

@@ -1,0 +1,78 @@
+"""Wind of a flight: a mean at the meteorologists' height, a power law with height, and what varies slowly with time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.records.experiment import Floats
+
+#: Height to which winds refer, m.
+WIND_HEIGHT = 10.0
+
+#: Exponent of the power law: mean and spread over open and built-up country, by day and night (Counihan 1975;
+#: 0.1 over water, 1/7 the classical value, 0.4 over towns and in stable air).
+WIND_EXPONENT = (0.2, 0.15)
+
+#: Turbulence intensity over open country: how far slow variations go, as a part of the mean.
+TURBULENCE = 0.2
+
+#: Mean wind below which variations are taken as in such a wind, m/s.
+LIGHT = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightTrim:
+    """What differs between flights of one craft: the wind, and how much its thrust departs from the model's.
+
+    Attributes
+    ----------
+    wind_n, wind_e : float
+        Mean velocity of the air 10 m above the place of take-off, towards north and east, m/s.
+    wind_sigma : float
+        Standard error of each, m/s.
+    thrust_scale, thrust_scale_sigma : float
+        Thrust of this flight over the model's: temperature of the air, battery, mass taken on.
+    source : str
+        From what: ``"fit"``, ``"whole flight"``, ``"first 30 s"``.
+    variation : tuple of (t, n, e)
+        Departures from the mean wind [m/s] at times t [s], straight lines between them; empty for constant wind.
+    """
+
+    wind_n: float
+    wind_e: float
+    wind_sigma: float
+    thrust_scale: float
+    thrust_scale_sigma: float
+    source: str
+    variation: tuple[tuple[float, float, float], ...] = ()
+
+    def wind(self, t: Floats) -> Floats:
+        """Wind at 10 m at times t [s], north and east; shape (N, 2)."""
+        mean: Floats = np.tile([self.wind_n, self.wind_e], (len(t), 1))
+        if not self.variation:
+            return mean
+        knots, *parts = np.array(self.variation).T
+        return np.asarray(mean + np.column_stack([np.interp(t, knots, part) for part in parts]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+def wind_knots(t: Floats, spacing: float | None) -> Floats:
+    """Place the points in time of a varying wind; none for a constant one."""
+    if spacing is None:
+        return np.zeros(0)
+    count = max(round((t[-1] - t[0]) / spacing), 1)
+    return np.linspace(t[0], t[-1], count + 1)
+
+
+def wind_shapes(t: Floats, knots: Floats) -> Floats:
+    """Arrange how the wind varies: a constant, and a triangle of height 1 about each knot; shape (N, 1 + knots)."""
+    shapes = np.ones((len(t), 1 + len(knots)))
+    for column, row in enumerate(np.eye(len(knots)), start=1):
+        shapes[:, column] = np.interp(t, knots, row)
+    return shapes

@@ -1,0 +1,1 @@
+"""Rotors from flight: thrust curve, torque, and the methods of the source papers."""

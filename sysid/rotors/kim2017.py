@@ -1,0 +1,412 @@
+"""Thrust and torque coefficients from flight by output error, after Kim 2017 (AIAA 2017-1560), section III.E.
+
+Altitude, roll rate and pitch rate are propagated from eq. 3, 7 and 8 and matched to the flight::
+
+    d2h/dt2 = -g + cos(phi) cos(theta) sum_i T_i / m
+    dp/dt   = (Iyy - Izz) / Ixx q r - l / Ixx sum_i y_i T_i          (x_i, y_i): motor i in arms ahead, to the right
+    dq/dt   = (Izz - Ixx) / Iyy p r + l / Iyy sum_i x_i T_i          T_i = k_i s_i (`sysid.records.thrust_curve`)
+
+and the mean torque coefficient comes from least squares on eq. 9, ``dr/dt = (Ixx - Iyy)/Izz p q + b/Izz sum_i c_i s_i``
+(c_i = -1 for a clockwise rotor). With attitude and the rates of the products as measured, the outputs are linear in the
+coefficients and the initial states, so that output error needs no search. Two things differ from the paper: altitude is
+propagated in the earth's frame, which needs no small horizontal speeds; and the states start anew every few seconds
+(multiple shooting), because open-loop rates drift with any offset. Motors whose torque coefficients differ turn the
+craft when they roll, pitch or lift it, which the mean coefficient alone would be bent to explain (the paper found four
+times the bench's torque): total thrust and the roll and pitch moments stand beside it in the regression. Without
+inertia and arm, ``l m / Ixx`` and ``l m / Iyy`` are fitted too, and a free multiple of each product of rates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from logparse import Finding, Severity
+from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.records.motor_geometry import MotorGeometry, motor_geometry
+from sysid.records.motor_signals import too_slow, unexplained
+from sysid.records.thrust_curve import Law, rotor_speeds
+from sysid.rotors.kim2017_windows import (
+    FlightData,
+    TorqueEstimate,
+    cut_windows,
+    gyroscopic,
+    integrate,
+    integrate_twice,
+    mean_torque,
+    motor_patterns,
+    output_error,
+)
+from sysid.rotors.thrust_regression import (
+    ThrustCoefficient,
+    air_sigma_of,
+    coefficient,
+    conditions_of,
+    mass_unknown,
+    weak_motors,
+)
+
+#: Ratio of extreme singular values of the scaled sensitivities above which motors are not told apart: there errors of a
+#: few parts in ten thousand in model or signals become tens of percent, which no standard error shows. Simulated craft
+#: of four motors have 300 to 1000, of eight motors driven by four commands 4e4 and more.
+SEPARABLE = 3e3
+
+_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kim2017Model:
+    """Thrust coefficient of each motor and the mean torque coefficient.
+
+    Attributes
+    ----------
+    name : str
+    law : Law
+        Whether coefficients are per square of rotor speed or at full command.
+    common : ThrustCoefficient
+        The same thrust coefficient for all motors, fitted by itself.
+    per_motor : mapping
+    lever : tuple of 2 float
+        l m / Ixx and l m / Iyy, 1/m: as given, or fitted.
+    lever_sigma : tuple of 2 float
+        0 where given.
+    torque_per_inertia, torque_sigma : float or None
+        b / Izz, mean of the motors, in rad/s^2 at full command or per squared rotor speed; None when not determined.
+    yaw : tuple of float
+        Yaw acceleration for each motor's signal, in the same unit: what the simulation of the yaw rate takes.
+    mass : float or None
+        kg.
+    inertia : tuple of 3 float or None
+        kg m^2, as given.
+    reference_voltage : float or None
+        V.
+    thrust_expo : float
+    time_constant : float
+        Lag taken for the motors, s; the paper takes none.
+    rotation : bool
+        Whether motor signals were fast enough for the rates; levers and torque mean nothing otherwise.
+    rmse : mapping
+        Of altitude [m] and rates [rad/s] in the windows.
+    explained : mapping
+        Part of the power of the rates in the windows that the model explains (R^2), by ``w_x``, ``w_y``, ``w_z``.
+    bench : mapping
+        Thrust coefficients of a thrust stand to compare with, by motor, and ``"torque"``.
+    geometry : MotorGeometry
+    training : tuple of str
+    findings : tuple of Finding
+    """
+
+    name: str
+    law: Law
+    common: ThrustCoefficient
+    per_motor: Mapping[str, ThrustCoefficient]
+    lever: tuple[float, float]
+    lever_sigma: tuple[float, float]
+    torque_per_inertia: float | None
+    torque_sigma: float | None
+    yaw: tuple[float, ...]
+    mass: float | None
+    inertia: tuple[float, float, float] | None
+    reference_voltage: float | None
+    thrust_expo: float
+    time_constant: float
+    rotation: bool
+    rmse: Mapping[str, float]
+    explained: Mapping[str, float]
+    geometry: MotorGeometry
+    training: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    bench: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def torque(self) -> tuple[float, float] | None:
+        """Mean torque coefficient b and its standard error; None without Izz or when not determined."""
+        if self.inertia is None or self.torque_per_inertia is None or self.torque_sigma is None:
+            return None
+        return self.torque_per_inertia * self.inertia[2], self.torque_sigma * self.inertia[2]
+
+    def thrust_table(self) -> pd.DataFrame:
+        """Give thrust coefficients in the form of Table 6: index ``motor``; stand, flight, standard error, ratio."""
+        rows = {
+            motor: {"test_stand": self.bench.get(motor, np.nan), **_columns(value)}
+            for motor, value in self.per_motor.items()
+        }
+        table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("motor")
+        table["ratio"] = table["flight_test"] / table["test_stand"]
+        return table
+
+    def torque_table(self) -> pd.DataFrame:
+        """Give the mean torque coefficient in the form of Table 7."""
+        value = self.torque
+        row = {
+            "test_stand": self.bench.get("torque", np.nan),
+            "flight_test": value[0] if value else np.nan,
+            "sigma": value[1] if value else np.nan,
+        }
+        table = pd.DataFrame([row], index=pd.Index(["mean of all motors"], name="motor"))
+        table["ratio"] = table["flight_test"] / table["test_stand"]
+        return table
+
+    def simulate(self, experiment: Experiment) -> pd.DataFrame:
+        """Propagate altitude and rates over a whole record from its first sample (the paper's figure 15).
+
+        Returns
+        -------
+        DataFrame
+            Index `t`; ``z`` [m], ``w_x``, ``w_y`` and, with a torque coefficient, ``w_z`` [rad/s].
+        """
+        data = FlightData.of(experiment, self.law, self.reference_voltage, self.thrust_expo, self.time_constant)
+        thrust = data.signals * self._specific()
+        z = data.altitude[0] - experiment.context["v_d"].iloc[0] * data.t if experiment.context is not None else data.t
+        z = (
+            z
+            - 0.5 * _GRAVITY * data.t**2
+            + integrate_twice(data.lift * thrust.sum(axis=1, keepdims=True), data.dt)[:, 0]
+        )
+        gyro = gyroscopic(data, self.inertia)
+        result = {
+            "z": z,
+            "w_x": data.rates[0, 0] + gyro[0] - self.lever[0] * integrate(thrust @ self.geometry.right, data.dt),
+            "w_y": data.rates[0, 1] + gyro[1] + self.lever[1] * integrate(thrust @ self.geometry.forward, data.dt),
+        }
+        if self.torque_per_inertia is not None:
+            result["w_z"] = data.rates[0, 2] + gyro[2] + integrate(data.signals @ np.array(self.yaw), data.dt)
+        return pd.DataFrame(result, index=pd.Index(experiment.t, name="t"))
+
+    def verify(self, experiment: Experiment) -> pd.DataFrame:
+        """Compare `simulate` with a part of the flight that was not fitted.
+
+        Returns
+        -------
+        DataFrame
+            Index ``output``; root mean square error, and that of the measured mean to compare it with.
+        """
+        simulated = self.simulate(experiment)
+        data = FlightData.of(experiment, self.law, self.reference_voltage, self.thrust_expo, self.time_constant)
+        measured = {"z": data.altitude, **{f"w_{axis}": data.rates[:, k] for k, axis in enumerate("xyz")}}
+        rows = {
+            name: {
+                "rmse": float(np.sqrt(np.mean((simulated[name].to_numpy() - measured[name]) ** 2))),
+                "rmse_of_mean": float(np.std(measured[name])),
+            }
+            for name in simulated.columns
+        }
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("output")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON."""
+        torque = self.torque
+        return {
+            "kind": "kim2017",
+            "name": self.name,
+            "law": str(self.law),
+            "units": {
+                "per_mass": self.law.specific_unit,
+                "newton": self.law.thrust_unit,
+                "torque": self.law.torque_unit,
+                "lever": "1/m (arm times mass over inertia)",
+            },
+            "common": self.common.to_dict(),
+            "per_motor": {name: value.to_dict() for name, value in self.per_motor.items()},
+            "lever": list(self.lever),
+            "lever_sigma": list(self.lever_sigma),
+            "torque_per_inertia": self.torque_per_inertia,
+            "torque_per_inertia_sigma": self.torque_sigma,
+            "torque": None if torque is None else {"value": torque[0], "sigma": torque[1]},
+            "bench": dict(self.bench),
+            "mass": self.mass,
+            "inertia": None if self.inertia is None else list(self.inertia),
+            "reference_voltage": self.reference_voltage,
+            "rotation": self.rotation,
+            "rmse": dict(self.rmse),
+            "explained": dict(self.explained),
+            "training": list(self.training),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    def _specific(self) -> Floats:
+        """Give k_i / m for the simulation: each motor's own where determined, the common one elsewhere."""
+        usual = self.common.per_mass
+        values = [value.per_mass if value.per_mass is not None else usual for value in self.per_motor.values()]
+        if any(value is None for value in values):
+            raise ExperimentError("no thrust coefficient is determined, so that nothing can be simulated")
+        return np.array(values, dtype=np.float64)
+
+
+def fit_kim2017(
+    experiments: Sequence[Experiment],
+    mass: float | None = None,
+    *,
+    inertia: tuple[float, float, float] | None = None,
+    arm: float | None = None,
+    bench: Mapping[str, float] | None = None,
+    time_constant: float = 0.0,
+    law: Law | None = None,
+) -> Kim2017Model:
+    """Estimate thrust coefficients by output error and the mean torque coefficient by least squares.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        With outputs that include ``z``, PWM inputs and context.
+    mass : float, optional
+        kg.
+    inertia : tuple of 3 float, optional
+        Ixx, Iyy, Izz, kg m^2, such as of a bifilar pendulum.
+    arm : float, optional
+        Distance of the motors from the centre of gravity, m.
+    bench : mapping, optional
+        Thrust-stand coefficients by motor name and ``"torque"``, in the unit of the law.
+    time_constant : float
+        Lag of the motors, s; 0 as in the paper.
+    law : Law, optional
+        By default rotor speeds where every record has them (`sysid.rotors.rotor.fit_rotor` says whether they are any).
+
+    Raises
+    ------
+    MissingDataError
+        Without altitude, angular rates or the frame's geometry.
+    ExperimentError
+        When the records differ in kind or a given number is not positive.
+    """
+    records = require_alike(experiments)
+    for label, value in {"mass": mass, "arm": arm, "inertia": None if inertia is None else min(inertia)}.items():
+        if value is not None and not value > 0.0:
+            raise ExperimentError(f"{label} must be positive, not {value}")
+    vehicle, voltage, findings = conditions_of(records)
+    geometry = motor_geometry(records[0])
+    if law is None:
+        law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND
+    known = (
+        None if mass is None or inertia is None or arm is None else (arm * mass / inertia[0], arm * mass / inertia[1])
+    )
+    data = [FlightData.of(record, law, voltage, vehicle.thrust_expo, time_constant) for record in records]
+    rotation = all(each.fast for each in data)
+    windows = [window for each in data for window in cut_windows(each, geometry, inertia)]
+    motors = records[0].input_names
+    together = output_error(windows, np.ones((1, len(motors))), known)
+    apart = output_error(windows, np.eye(len(motors)), known, together)
+    air = air_sigma_of(records)
+    common = coefficient(float(together.coefficients[0]), float(together.sigma[0]), air, mass)
+    reason = (
+        f"the {len(motors)} motors are driven by too few independent signals (singular values differ by "
+        f"{apart.condition:.0e})"
+        if apart.condition > SEPARABLE
+        else ""
+    )
+    if not rotation and not reason:
+        reason = "motor signals are logged too slowly for roll and pitch, which tell motors apart"
+    if not reason:
+        worst = min(apart.explained.values())
+        reason = unexplained(worst, "roll and pitch rates, which tell motors apart")
+    per_motor = {
+        motor: coefficient(float(apart.coefficients[k]), float(apart.sigma[k]), air, mass, reason)
+        for k, motor in enumerate(motors)
+    }
+    best = together if reason else apart
+    torque = mean_torque(windows) if rotation else None
+    explained = {**best.explained, **({} if torque is None else {"w_z": torque.explained})}
+    # Commands differ from what motors do by lag and filters, which bias levers by up to what they leave unexplained.
+    indirect = 0.0 if law is Law.SPEED or known is not None else 1.0
+    lever_sigma = [
+        float(np.hypot(sigma, indirect * (1.0 - best.explained[f"w_{axis}"]) * lever))
+        for sigma, lever, axis in zip(best.lever_sigma, best.lever, "xy", strict=True)
+    ]
+    if not rotation:
+        findings.append(too_slow("Kim 2017", data[0].source))
+    findings += weak_motors(per_motor, air)
+    findings += _remarks(per_motor, torque, rotation, mass, known, bench)
+    return Kim2017Model(
+        name=f"Kim 2017, output error, thrust by {law}",
+        law=law,
+        common=common,
+        per_motor=per_motor,
+        lever=(float(best.lever[0]), float(best.lever[1])),
+        lever_sigma=(lever_sigma[0], lever_sigma[1]),
+        torque_per_inertia=None if torque is None else torque.value,
+        torque_sigma=None if torque is None else float(np.hypot(torque.sigma, air * torque.value)),
+        yaw=() if torque is None else tuple(float(each) for each in torque.patterns @ motor_patterns(geometry)),
+        mass=mass,
+        inertia=inertia,
+        reference_voltage=voltage,
+        thrust_expo=vehicle.thrust_expo,
+        time_constant=time_constant,
+        rotation=rotation,
+        rmse={**best.rmse, **({} if torque is None else {"w_z": torque.rmse})},
+        explained=explained,
+        geometry=geometry,
+        training=tuple(record.name for record in records),
+        findings=tuple(findings),
+        bench=dict(bench or {}),
+    )
+
+
+def _remarks(
+    per_motor: Mapping[str, ThrustCoefficient],
+    torque: TorqueEstimate | None,
+    rotation: bool,
+    mass: float | None,
+    known: tuple[float, float] | None,
+    bench: Mapping[str, float] | None,
+) -> list[Finding]:
+    findings = []
+    blind = [motor for motor, value in per_motor.items() if not value.determined]
+    if blind:
+        findings.append(
+            Finding(
+                "thrust-per-motor-undetermined",
+                Severity.INFO,
+                f"Kim 2017: thrust of single motors is not determined for {', '.join(blind)}: "
+                f"{per_motor[blind[0]].reason}; the common coefficient stands for them",
+                "fly with roll, pitch and yaw excitation, or measure motors on a bench",
+                {"undetermined": len(blind)},
+            )
+        )
+    if torque is None and rotation:
+        findings.append(
+            Finding(
+                "torque-undetermined",
+                Severity.INFO,
+                "Kim 2017: the torque coefficient is not determined: the craft hardly yawed against its motors' torque",
+                "fly yaw steps or a SYSTEMID chirp on yaw",
+            )
+        )
+    if mass is None:
+        findings.append(mass_unknown())
+    if known is None:
+        findings.append(
+            Finding(
+                "inertia-not-given",
+                Severity.INFO,
+                "Kim 2017 takes inertia and arm from the bench; without them arm times mass over inertia is fitted "
+                "too, and torque is known over Izz only",
+                "give mass, inertia (rotorid bifilar) and arm",
+            )
+        )
+    off = [
+        motor
+        for motor, value in per_motor.items()
+        if bench and motor in bench and value.newton is not None and abs(value.newton / bench[motor] - 1.0) > 0.2
+    ]
+    if off:
+        findings.append(
+            Finding(
+                "bench-disagrees",
+                Severity.WARNING,
+                f"thrust in flight differs by more than 20 % from the thrust stand for {', '.join(off)}",
+                "check the voltage and air the stand's coefficients hold for, propellers, and the mass",
+                {"motors": ", ".join(off)},
+            )
+        )
+    return findings
+
+
+def _columns(value: ThrustCoefficient) -> dict[str, float]:
+    return {
+        "flight_test": np.nan if value.newton is None else value.newton,
+        "sigma": np.nan if value.newton_sigma is None else value.newton_sigma,
+    }

@@ -1,0 +1,209 @@
+"""Parameters from instants of flight after Refinement 2020 (Silesian University of Technology, Series Transport).
+
+At each instant the equations of motion are linear in the parameters. Translation, with the accelerometer's specific
+force f and T = k s for each rotor (`sysid.records.thrust_curve`), FRD::
+
+    f_x = -(C/m) |v_x| v_x      f_y = -(C/m) |v_y| v_y      f_z = -(k/m) sum_i s_i - (C/m) |v_z| v_z
+
+gives (k/m, C/m); then rotation, divided by the arm l, with x_i, y_i the motors' unit arms and c_i = -1 for clockwise::
+
+    (Jx/l) (p' - q r) + (Jz/l) q r = -k sum_i y_i s_i             (Jx = Jy, as the paper takes them)
+    (Jx/l) (q' + p r) - (Jz/l) p r =  k sum_i x_i s_i
+    (Jz/l)  r'                     =  (b/l) sum_i c_i s_i
+
+gives (Jx/l, Jz/l, b/l), all over m. The paper solves these small systems instant by instant, drops degenerate ones and
+takes the mean. That mean is what `Refinement2020Model.instants` holds. It is biased where the regressors are noisy:
+differentiated rates multiply the unknown inertia, and noise there makes it come out too small; the median is quoted
+beside it. `stacked` holds what should be used: all instants at once, angular acceleration as the dependent variable,
+Huber weights against outliers, standard errors for coloured residuals. The paper takes motors to be identical and the
+centre of gravity to be in their middle; where they are not, thrust and the other moments turn the craft too, so that
+the stacked regression has them beside each axis's own moment.
+
+The translational equations are homogeneous in (m, C, k): motion gives k/m and C/m only, and inertia and torque over m
+likewise. Jz and b enter the third equation as their ratio; Jz by itself shows only in products of rates. Air at rest is
+assumed, as in the paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from logparse import Finding, Severity
+from sysid.records.experiment import Experiment, require_alike
+from sysid.records.motor_geometry import motor_geometry
+from sysid.records.motor_signals import motor_signals, too_slow
+from sysid.records.thrust_curve import Law, lagged, rotor_speeds
+from sysid.rotors.refinement_instants import (
+    PARAMETERS,
+    InstantMean,
+    Motion,
+    StackedEstimate,
+    best_lag,
+    fit_stacked,
+    solve_instants,
+)
+from sysid.rotors.thrust_regression import (
+    air_sigma_of,
+    conditions_of,
+    mass_unknown,
+    require_specific_force,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refinement2020Model:
+    """Both ways side by side; every number per unit of mass, and J and b over the arm besides.
+
+    Attributes
+    ----------
+    name : str
+    law : Law
+    instants : mapping of str to InstantMean
+        By the names of `PARAMETERS`: ``k`` k/m, ``C`` C/m [1/m], ``Jx`` and ``Jz`` J/(m l) [m], ``b`` b/(m l),
+        ``b/Jz``.
+    stacked : mapping of str to StackedEstimate
+        The same, with ``Jy`` by itself.
+    mass : float or None
+        As given, kg.
+    reference_voltage : float or None
+    time_constant : float
+        Lag of the motors in use, s.
+    training : tuple of str
+    findings : tuple of Finding
+    """
+
+    name: str
+    law: Law
+    instants: Mapping[str, InstantMean]
+    stacked: Mapping[str, StackedEstimate]
+    mass: float | None
+    reference_voltage: float | None
+    time_constant: float
+    training: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each parameter."""
+        per = "" if self.law is Law.COMMAND else " per (rad/s)^2"
+        thrust = self.law.specific_unit
+        torque = "m/s^2 at full command" if self.law is Law.COMMAND else "N s^2/kg"
+        return {
+            "k": thrust,
+            "C": "1/m",
+            **dict.fromkeys(("Jx", "Jy", "Jz"), "m"),
+            "b": torque,
+            "b/Jz": "rad/s^2" + (per or " at full command"),
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON."""
+        return {
+            "kind": "refinement2020",
+            "name": self.name,
+            "law": str(self.law),
+            "units": self.units,
+            "instants": {name: value.to_dict() for name, value in self.instants.items()},
+            "stacked": {name: value.to_dict() for name, value in self.stacked.items()},
+            "mass": self.mass,
+            "reference_voltage": self.reference_voltage,
+            "time_constant": self.time_constant,
+            "training": list(self.training),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+
+def fit_refinement2020(
+    experiments: Sequence[Experiment],
+    mass: float | None = None,
+    *,
+    time_constant: float | None = 0.0,
+    law: Law | None = None,
+) -> Refinement2020Model:
+    """Refine the parameters from instants of flight, both as the paper does and stacked.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        PWM inputs, with context; 50 Hz or more for rotation (slower records alias it).
+    mass : float, optional
+        kg; not used for the estimates, which are per unit of mass.
+    time_constant : float or None
+        Lag of the motors behind the signal, s; 0 as in the paper, whose signals are rotor speeds. None finds the one
+        with which roll and pitch moments explain the angular acceleration best (gyro filters included).
+    law : Law, optional
+        By default rotor speeds where every record has them.
+
+    Raises
+    ------
+    MissingDataError
+        Without accelerometer, rates, velocity or the frame's geometry.
+    ExperimentError
+        When the records differ in kind.
+    """
+    records = require_alike(experiments)
+    require_specific_force(records, mass)
+    vehicle, voltage, findings = conditions_of(records)
+    geometry = motor_geometry(records[0])
+    if law is None:
+        law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND
+    signals = [motor_signals(record, law, vehicle, voltage, vehicle.thrust_expo) for record in records]
+    rotation = all(each.fast for each in signals)
+
+    def motion_at(lag: float) -> list[Motion]:
+        return [
+            Motion.of(record, geometry, lagged(each.signals, lag, record.dt), each.rates)
+            for record, each in zip(records, signals, strict=True)
+        ]
+
+    if time_constant is None:
+        time_constant = best_lag(motion_at) if rotation else 0.0
+    motion = motion_at(time_constant)
+    air = air_sigma_of(records)
+    stacked = fit_stacked(motion, air, law is Law.SPEED)
+    instants = solve_instants(motion)
+    if not rotation:
+        findings.append(too_slow("Refinement 2020", signals[0].source))
+        why = "motor signals are logged too slowly for rotation"
+        stacked |= {name: StackedEstimate(None, None, None, why) for name in PARAMETERS[2:]}
+        instants |= {name: InstantMean(None, None, None, 0, 0, why) for name in PARAMETERS[2:]}
+    if mass is None:
+        findings.append(mass_unknown())
+    findings += _remarks(stacked)
+    return Refinement2020Model(
+        name=f"Refinement 2020, thrust by {law}",
+        law=law,
+        instants=instants,
+        stacked=stacked,
+        mass=mass,
+        reference_voltage=voltage,
+        time_constant=time_constant,
+        training=tuple(record.name for record in records),
+        findings=tuple(findings),
+    )
+
+
+def _remarks(stacked: Mapping[str, StackedEstimate]) -> list[Finding]:
+    findings = [
+        Finding(
+            "air-at-rest-assumed",
+            Severity.INFO,
+            "Refinement 2020 takes the air to be at rest; wind goes into its drag coefficient (the rigid body "
+            "estimates wind)",
+        )
+    ]
+    missing = {name: value.reason for name, value in stacked.items() if value.value is None}
+    if missing:
+        findings.append(
+            Finding(
+                "refinement-undetermined",
+                Severity.INFO,
+                "Refinement 2020 does not determine "
+                + "; ".join(f"{name} ({reason})" for name, reason in missing.items()),
+                "fly roll, pitch and yaw excitation at speed, record at 50 Hz",
+                {"undetermined": len(missing)},
+            )
+        )
+    return findings

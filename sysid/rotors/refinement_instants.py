@@ -1,0 +1,379 @@
+"""Linear systems at instants of flight, and all of them stacked: the estimation of `sysid.rotors.refinement2020`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from logparse import MissingDataError
+from sysid.records.experiment import Experiment, ExperimentError, Floats
+from sysid.records.motor_geometry import MotorGeometry
+from sysid.records.motor_signals import unexplained
+from sysid.records.thrust_curve import column
+from sysid.rotors.thrust_regression import DETERMINED, covariance_of
+
+#: Condition number of an instant's system, columns scaled to their usual size over the flight, above which it is
+#: degenerate.
+DEGENERATE = 10.0
+
+#: Fewest instants that make a mean; the paper asks for three with different control inputs.
+FEWEST = 3
+
+#: Huber's constant: 95 % efficiency for normal residuals.
+HUBER = 1.345
+
+#: How far residuals are taken to be correlated, s. Differences of noisy rates have hardly any power where the craft
+#: moves, which a short (tapered) autocovariance does not resolve.
+CORRELATED = 2.0
+
+#: Longest lag of motors looked for, s.
+LONGEST_LAG = 0.2
+
+#: Names, in order.
+PARAMETERS = ("k", "C", "Jx", "Jy", "Jz", "b", "b/Jz")
+
+
+@dataclass(frozen=True, slots=True)
+class InstantMean:
+    """A parameter as the paper finds it.
+
+    Attributes
+    ----------
+    mean, spread, median : float or None
+        Over the instants kept; None when too few are left.
+    used, dropped : int
+        Instants.
+    reason : str
+    """
+
+    mean: float | None
+    spread: float | None
+    median: float | None
+    used: int
+    dropped: int
+    reason: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(frozen=True, slots=True)
+class StackedEstimate:
+    """A parameter from all instants at once.
+
+    Attributes
+    ----------
+    value, sigma : float or None
+        None when not determined.
+    interval : tuple of 2 float, or None
+        95 % confidence interval.
+    reason : str
+    """
+
+    value: float | None
+    sigma: float | None
+    interval: tuple[float, float] | None
+    reason: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {
+            "value": self.value,
+            "sigma": self.sigma,
+            "interval": None if self.interval is None else list(self.interval),
+            "reason": self.reason,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What the equations read, averaged over the span of each finite difference: all (M,), or (M, 3).
+
+    `force` specific force, `speed` body velocity, `rates`, `acceleration` angular, `lift` sum of s; `roll`, `pitch`,
+    `yaw` sums of s times unit levers (for a positive moment).
+    """
+
+    force: Floats
+    speed: Floats
+    rates: Floats
+    acceleration: Floats
+    lift: Floats
+    roll: Floats
+    pitch: Floats
+    yaw: Floats
+    dt: float
+
+    @classmethod
+    def of(cls, record: Experiment, geometry: MotorGeometry, signals: Floats, rates: Floats) -> Motion:
+        """Take what the equations read from a record, its motors' signals and rates.
+
+        Raises
+        ------
+        MissingDataError
+            Without rates, velocity or attitude.
+        ExperimentError
+            When the record is too short.
+        """
+        force = np.column_stack([column(record, f"f_{axis}") for axis in "xyz"])
+        roll, pitch, yaw = (column(record, name) for name in ("roll", "pitch", "yaw"))
+        north, east, down = (column(record, name) for name in ("v_n", "v_e", "v_d"))
+        for label, values in {"angular rates": rates, "velocity": north, "attitude": roll}.items():
+            if not np.isfinite(values).all():
+                raise MissingDataError(
+                    f"{record.name}: {label} not known, which Refinement 2020 needs; log IMU and GPS"
+                )
+        if len(record.t) < 2 * FEWEST + 2:
+            raise ExperimentError(f"{record.name}: {len(record.t)} samples are too few")
+        ahead = np.cos(yaw) * north + np.sin(yaw) * east
+        right = np.cos(yaw) * east - np.sin(yaw) * north
+        sunk = np.cos(pitch) * down + np.sin(pitch) * ahead
+        speed = np.column_stack(
+            [
+                np.cos(pitch) * ahead - np.sin(pitch) * down,
+                np.cos(roll) * right + np.sin(roll) * sunk,
+                np.cos(roll) * sunk - np.sin(roll) * right,
+            ]
+        )
+        return cls(
+            force=_span(force),
+            speed=_span(speed),
+            rates=_span(rates),
+            acceleration=(rates[2:] - rates[:-2]) / (2.0 * record.dt),
+            lift=_span(signals.sum(axis=1)),
+            roll=_span(-(signals @ geometry.right)),
+            pitch=_span(signals @ geometry.forward),
+            yaw=_span(-(signals @ geometry.spin)),
+            dt=record.dt,
+        )
+
+
+def _span(values: Floats) -> Floats:
+    """Mean over the two steps of a central difference (Simpson), so that both sides of an equation see the same."""
+    return np.asarray((values[:-2] + 4.0 * values[1:-1] + values[2:]) / 6.0)
+
+
+def _products(motion: Motion) -> tuple[Floats, Floats, Floats]:
+    p, q, r = motion.rates.T
+    return q * r, p * r, p * q
+
+
+def solve_instants(motion: Sequence[Motion]) -> dict[str, InstantMean]:
+    """Solve the paper's systems (22) and (24) at every instant."""
+    force = np.concatenate([m.force for m in motion])
+    speed = np.concatenate([m.speed for m in motion])
+    lift = np.concatenate([m.lift for m in motion])
+    drag = -np.abs(speed) * speed
+    thrust = np.column_stack([np.zeros_like(lift), np.zeros_like(lift), -lift])
+    first, kept = _solve_each(np.stack([thrust, drag], axis=2), force)
+    result = {
+        name: _mean(first[:, k], kept, "the craft hardly moves through the air" if name == "C" else "it hardly lifts")
+        for k, name in enumerate(("k", "C"))
+    }
+    # Thrust is known at every instant with the speed at rest too: only drag needs motion.
+    lifting = lift > 0.1 * np.median(lift)
+    alone = np.where(lifting, -force[:, 2] / np.where(lifting, lift, 1.0), np.nan)
+    if result["k"].mean is None:
+        result["k"] = _mean(alone, lifting, "it hardly lifts")
+    k = result["k"].mean
+    if k is None:
+        return result | {name: _mean(alone, np.zeros(len(alone), bool), "thrust is not") for name in ("Jx", "Jz", "b")}
+    accel = np.concatenate([m.acceleration for m in motion])
+    qr, pr, _ = (np.concatenate(parts) for parts in zip(*[_products(m) for m in motion], strict=True))
+    roll, pitch, yaw = (np.concatenate([getattr(m, name) for m in motion]) for name in ("roll", "pitch", "yaw"))
+    zero = np.zeros_like(qr)
+    jx = np.column_stack([accel[:, 0] - qr, accel[:, 1] + pr, zero])
+    jz = np.column_stack([qr, -pr, accel[:, 2]])
+    b = np.column_stack([zero, zero, -yaw])
+    aim = np.column_stack([k * roll, k * pitch, zero])
+    second, kept = _solve_each(np.stack([jx, jz, b], axis=2), aim)
+    why = "the craft hardly turns about two axes at once"
+    result |= {name: _mean(second[:, j], kept, why) for j, name in enumerate(("Jx", "Jz", "b"))}
+    moving = np.abs(yaw) > np.median(np.abs(yaw))
+    ratio = np.where(moving, accel[:, 2] / np.where(moving, yaw, 1.0), np.nan)
+    result["b/Jz"] = _mean(ratio, moving, "the craft hardly yaws")
+    return result
+
+
+def _solve_each(matrices: Floats, aims: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Least squares at each instant: (M, 3, q) and (M, 3) to (M, q), and which instants are not degenerate."""
+    usual = np.sqrt(np.mean(matrices**2, axis=(0, 1)))
+    if not (usual > 0.0).all():
+        return np.full((len(aims), matrices.shape[2]), np.nan), np.zeros(len(aims), dtype=bool)
+    scaled = matrices / usual
+    singular = np.linalg.svd(scaled, compute_uv=False)
+    kept = (singular[:, 0] < DEGENERATE * singular[:, -1]) & (singular[:, -1] > 1.0 / DEGENERATE)
+    solved = np.full((len(aims), matrices.shape[2]), np.nan)
+    inverse = np.linalg.pinv(scaled[kept])
+    solved[kept] = np.einsum("mij,mj->mi", inverse, aims[kept]) / usual
+    return solved, kept
+
+
+def _mean(values: Floats, kept: NDArray[np.bool_], reason: str) -> InstantMean:
+    used = values[kept]
+    if len(used) < FEWEST:
+        return InstantMean(
+            None, None, None, len(used), len(values) - len(used), f"every instant is degenerate: {reason}"
+        )
+    return InstantMean(
+        float(used.mean()), float(used.std(ddof=1)), float(np.median(used)), len(used), len(values) - len(used)
+    )
+
+
+def fit_stacked(motion: Sequence[Motion], air: float, measured: bool) -> dict[str, StackedEstimate]:
+    """Estimate all parameters from all instants at once.
+
+    Parameters
+    ----------
+    motion : sequence of Motion
+        One per record.
+    air : float
+        Relative standard uncertainty of the density.
+    measured : bool
+        Whether signals are measured speeds. Commands differ from what motors do by lag and filters, which bias the
+        effectiveness by up to the part of the angular acceleration that it does not explain; that part is added to the
+        standard errors.
+    """
+    lags = max(round(CORRELATED / motion[0].dt), 2)
+    translation = [
+        np.vstack(
+            [
+                np.column_stack([-m.lift, -np.abs(m.speed[:, 2]) * m.speed[:, 2]]),
+                np.column_stack([np.zeros_like(m.lift), -np.abs(m.speed[:, 0]) * m.speed[:, 0]]),
+                np.column_stack([np.zeros_like(m.lift), -np.abs(m.speed[:, 1]) * m.speed[:, 1]]),
+            ]
+        )
+        for m in motion
+    ]
+    forces = [np.concatenate([m.force[:, 2], m.force[:, 0], m.force[:, 1]]) for m in motion]
+    values, covariance, _ = _robust(translation, forces, lags)
+    k, k_sigma = float(values[0]), float(np.sqrt(covariance[0, 0]))
+    drag, drag_sigma = float(values[1]), float(np.sqrt(covariance[1, 1]))
+    result = {
+        "k": _judge(k, float(np.hypot(k_sigma, air * k)), "thrust hardly varies"),
+        "C": _judge(drag, float(np.hypot(drag_sigma, air * drag)), "the craft is too slow for drag"),
+    }
+    gains = []
+    patterns = ("roll", "pitch", "yaw", "lift")
+    for axis, moment in enumerate(patterns[:3]):
+        others = [name for name in patterns if name != moment]
+        rows = [
+            np.column_stack([getattr(m, moment), _products(m)[axis], *(getattr(m, other) for other in others)])
+            for m in motion
+        ]
+        gains.append(_robust(rows, [m.acceleration[:, axis] for m in motion], lags))
+    systematic = [0.0 if measured else 1.0 - part for *_, part in gains]
+    inertia: list[tuple[float, float]] = []
+    whys = [
+        unexplained(part, f"angular acceleration in {axis}") for axis, (*_, part) in zip(patterns, gains, strict=False)
+    ]
+    for name, (gain, spread, _), why in zip(("Jx", "Jy"), gains, whys, strict=False):
+        relative = float(np.sqrt(spread[0, 0]) / abs(gain[0])) if gain[0] != 0.0 else np.inf
+        relative = float(np.hypot(relative, systematic[len(inertia)]))
+        value = k / float(gain[0]) if gain[0] != 0.0 else np.nan
+        inertia.append((value, relative))
+        # Density enters k and the gain alike, so that inertia over mass does not feel it.
+        sigma = abs(value) * float(np.hypot(relative, k_sigma / k)) if k > 0.0 else np.inf
+        result[name] = _judge(value, sigma, f"the craft hardly {'rolls' if name == 'Jx' else 'pitches'}", why)
+    torque = float(gains[2][0][0])
+    torque_spread = float(np.hypot(np.sqrt(gains[2][1][0, 0]), systematic[2] * torque))
+    result["b/Jz"] = _judge(torque, float(np.hypot(torque_spread, air * torque)), "the craft hardly yaws", whys[2])
+    result["Jz"] = _yaw_inertia(gains, inertia)
+    if result["Jx"].value is None or result["Jy"].value is None:
+        result["Jz"] = StackedEstimate(None, None, None, "roll and pitch inertia are not determined")
+    jz = result["Jz"]
+    if jz.value is not None and jz.sigma is not None and result["b/Jz"].value is not None:
+        relative = float(np.hypot(jz.sigma / jz.value, np.hypot(torque_spread / torque, air)))
+        result["b"] = _judge(jz.value * torque, jz.value * torque * relative, "yaw inertia is not")
+    else:
+        result["b"] = StackedEstimate(
+            None, None, None, "yaw torque shows only over yaw inertia (b/Jz), and yaw inertia is not determined"
+        )
+    return {name: result[name] for name in PARAMETERS}
+
+
+def best_lag(motion_at: Callable[[float], list[Motion]]) -> float:
+    """Find the lag with which roll and pitch moments explain most of the angular acceleration."""
+
+    def left(lag: float) -> float:
+        motion = motion_at(lag)
+        total = 0.0
+        for axis, moment in enumerate(("roll", "pitch")):
+            rows = np.concatenate([getattr(m, moment) for m in motion])
+            aim = np.concatenate([m.acceleration[:, axis] for m in motion])
+            power = float(rows @ rows)
+            total += float(aim @ aim) - (float(rows @ aim) ** 2 / power if power > 0.0 else 0.0)
+        return total
+
+    return float(minimize_scalar(left, bounds=(0.0, LONGEST_LAG), method="bounded", options={"xatol": 1e-4}).x)
+
+
+def _yaw_inertia(
+    gains: Sequence[tuple[Floats, Floats, float]], inertia: Sequence[tuple[float, float]]
+) -> StackedEstimate:
+    """Find Jz from the products of rates: (Jy - Jz)/Jx of the roll and (Jz - Jx)/Jy of the pitch equation."""
+    (jx, x_relative), (jy, y_relative) = inertia
+    from_roll, from_pitch = float(gains[0][0][1]), float(gains[1][0][1])
+    guesses = np.array([jy - jx * from_roll, jx + jy * from_pitch])
+    spreads = np.array(
+        [
+            np.hypot(jx * np.sqrt(gains[0][1][1, 1]), np.hypot(jy * y_relative, from_roll * jx * x_relative)),
+            np.hypot(jy * np.sqrt(gains[1][1][1, 1]), np.hypot(jx * x_relative, from_pitch * jy * y_relative)),
+        ]
+    )
+    if not (np.isfinite(guesses).all() and np.isfinite(spreads).all() and (spreads > 0.0).all()):
+        return StackedEstimate(None, None, None, "roll and pitch inertia are not determined")
+    weights = 1.0 / spreads**2
+    value, sigma = float(guesses @ weights / weights.sum()), float(1.0 / np.sqrt(weights.sum()))
+    return _judge(
+        value,
+        sigma,
+        "it shows by itself only in products of rates, and the craft hardly turns about two axes at once; "
+        "a bifilar pendulum measures it",
+    )
+
+
+def _robust(rows: Sequence[Floats], aims: Sequence[Floats], lags: int) -> tuple[Floats, Floats, float]:
+    """Least squares with Huber weights by reweighting; covariance for coloured residuals; part of power explained."""
+    x, y = np.vstack(rows), np.concatenate(aims)
+    size = np.linalg.norm(x, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    weight = np.ones(len(y))
+    values = np.zeros(x.shape[1])
+    for _ in range(20):
+        root = np.sqrt(weight)
+        new = np.linalg.lstsq(x / size * root[:, None], y * root, rcond=1e-10)[0] / size
+        residual = y - x @ new
+        scale = 1.4826 * float(np.median(np.abs(residual)))
+        done = bool(np.allclose(new, values, rtol=1e-8, atol=0.0))
+        values = new
+        if done or scale == 0.0:
+            break
+        weight = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-300))
+    root = np.sqrt(weight)
+    cuts = np.cumsum([len(aim) for aim in aims])[:-1]
+    covariance = covariance_of(
+        np.split(x * root[:, None], cuts), np.split((y - x @ values) * root, cuts), most_lags=lags
+    )
+    power = float(y @ y)
+    explained = 1.0 - float(np.sum((y - x @ values) ** 2)) / power if power > 0.0 else 0.0
+    return values, np.maximum(covariance, 0.0) * np.eye(len(values)), explained
+
+
+def _judge(value: float, sigma: float, reason: str, why: str = "") -> StackedEstimate:
+    if why:
+        return StackedEstimate(None, None, None, why)
+    if not np.isfinite(value) or not np.isfinite(sigma):
+        return StackedEstimate(None, None, None, f"not determined: {reason}")
+    if not value > 0.0:
+        return StackedEstimate(None, None, None, f"the estimate is not positive: {reason}")
+    if sigma > DETERMINED * value:
+        return StackedEstimate(
+            None, None, None, f"the standard error is {100.0 * sigma / value:.0f} % of the estimate: {reason}"
+        )
+    return StackedEstimate(value, sigma, (value - 1.96 * sigma, value + 1.96 * sigma))

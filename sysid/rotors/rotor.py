@@ -1,0 +1,401 @@
+"""Rotor model from flight: which logged signal explains thrust, by which curve, how fast, and which motor is weak.
+
+Thrust over mass is what the accelerometer measures along body z. Where ESCs report rotor speeds, ``T = k w^2``
+(Kim 2017 eq. 13); otherwise the PWM stands for thrust by the autopilot's curve (`sysid.records.thrust_curve`). Both
+are tried where both are logged, because not every ESC reports a rotor speed: ArduPilot's simulator reports a number
+proportional to the command. The curvature of the thrust curve (MOT_THST_EXPO) and the motors' lag come from the same
+flights when commands vary enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares, minimize_scalar
+
+from logparse import Finding, Severity, Vehicle
+from sysid.records.excitation import examine
+from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.records.thrust_curve import (
+    Law,
+    column,
+    lagged,
+    motor_commands,
+    rotor_speeds,
+    thrust_signals,
+)
+from sysid.rotors.thrust_regression import (
+    Blocks,
+    Regression,
+    ThrustCoefficient,
+    air_sigma_of,
+    blocks_of,
+    body_down,
+    coefficient,
+    coefficients,
+    conditions_of,
+    covariance_of,
+    mass_unknown,
+    regress,
+    require_specific_force,
+    scatter_between,
+    uneven_motors,
+    weak_motors,
+)
+from sysid.statistics.estimate import Estimate
+
+#: ESC speeds must leave this many times the command's residual, or more, to be no rotor speeds.
+WORSE = 1.2
+
+#: Rotor speeds whose ratio to the command varies by less than this (relative standard deviation) are the command.
+PROPORTIONAL = 0.02
+
+#: Commands must vary by this much (standard deviation over mean) before the ratio says anything.
+VARYING = 0.03
+
+#: Difference from the autopilot's curvature that is worth a curve of its own (and three standard errors): climb and
+#: gusts bend the identified one by less.
+OTHER_CURVE = 0.1
+
+#: Standard error above which the curvature of the thrust curve is not determined.
+EXPO_DETERMINED = 0.15
+
+#: Rates at which the lag can be seen at all, Hz, and the longest lag looked for, s.
+LAG_RATE, LONGEST_LAG = 20.0, 0.5
+
+#: Condition number of the motors' signals above which motors are not told apart.
+SEPARABLE = 1e4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RotorModel:
+    """Thrust of the rotors against what is logged of them.
+
+    Attributes
+    ----------
+    name : str
+    law : Law
+        Signal that explains thrust best: rotor speed or command.
+    common : ThrustCoefficient
+        For all motors; unit as `Law.specific_unit` and `Law.thrust_unit`.
+    per_motor : mapping
+    thrust_expo : float
+        Curvature in use: the autopilot's, unless the flights clearly show another.
+    expo : Estimate
+        Curvature as identified.
+    time_constant : Estimate
+        First-order lag from signal to thrust, s, with every delay of the log's in it.
+    damping : float
+        Loss of thrust per mass with climbing speed along body z, 1/s.
+    mass : float or None
+        kg.
+    reference_voltage : float or None
+        V at which coefficients hold.
+    rmse : mapping
+        Of one-second means of specific force by law tried, m/s^2.
+    training : tuple of str
+    findings : tuple of Finding
+    """
+
+    name: str
+    law: Law
+    common: ThrustCoefficient
+    per_motor: Mapping[str, ThrustCoefficient]
+    thrust_expo: float
+    expo: Estimate
+    time_constant: Estimate
+    damping: float
+    mass: float | None
+    reference_voltage: float | None
+    rmse: Mapping[str, float]
+    training: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON."""
+        return {
+            "kind": "rotor",
+            "name": self.name,
+            "law": str(self.law),
+            "units": {"per_mass": self.law.specific_unit, "newton": self.law.thrust_unit},
+            "common": self.common.to_dict(),
+            "per_motor": {name: value.to_dict() for name, value in self.per_motor.items()},
+            "thrust_expo": self.thrust_expo,
+            "expo": self.expo.to_dict(),
+            "time_constant": self.time_constant.to_dict(),
+            "damping": self.damping,
+            "mass": self.mass,
+            "reference_voltage": self.reference_voltage,
+            "rmse": dict(self.rmse),
+            "training": list(self.training),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+
+def fit_rotor(experiments: Sequence[Experiment], mass: float | None = None) -> RotorModel:
+    """Identify the rotors from accelerometer, motor outputs, ESC speeds, voltage and density.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Inputs are PWM in us; with context. Sampled at 20 Hz or more, the lag is looked for too.
+    mass : float, optional
+        kg; without it thrust is known per unit of mass only.
+
+    Raises
+    ------
+    MissingDataError
+        Without an accelerometer.
+    ExperimentError
+        When no motor moves, too little of the flight is usable, or the records differ in kind.
+    """
+    records = require_alike(experiments)
+    require_specific_force(records, mass)
+    findings = [f for f in examine(records).findings if f.id == "saturated-input"]
+    vehicle, voltage, unknown = conditions_of(records)
+    findings += unknown
+    motors = records[0].input_names
+    tried = {Law.COMMAND: [blocks_of(record, vehicle, voltage) for record in records]}
+    usable = sum(len(block.force) for block in tried[Law.COMMAND])
+    if usable < 2 * len(motors) + 4:
+        raise ExperimentError(f"{usable} s of flight with all motors inside their range are too few for a rotor model")
+    if all(rotor_speeds(record) is not None for record in records):
+        tried[Law.SPEED] = [blocks_of(record, vehicle, voltage, Law.SPEED) for record in records]
+    rmse = {law: _fit(blocks).rmse for law, blocks in tried.items()}
+    law, more = _choose(records, vehicle, rmse)
+    findings += [*more, *_dead(records, vehicle), *_slow(records, vehicle, law)]
+
+    def blocks_at(value: float) -> list[Blocks]:
+        return [blocks_of(record, vehicle, voltage, law, value) for record in records]
+
+    thrust_expo, expo = vehicle.thrust_expo, Estimate(None, None, "1", "thrust follows rotor speed")
+    if law is Law.COMMAND:
+        expo = _curvature(blocks_at, vehicle.thrust_expo)
+        other = _other_curve(expo, vehicle)
+        if other and expo.value is not None:
+            thrust_expo = expo.value
+            findings += other
+    blocks = blocks_at(thrust_expo)
+    together = _fit(blocks)
+    air, sums = air_sigma_of(records), [_with_climb(b.thrust.sum(axis=1, keepdims=True), b) for b in blocks]
+    common = coefficient(
+        float(together.values[0]), max(float(together.sigma[0]), scatter_between(sums, blocks)), air, mass
+    )
+    per_motor = _per_motor(motors, blocks, air, mass)
+    regressors = np.vstack([block.thrust for block in blocks])
+    means = regressors.mean(axis=0)
+    findings += [
+        *weak_motors(per_motor, air),
+        *uneven_motors({m: float(part) for m, part in zip(motors, means / means.mean(), strict=True)}),
+    ]
+    lag = _lag(records, vehicle, voltage, law, thrust_expo)
+    if mass is None:
+        findings.append(mass_unknown())
+    return RotorModel(
+        name=f"rotors, thrust by {law}",
+        law=law,
+        common=common,
+        per_motor=per_motor,
+        thrust_expo=thrust_expo,
+        expo=expo,
+        time_constant=lag,
+        damping=float(together.values[1]),
+        mass=mass,
+        reference_voltage=voltage,
+        rmse={str(each): value for each, value in rmse.items()},
+        training=tuple(record.name for record in records),
+        findings=tuple(findings),
+    )
+
+
+def _with_climb(thrust: Floats, block: Blocks) -> Floats:
+    return np.hstack([thrust, block.climb[:, None]])
+
+
+def _rows(block: Blocks, apart: bool) -> Floats:
+    return _with_climb(block.thrust if apart else block.thrust.sum(axis=1, keepdims=True), block)
+
+
+def _fit(blocks: Sequence[Blocks], apart: bool = False) -> Regression:
+    return regress([_rows(block, apart) for block in blocks], [block.force for block in blocks])
+
+
+def _condition(blocks: Sequence[Blocks]) -> float:
+    """Condition number of the signals of the motors that turn, scaled."""
+    signals = np.vstack([block.thrust for block in blocks])
+    size = np.linalg.norm(signals, axis=0)
+    return float(np.linalg.cond(signals[:, size > 0.0] / size[size > 0.0])) ** 2
+
+
+def _choose(records: Sequence[Experiment], vehicle: Vehicle, rmse: Mapping[Law, float]) -> tuple[Law, list[Finding]]:
+    """Take the law that explains thrust; say when what ESCs call a speed is none."""
+    if Law.SPEED not in rmse:
+        return Law.COMMAND, []
+    commands = np.vstack([motor_commands(record.u, vehicle) for record in records])
+    speeds = np.vstack([np.asarray(rotor_speeds(record)) for record in records])
+    flying = (commands > 0.05) & (commands < 1.0) & (speeds > 0.0)
+    ratio = speeds[flying] / commands[flying]
+    varying = bool(np.std(commands[flying]) > VARYING * np.mean(commands[flying]))
+    proportional = varying and bool(np.std(ratio) < PROPORTIONAL * np.mean(ratio))
+    worse = rmse[Law.SPEED] / rmse[Law.COMMAND]
+    if not proportional and worse <= WORSE:
+        return Law.SPEED, []
+    why = (
+        "it is proportional to the motor command"
+        if proportional
+        else f"its square leaves {worse:.1f} times the residual of thrust that the command leaves"
+    )
+    return Law.COMMAND, [
+        Finding(
+            "esc-speed-not-rotor-speed",
+            Severity.WARNING,
+            f"what the ESCs report as speed is not taken for the rotors': {why}; thrust is modelled from PWM instead",
+            "check motor pole count and ESC telemetry (a simulator's ESC reports the command)",
+            {"residual_ratio": worse, "proportional": proportional},
+        )
+    ]
+
+
+def _dead(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]:
+    """Name motors that stand still: constant at or below idle while the others fly, or without speed when driven."""
+    findings = []
+    commands = np.vstack([motor_commands(record.u, vehicle) for record in records])
+    speeds = [rotor_speeds(record) for record in records]
+    known = [s for s in speeds if s is not None]
+    turning = np.vstack(known) if len(known) == len(records) else None
+    for k, motor in enumerate(records[0].input_names):
+        if np.ptp(commands[:, k]) == 0.0:
+            where = "at or below idle" if commands[0, k] <= 0.0 else "at one value"
+            reason = f"motor {motor} is not driven: its output stays {where} while the craft flies"
+        elif turning is not None and np.median(turning[:, k]) < 0.1 * np.median(turning):
+            reason = f"motor {motor} does not turn although it is driven (ESC speed near zero)"
+        else:
+            continue
+        findings.append(
+            Finding("dead-motor", Severity.WARNING, reason, "check motor, ESC and wiring", {"motor": motor})
+        )
+    return findings
+
+
+def _slow(records: Sequence[Experiment], vehicle: Vehicle, law: Law) -> list[Finding]:
+    """Name motors that turn slower than the others at the same command."""
+    if law is not Law.SPEED:
+        return []
+    command = np.vstack([motor_commands(record.u, vehicle) for record in records])
+    speed = np.vstack([np.asarray(rotor_speeds(record)) for record in records])
+    ideal = np.sqrt(np.maximum((1.0 - vehicle.thrust_expo) * command + vehicle.thrust_expo * command**2, 1e-6))
+    ratio = np.median(np.where(command > 0.05, speed / ideal, np.nan), axis=0)
+    usual = float(np.nanmedian(ratio))
+    return [
+        Finding(
+            "slow-motor",
+            Severity.WARNING,
+            f"motor {motor} turns {100.0 * (1.0 - value / usual):.0f} % slower than the others at the same command",
+            "check bearings, propeller, ESC calibration and the motor's voltage",
+            {"motor": motor, "ratio": float(value / usual)},
+        )
+        for motor, value in zip(records[0].input_names, ratio, strict=True)
+        if 0.1 * usual < value < 0.92 * usual
+    ]
+
+
+def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Estimate:
+    """Find the curvature by variable projection, with its standard error from the full linearisation."""
+    # Unlike motors would bend a common curve: each has its own thrust where signals tell them apart.
+    apart = _condition(blocks_at(start)) < SEPARABLE
+
+    def loss(expo: float) -> float:
+        return _fit(blocks_at(expo), apart).rmse
+
+    found = minimize_scalar(loss, bounds=(-0.5, 1.5), method="bounded", options={"xatol": 1e-4})
+    expo, step = float(found.x), 1e-3
+    blocks = blocks_at(expo)
+    values = _fit(blocks, apart).values
+    above, below = blocks_at(expo + step), blocks_at(expo - step)
+    regressors, residuals = [], []
+    for block, up, down in zip(blocks, above, below, strict=True):
+        rows = _rows(block, apart)
+        slope = (_rows(up, apart) - _rows(down, apart)) @ values / (2.0 * step)
+        regressors.append(np.hstack([rows, slope[:, None]]))
+        residuals.append(block.force - rows @ values)
+    sigma = float(np.sqrt(max(covariance_of(regressors, residuals)[-1, -1], 0.0)))
+    if not np.isfinite(sigma) or sigma > EXPO_DETERMINED or not -0.45 < expo < 1.45:
+        told = f"the standard error is {sigma:.2f}" if np.isfinite(sigma) and sigma < 10.0 else "thrust hardly varies"
+        return Estimate(None, None, "1", f"{told}, so that the autopilot's curve ({start:g}) is used")
+    return Estimate(expo, sigma, "1")
+
+
+def _other_curve(found: Estimate, vehicle: Vehicle) -> list[Finding]:
+    """Say when thrust clearly follows another curve than the one that the autopilot inverts."""
+    if found.value is None or found.sigma is None:
+        return []
+    expo, sigma = found.value, found.sigma
+    off, told = expo - vehicle.thrust_expo, f"{vehicle.thrust_expo:g}"
+    if abs(off) < max(3.0 * sigma, OTHER_CURVE):
+        return []
+    return [
+        Finding(
+            "thrust-curve-differs",
+            Severity.INFO,
+            f"thrust follows a curve of MOT_THST_EXPO {expo:.2f} ± {sigma:.2f}; the autopilot inverts {told}, "
+            "so that its loops are stiffer at one end of the throttle than at the other",
+            "measure the curve on a thrust stand, and set MOT_THST_EXPO",
+            {"expo": expo, "sigma": sigma, "set": vehicle.thrust_expo},
+        )
+    ]
+
+
+def _per_motor(
+    motors: Sequence[str], blocks: Sequence[Blocks], air: float, mass: float | None
+) -> dict[str, ThrustCoefficient]:
+    apart = regress([_with_climb(b.thrust, b) for b in blocks], [b.force for b in blocks])
+    size = np.linalg.norm(np.vstack([block.thrust for block in blocks]), axis=0)
+    condition = _condition(blocks)
+    reason = f"the motors' signals are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
+    return {
+        motor: coefficient(
+            float(apart.values[k]),
+            float(apart.sigma[k]),
+            air,
+            mass,
+            reason or ("the motor never turns" if size[k] == 0.0 else ""),
+        )
+        for k, motor in enumerate(motors)
+    }
+
+
+def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, law: Law, expo: float) -> Estimate:
+    """Find the first-order lag from signal to specific force."""
+    if records[0].rate < LAG_RATE:
+        return Estimate(
+            None, None, "s", f"records at {records[0].rate:.3g} Hz do not show it; {LAG_RATE:g} Hz or more would"
+        )
+    signals = [thrust_signals(r, law, vehicle, voltage, expo).sum(axis=1, keepdims=True) for r in records]
+    forces = [-column(record, "f_z") for record in records]
+    climbs = [body_down(record)[:, None] for record in records]
+    dt = records[0].dt
+
+    def rows_at(tau: float) -> list[Floats]:
+        return [np.hstack([lagged(s, tau, dt), c]) for s, c in zip(signals, climbs, strict=True)]
+
+    def residual(x: Floats) -> Floats:
+        rows = rows_at(float(x[0]))
+        values = coefficients(rows, forces)
+        return np.concatenate([f - r @ values for f, r in zip(forces, rows, strict=True)])
+
+    starts = [least_squares(residual, [tau], bounds=(1e-4, LONGEST_LAG), x_scale=0.02) for tau in (0.02, 0.1)]
+    tau = float(min(starts, key=lambda found: float(found.cost)).x[0])
+    rows = rows_at(tau)
+    values, step = coefficients(rows, forces), max(1e-3, 0.01 * tau)
+    above, below = rows_at(tau + step), rows_at(max(tau - step, 0.0))
+    width = tau + step - max(tau - step, 0.0)
+    full = [np.hstack([r, (a - b) @ values[:, None] / width]) for r, a, b in zip(rows, above, below, strict=True)]
+    left = [f - r @ values for f, r in zip(forces, rows, strict=True)]
+    sigma = float(np.sqrt(max(covariance_of(full, left, round(1.0 / dt))[2, 2], 0.0)))
+    if not np.isfinite(sigma) or sigma > 0.5 * tau or tau > 0.98 * LONGEST_LAG:
+        most = f"below {tau + 2.0 * sigma:.2f} s" if np.isfinite(sigma) and sigma < LONGEST_LAG else "unknown"
+        return Estimate(None, None, "s", f"the flights do not show it ({most})")
+    return Estimate(tau, sigma, "s")

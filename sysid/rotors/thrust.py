@@ -1,0 +1,235 @@
+"""Thrust per motor command from the accelerometer and the motor outputs of a flight.
+
+A multirotor's accelerometer measures, along body z, thrust over mass: ``-f_z = sum_k T_k / m``. The autopilot maps
+the thrust that it wants to PWM by a curve of its own (ArduPilot `AP_MotorsMulticopter`: MOT_PWM_MIN/MAX,
+MOT_SPIN_MIN/MAX, MOT_THST_EXPO), and its inverse says which thrust a PWM stands for::
+
+    c   = (pwm - pwm(spin_min)) / (pwm(spin_max) - pwm(spin_min))        command, 0 .. 1
+    g   = (1 - e) c V + e (c V)^2                                        thrust command; V: voltage over reference
+    T_k = k_k (rho / 1.225) g_k
+
+so that k is the thrust of one motor at full command in sea-level air. Motion alone gives k / m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from logparse import Finding, Severity
+from sysid.records.excitation import examine
+from sysid.records.experiment import Experiment, ExperimentError, require_alike
+from sysid.records.thrust_curve import REFERENCE_DENSITY, command_for, motor_pwm
+from sysid.rotors.thrust_regression import (
+    AIR_SIGMA,
+    BLOCK_SECONDS,
+    ThrustCoefficient,
+    air_sigma_of,
+    blocks_of,
+    coefficient,
+    conditions_of,
+    mass_unknown,
+    regress,
+    require_specific_force,
+    scatter_between,
+    uneven_motors,
+)
+
+#: Condition number of the motors' regressors above which differences between motors are not read.
+SEPARABLE = 1e4
+
+#: Vertical speed in body axes whose effect on thrust is worth a parameter, m/s.
+CLIMBING = 0.2
+
+_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThrustModel:
+    """Thrust against command.
+
+    Attributes
+    ----------
+    name : str
+    common : ThrustCoefficient
+        One coefficient for all motors.
+    per_motor : mapping
+        A coefficient for each motor by name.
+    mass : float or None
+        As given, kg.
+    thrust_expo : float
+        Curvature e of the thrust curve, as the autopilot has it.
+    reference_density : float
+        kg/m^3.
+    reference_voltage : float or None
+        V at which coefficients hold; None when voltage was not logged.
+    damping : float or None
+        Loss of thrust per mass with climbing speed along body z, 1/s; None when the flight hardly climbs.
+    effort : mapping
+        Mean thrust command of each motor over the mean of all motors.
+    hover_command, hover_pwm : float
+        Mean command and PWM that carry the weight in the air of the records.
+    rmse : float
+        Of one-second means of the specific force, m/s^2.
+    condition : float
+        Condition number of the motors' regressors, scaled.
+    seconds : float
+        Flight time used.
+    training : tuple of str
+    findings : tuple of Finding
+    air_sigma : float
+        Relative standard uncertainty of the air's density, common to all coefficients, included in each sigma.
+    """
+
+    name: str
+    common: ThrustCoefficient
+    per_motor: Mapping[str, ThrustCoefficient]
+    mass: float | None
+    thrust_expo: float
+    reference_density: float
+    reference_voltage: float | None
+    damping: float | None
+    effort: Mapping[str, float]
+    hover_command: float
+    hover_pwm: float
+    rmse: float
+    condition: float
+    seconds: float
+    training: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    air_sigma: float = AIR_SIGMA
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON."""
+        plain = {
+            name: getattr(self, name)
+            for name in [
+                "name",
+                "mass",
+                "thrust_expo",
+                "reference_density",
+                "reference_voltage",
+                "damping",
+                "hover_command",
+                "hover_pwm",
+                "rmse",
+                "condition",
+                "seconds",
+                "air_sigma",
+            ]
+        }
+        return {
+            "kind": "thrust",
+            **plain,
+            "units": {"per_mass": "m/s^2 at full command", "newton": "N at full command"},
+            "common": self.common.to_dict(),
+            "effort": dict(self.effort),
+            "per_motor": {name: value.to_dict() for name, value in self.per_motor.items()},
+            "training": list(self.training),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+
+def fit_thrust(experiments: Sequence[Experiment], mass: float | None = None) -> ThrustModel:
+    """Estimate thrust per command, common and per motor, from accelerometer and PWM.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        With context (`f_z` at least); inputs are PWM in us.
+    mass : float, optional
+        kg; without it thrust is known per unit of mass only.
+
+    Raises
+    ------
+    MissingDataError
+        Without an accelerometer.
+    ExperimentError
+        When no motor moves or the records differ in kind.
+    """
+    records = require_alike(experiments)
+    require_specific_force(records, mass)
+    findings = [f for f in examine(records).findings if f.id in ("constant-input", "saturated-input")]
+    vehicle, reference, unknown = conditions_of(records)
+    findings += unknown
+    blocks = [blocks_of(record, vehicle, reference) for record in records]
+    usable = sum(len(block.force) for block in blocks)
+    motors = records[0].input_names
+    if usable < 2 * len(motors) + 4:
+        raise ExperimentError(f"{usable} s of flight with all motors inside their range are too few to estimate thrust")
+    climbing = float(np.sqrt(np.mean(np.concatenate([block.climb for block in blocks]) ** 2))) > CLIMBING
+    nuisance = [block.climb[:, None] if climbing else np.zeros((len(block.force), 0)) for block in blocks]
+
+    sums = [np.hstack([b.thrust.sum(axis=1, keepdims=True), x]) for b, x in zip(blocks, nuisance, strict=True)]
+    together = regress(sums, [block.force for block in blocks])
+    scatter = scatter_between(sums, blocks)
+    air = air_sigma_of(records)
+    apart = regress(
+        [np.hstack([b.thrust, x]) for b, x in zip(blocks, nuisance, strict=True)], [block.force for block in blocks]
+    )
+    regressors = np.vstack([block.thrust for block in blocks])
+    size = np.linalg.norm(regressors, axis=0)
+    # A motor that never turns tells nothing, and says nothing of how well the others are told apart.
+    scaled = regressors[:, size > 0.0] / size[size > 0.0]
+    condition = float(np.linalg.cond(scaled)) ** 2
+    flown = len(vehicle.motors)
+    unlogged = f"only {len(motors)} of {flown} motors are logged" if len(motors) < flown else ""
+    common = coefficient(float(together.values[0]), max(float(together.sigma[0]), scatter), air, mass, unlogged)
+    reason = f"the motors' commands are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
+    reason = unlogged or reason
+    per_motor = {
+        motor: coefficient(float(apart.values[k]), float(apart.sigma[k]), air, mass, reason)
+        for k, motor in enumerate(motors)
+    }
+    undetermined = [motor for motor, value in per_motor.items() if not value.determined]
+    if unlogged:
+        findings.append(
+            Finding(
+                "motors-not-logged",
+                Severity.WARNING,
+                f"{unlogged}; the others carry an unknown part of the weight, so that no thrust coefficient is "
+                "determined",
+                "log the outputs of all motors and all SERVOn_FUNCTION parameters",
+                {"logged": len(motors), "motors": flown},
+            )
+        )
+    elif undetermined:
+        findings.append(
+            Finding(
+                "thrust-per-motor-undetermined",
+                Severity.INFO,
+                f"thrust of single motors is not determined for {', '.join(undetermined)}: vertical force shows only "
+                f"the sum of motors that move together (condition number {condition:.1e}); the common coefficient is",
+                "fly with strong roll, pitch and yaw excitation, or measure motors on a bench",
+                {"undetermined": len(undetermined), "condition": condition},
+            )
+        )
+    means = regressors.mean(axis=0)
+    effort = {motor: float(part) for motor, part in zip(motors, means / means.mean(), strict=True)}
+    findings += uneven_motors(effort)
+    if mass is None:
+        findings.append(mass_unknown())
+    expo, density = vehicle.thrust_expo, float(np.mean([block.density for block in blocks]))
+    hover = command_for(_GRAVITY / (len(motors) * max(float(together.values[0]), 1e-9) * density), expo)
+    return ThrustModel(
+        name="thrust per motor command, autopilot's thrust curve",
+        common=common,
+        per_motor=per_motor,
+        mass=mass,
+        thrust_expo=expo,
+        reference_density=REFERENCE_DENSITY,
+        reference_voltage=reference,
+        damping=float(together.values[1]) if climbing else None,
+        effort=effort,
+        hover_command=hover,
+        hover_pwm=motor_pwm(hover, vehicle),
+        rmse=together.rmse,
+        condition=condition,
+        seconds=usable * BLOCK_SECONDS,
+        training=tuple(record.name for record in records),
+        findings=tuple(findings),
+        air_sigma=air,
+    )

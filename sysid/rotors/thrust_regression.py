@@ -1,0 +1,321 @@
+"""Regression of one-second means of specific thrust on what the motors do, with standard errors that hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from logparse import Finding, MissingDataError, Severity, Vehicle
+from sysid.records.experiment import Experiment, ExperimentError, Floats
+from sysid.records.thrust_curve import Law, column, motor_commands, reference_voltage, relative_density, thrust_signals
+from sysid.statistics.covariance import autocovariance, coloured_information
+
+#: Averaging time, s: longer than the motor outputs' aliasing, shorter than manoeuvres.
+BLOCK_SECONDS = 1.0
+
+#: A coefficient with a larger relative standard error is not determined.
+DETERMINED = 0.15
+
+#: Relative standard uncertainty of the density when pressure or altitude is known: 10 K of 288 K, because nothing tells
+#: the temperature of the air (barometers report that of the board). It is common to flights at one place and season.
+AIR_SIGMA = 10.0 / 288.15
+
+#: The same when sea-level air is assumed for want of any altitude: density lacks 18 % of sea level's at 2000 m, so that
+#: the root mean square error for altitudes equally likely from 0 to 2000 m is 18 % over the root of three.
+UNKNOWN_AIR_SIGMA = 0.11
+
+#: A motor whose thrust at the same signal is this much below the mean of all is weak, if by three standard errors.
+WEAK = 0.15
+
+#: A motor that works this much more or less than the mean of all is worth a finding.
+UNEVEN = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class ThrustCoefficient:
+    """Thrust of one motor in sea-level air: at full command, or per square of the rotor's speed.
+
+    Attributes
+    ----------
+    per_mass, sigma : float or None
+        k/m and its standard error, m/s^2 (at full command) or N s^2/kg (`Law.SPEED`); None when not determined. The
+        error includes that of the air's density (`AIR_SIGMA`), which flights at the same place and the motors of a
+        flight have in common.
+    newton, newton_sigma : float or None
+        k in N or N s^2; None without a mass or when not determined.
+    determined : bool
+    reason : str
+        Why not, empty when determined.
+    """
+
+    per_mass: float | None
+    sigma: float | None
+    newton: float | None
+    newton_sigma: float | None
+    determined: bool
+    reason: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """One-second means: specific thrust (M,), thrust signals in sea-level air (M, motors), -climb (M,), density."""
+
+    force: Floats
+    thrust: Floats
+    climb: Floats
+    density: float
+
+
+@dataclass(frozen=True, slots=True)
+class Regression:
+    """Least-squares values with standard errors, and the residuals' root mean square."""
+
+    values: Floats
+    sigma: Floats
+    rmse: float
+
+
+def require_specific_force(records: Sequence[Experiment], mass: float | None) -> None:
+    """Refuse records without an accelerometer, and masses that are none.
+
+    Raises
+    ------
+    ExperimentError, MissingDataError
+    """
+    if mass is not None and not mass > 0.0:
+        raise ExperimentError(f"mass must be positive, not {mass} kg")
+    if any(not np.isfinite(column(record, "f_z")).all() for record in records):
+        raise MissingDataError(
+            "no accelerometer in the record, so that thrust cannot be estimated; set LOG_BITMASK to include IMU"
+        )
+
+
+def body_down(record: Experiment) -> Floats:
+    """Speed along body z, m/s, (N,); 0 where unknown."""
+    roll, pitch, yaw = (column(record, name) for name in ("roll", "pitch", "yaw"))
+    north, east, down = (column(record, name) for name in ("v_n", "v_e", "v_d"))
+    ahead = np.cos(yaw) * north + np.sin(yaw) * east
+    right = np.cos(yaw) * east - np.sin(yaw) * north
+    speed = np.cos(roll) * (np.cos(pitch) * down + np.sin(pitch) * ahead) - np.sin(roll) * right
+    return np.where(np.isfinite(speed), speed, 0.0)
+
+
+def blocks_of(
+    record: Experiment, vehicle: Vehicle, voltage: float | None, law: Law = Law.COMMAND, expo: float | None = None
+) -> Blocks:
+    """Average a record over seconds in which every motor stays inside its range (or does not move at all)."""
+    command = motor_commands(record.u, vehicle)
+    inside = np.all((command > 0.0) & (command < 1.0), axis=1) | (np.ptp(record.u, axis=0) == 0.0).any()
+    size = max(round(BLOCK_SECONDS / record.dt), 1)
+    count = len(record.t) // size
+
+    def mean(values: Floats) -> Floats:
+        return np.asarray(values[: count * size].reshape(count, size, -1).mean(axis=1))
+
+    keep = mean(inside.astype(np.float64))[:, 0] == 1.0
+    return Blocks(
+        force=-mean(column(record, "f_z"))[keep, 0],
+        thrust=mean(thrust_signals(record, law, vehicle, voltage, expo))[keep],
+        climb=mean(body_down(record))[keep, 0],
+        density=float(relative_density(record).mean()),
+    )
+
+
+def regress(regressors: Sequence[Floats], outputs: Sequence[Floats], most_lags: int = 10) -> Regression:
+    """Least squares with standard errors for coloured residuals.
+
+    Parameters
+    ----------
+    regressors : sequence of ndarray, shape (N_r, q)
+        One per record.
+    outputs : sequence of ndarray, shape (N_r,)
+    most_lags : int
+        How far residuals are taken to be correlated, samples.
+    """
+    values = coefficients(regressors, outputs)
+    residuals = [force - rows @ values for force, rows in zip(outputs, regressors, strict=True)]
+    sigma = np.sqrt(np.maximum(np.diag(covariance_of(regressors, residuals, most_lags)), 0.0))
+    return Regression(values, sigma, float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))))
+
+
+def coefficients(regressors: Sequence[Floats], outputs: Sequence[Floats]) -> Floats:
+    """Give the values of `regress` alone, (q,)."""
+    x, y = np.vstack(regressors), np.concatenate(outputs)
+    size = np.linalg.norm(x, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.linalg.lstsq(x / size, y, rcond=1e-12)[0] / size)
+
+
+def covariance_of(regressors: Sequence[Floats], residuals: Sequence[Floats], most_lags: int = 10) -> Floats:
+    """Covariance of least-squares values whose residuals are coloured, (q, q).
+
+    Parameters
+    ----------
+    regressors : sequence of ndarray, shape (N_r, q)
+    residuals : sequence of ndarray, shape (N_r,)
+    most_lags : int
+        How far residuals are taken to be correlated, samples.
+    """
+    x = np.vstack(regressors)
+    size = np.linalg.norm(x, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    count = len(x)
+    freedom = max(count - x.shape[1], 1)
+    lags = max(min(most_lags, min(len(r) for r in residuals) // 4), 1)
+    colour = autocovariance(residuals, lags) * count / freedom
+    inverse = np.linalg.pinv((x / size).T @ (x / size), rcond=1e-14)
+    middle = coloured_information([rows / size for rows in regressors], colour)
+    return np.asarray(inverse @ middle @ inverse / np.outer(size, size))
+
+
+def scatter_between(regressors: Sequence[Floats], blocks: Sequence[Blocks]) -> float:
+    """Give the common coefficient's standard error from its scatter between records; 0 for a single one."""
+    alone = [
+        float(regress([rows], [block.force]).values[0])
+        for rows, block in zip(regressors, blocks, strict=True)
+        if len(block.force) >= 2 * rows.shape[1] + 4
+    ]
+    return float(np.std(alone, ddof=1) / np.sqrt(len(alone))) if len(alone) > 1 else 0.0
+
+
+def air_sigma_of(records: Sequence[Experiment]) -> float:
+    """Relative standard uncertainty of the density of the air."""
+    known = all(np.isfinite(column(record, "density")).all() for record in records)
+    return AIR_SIGMA if known else float(np.hypot(UNKNOWN_AIR_SIGMA, AIR_SIGMA))
+
+
+def coefficient(value: float, sigma: float, air: float, mass: float | None, reason: str = "") -> ThrustCoefficient:
+    """Judge an estimate: determined, or why not.
+
+    Parameters
+    ----------
+    value, sigma : float
+        k/m and its standard error in known air.
+    air : float
+        Relative standard uncertainty of the density.
+    mass : float or None
+        kg.
+    reason : str
+        Why it cannot be determined whatever its standard error.
+    """
+    sigma = float(np.hypot(sigma, air * value))
+    if not reason and not value > 0.0:
+        reason = "the estimate is not positive"
+    if not reason and sigma > DETERMINED * value:
+        reason = f"the standard error is {100.0 * sigma / value:.0f} % of the estimate"
+    if reason:
+        return ThrustCoefficient(None, None, None, None, False, reason)
+    newton = None if mass is None else (value * mass, sigma * mass)
+    return ThrustCoefficient(value, sigma, newton and newton[0], newton and newton[1], True)
+
+
+def uneven_motors(effort: Mapping[str, float]) -> list[Finding]:
+    """Name the motors that work harder or less than the others, which shows even where single thrusts do not."""
+    return [
+        Finding(
+            "uneven-motor",
+            Severity.WARNING,
+            f"motor {motor} works {100.0 * abs(part - 1.0):.0f} % {'harder' if part > 1.0 else 'less'} than the mean: "
+            "a weak motor or propeller, an off-centre load, or motors tilted about their arms",
+            "check motor, propeller and centre of gravity",
+            {"motor": motor, "effort": part},
+        )
+        for motor, part in effort.items()
+        if abs(part - 1.0) > UNEVEN
+    ]
+
+
+def weak_motors(per_motor: Mapping[str, ThrustCoefficient], air: float) -> list[Finding]:
+    """Name motors that give less thrust than the others at the same signal.
+
+    Parameters
+    ----------
+    per_motor : mapping
+    air : float
+        Relative uncertainty of the density, which is in every standard error and common to the motors.
+    """
+    known = {
+        motor: (each.per_mass, float(np.sqrt(max(each.sigma**2 - (air * each.per_mass) ** 2, 0.0))))
+        for motor, each in per_motor.items()
+        if each.per_mass is not None and each.sigma is not None
+    }
+    if len(known) < 3:
+        return []
+    mean = float(np.mean([value for value, _ in known.values()]))
+    return [
+        Finding(
+            "weak-motor",
+            Severity.WARNING,
+            f"motor {motor} gives {100.0 * (1.0 - value / mean):.0f} % less thrust than the mean motor at the same "
+            "signal",
+            "check propeller and motor",
+            {"motor": motor, "ratio": value / mean},
+        )
+        for motor, (value, sigma) in known.items()
+        if mean - value > max(WEAK * mean, 3.0 * sigma)
+    ]
+
+
+def conditions_of(records: Sequence[Experiment]) -> tuple[Vehicle, float | None, list[Finding]]:
+    """Give the craft, the voltage at which its coefficients are to hold, and what is not known of them and the air."""
+    vehicle, assumed = vehicle_of(records[0])
+    voltage = reference_voltage(records)
+    return vehicle, voltage, [*assumed, *_unknown_air(records, voltage)]
+
+
+def _unknown_air(records: Sequence[Experiment], voltage: float | None) -> list[Finding]:
+    """Say when density or battery voltage are not known."""
+    findings = []
+    if not all(np.isfinite(column(record, "density")).all() for record in records):
+        findings.append(
+            Finding(
+                "density-unknown",
+                Severity.WARNING,
+                "with neither barometer nor altitude the density of the air is unknown; sea-level air is assumed, and "
+                f"{100.0 * UNKNOWN_AIR_SIGMA:.0f} % are added to the uncertainty of thrust (at 2000 m it is 18 % off)",
+                "log the barometer or GPS",
+            )
+        )
+    if voltage is None:
+        findings.append(
+            Finding(
+                "voltage-unknown",
+                Severity.WARNING,
+                "without battery voltage the coefficient holds for the unknown voltage of these flights only",
+                "log the battery (LOG_BITMASK, BATT_MONITOR)",
+            )
+        )
+    return findings
+
+
+def vehicle_of(record: Experiment) -> tuple[Vehicle, list[Finding]]:
+    """Give the record's craft, or ArduPilot's defaults with a finding that says so."""
+    if record.vehicle is not None:
+        return record.vehicle, []
+    vehicle = Vehicle()
+    return vehicle, [
+        Finding(
+            "assumed-thrust-curve",
+            Severity.WARNING,
+            "the log does not tell the motors' PWM range and thrust curve; ArduPilot's defaults are assumed "
+            f"({vehicle.pwm_min:.0f}-{vehicle.pwm_max:.0f} us, MOT_THST_EXPO {vehicle.thrust_expo})",
+            "log parameters",
+        )
+    ]
+
+
+def mass_unknown() -> Finding:
+    """Say what is missing without a mass."""
+    return Finding(
+        "mass-unknown",
+        Severity.INFO,
+        "motion gives thrust per unit of mass only; the take-off mass gives newtons",
+        "give the take-off mass (--mass)",
+    )

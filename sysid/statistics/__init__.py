@@ -1,0 +1,1 @@
+"""Statistics of estimates: covariance under coloured residuals, residual tests, numbers with their sigma."""

@@ -1,0 +1,178 @@
+"""What a model leaves over, tested for whiteness and for independence of the inputs.
+
+Tested are the errors of the prediction one sample ahead. Those of a free run are no candidates: wind colours them
+however right the model is, and the autopilot, which reacts to what the wind did, makes its outputs depend on them.
+One sample ahead, an error should be news: unrelated to earlier errors, and to all inputs before it, feedback or not
+(Ljung 1999, sections 16.6 and 13.4; Söderström and Stoica 1989, section 11.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from sysid.records.experiment import Floats
+from sysid.statistics.covariance import autocovariance, coloured_information
+
+#: Probability that a right model stays inside the bands and limits.
+LEVEL = 0.99
+
+#: Lags that are tested, in samples, and the least number of samples for each of them.
+LAGS, SAMPLES_PER_LAG = 25, 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResidualTest:
+    """Residual tests of one output over one or several records.
+
+    Attributes
+    ----------
+    output : str
+    samples, lags : int
+    autocorrelation : ndarray, shape (lags,)
+        At lags 1, 2, ...
+    band : float
+        Each autocorrelation of white residuals is within plus or minus this with probability `LEVEL`.
+    whiteness, whiteness_limit : float
+        Portmanteau statistic (Ljung and Box 1978) and what white residuals exceed with probability ``1 - LEVEL`` only.
+    crosscorrelation : mapping
+        For each input, shape (lags,): of the residual with the input 1, 2, ... samples before it, in units of its
+        standard deviation if they were independent, so that the band is +-2.58.
+    independence : mapping
+        For each input the chi-square statistic over all lags.
+    independence_limit : float
+        What the largest of them exceeds with probability ``1 - LEVEL`` if the residual is independent of every input.
+    """
+
+    output: str
+    samples: int
+    lags: int
+    autocorrelation: Floats
+    band: float
+    whiteness: float
+    whiteness_limit: float
+    crosscorrelation: Mapping[str, Floats]
+    independence: Mapping[str, float]
+    independence_limit: float
+
+    @property
+    def white(self) -> bool:
+        """Whether the residuals pass as white."""
+        return self.whiteness <= self.whiteness_limit
+
+    @property
+    def dependent(self) -> tuple[str, ...]:
+        """Inputs that the residual still depends on, strongest first."""
+        names = [name for name, value in self.independence.items() if value > self.independence_limit]
+        return tuple(sorted(names, key=lambda name: -self.independence[name]))
+
+    @property
+    def sentence(self) -> str:
+        """Say what the tests found."""
+        largest = float(np.max(np.abs(self.autocorrelation)))
+        white = (
+            "errors one sample ahead are white"
+            if self.white
+            else f"errors one sample ahead are not white (autocorrelation up to {largest:.2f}, 99 % band "
+            f"±{self.band:.2f}): earlier errors would improve the prediction"
+        )
+        if not self.dependent:
+            return f"{white}; they are independent of the inputs before them"
+        missed = ", ".join(self.dependent)
+        return f"{white}; inputs before them would improve it ({missed}): the model misses what these say"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give statistics and correlations for JSON."""
+        return {
+            "residual": "one-sample-ahead prediction error",
+            "samples": self.samples,
+            "lags": self.lags,
+            "autocorrelation": self.autocorrelation.tolist(),
+            "band": self.band,
+            "whiteness": self.whiteness,
+            "whiteness_limit": self.whiteness_limit,
+            "white": self.white,
+            "crosscorrelation": {name: values.tolist() for name, values in self.crosscorrelation.items()},
+            "crosscorrelation_band": float(norm.ppf(0.5 + 0.5 * LEVEL)),
+            "independence": dict(self.independence),
+            "independence_limit": self.independence_limit,
+            "dependent": list(self.dependent),
+            "sentence": self.sentence,
+        }
+
+
+def examine_residuals(
+    output: str, errors: Sequence[Floats], inputs: Sequence[Floats], names: Sequence[str]
+) -> ResidualTest | None:
+    """Test prediction errors of one output; None for too few samples, or errors that are all the same.
+
+    Parameters
+    ----------
+    output : str
+    errors : sequence of ndarray, shape (N_r,)
+        One-sample-ahead prediction errors, one array per record.
+    inputs : sequence of ndarray, shape (N_r, m)
+        At the same samples.
+    names : sequence of str
+        Of the inputs.
+    """
+    longest = max((len(error) for error in errors), default=0)
+    lags = min(LAGS, longest // SAMPLES_PER_LAG)
+    usable = [k for k, error in enumerate(errors) if len(error) > 2 * lags]
+    if lags < 2 or not usable:
+        return None
+    centred = [errors[k] - errors[k].mean() for k in usable]
+    samples = sum(len(error) for error in centred)
+    power = sum(float(error @ error) for error in centred)
+    if not power > 1e-24 * samples:
+        return None
+    # Plain sums over all records; dividing each by its own number of terms is what Ljung and Box add.
+    products = np.array([sum(float(e[lag:] @ e[:-lag]) for e in centred) for lag in range(1, lags + 1)])
+    terms = np.array([sum(len(e) - lag for e in centred) for lag in range(1, lags + 1)])
+    correlation = products / power
+    whiteness = float(samples * np.sum(correlation**2 * samples / terms))
+    single = float(norm.ppf(0.5 + 0.5 * LEVEL))
+
+    # The errors' own colour widens what chance allows, so that one test does not fail because the other does.
+    colour = autocovariance(centred, min(4 * lags, longest))
+    deviations: dict[str, Floats] = {}
+    statistics: dict[str, float] = {}
+    limit = float(chi2.ppf(LEVEL ** (1.0 / max(len(names), 1)), lags))
+    for column, name in enumerate(names):
+        before = [_lagged(inputs[k][:, column], lags) for k in usable]
+        size = float(np.sqrt(np.mean(np.concatenate([rows[:, 0] for rows in before]) ** 2)))
+        if not size > 0.0:
+            continue
+        regressors = [rows / size for rows in before]
+        total = np.asarray(sum(rows.T @ e[lags:] for rows, e in zip(regressors, centred, strict=True)))
+        spread = coloured_information(regressors, colour)
+        deviations[name] = total / np.sqrt(np.maximum(np.diag(spread), 1e-300))
+        # Inputs change slowly, so that their lags are nearly collinear: what they share counts once.
+        values, vectors = np.linalg.eigh(spread)
+        kept = values > 1e-6 * values[-1]
+        projected = vectors[:, kept].T @ total
+        statistic = float(np.sum(projected**2 / values[kept]))
+        # Fewer directions have a lower limit; brought to the probability that all lags would have.
+        statistics[name] = float(chi2.isf(max(chi2.sf(statistic, int(kept.sum())), 1e-300), lags))
+    return ResidualTest(
+        output=output,
+        samples=samples,
+        lags=lags,
+        autocorrelation=correlation,
+        band=single / float(np.sqrt(samples)),
+        whiteness=whiteness,
+        whiteness_limit=float(chi2.ppf(LEVEL, lags)),
+        crosscorrelation=deviations,
+        independence=statistics,
+        independence_limit=limit,
+    )
+
+
+def _lagged(u: Floats, lags: int) -> Floats:
+    """Columns of the input 1, 2, ... `lags` samples before; shape (N - lags, lags)."""
+    centred = u - u.mean()
+    return np.column_stack([centred[lags - lag : len(u) - lag] for lag in range(1, lags + 1)])

@@ -1,0 +1,1 @@
+"""Transfer functions from sampled data: prediction-error method, SRIVC, closed loop, ARX."""

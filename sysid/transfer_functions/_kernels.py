@@ -1,0 +1,170 @@
+"""Hot loop of the responses: discrete state recursions of many channels at once.
+
+Arrays are copied element by element: numba takes seconds to compile the error text of one slice assignment.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def recur(
+    transition: Floats, from_now: Floats, from_next: Floats, start: Floats, inputs: Floats, leading: int
+) -> Floats:
+    """Run ``x[k+1] = F x[k] + g0 u[k] + g1 u[k+1]`` for every lane and keep all states.
+
+    Lanes (channels) are the last axis, so that the inner loops are vector instructions.
+
+    Parameters
+    ----------
+    transition : ndarray, shape (q, q, lanes)
+    from_now, from_next : ndarray, shape (q, lanes)
+        g0 and g1; g1 is zero for held inputs.
+    start : ndarray, shape (q, lanes)
+        State at the first sample.
+    inputs : ndarray, shape (N, lanes)
+    leading : int
+        The first `leading` rows of F have nonzeros in the first `leading` columns only.
+
+    Returns
+    -------
+    ndarray, shape (N, q, lanes)
+    """
+    samples, lanes = inputs.shape
+    order = transition.shape[0]
+    states = np.empty((samples, order, lanes))
+    for i in range(order):
+        for lane in range(lanes):
+            states[0, i, lane] = start[i, lane]
+    for k in range(samples - 1):
+        for i in range(order):
+            for lane in range(lanes):
+                states[k + 1, i, lane] = from_now[i, lane] * inputs[k, lane] + from_next[i, lane] * inputs[k + 1, lane]
+            for j in range(leading if i < leading else order):
+                for lane in range(lanes):
+                    states[k + 1, i, lane] += transition[i, j, lane] * states[k, j, lane]
+    return states
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def recur_few(transposed: Floats, from_now: Floats, from_next: Floats, start: Floats, inputs: Floats) -> Floats:
+    """Do the same as `recur` for few lanes, one after the other, with the states as vector lanes.
+
+    Parameters
+    ----------
+    transposed : ndarray, shape (lanes, q, q)
+        F with rows and columns exchanged.
+    from_now, from_next, start : ndarray, shape (lanes, q)
+    inputs : ndarray, shape (N, lanes)
+
+    Returns
+    -------
+    ndarray, shape (N, q, lanes)
+    """
+    samples, lanes = inputs.shape
+    order = transposed.shape[1]
+    states = np.empty((samples, order, lanes))
+    now, after = np.empty(order), np.empty(order)
+    for lane in range(lanes):
+        for i in range(order):
+            now[i] = start[lane, i]
+            states[0, i, lane] = now[i]
+        for k in range(samples - 1):
+            here, there = inputs[k, lane], inputs[k + 1, lane]
+            for i in range(order):
+                after[i] = from_now[lane, i] * here + from_next[lane, i] * there
+            for j in range(order):
+                value = now[j]
+                for i in range(order):
+                    after[i] += transposed[lane, j, i] * value
+            for i in range(order):
+                now[i] = after[i]
+                states[k + 1, i, lane] = after[i]
+    return states
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def combine(states: Floats, weights: Floats, result: Floats) -> None:
+    """Add ``sum_q states[t, q, lane] weights[q, p, lane]`` to column ``p lanes + lane`` of `result`.
+
+    Parameters
+    ----------
+    states : ndarray, shape (N, Q, lanes)
+    weights : ndarray, shape (Q, P, lanes)
+    result : ndarray, shape (N, at least P lanes)
+    """
+    samples, terms, lanes = states.shape
+    for t in range(samples):
+        for p in range(weights.shape[1]):
+            for q in range(terms):
+                for lane in range(lanes):
+                    result[t, p * lanes + lane] += states[t, q, lane] * weights[q, p, lane]
+
+
+@njit(cache=True, nogil=True)
+def multiply_out(theta: Floats) -> tuple[Floats, Floats]:
+    """Multiply sections out and differentiate the product; see `sysid.transfer_functions.sections.denominators`.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (groups, n)
+
+    Returns
+    -------
+    a : ndarray, shape (groups, n)
+    slope : ndarray, shape (groups, n, n)
+    """
+    groups, n = theta.shape
+    sections = (n + 1) // 2
+    a, slope, rest = np.zeros((groups, n)), np.zeros((groups, n, n)), np.empty(n + 1)
+    for g in range(groups):
+        # The product without each section in turn, which its derivative multiplies; at last the whole one.
+        for without in range(sections + 1):
+            for k in range(1, n + 1):
+                rest[k] = 0.0
+            rest[0], degree = 1.0, 0
+            for i in range(sections):
+                if i == without:
+                    continue
+                w = math.exp(theta[g, 2 * i])
+                if 2 * i + 1 < n:
+                    damping = 2.0 * w * math.exp(theta[g, 2 * i + 1])
+                    for k in range(degree + 2, 1, -1):
+                        rest[k] = w * w * rest[k] + damping * rest[k - 1] + rest[k - 2]
+                    rest[1] = w * w * rest[1] + damping * rest[0]
+                    rest[0] *= w * w
+                    degree += 2
+                else:
+                    for k in range(degree + 1, 0, -1):
+                        rest[k] = w * rest[k] + rest[k - 1]
+                    rest[0] *= w
+                    degree += 1
+            if without == sections:
+                for k in range(n):
+                    a[g, k] = rest[k]
+                break
+            first = 2 * without
+            w = math.exp(theta[g, first])
+            for k in range(degree + 1):
+                if first + 1 < n:
+                    damping = 2.0 * w * math.exp(theta[g, first + 1])
+                    slope[g, k, first] += 2.0 * w * w * rest[k]
+                    slope[g, k + 1, first] += damping * rest[k]
+                    slope[g, k + 1, first + 1] += damping * rest[k]
+                else:
+                    slope[g, k, first] = w * rest[k]
+    return a, slope
+
+
+def compile_kernels() -> None:
+    """Compile what is not yet compiled, so that a time limit is not spent on it."""
+    lane, pair, cube = np.zeros((1, 1)), np.zeros((2, 1)), np.zeros((1, 1, 1))
+    recur(cube, lane, lane, lane, pair, 1)
+    recur_few(cube, lane, lane, lane, pair)
+    combine(cube, cube, lane)
+    multiply_out(lane)

@@ -1,0 +1,165 @@
+"""Frequency response, poles and zeros of an estimated transfer function, with their uncertainty.
+
+Everything here is the delta method: a quantity's covariance is ``J P J'`` with the covariance P of the coefficients
+and the quantity's derivatives J, which is good as long as its deviation is small against itself. Where it is not, the
+quantity is marked as not determined instead of being given a band that means nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from sysid.records.experiment import Floats
+from sysid.transfer_functions.transfer_function import DETERMINED, TransferFunction
+
+#: Gain and phase are parts of the logarithm of G; with a larger standard deviation of it, they are not known.
+LARGEST_SIGMA = 0.5
+
+#: Roots closer to each other than this part of their size are one multiple root, whose place is not differentiable.
+MULTIPLE = 1e-6
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class FrequencyResponse:
+    """G(j omega) with its uncertainty.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (K,)
+        rad/s.
+    response : ndarray of complex, shape (K,)
+    sigma_gain : ndarray, shape (K,)
+        Standard deviation of ln |G|, that is the relative one of the gain.
+    sigma_phase : ndarray, shape (K,)
+        rad.
+    """
+
+    omega: Floats
+    response: Complex
+    sigma_gain: Floats
+    sigma_phase: Floats
+
+    @property
+    def determined(self) -> NDArray[np.bool_]:
+        """Where the data determine gain and phase, shape (K,)."""
+        return np.asarray((self.sigma_gain <= LARGEST_SIGMA) & (self.sigma_phase <= LARGEST_SIGMA))
+
+    @property
+    def gain(self) -> Floats:
+        """|G|, shape (K,)."""
+        return np.asarray(np.abs(self.response))
+
+    @property
+    def phase(self) -> Floats:
+        """Phase in rad, continuous over frequency, shape (K,)."""
+        return np.asarray(np.unwrap(np.angle(self.response)))
+
+    def band(self, level: float = 0.95) -> tuple[Floats, Floats]:
+        """Give the lower and upper limit of the gain at each frequency."""
+        # Beyond e^50 a band says nothing more.
+        reach = np.minimum(np.sqrt(chi2.ppf(level, 1)) * self.sigma_gain, 50.0)
+        return self.gain * np.exp(-reach), self.gain * np.exp(reach)
+
+
+def frequency_response(function: TransferFunction, omega: Floats) -> FrequencyResponse:
+    """Evaluate a transfer function and its uncertainty.
+
+    Parameters
+    ----------
+    function : TransferFunction
+        Without a covariance the deviations are zero.
+    omega : ndarray, shape (K,)
+        rad/s, above zero.
+
+    Notes
+    -----
+    With G = B / A, ``d ln G / d b_k = s^k / B`` and ``d ln G / d a_k = -s^k / A``; the real part of ln G is the
+    logarithm of the gain, the imaginary part the phase (Ljung 1999, section 9.4). An uncertain delay adds to the phase.
+    """
+    omega = np.asarray(omega, dtype=np.float64)
+    response = function.response(omega)
+    none = np.zeros_like(omega)
+    late = function.delay_std * omega
+    if function.covariance is None or not np.any(function.num):
+        return FrequencyResponse(omega, response, none, late)
+    s = 1j * omega[:, None]
+    num, den = function.num, function.den
+    above = s ** np.arange(len(num) - 1, -1, -1) / np.polyval(num, s)
+    below = -(s ** np.arange(len(den) - 2, -1, -1)) / np.polyval(den, s)
+    slope = np.hstack([above, below])
+    variances = [np.einsum("ki,ij,kj->k", part, function.covariance, part) for part in (slope.real, slope.imag)]
+    gain, phase = (np.sqrt(np.maximum(variance, 0.0)) for variance in variances)
+    return FrequencyResponse(omega, response, gain, np.hypot(phase, late))
+
+
+@dataclass(frozen=True, slots=True)
+class Root:
+    """A pole or zero with its uncertainty.
+
+    Attributes
+    ----------
+    value : complex
+        rad/s.
+    covariance : ndarray, shape (2, 2)
+        Of real and imaginary part, (rad/s)^2; infinite for a multiple root.
+    """
+
+    value: complex
+    covariance: Floats
+
+    @property
+    def sigma(self) -> float:
+        """Largest standard deviation in any direction, rad/s."""
+        if not np.isfinite(self.covariance).all():
+            return float("inf")
+        return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance)[-1], 0.0)))
+
+    @property
+    def determined(self) -> bool:
+        """Whether the deviation is below half of the distance from the origin."""
+        return self.sigma < DETERMINED * abs(self.value)
+
+    def ellipse(self, level: float = 0.95, points: int = 48) -> Complex:
+        """Draw the line within which the root lies with the given probability; on the axis, for a real root."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        radii = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(level, 2 if self.value.imag else 1))
+        angle = np.linspace(0.0, 2.0 * np.pi, points)
+        around = vectors @ (radii[:, None] * np.array([np.cos(angle), np.sin(angle)]))
+        return np.asarray(self.value + around[0] + 1j * around[1])
+
+
+def poles(function: TransferFunction) -> tuple[Root, ...]:
+    """Give the poles with their uncertainty, slowest first."""
+    return _roots(function.den, function, len(function.num), 1)
+
+
+def zeros(function: TransferFunction) -> tuple[Root, ...]:
+    """Give the zeros with their uncertainty, slowest first."""
+    return _roots(function.num, function, 0, 0)
+
+
+def _roots(polynomial: Floats, function: TransferFunction, first: int, fixed: int) -> tuple[Root, ...]:
+    """Differentiate the roots of ``c_0 s^n + ...``, of which `fixed` are known: ``d r / d c_k = -r^(n-k) / C'(r)``."""
+    roots = np.roots(polynomial).astype(np.complex128)
+    free = len(polynomial) - fixed
+    if function.covariance is None:
+        covariance = np.zeros((free, free))
+    else:
+        covariance = function.covariance[first : first + free, first : first + free]
+    derivative = np.polyder(polynomial)
+    found = []
+    for root in sorted(roots, key=lambda r: (abs(r), r.imag)):
+        apart = np.abs(roots - root)
+        if np.count_nonzero(apart <= MULTIPLE * max(abs(root), 1e-12)) > 1:
+            found.append(Root(complex(root), np.full((2, 2), np.inf)))
+            continue
+        slope = -(root ** np.arange(free - 1, -1, -1)) / np.polyval(derivative, root)
+        parts = np.vstack([slope.real, slope.imag])
+        found.append(Root(complex(root), np.asarray(parts @ covariance @ parts.T)))
+    return tuple(found)

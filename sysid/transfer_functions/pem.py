@@ -1,0 +1,527 @@
+"""Transfer functions from sampled data by the prediction-error method (Elhesasy 2024, section 5).
+
+The model is of output-error form: predictions come from the inputs and the initial state only, as in the paper. The
+quadratic loss is minimised by Gauss-Newton steps ``R^-1 g`` with Levenberg-Marquardt damping
+(`sysid.transfer_functions.separable`) from starts found without any guess (`sysid.transfer_functions.search`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
+from threadpoolctl import threadpool_limits
+
+from logparse import Finding, Severity
+from sysid.records.excitation import Excitation, examine
+from sysid.records.experiment import Experiment, ExperimentError, Floats, ModelOrderError, require_alike
+from sysid.transfer_functions._kernels import compile_kernels
+from sysid.transfer_functions.disturbance import Disturbance, fit_disturbance
+from sysid.transfer_functions.reduction import Cut, Elsewhere, Spread
+from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
+from sysid.transfer_functions.search import FIRST_RESIDUAL, Found, Plan, Progress, expected_energy, search
+from sysid.transfer_functions.sections import denominators_of_orders, resolvable_band
+from sysid.transfer_functions.separable import Problem, initial_states, reduced_information, squared_residual
+from sysid.transfer_functions.transfer_function import FitReport, TransferFunction, TransferFunctionModel
+from sysid.transfer_functions.uncertainty import parameter_covariance
+
+__all__ = ["Progress", "fit_transfer_functions"]
+
+Integers = NDArray[np.int64]
+
+#: An input whose effect has at least this chance of being none, over all inputs, is not seen to act.
+CHANCE = 0.001
+
+
+def fit_transfer_functions(
+    experiments: Sequence[Experiment],
+    poles: ArrayLike = 5,
+    zeros: ArrayLike = 3,
+    structure: str = "per_input",
+    *,
+    integrators: ArrayLike = 0,
+    delays: ArrayLike | None = 0.0,
+    longest_delay: float = 1.0,
+    hold: str = "zoh",
+    ridge: float | None = None,
+    starts: int = 4,
+    seed: int = 0,
+    time_limit: float = 60.0,
+    progress: Progress | None = None,
+    spread: Spread | None = None,
+) -> TransferFunctionModel:
+    """Fit one transfer function from every input to every output, jointly over records.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Each keeps its own offset and initial state.
+    poles, zeros : int, or array_like of shape (m,) or (p, m)
+        Of each transfer function, of every input, or of every output and input; 0 <= zeros < poles. Poles are stable
+        by construction. Where poles is 0 the input has no effect on the output.
+    structure : {"per_input", "common"}
+        A denominator for each input, as in the paper, or one for all inputs of an output.
+    integrators : int, or array_like of shape (p,)
+        How many of the poles of every transfer function, or of those to each output, lie at zero exactly, such as 2
+        from thrust to height. Each record then has a polynomial of time of its own beside its initial state, of this
+        degree.
+    delays : float, array_like of shape (m,) or (p, m), or None
+        Of the inputs, s; parts of a sample are exact. None estimates one for each input and output.
+    longest_delay : float
+        Up to which delays are estimated, s.
+    hold : {"zoh", "foh"}
+        How the inputs ran between samples.
+    ridge : float, optional
+        Regularisation of the numerators relative to the information in the data; by default the one of
+        `sysid.transfer_functions.regularisation.RIDGES` that predicts held-out flight time best, or next to none
+        where the data determine the parameters so well that it could win nothing.
+    starts : int
+        Sets of poles to start from where one cannot be found directly (`sysid.transfer_functions.srivc`).
+    seed : int
+        Of the starts; the same seed gives the same model unless the time limit strikes.
+    time_limit : float
+        s, for the whole fit; the best model so far is returned, with a finding.
+    progress : callable, optional
+        ``progress(stage, fraction)``.
+    spread : Spread, optional
+        The same records, as the processes of an executor load them: these then do the steps over all records. The model
+        is the same but for rounding.
+
+    Raises
+    ------
+    ExperimentError
+        When the records differ in kind, no input moves, or there are fewer samples than parameters.
+    ModelOrderError
+        When no model can have these poles, zeros, integrators, delays or structure. (Also a ValueError.)
+    """
+    records = require_alike(experiments)
+    shape = (len(records[0].output_names), len(records[0].input_names))
+    fixed = np.broadcast_to(np.asarray(integrators, dtype=np.int64), shape[:1])
+    orders, counts = _channels(poles, zeros, fixed, structure, shape)
+    late = np.zeros(shape) if delays is None else _spread(delays, shape, "delays").astype(np.float64)
+    if not np.all((late >= 0.0) & (late < min(record.duration for record in records))):
+        raise ModelOrderError("delays must be at least 0 and shorter than the records")
+    if hold not in ("zoh", "foh"):
+        raise ModelOrderError(f"hold must be 'zoh' or 'foh', not {hold!r}")
+    if delays is None and not 0.0 < longest_delay < 0.5 * min(record.duration for record in records):
+        raise ModelOrderError("longest_delay must be above 0 and less than half of the shortest record")
+    excitation = examine(records)
+    report = progress or (lambda stage, fraction: None)
+    compile_kernels()
+    begun = time.monotonic()
+    fits: dict[str, _OutputFit] = {}
+    outputs = records[0].output_names
+    findings = list(excitation.findings)
+    tasks = []
+    for column in range(len(outputs)):
+        active = tuple(j for j in excitation.active if orders[column, j] > 0)
+        task = _Task(
+            column,
+            active,
+            tuple(int(orders[column, j]) for j in active),
+            tuple(int(counts[column, j]) for j in active),
+            late[column, list(active)],
+            int(fixed[column]),
+            longest_delay if delays is None else 0.0,
+            structure,
+            hold,
+            ridge,
+            starts,
+            seed,
+        )
+        findings += [finding for finding in _enough(records, task) if finding not in findings]
+        tasks.append(task)
+    # The matrices are small: BLAS threads only wait for one another, ten times as long as the work takes.
+    with threadpool_limits(limits=1, user_api="blas"):
+        for column, (output, task) in enumerate(zip(outputs, tasks, strict=True)):
+            report(f"fitting {output}", column / len(outputs))
+
+            def stage(words: str, fraction: float, output: str = output, column: int = column) -> None:
+                report(f"fitting {output}: {words}", (column + fraction) / len(outputs))
+
+            limit = begun + time_limit * (column + 1) / len(outputs)
+            fits[output] = _fit_output(records, excitation, task, limit, stage, spread)
+    report("fitted", 1.0)
+    findings += _judge(records, {output: fit.report for output, fit in fits.items()}, fits)
+    return TransferFunctionModel(
+        name=_name(outputs, orders, counts, structure, fixed),
+        transfer_functions={output: fit.functions for output, fit in fits.items()},
+        input_names=records[0].input_names,
+        output_names=outputs,
+        units=records[0].units,
+        structure=structure,
+        poles=int(orders.max()),
+        zeros=int(counts.max()) - 1,
+        hold=hold,
+        rate=records[0].rate,
+        disturbance={output: fit.disturbance for output, fit in fits.items()},
+        initial_energy={output: fit.initial_energy for output, fit in fits.items()},
+        initial_states={
+            record.name: {output: fit.initial_states[r] for output, fit in fits.items()}
+            for r, record in enumerate(records)
+        },
+        reports={output: fit.report for output, fit in fits.items()},
+        training=tuple(record.name for record in records),
+        input_trim={
+            name: float(np.average([record.input_trim[j] for record in records], weights=[len(r.t) for r in records]))
+            for j, name in enumerate(records[0].input_names)
+        },
+        findings=tuple(findings),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What to fit to one output, in columns of the inputs that act on it."""
+
+    column: int
+    active: tuple[int, ...]
+    orders: tuple[int, ...]
+    counts: tuple[int, ...]
+    delays: Floats
+    integrators: int
+    longest_delay: float
+    structure: str
+    hold: str
+    ridge: float | None
+    starts: int
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _OutputFit:
+    functions: Mapping[str, TransferFunction]
+    disturbance: Disturbance
+    initial_energy: float
+    initial_states: tuple[Floats, ...]
+    report: FitReport
+    slowest: float
+
+
+def _spread(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.float64]:
+    array = np.asarray(values)
+    if array.ndim > 2 or (array.ndim > 0 and array.shape not in (shape, shape[1:])):
+        raise ModelOrderError(
+            f"{name} must be one number, one for each of the {shape[1]} inputs, or an array of "
+            f"{shape[0]} outputs x {shape[1]} inputs, not of shape {array.shape}"
+        )
+    return np.broadcast_to(array, shape)
+
+
+def _channels(
+    poles: ArrayLike, zeros: ArrayLike, integrators: Integers, structure: str, shape: tuple[int, int]
+) -> tuple[Integers, Integers]:
+    """Poles and numerator coefficients of every output and input, checked."""
+    orders = _spread(poles, shape, "poles").astype(np.int64)
+    given = _spread(zeros, shape, "zeros").astype(np.int64)
+    if np.ndim(poles) == 0 and np.any(orders < 1):
+        raise ModelOrderError(f"poles must be at least 1, not {np.asarray(poles)}")
+    if np.ndim(zeros) == 0 and np.ndim(poles) > 0:
+        given = np.minimum(given, np.maximum(orders - 1, 0))
+    wrong = (given < 0) | (orders < 0) | ((given >= orders) & (orders > 0))
+    if wrong.any():
+        i, j = np.argwhere(wrong)[0]
+        raise ModelOrderError(
+            f"zeros must be at least 0 and fewer than poles, not {given[i, j]} for {orders[i, j]} poles"
+        )
+    if np.any((orders > 0) & (orders < integrators[:, None])) or np.any(integrators < 0):
+        raise ModelOrderError(f"integrators must be at least 0 and no more than poles, not {integrators.tolist()}")
+    if structure not in ("per_input", "common"):
+        raise ModelOrderError(f"structure must be 'per_input' or 'common', not {structure!r}")
+    if structure == "common" and any(len(set(row[row > 0])) > 1 for row in orders):
+        raise ModelOrderError("a common denominator has one number of poles for all inputs of an output")
+    return orders, np.where(orders > 0, given + 1, 0)
+
+
+def _name(outputs: Sequence[str], orders: Integers, counts: Integers, structure: str, integrators: Integers) -> str:
+    used = orders > 0
+    poles = " or ".join(map(str, sorted(set(orders[used].tolist()))))
+    zeros = " or ".join(map(str, sorted(set((counts[used] - 1).tolist()))))
+    denominator = "own denominators" if structure == "per_input" else "a common denominator"
+    at_zero = " or ".join(map(str, sorted(set(integrators.tolist()))))
+    fixed = f" ({at_zero} at zero)" if integrators.any() else ""
+    return f"inputs -> {', '.join(outputs)}, {poles} poles{fixed} {zeros} zeros, {denominator}"
+
+
+def _fit_output(
+    records: Sequence[Experiment],
+    excitation: Excitation,
+    task: _Task,
+    deadline: float,
+    stage: Progress,
+    spread: Spread | None,
+) -> _OutputFit:
+    begun = time.monotonic()
+    column, active = task.column, list(task.active)
+    y = [record.y[:, column] - record.output_trim[column] for record in records]
+    size = np.sqrt(np.mean(np.concatenate([values - values.mean() for values in y]) ** 2))
+    scale = float(size) if size > 1e-12 else 1.0
+    longest = max(record.duration for record in records)
+    if not active:
+        return _without_inputs(records, column, y, scale, longest, task)
+    cut = Cut(column, task.active, excitation.scale[active], scale)
+    most, alike = max(task.counts), len(set(task.counts)) == 1
+    common = Problem(
+        inputs=tuple(cut.inputs(record) for record in records),
+        outputs=tuple(cut.output(record) for record in records),
+        group=(0,) * len(active),
+        order=max(task.orders),
+        numerators=most,
+        dt=records[0].dt,
+        hold=task.hold,
+        band=resolvable_band(longest, records[0].dt),
+        ridge=1e-3 if task.ridge is None else task.ridge,
+        initial=FIRST_RESIDUAL**2 / expected_energy(longest, 1),
+        integrators=task.integrators,
+        counts=() if alike else task.counts,
+        delays=tuple(map(float, task.delays)) if task.delays.any() else (),
+        longest_delay=task.longest_delay,
+    )
+    rng = np.random.default_rng([task.seed, column])
+    plan = Plan(task.structure == "per_input", task.orders, task.ridge, task.starts, task.seed, excitation.independent)
+    elsewhere = None if spread is None else Elsewhere(spread, cut, common.lengths)
+    found = search(common, plan, rng, deadline, stage, elsewhere)
+    report = _report(found, y, scale, task, time.monotonic() - begun)
+    functions, undetermined = _transfer_functions(found, excitation, active, scale, records[0].input_names)
+    report = replace(report, undetermined=undetermined)
+    # The energy of initial responses that the fit assumed, which a free run assumes again.
+    initial_energy = max(report.rmse, 1e-9) ** 2 / found.problem.initial
+    residuals = []
+    for record, values in zip(records, y, strict=True):
+        simulated = free_run(
+            [functions[name].num for name in record.input_names],
+            [functions[name].den for name in record.input_names],
+            record.u - record.input_trim,
+            values,
+            0.0,
+            record.dt,
+            task.hold,
+            shared=task.structure == "common",
+            sigma=max(report.rmse, 1e-9),
+            initial_energy=initial_energy,
+            delays=[functions[name].delay for name in record.input_names],
+        )
+        residuals.append((values - simulated)[round(INITIAL_SECONDS / record.dt) :])
+    return _OutputFit(
+        functions=functions,
+        disturbance=fit_disturbance(residuals, records[0].dt),
+        initial_energy=initial_energy,
+        initial_states=tuple(scale * local for local in initial_states(found.problem, found.descent.point)),
+        report=report,
+        slowest=_slowest(functions),
+    )
+
+
+def _without_inputs(
+    records: Sequence[Experiment], column: int, y: Sequence[Floats], scale: float, longest: float, task: _Task
+) -> _OutputFit:
+    """Give the model of an output on which nothing acts: each record's mean."""
+    residuals = [values - values.mean() for values in y]
+    return _OutputFit(
+        functions={name: TransferFunction(np.zeros(1), np.ones(1)) for name in records[0].input_names},
+        disturbance=fit_disturbance(residuals, records[0].dt),
+        initial_energy=expected_energy(longest, 1) * scale**2,
+        initial_states=tuple(np.array([values.mean()]) for values in y),
+        report=FitReport(
+            rmse=float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))),
+            fit_percent=0.0,
+            iterations=0,
+            starts=task.starts,
+            seed=task.seed,
+            converged=True,
+            seconds=0.0,
+            condition=1.0,
+            ridge=0.0,
+            parameters=0,
+            undetermined=0,
+        ),
+        slowest=np.inf,
+    )
+
+
+def _report(found: Found, y: Sequence[Floats], scale: float, task: _Task, seconds: float) -> FitReport:
+    problem, point = found.problem, found.descent.point
+    information, squares = reduced_information(problem, point)[0], scale**2 * squared_residual(problem, point)
+    variation = float(np.linalg.norm(np.concatenate([values - values.mean() for values in y])))
+    estimated = np.flatnonzero(np.diag(information) > 0.0)
+    information = information[np.ix_(estimated, estimated)]
+    size = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    eigenvalues = np.linalg.eigvalsh(information * size * size[:, None]) if len(size) else np.ones(1)
+    smallest = max(float(eigenvalues[0]), 1e-16 * float(eigenvalues[-1]))
+    return FitReport(
+        rmse=float(np.sqrt(squares / problem.samples)),
+        fit_percent=100.0 * (1.0 - float(np.sqrt(squares)) / variation) if variation > 0.0 else 0.0,
+        iterations=found.steps,
+        starts=task.starts,
+        seed=task.seed,
+        converged=found.descent.converged,
+        seconds=seconds,
+        condition=float(eigenvalues[-1]) / smallest,
+        ridge=problem.ridge,
+        parameters=_parameters(task),
+        undetermined=0,
+    )
+
+
+def _parameters(task: _Task) -> int:
+    """Count the coefficients that are estimated, delays included."""
+    free = [order - task.integrators for order in task.orders]
+    poles = sum(free) if task.structure == "per_input" else max(free, default=0)
+    return sum(task.counts) + poles + (len(task.active) if task.longest_delay > 0.0 else 0)
+
+
+def _transfer_functions(
+    found: Found, excitation: Excitation, active: Sequence[int], scale: float, names: Sequence[str]
+) -> tuple[dict[str, TransferFunction], int]:
+    """Turn the normalised solution into transfer functions in seconds and physical units, with covariance."""
+    problem, point = found.problem, found.descent.point
+    nb, m, k, groups = problem.numerators, len(problem.group), problem.integrators, problem.groups
+    covariance = parameter_covariance(problem, point)
+    a, slope = denominators_of_orders(point.theta, [order - k for order in problem.all_orders])
+    functions = {name: TransferFunction(np.zeros(1), np.ones(1)) for name in names}
+    undetermined = 0
+    for lane, (j, g) in enumerate(zip(active, problem.group, strict=True)):
+        n = problem.all_orders[g]
+        lags, count = n - k, problem.counts[lane] if problem.counts else nb
+        to_seconds = scale / excitation.scale[j] * point.system.unit[g] ** (n - np.arange(count))
+        # Rows (num, den) highest power first; columns numerators (power-major), poles (parameter-major), delays.
+        jacobian = np.zeros((count + n, len(covariance)))
+        jacobian[count - 1 - np.arange(count), np.arange(count) * m + lane] = to_seconds
+        jacobian[count : count + lags, nb * m + np.arange(lags) * groups + g] = slope[g, :lags, :lags][::-1]
+        at = len(covariance) - m + lane
+        function = TransferFunction(
+            num=(point.numerators[:count, lane] * to_seconds)[::-1].copy(),
+            den=np.concatenate([[1.0], a[g, :lags][::-1], np.zeros(k)]),
+            covariance=jacobian @ covariance @ jacobian.T,
+            delay=float(point.delays[lane]),
+            delay_std=float(problem.dt * np.sqrt(covariance[at, at])) if problem.delay_parameters else 0.0,
+        )
+        functions[names[j]] = function
+        determined = function.determined
+        assert determined is not None
+        undetermined += int(np.sum(~determined[:count]))
+        if problem.group.index(g) == lane:  # a common denominator counts once
+            undetermined += int(np.sum(~determined[count : count + lags]))
+    return functions, undetermined
+
+
+def _slowest(functions: Mapping[str, TransferFunction]) -> float:
+    """Decay rate of the slowest pole, rad/s."""
+    stable = [f.poles[f.poles != 0.0] for f in functions.values() if len(f.den) > 1]
+    return min((float(np.min(-poles.real)) for poles in stable if len(poles)), default=np.inf)
+
+
+def _enough(records: Sequence[Experiment], task: _Task) -> list[Finding]:
+    samples, parameters = sum(len(record.t) for record in records), _parameters(task)
+    needed = parameters + len(records) * (1 + max(task.orders, default=0))
+    if samples < needed:
+        raise ExperimentError(
+            f"{samples} samples for {parameters} coefficients per output and {len(records)} initial state(s): "
+            "too few; give longer or more records, or fewer poles and zeros"
+        )
+    if samples < 20 * parameters:
+        return [
+            Finding(
+                "few-samples",
+                Severity.WARNING,
+                f"{samples} samples must determine {parameters} coefficients per output; "
+                "expect the fit to describe these records and no others",
+                f"{_more_data(records)}, or use fewer poles and zeros (--poles, --zeros)",
+                {"samples": samples, "parameters": parameters},
+            )
+        ]
+    return []
+
+
+def _more_data(records: Sequence[Experiment]) -> str:
+    """Advise how to have more data: one flight can be joined by others, several can only be longer or livelier."""
+    return (
+        "fly longer, with more excitation" if len(records) > 1 else "analyse several flights of the craft in one folder"
+    )
+
+
+def _judge(
+    records: Sequence[Experiment], reports: Mapping[str, FitReport], fits: Mapping[str, _OutputFit]
+) -> list[Finding]:
+    findings = []
+    longest = max(record.duration for record in records)
+    for output, report in reports.items():
+        if not report.converged:
+            findings.append(
+                Finding(
+                    "fit-not-converged",
+                    Severity.WARNING,
+                    f"the fit of {output} stopped after {report.iterations} steps and {report.seconds:.1f} s "
+                    "before it settled; the model is the best found",
+                    "use fewer poles and zeros (--poles, --zeros), or a shorter flight",
+                    {"output": output, "seconds": report.seconds},
+                )
+            )
+        if report.undetermined:
+            findings.append(
+                Finding(
+                    "undetermined-coefficients",
+                    Severity.WARNING,
+                    f"{report.undetermined} of the {report.parameters} coefficients of {output} are not determined by "
+                    f"the data (standard deviation above half the value; condition number {report.condition:.1e})",
+                    f"do not read physics into them; {_more_data(records)}, or use fewer poles and zeros "
+                    "(--poles, --zeros)",
+                    {"output": output, "undetermined": report.undetermined, "parameters": report.parameters},
+                )
+            )
+        slowest = fits[output].slowest
+        if slowest * longest < 1.0:
+            findings.append(
+                Finding(
+                    "slow-poles",
+                    Severity.INFO,
+                    f"the slowest pole of {output} decays in {1.0 / slowest:.0f} s, longer than the longest record "
+                    f"({longest:.0f} s): it acts as an integrator, and its long-run gain is an extrapolation",
+                    "",
+                    {"output": output, "time_constant": 1.0 / slowest, "longest_record": longest},
+                )
+            )
+        if idle := _idle_inputs(output, report, fits[output].functions):
+            findings.append(idle)
+        if report.fit_percent == 0.0 and all(np.ptp(r.y[:, r.output_names.index(output)]) == 0.0 for r in records):
+            findings.append(
+                Finding("constant-output", Severity.WARNING, f"output {output} is constant: there is nothing to fit")
+            )
+    return findings
+
+
+def _idle_inputs(output: str, report: FitReport, functions: Mapping[str, TransferFunction]) -> Finding | None:
+    """Say when no input acts on the output by more than chance: what is explained is drift and initial state.
+
+    Wald's test of each input's numerator against zero, with the covariance that is valid for coloured residuals.
+    """
+    chances = []
+    for function in functions.values():
+        n = len(function.num)
+        if function.covariance is None or not function.num.any():
+            continue
+        covariance = function.covariance[:n, :n]
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        if not np.isfinite(covariance).all():
+            chances.append(1.0)
+        elif not sigma.all():
+            return None
+        else:
+            apart = function.num / sigma
+            wald = apart @ np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=1e-10, hermitian=True) @ apart
+            chances.append(float(chi2.sf(wald, n)))
+    if not chances or min(chances) * len(chances) < CHANCE:
+        return None
+    return Finding(
+        "inputs-explain-nothing",
+        Severity.WARNING,
+        f"no input is seen to act on {output}: the effect of each is no larger than chance gives. The fit of "
+        f"{report.fit_percent:.0f} % on the training records comes from drift, the initial state and noise",
+        "do not use this model; check that inputs and outputs belong to the same flight and time, and that the craft "
+        "was moved by these inputs",
+        {"output": output, "chance": min(chances), "fit_percent": report.fit_percent},
+    )

@@ -1,0 +1,551 @@
+"""What each record contributes to the normal equations, and their sum wherever the records are.
+
+At given poles a record's output is linear in the numerators, which all records share, and in an offset and an initial
+response of its own. Those of its own are eliminated within the record (a Schur complement), so that it contributes a
+matrix of the size of what is shared, however long it is. A Gauss-Newton step takes two such sums: the numerators at
+given poles (`eliminate`), then Hessian and gradient at those numerators (`linearise`).
+
+Records are here (`Part` keeps what the second sum needs) or `Elsewhere`: held by the processes of an executor, which
+load them by themselves, once, and send back nothing but the sums over their share of the records.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+from uuid import uuid4
+
+import numpy as np
+from scipy.linalg import lapack
+from threadpoolctl import threadpool_limits
+
+from sysid.records.experiment import Experiment, Floats
+from sysid.statistics.covariance import coloured_information
+from sysid.transfer_functions._kernels import combine
+from sysid.transfer_functions.response import Discretised, delayed, discretise, trends, whole_and_part
+from sysid.transfer_functions.sections import denominators_of_orders
+
+if TYPE_CHECKING:
+    from sysid.transfer_functions.separable import Problem
+
+#: Loads a record; small when pickled, such as a store's URL and a path.
+Source = Callable[[], Experiment]
+
+#: Shares of records that a process keeps in memory, the last ones used.
+MOST_HELD = 32
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What all records have in common at given poles and delays.
+
+    Attributes
+    ----------
+    theta : ndarray, shape (groups, lags)
+    delays : ndarray, shape (m,)
+        s.
+    system : Discretised
+    slope : ndarray, shape (groups, lags, lags)
+        Of the coefficients by the parameters; see `sysid.transfer_functions.sections.denominators`.
+    free : ndarray, shape (N, 2 n, groups)
+        Responses to initial states, as long as the longest record.
+    prior : ndarray, shape (local, local)
+        Precision of what each record has of its own, times the variance of the residual.
+    """
+
+    theta: Floats
+    delays: Floats
+    system: Discretised
+    slope: Floats
+    free: Floats
+    prior: Floats
+
+
+@dataclass(slots=True)
+class Part:
+    """One record at given poles.
+
+    Attributes
+    ----------
+    states : ndarray, shape (N, 2 n, m)
+        Responses to the inputs.
+    trends : ndarray, shape (N, 2 + integrators)
+        Polynomials of time (`sysid.transfer_functions.response.trends`), and the output.
+    free : ndarray, shape (N, lags groups)
+        Initial responses, a view of those of the basis.
+    forced : ndarray, shape (N, numerators m)
+        Regressors of the numerators, power-major: a view of the states.
+    used : ndarray, shape (numerators m,)
+        1 for the numerators' coefficients that exist.
+    gram : ndarray, shape (local + numerators m + 1, local + numerators m + 1)
+        Inner products of `regressors`.
+    factor, coupling : ndarray
+        Of the elimination.
+    information : ndarray, shape (numerators m + 1, numerators m + 1)
+        What the record contributes.
+    local : ndarray, shape (1 + integrators + lags groups,)
+        The polynomial in time (`sysid.transfer_functions.response.trends`) and the coefficients of the initial
+        responses, once numerators are known.
+    residual : ndarray, shape (N,)
+        Likewise.
+    """
+
+    states: Floats
+    trends: Floats
+    free: Floats
+    forced: Floats
+    used: Floats
+    gram: Floats
+    factor: Floats
+    coupling: Floats
+    information: Floats
+    local: Floats = field(default_factory=lambda: np.zeros(0))
+    residual: Floats = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def regressors(self) -> Floats:
+        """Of what is the record's own, of the numerators, and the output; shape (N, local + numerators m + 1)."""
+        return np.hstack([self.trends[:, :-1], self.free, self.forced * self.used, self.trends[:, -1:]])
+
+    def finish(self, numerators: Floats) -> None:
+        """Take the numerators that all records together chose."""
+        c, first = numerators.ravel(), self.trends.shape[1] - 1
+        self.local = backward(self.factor, self.coupling[:, -1] - self.coupling[:, :-1] @ c)
+        own = self.trends[:, :first] @ self.local[:first] + self.free @ self.local[first:]
+        self.residual = self.trends[:, -1] - own - self.forced @ (c * self.used)
+
+    def along(self, columns: Floats) -> Floats:
+        """Inner products of the regressors of what is the record's own and of the numerators with other columns."""
+        forced = self.forced.T @ columns
+        forced *= self.used if columns.ndim == 1 else self.used[:, None]
+        return np.concatenate([self.trends[:, :-1].T @ columns, self.free.T @ columns, forced])
+
+
+def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
+    """Discretise the denominators, and respond to initial states as long as the longest record."""
+    k = problem.integrators
+    a, slope = denominators_of_orders(theta, [order - k for order in problem.all_orders])
+    a = np.hstack([np.zeros((len(a), k)), a]) if k else a
+    system = discretise(a, problem.dt, problem.hold, problem.all_orders)
+    return Basis(theta, delays, system, slope, system.free(max(problem.lengths)), initial_prior(problem, system))
+
+
+def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
+    """Form a record's normal equations and eliminate what is its own."""
+    k, samples, lanes, groups = problem.integrators, len(y), len(problem.group), problem.groups
+    states = basis.system.forced(u, problem.group, delays=basis.delays if basis.delays.any() else None)
+    # Views and small products: one array of all regressors would take as long to fill as to multiply.
+    forced = states.reshape(samples, -1)[:, : problem.numerators * lanes]
+    free = basis.free[:samples].reshape(samples, -1)[:, k * groups : problem.order * groups]
+    used = problem.used.ravel()
+    own = np.column_stack([trends(samples, k), y])
+    first, locals_ = 1 + k, len(basis.prior)
+    gram = np.empty((locals_ + len(used) + 1, locals_ + len(used) + 1))
+    small, by_free, by_forced = own.T @ own, free.T @ own, (forced.T @ own) * used[:, None]
+    gram[:first, :first], gram[:first, -1], gram[-1, -1] = small[:-1, :-1], small[:-1, -1], small[-1, -1]
+    gram[first:locals_, :first], gram[first:locals_, -1] = by_free[:, :-1], by_free[:, -1]
+    gram[locals_:-1, :first], gram[locals_:-1, -1] = by_forced[:, :-1], by_forced[:, -1]
+    gram[first:locals_, first:locals_] = free.T @ free
+    gram[locals_:-1, first:locals_] = (forced.T @ free) * used[:, None]
+    gram[locals_:-1, locals_:-1] = (forced.T @ forced) * used * used[:, None]
+    gram[:first, first:locals_] = gram[first:locals_, :first].T
+    gram[:locals_, locals_:-1] = gram[locals_:-1, :locals_].T
+    gram[-1, :-1] = gram[:-1, -1]
+    factor = factorise(gram[:locals_, :locals_] + basis.prior)
+    coupling = forward(factor, gram[:locals_, locals_:])
+    information = gram[locals_:, locals_:] - coupling.T @ coupling
+    return Part(states, own, free, forced, used, gram, factor, coupling, information)
+
+
+def slopes_at(problem: Problem, basis: Basis, numerators: Floats) -> tuple[Floats, Floats]:
+    """Express the derivatives by the poles' parameters in the states.
+
+    Returns
+    -------
+    forced : ndarray, shape (2 n, lags, m)
+        Of the response to the inputs.
+    weights : ndarray, shape (groups, n, 2 n, lags)
+        Of ``p^q / A``, for the initial responses, whose coefficients each record has of its own.
+    """
+    weights = _derivative_weights(problem, basis)
+    lanes = weights[list(problem.group), : problem.numerators]
+    return np.einsum("pj,jpqi->qij", numerators, lanes), weights
+
+
+def jacobian(
+    problem: Problem, basis: Basis, slopes: tuple[Floats, Floats], numerators: Floats, u: Floats, part: Part
+) -> Floats:
+    """Differentiate a record's predicted output; see `sysid.transfer_functions.separable.sensitivities`."""
+    n, k, lags, groups = problem.order, problem.integrators, problem.lags, problem.groups
+    forced, weights = slopes
+    initial = part.local[1 + k :].reshape(lags, groups)
+    free = np.einsum("pg,gpqi->qig", initial, weights[:, k:])
+    samples = len(part.states)
+    result = np.zeros((samples, lags * groups + problem.delay_parameters))
+    poles = result[:, : lags * groups]
+    if groups == len(problem.group) and groups > 1:
+        combine(part.states, forced, result)
+    else:
+        spread = np.zeros((2 * n, len(problem.group), lags, groups))
+        for j, g in enumerate(problem.group):
+            spread[:, j, :, g] = forced[:, :, j]
+        poles += part.states.reshape(samples, -1) @ spread.reshape(2 * n * len(problem.group), lags * groups)
+    if groups > 1:
+        combine(basis.free[:samples], free, result)
+    else:
+        poles += basis.free[:samples, :, 0] @ free[:, :, 0]
+    if problem.delay_parameters:
+        result[:, lags * groups :] = _by_delay(problem, basis, numerators, u, part.states)
+    return result
+
+
+def linearise(problem: Problem, basis: Basis, part: Part, columns: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Give what a record contributes to a Gauss-Newton step in everything shared.
+
+    Parameters
+    ----------
+    problem : Problem
+    basis : Basis
+    part : Part
+        Finished.
+    columns : ndarray, shape (N, lags groups + delay parameters)
+        The record's `jacobian`.
+
+    Returns
+    -------
+    information : ndarray, shape (q, q)
+        Numerators, then poles and delays.
+    gradient : ndarray, shape (q,)
+    outer : ndarray, shape (groups, lags, lags)
+        Coefficients of the initial responses times themselves, which the price of slow poles needs.
+    following : ndarray, shape (2,)
+        Sums of squared residuals and of residuals times those one sample later.
+    """
+    locals_, shared = len(part.local), len(part.information) - 1
+    q = shared + columns.shape[1]
+    information, gradient = np.empty((q, q)), np.empty(q)
+    across = part.along(columns)
+    coupling = np.hstack([part.coupling[:, :-1], forward(part.factor, across[:locals_])])
+    information[:shared, :shared] = part.gram[locals_:-1, locals_:-1]
+    information[:shared, shared:] = across[locals_:]
+    information[shared:, :shared] = across[locals_:].T
+    information[shared:, shared:] = columns.T @ columns
+    information -= coupling.T @ coupling
+    residual = part.residual
+    along = part.along(residual)
+    gradient[:shared] = along[locals_:]
+    gradient[shared:] = columns.T @ residual
+    # The local parameters are at their optimum: the prior balances their gradient, which the elimination passes on.
+    gradient -= coupling.T @ forward(part.factor, along[:locals_] - basis.prior @ part.local)
+    initial = part.local[1 + problem.integrators :].reshape(problem.lags, problem.groups)
+    outer = np.einsum("kg,lg->gkl", initial, initial)
+    return information, gradient, outer, np.array([residual @ residual, residual[1:] @ residual[:-1]])
+
+
+def initial_prior(problem: Problem, system: Discretised) -> Floats:
+    """Precision of a record's polynomial, which is free, and of its initial responses, times residual variance."""
+    precision = problem.initial * system.initial_precision()
+    first = 1 + problem.integrators
+    prior = np.zeros((first + len(precision), first + len(precision)))
+    prior[first:, first:] = precision + np.diag(1e-9 * np.diag(precision) + 1e-12)
+    return prior
+
+
+def missing_powers(problem: Problem) -> Floats:
+    """Powers of the unit of frequency in each coefficient of a denominator; shape (groups, lags)."""
+    orders = np.array(problem.all_orders) - problem.integrators
+    return np.maximum(orders[:, None] - np.arange(problem.lags), 0).astype(np.float64)
+
+
+def _derivative_weights(problem: Problem, basis: Basis) -> Floats:
+    """Express the derivatives of ``p^q / A`` by the poles' parameters in the states; shape (groups, n, 2 n, lags)."""
+    k, lags = problem.integrators, problem.lags
+    table = powers_over_square(basis.system)
+    slopes = basis.slope / basis.system.unit[:, None, None] ** missing_powers(problem)[:, :, None]
+    weights = np.empty((problem.groups, problem.order, 2 * problem.order, lags))
+    for power in range(problem.order):
+        # The coefficients of A that move belong to the powers above those of the integrators.
+        weights[:, power] = -(table[:, power + k : power + k + lags].transpose(0, 2, 1) @ slopes)
+    return weights
+
+
+def powers_over_square(system: Discretised) -> Floats:
+    """Express ``p^q / A^2`` (q < 2n - 1) in the states ``p^k / A`` and ``p^k / A^2``; shape (groups, 2n-1, 2 size)."""
+    size = system.order
+    rows = np.zeros((len(system.orders), 2 * size - 1, 2 * size))
+    for n in set(system.orders):
+        of = np.flatnonzero(np.array(system.orders) == n)
+        mine = rows[of]
+        mine[:, np.arange(n), size + np.arange(n)] = 1.0
+        for q in range(n, 2 * n - 1):
+            mine[:, q] = -(system.a[of, None, :n] @ mine[:, q - n : q])[:, 0]
+            mine[:, q, q - n] += 1.0
+        rows[of] = mine
+    return rows
+
+
+def _by_delay(problem: Problem, basis: Basis, numerators: Floats, u: Floats, states: Floats) -> Floats:
+    """Differentiate by the delays in samples; shape (N, m).
+
+    That is minus the time derivative of each input's response, but for what starts at rest when the record begins.
+    """
+    system, m = basis.system, len(problem.group)
+    newer, older = delayed(u, problem.dt, basis.delays), delayed(u, problem.dt, basis.delays, 1)
+    _, part = whole_and_part(basis.delays, problem.dt)
+    acting = np.where(part > 1e-9, older, newer) if problem.hold == "zoh" else older + (1.0 - part) * (newer - older)
+    rates = np.zeros((problem.order, m))
+    direct = np.zeros(m)
+    for j, g in enumerate(problem.group):
+        order = problem.all_orders[g]
+        for power, value in enumerate(numerators[:, j]):
+            if power + 1 < order:
+                rates[power + 1, j] -= value * system.unit[g]
+            elif power < order:
+                rates[:order, j] += value * system.unit[g] * system.a[g, :order]
+                direct[j] -= value * system.unit[g]
+    result = np.einsum("tkm,km->tm", states[:, : problem.order], rates) + acting * direct
+    for j, g in enumerate(problem.group):
+        impulse = basis.free[: len(u), : problem.numerators, g] @ numerators[:, j]
+        result[:, j] += u[0, j] * system.unit[g] * impulse
+    return problem.dt * np.asarray(result)
+
+
+def eliminated(problem: Problem, theta: Floats, delays: Floats) -> tuple[Floats]:
+    """Sum of what `eliminate` gives for the records of a problem."""
+    basis = basis_at(problem, theta, delays)
+    pairs = zip(problem.inputs, problem.outputs, strict=True)
+    return (_sum([(eliminate(problem, basis, u, y).information,) for u, y in pairs])[0],)
+
+
+def linearised(problem: Problem, theta: Floats, delays: Floats, numerators: Floats) -> tuple[Floats, ...]:
+    """Sum of what `linearise` gives for the records of a problem, solved for these numerators."""
+
+    def contribution(basis: Basis, part: Part, columns: Floats) -> tuple[Floats, ...]:
+        return linearise(problem, basis, part, columns)
+
+    return _sum(_each(problem, theta, delays, numerators, contribution))
+
+
+def lagged_products(problem: Problem, theta: Floats, delays: Floats, numerators: Floats, lags: int) -> tuple[Floats]:
+    """Sum the residuals' products with those 0 to `lags` samples later."""
+
+    def contribution(_: Basis, part: Part, __: Floats) -> tuple[Floats, ...]:
+        return (autoproducts(part.residual, lags),)
+
+    return (_sum(_each(problem, theta, delays, numerators, contribution))[0],)
+
+
+def scattered_scores(
+    problem: Problem, theta: Floats, delays: Floats, numerators: Floats, colour: Floats
+) -> tuple[Floats]:
+    """Covariance of the gradient's sum under coloured residuals, see `sysid.statistics.covariance`."""
+
+    def contribution(basis: Basis, part: Part, columns: Floats) -> tuple[Floats, ...]:
+        return (coloured_information([own_eliminated(basis, part, columns)], colour),)
+
+    return (_sum(_each(problem, theta, delays, numerators, contribution))[0],)
+
+
+def initial_responses(problem: Problem, theta: Floats, delays: Floats, numerators: Floats) -> tuple[Floats]:
+    """Give what each record has of its own, one row after the other; shape (records, local)."""
+
+    def contribution(_: Basis, part: Part, __: Floats) -> tuple[Floats, ...]:
+        return (part.local,)
+
+    rows = _each(problem, theta, delays, numerators, contribution)
+    return (np.array([row[0] for row in rows]),)
+
+
+def own_eliminated(basis: Basis, part: Part, columns: Floats) -> Floats:
+    """Regressors of what is shared, without what the record's own parameters can explain of them; shape (N, q)."""
+    locals_, first = len(part.local), part.trends.shape[1] - 1
+    along = np.hstack([part.gram[:locals_, locals_:-1], part.along(columns)[:locals_]])
+    taken = backward(part.factor, forward(part.factor, along))
+    rest = np.hstack([part.forced * part.used, columns])
+    return np.asarray(rest - part.trends[:, :first] @ taken[:first] - part.free @ taken[first:])
+
+
+def autoproducts(residual: Floats, lags: int) -> Floats:
+    """Sum products with the values 0 to `lags` samples later; shape (lags + 1,)."""
+    return np.array([residual[k:] @ residual[: len(residual) - k] for k in range(lags + 1)])
+
+
+def _each(
+    problem: Problem,
+    theta: Floats,
+    delays: Floats,
+    numerators: Floats,
+    contribution: Callable[[Basis, Part, Floats], tuple[Floats, ...]],
+) -> list[tuple[Floats, ...]]:
+    """Solve one record after the other at these poles and numerators; nothing of it is kept but contributions."""
+    basis = basis_at(problem, theta, delays)
+    slopes = slopes_at(problem, basis, numerators)
+    result = []
+    for u, y in zip(problem.inputs, problem.outputs, strict=True):
+        part = eliminate(problem, basis, u, y)
+        part.finish(numerators)
+        result.append(contribution(basis, part, jacobian(problem, basis, slopes, numerators, u, part)))
+    return result
+
+
+def _sum(rows: Sequence[tuple[Floats, ...]]) -> tuple[Floats, ...]:
+    return tuple(sum_of(parts) for parts in zip(*rows, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """The records of a joint fit as the processes of an executor load them.
+
+    Attributes
+    ----------
+    executor : concurrent.futures.Executor
+    sources : tuple of callable
+        In the order of the records.
+    shares : int
+        Into how many shares the records are divided: as many as there are workers.
+    """
+
+    executor: Executor
+    sources: tuple[Source, ...]
+    shares: int
+
+    def mapped(self, change: Callable[[Source], Sequence[Source]]) -> Spread:
+        """Replace each source by others, such as one for each axis of its record."""
+        return replace(self, sources=tuple(new for source in self.sources for new in change(source)))
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """Which columns of a record a problem is about, and the units in which it has them.
+
+    Attributes
+    ----------
+    column : int
+        Of the outputs.
+    active : tuple of int
+        Columns of the inputs.
+    input_scale : ndarray, shape (m,)
+    output_scale : float
+    """
+
+    column: int
+    active: tuple[int, ...]
+    input_scale: Floats
+    output_scale: float
+
+    def inputs(self, record: Experiment) -> Floats:
+        """Give inputs about their trim, scaled."""
+        return np.ascontiguousarray((record.u - record.input_trim)[:, list(self.active)] / self.input_scale)
+
+    def output(self, record: Experiment) -> Floats:
+        """Give the output about its trim, scaled."""
+        return np.asarray((record.y[:, self.column] - record.output_trim[self.column]) / self.output_scale)
+
+
+@dataclass(frozen=True, slots=True)
+class Elsewhere:
+    """Records that the processes of an executor hold.
+
+    Attributes
+    ----------
+    spread : Spread
+    cut : Cut
+    lengths : tuple of int
+        Samples of each record.
+    """
+
+    spread: Spread
+    cut: Cut
+    lengths: tuple[int, ...]
+    token: str = field(default_factory=lambda: uuid4().hex)
+
+    def total(self, problem: Problem, work: Callable[..., tuple[Floats, ...]], *shared: object) -> tuple[Floats, ...]:
+        """Let every share be summed where it is held, and add the sums in order."""
+        return _sum(self.gathered(problem, work, *shared))
+
+    def gathered(
+        self, problem: Problem, work: Callable[..., tuple[Floats, ...]], *shared: object
+    ) -> list[tuple[Floats, ...]]:
+        """Let ``work(problem with the records of a share, *shared)`` be done for every share."""
+        plain = replace(problem, elsewhere=None)
+        edges = np.linspace(0, len(self.lengths), min(self.spread.shares, len(self.lengths)) + 1).round().astype(int)
+        shares = [(f"{self.token}/{first}", self.spread.sources[first:last]) for first, last in pairwise(edges)]
+
+        def submitted(token: str, sources: Sequence[Source] | None) -> Future[tuple[Floats, ...] | None]:
+            return self.spread.executor.submit(_work_on, token, sources, self.cut, plain, work, shared)
+
+        jobs = [submitted(token, None) for token, _ in shares]
+        results = []
+        for (token, sources), job in zip(shares, jobs, strict=True):
+            result = job.result()
+            while result is None:  # another process than those that hold this share
+                result = submitted(token, sources).result()
+            results.append(result)
+        return results
+
+
+#: Records by the token of their share, in normalised units, the last ones used at the end.
+_held: OrderedDict[str, tuple[tuple[Floats, ...], tuple[Floats, ...]]] = OrderedDict()
+
+
+def _work_on(
+    token: str,
+    sources: Sequence[Source] | None,
+    cut: Cut,
+    problem: Problem,
+    work: Callable[..., tuple[Floats, ...]],
+    shared: tuple[object, ...],
+) -> tuple[Floats, ...] | None:
+    """Do the work on a share, whose records this process loads when it is told where they are.
+
+    None when it neither holds them nor was told: lists of records are long, and travel only when they are asked for.
+    """
+    held = _held.pop(token, None)
+    if held is None and sources is None:
+        return None
+    if held is None and sources is not None:
+        records = [source() for source in sources]
+        held = tuple(cut.inputs(record) for record in records), tuple(cut.output(record) for record in records)
+    assert held is not None
+    _held[token] = held
+    while len(_held) > MOST_HELD:
+        _held.popitem(last=False)
+    with threadpool_limits(limits=1, user_api="blas"):
+        return work(replace(problem, inputs=held[0], outputs=held[1]), *shared)
+
+
+def sum_of(parts: Sequence[Floats]) -> Floats:
+    """Add what the records contribute, in their order."""
+    total = parts[0].copy()
+    for part in parts[1:]:
+        total += part
+    return total
+
+
+# LAPACK itself: the matrices are so small that checks and dispatch around it take as long as the work.
+def factorise(matrix: Floats) -> Floats:
+    """Lower Cholesky factor of a symmetric matrix.
+
+    Raises
+    ------
+    LinAlgError
+        When it is not positive definite.
+    """
+    factor, info = lapack.dpotrf(matrix, lower=1)
+    if info:
+        raise np.linalg.LinAlgError("normal equations are not positive definite")
+    return np.asarray(factor)
+
+
+def forward(factor: Floats, rhs: Floats) -> Floats:
+    """Solve ``L x = rhs``."""
+    return np.asarray(lapack.dtrtrs(factor, rhs, lower=1)[0])
+
+
+def backward(factor: Floats, rhs: Floats) -> Floats:
+    """Solve ``L' x = rhs``."""
+    return np.asarray(lapack.dtrtrs(factor, rhs, lower=1, trans=1)[0])

@@ -1,0 +1,141 @@
+"""Choosing how strongly to hold numerators back, by flight time that the trial fits have not seen."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.records.experiment import Floats
+from sysid.transfer_functions.reduction import eliminated
+from sysid.transfer_functions.response import INITIAL_SECONDS
+from sysid.transfer_functions.separable import Problem, descend, solve, solve_again
+
+#: Candidates, weakest first. The strongest leaves next to nothing of the inputs' effect: what a black box should say
+#: of an output that the inputs do not explain.
+RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+
+#: Candidates whose held-out squared errors differ by less than this part are equals, and the weakest is taken.
+TIE = 1e-3
+
+#: Used where there is too little data to hold any back.
+CAUTIOUS = 1e-2
+
+#: Steps of the poles under the first candidate, the weakest, and under each that follows, from where the last ended.
+TRIAL_STEPS, FURTHER_STEPS = 6, 4
+
+#: Candidates that are tried one after the other: where a still stronger one is best, those between are passed over.
+NEAR = 3
+
+#: Part of a single record that the trial fits see, as for the held-out part of a single log.
+SEEN = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class Division:
+    """A problem without the flight time held back, and that flight time.
+
+    Attributes
+    ----------
+    seen : Problem
+    held_back : Problem or None
+        Inputs about their mean over each part held back, and outputs; None where there is too little to hold any back.
+    """
+
+    seen: Problem
+    held_back: Problem | None
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A ridge, and the poles and delays that went with it.
+
+    Attributes
+    ----------
+    ridge : float
+    theta : ndarray, shape (groups, lags)
+    delays : ndarray, shape (m,)
+        s.
+    steps : int
+        Taken on the way.
+    """
+
+    ridge: float
+    theta: Floats
+    delays: Floats
+    steps: int
+
+
+def divide(problem: Problem) -> Division:
+    """Hold back every third record, or the last part of each when there are fewer than three."""
+    count = len(problem.outputs)
+    seen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(count) if r % 3 != 2]
+    unseen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(2, count, 3)]
+    if count < 3:
+        cuts = [round(SEEN * len(y)) for y in problem.outputs]
+        if min(len(y) - at for y, at in zip(problem.outputs, cuts, strict=True)) * problem.dt < 4.0 * INITIAL_SECONDS:
+            return Division(problem, None)
+        seen = [(r, slice(0, at)) for r, at in enumerate(cuts)]
+        unseen = [(r, slice(at, None)) for r, at in enumerate(cuts)]
+    parts = [(problem.inputs[r][rows], problem.outputs[r][rows]) for r, rows in unseen]
+    return Division(
+        replace(
+            problem,
+            inputs=tuple(problem.inputs[r][rows] for r, rows in seen),
+            outputs=tuple(problem.outputs[r][rows] for r, rows in seen),
+        ),
+        replace(problem, inputs=tuple(u - u.mean(axis=0) for u, _ in parts), outputs=tuple(y for _, y in parts)),
+    )
+
+
+def choose_ridge(division: Division, theta: Floats, delays: Floats, deadline: float) -> Choice:
+    """Keep the candidate whose free run is best on the part held back.
+
+    There, offset and initial state are the likeliest ones, and an initial state has its price, so that numerators and
+    poles are judged and not how well three seconds tell the initial state. At given poles all candidates share one sum
+    of normal equations over what was seen, and one over what was not. Poles follow one candidate after the other,
+    weakest first, until none stronger would be better there.
+
+    Parameters
+    ----------
+    division : Division
+    theta : ndarray, shape (groups, lags)
+        Poles to start from, found without the part held back.
+    delays : ndarray, shape (m,)
+        Likewise, s.
+    deadline : float
+        On `time.monotonic`.
+    """
+    if division.held_back is None:
+        return Choice(CAUTIOUS, theta, delays, 0)
+    best, least = Choice(RIDGES[0], theta, delays, 0), np.inf
+    place, steps, most = 0, 0, TRIAL_STEPS
+    while True:
+        ridge = RIDGES[place]
+        descent = descend(replace(division.seen, ridge=ridge), theta, most, deadline, delays)
+        theta, delays, steps = descent.point.theta, descent.point.delays, steps + descent.iterations
+        errors = _errors(division, theta, delays)
+        # Ties go to the weaker candidate: regularisation that does not improve must not bias.
+        if errors[place] < (1.0 - TIE) * least:
+            best, least = Choice(ridge, theta, delays, steps), errors[place]
+        foreseen = int(np.argmin(errors))
+        if foreseen <= place or time.monotonic() > deadline:
+            return replace(best, steps=steps)
+        # One after the other, for poles move with the candidate; but not through many that are far from any good.
+        place = foreseen if foreseen > place + NEAR else place + 1
+        most = FURTHER_STEPS
+
+
+def _errors(division: Division, theta: Floats, delays: Floats) -> list[float]:
+    """Give, for each candidate at these poles, squared residual plus price of the initial states of what was unseen."""
+    assert division.held_back is not None
+    seen = division.seen
+    held = replace(division.held_back, initial=seen.initial, group=seen.group, orders=seen.orders)
+    point, (judged,) = solve(seen, theta, delays), eliminated(held, theta, delays)
+    errors = []
+    for ridge in RIDGES:
+        numerators = solve_again(replace(seen, ridge=ridge), point.basis, point.information).numerators
+        error = np.append(numerators.ravel(), -1.0)
+        errors.append(float(error @ judged @ error))
+    return errors

@@ -1,0 +1,376 @@
+"""Exact responses of continuous-time denominators to sampled inputs, and of whole transfer functions.
+
+A denominator of order n enters as ``a``, shape (n,), ascending powers without the leading 1:
+``A(s) = s^n + a[n-1] s^(n-1) + ... + a[0]``. Leading zeros of ``a`` are integrators. Inside, every denominator has its
+own unit of frequency, the geometric mean ``w`` of its other poles, so that ``s = w p`` and the normalised states
+``p^k / A(p) u`` are of like size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from sysid.records.experiment import Floats
+from sysid.transfer_functions._kernels import recur, recur_few
+
+#: With fewer channels than this the states, not the channels, are worth being vector lanes.
+FEW = 4
+
+#: Time at the start of a record over which a free run may look at the outputs to find its initial state, s.
+INITIAL_SECONDS = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Discretised:
+    """States ``p^k / A`` (k < n) and ``p^k / A^2`` of several denominators, exactly discretised.
+
+    Attributes
+    ----------
+    unit : ndarray, shape (groups,)
+        w, the unit of frequency, rad/s.
+    a : ndarray, shape (groups, n)
+        Normalised coefficients ``a[k] / w^(n-k)``.
+    orders : tuple of int, shape (groups,)
+        Poles of each denominator; above, rows of `a` are padded with zeros and the states stay zero.
+    integrators : int
+        How many poles of every denominator lie at zero.
+    gramians : ndarray, shape (groups, n, n)
+        Inner products of the impulse responses of the states ``p^k / A``, in normalised time, integrators replaced by
+        poles at a tenth of the unit: energy over a finite time.
+    generator : ndarray, shape (groups, 2 n + 2, 2 n + 2)
+        Of states, input and slope of the input, per step.
+    transition : ndarray, shape (groups, 2 n, 2 n)
+    step, ramp : ndarray, shape (groups, 2 n)
+        Response after one step to an input of 1, and to one that grows by 1 in a step.
+    """
+
+    unit: Floats
+    a: Floats
+    orders: tuple[int, ...]
+    integrators: int
+    gramians: Floats
+    generator: Floats
+    transition: Floats
+    step: Floats
+    ramp: Floats
+    dt: float
+    hold: str
+
+    @property
+    def order(self) -> int:
+        """Order n of the denominators, the highest where they differ."""
+        return int(self.a.shape[1])
+
+    def first(self) -> Discretised:
+        """Keep the first denominator only."""
+        one = slice(0, 1)
+        return Discretised(
+            self.unit[one],
+            self.a[one],
+            self.orders[:1],
+            self.integrators,
+            self.gramians[one],
+            self.generator[one],
+            self.transition[one],
+            self.step[one],
+            self.ramp[one],
+            self.dt,
+            self.hold,
+        )
+
+    def initial_precision(self) -> Floats:
+        """Precision of the initial responses' coefficients, power-major, when each is expected to have unit energy.
+
+        Energy is the integral of the squared response over time in seconds; expected is a chi-square with as many
+        degrees of freedom as the denominator has poles off zero, so that a long-lived response is as unlikely as a
+        strong one. The initial responses are those of the denominators without their integrators; the states of the
+        integrators are a polynomial in time, which is left to the caller.
+        """
+        groups, k = len(self.unit), self.integrators
+        n = self.order - k
+        precision = np.zeros((n, groups, n, groups))
+        for g in range(groups):
+            block = self.gramians[g] if k == 0 else _stable_gramian(self.a[g, k : self.orders[g]], n)
+            precision[:, g, :, g] = (self.orders[g] - k) * block / self.unit[g]
+            unused = np.arange(self.orders[g] - k, n)
+            precision[unused, g, unused, g] = 1.0
+        return precision.reshape(n * groups, n * groups)
+
+    def forced(
+        self, inputs: Floats, group: Sequence[int], sensitivities: bool = True, delays: Floats | None = None
+    ) -> Floats:
+        """Respond to inputs from rest.
+
+        Parameters
+        ----------
+        inputs : ndarray, shape (N, lanes)
+            Before the record they are taken to have been as at its first sample.
+        group : sequence of int, shape (lanes,)
+            Which denominator each input passes.
+        sensitivities : bool
+            Also the states over A^2.
+        delays : ndarray, shape (lanes,), optional
+            Of each input, s; exact for parts of a sample too.
+
+        Returns
+        -------
+        ndarray, shape (N, 2 n, lanes), or (N, n, lanes) without sensitivities
+        """
+        lanes, states = list(group), (2 if sensitivities else 1) * self.order
+        inputs, rest = np.ascontiguousarray(inputs), np.zeros((states, len(lanes)))
+        step, ramp = self.step[lanes, :states], self.ramp[lanes, :states]
+        if delays is None or not np.any(delays):
+            held = self.hold == "zoh"
+            return self._run(inputs, lanes, step if held else step - ramp, np.zeros_like(ramp) if held else ramp, rest)
+        # The newer sample is in force for the last part of the step only.
+        _, part = whole_and_part(delays, self.dt)
+        late = np.asarray(expm(self.generator[lanes] * (1.0 - part)[:, None, None]))
+        late_step, late_ramp, part = late[:, :states, -2], late[:, :states, -1], part[:, None]
+        before, after = delayed(inputs, self.dt, delays, 1), delayed(inputs, self.dt, delays, -1)
+        if self.hold == "zoh":
+            return self._run(before, lanes, step - late_step, late_step, rest)
+        old, new = part * step - ramp + late_ramp, (1.0 - part) * step + ramp - 2.0 * late_ramp
+        result = self._run(before, lanes, old, new, rest)
+        return result + self._run(after, lanes, late_ramp, np.zeros_like(ramp), rest)
+
+    def free(self, samples: int, sensitivities: bool = True) -> Floats:
+        """Respond to a unit impulse just before the first sample: the shapes that initial states can give.
+
+        Returns
+        -------
+        ndarray, shape (samples, 2 n, groups), or (samples, n, groups)
+        """
+        groups, states = len(self.unit), (2 if sensitivities else 1) * self.order
+        start = np.zeros((states, groups))
+        start[np.array(self.orders) - 1, np.arange(groups)] = 1.0
+        nothing = np.zeros((groups, states))
+        return self._run(np.zeros((samples, groups)), list(range(groups)), nothing, nothing, start)
+
+    def _run(self, inputs: Floats, lanes: list[int], from_now: Floats, from_next: Floats, start: Floats) -> Floats:
+        states = from_now.shape[1]
+        transition = self.transition[lanes, :states, :states]
+        if len(lanes) < FEW:
+            transposed = np.ascontiguousarray(transition.transpose(0, 2, 1))
+            now, following = np.ascontiguousarray(from_now), np.ascontiguousarray(from_next)
+            return np.asarray(recur_few(transposed, now, following, np.ascontiguousarray(start.T), inputs))
+        return np.asarray(
+            recur(
+                np.ascontiguousarray(transition.transpose(1, 2, 0)),
+                np.ascontiguousarray(from_now.T),
+                np.ascontiguousarray(from_next.T),
+                start,
+                inputs,
+                self.order,
+            )
+        )
+
+
+def delayed(inputs: Floats, dt: float, delays: Floats, more: int = 0) -> Floats:
+    """Shift inputs by the whole samples of their delays and by `more` samples; before the record they are constant."""
+    rows = np.arange(len(inputs))[:, None] - whole_and_part(delays, dt)[0] - more
+    return np.ascontiguousarray(np.take_along_axis(inputs, np.clip(rows, 0, len(inputs) - 1), axis=0))
+
+
+def whole_and_part(delays: Floats, dt: float) -> tuple[NDArray[np.int64], Floats]:
+    """Divide delays into whole samples and the rest, 0 <= rest < 1; rounding does not make a whole one less."""
+    samples = np.asarray(delays) / dt
+    whole = np.floor(samples + 1e-9)
+    return whole.astype(np.int64), np.maximum(samples - whole, 0.0)
+
+
+def discretise(a: Floats, dt: float, hold: str, orders: Sequence[int] | None = None) -> Discretised:
+    """Discretise companion forms and their sensitivities by one matrix exponential each (Van Loan 1978).
+
+    Parameters
+    ----------
+    a : ndarray, shape (groups, n)
+        Denominators, ascending powers; zeros in front are integrators, as many for all.
+    dt : float
+        s.
+    hold : {"zoh", "foh"}
+    orders : sequence of int, optional
+        Poles of each denominator where not all have n; above, `a` is padded with zeros.
+    """
+    groups, n = a.shape
+    orders = (n,) * groups if orders is None else tuple(orders)
+    integrators = int(np.min(np.argmax(np.hstack([a != 0.0, np.ones((groups, 1), bool)]), axis=1)))
+    unit, normalised = np.ones(groups), np.zeros((groups, n))
+    block = np.zeros((groups, 2 * n + 2, 2 * n + 2))
+    for order in set(orders):
+        of = np.flatnonzero(np.array(orders) == order)
+        if order > integrators:
+            unit[of] = a[of, integrators] ** (1.0 / (order - integrators))
+        normalised[of, :order] = a[of, :order] / unit[of, None] ** np.arange(order, 0, -1)
+        for first in (0, n):
+            rows = np.arange(first, first + order - 1)
+            block[of[:, None], rows, rows + 1] = 1.0
+            block[of, first + order - 1, first : first + order] = -normalised[of, :order]
+        block[of, n + order - 1, 0] = 1.0  # the second companion is driven by 1/A u, the first state
+        block[of, order - 1, 2 * n] = 1.0
+    block *= (unit * dt)[:, None, None]
+    block[:, 2 * n, 2 * n + 1] = 1.0
+    exponential = np.asarray(expm(block))
+    return Discretised(
+        unit,
+        normalised,
+        orders,
+        integrators,
+        gramians(normalised, orders, integrators),
+        block,
+        exponential[:, : 2 * n, : 2 * n],
+        exponential[:, : 2 * n, 2 * n],
+        exponential[:, : 2 * n, 2 * n + 1],
+        dt,
+        hold,
+    )
+
+
+def gramians(a: Floats, orders: Sequence[int], integrators: int) -> Floats:
+    """Inner products of the impulse responses of ``p^k / A`` over a finite time; zero where orders are lower."""
+    groups, n = a.shape
+    if integrators == 0 and min(orders) == n:
+        return _gramian(a)
+    result = np.zeros((groups, n, n))
+    leaking = np.poly(np.full(integrators, -0.1))
+    for g, order in enumerate(orders):
+        stable = np.concatenate([[1.0], a[g, integrators:order][::-1]])
+        result[g, :order, :order] = _gramian(np.convolve(stable, leaking)[None, :0:-1])[0]
+    return result
+
+
+def _stable_gramian(a: Floats, size: int) -> Floats:
+    """Gramian of one denominator, padded with zeros to `size`."""
+    result = np.zeros((size, size))
+    if len(a):
+        result[: len(a), : len(a)] = _gramian(a[None])[0]
+    return result
+
+
+def _gramian(a: Floats) -> Floats:
+    """Solve ``A P + P A' + B B' = 0`` for companion forms.
+
+    States being derivatives of one another, ``P[i, j]`` is zero for odd i + j and otherwise, but for its sign, the
+    moment ``q[(i + j) / 2]`` of the first one's power spectrum: n unknowns instead of n^2.
+    """
+    by_coefficient, constant, moment, sign = _moment_equations(a.shape[1])
+    rhs = np.zeros((len(a), a.shape[1], 1))
+    rhs[:, -1] = -0.5
+    equations = np.tensordot(a, by_coefficient, 1) + constant
+    return np.asarray(np.linalg.solve(equations, rhs)[:, moment, 0] * sign)
+
+
+@cache
+def _moment_equations(n: int) -> tuple[Floats, Floats, NDArray[np.int64], Floats]:
+    """Parts of the equations of moments that coefficients multiply and that they do not; index and sign of moments."""
+    i, j = np.indices((n, n))
+    sign = np.where((i + j) % 2 == 0, (-1.0) ** ((j - i) // 2), 0.0)
+    moment = (i + j) // 2
+    rows = np.arange(n)
+    by_coefficient, constant = np.zeros((n, n, n)), np.zeros((n, n))
+    for k in range(n):
+        by_coefficient[k, rows, moment[:, k]] -= sign[:, k]
+    constant[rows[:-1], moment[1:, n - 1]] += sign[1:, n - 1]
+    return by_coefficient, constant, moment, sign
+
+
+def trends(samples: int, integrators: int) -> Floats:
+    """Polynomials of time that a record may carry of its own; shape (samples, 1 + integrators).
+
+    An offset, the states of the integrators, and what an input offset makes of them: a trim is never exact, and
+    integrated k times it grows with the k-th power of time. Scaled to reach 1 at the end.
+    """
+    time = np.arange(samples) / max(samples - 1, 1)
+    return np.asarray(time[:, None] ** np.arange(1 + integrators))
+
+
+def free_run(
+    numerators: Sequence[Floats],
+    denominators: Sequence[Floats],
+    u: Floats,
+    y: Floats,
+    origin: float,
+    dt: float,
+    hold: str,
+    *,
+    shared: bool,
+    sigma: float,
+    initial_energy: float,
+    initial: Floats | None = None,
+    delays: Sequence[float] | None = None,
+) -> Floats:
+    """Simulate one output from the inputs and an initial state, by default found in the first `INITIAL_SECONDS`.
+
+    Parameters
+    ----------
+    numerators, denominators : sequence of ndarray
+        Per input, highest power first; denominators that end in zeros have integrators, as many for all inputs, and a
+        denominator ``[1]`` marks an input without effect.
+    u : ndarray, shape (N, m)
+        About the trim.
+    y : ndarray, shape (N,)
+        Only its first `INITIAL_SECONDS` are looked at, and only when `initial` is not given.
+    origin : float
+        Output about which the offset counts.
+    dt : float
+        s.
+    hold : {"zoh", "foh"}
+    shared : bool
+        All inputs pass one denominator, so that there is one initial response only.
+    sigma : float
+        Standard deviation of what the model does not explain, in the output's unit.
+    initial_energy : float
+        Energy that the response to the initial state of one denominator is expected to have, in squared units times s.
+    initial : ndarray, shape (1 + integrators + n groups,), optional
+        The polynomial in time (`trends`) and the coefficients of the normalised initial responses, power-major; empty
+        for a start at rest.
+    delays : sequence of float, optional
+        Of each input, s.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+    """
+    samples = len(y)
+    active = [j for j, den in enumerate(denominators) if len(den) > 1]
+    if not active:
+        return np.full(samples, origin + float(np.mean(y[: _early(samples, dt)] - origin)))
+    orders = [len(denominators[j]) - 1 for j in active]
+    a = np.zeros((len(active), max(orders)))
+    for lane, j in enumerate(active):
+        a[lane, : orders[lane]] = denominators[j][:0:-1]
+    system = discretise(a, dt, hold, orders)
+    late = None if delays is None else np.asarray(delays, dtype=np.float64)[active]
+    states = system.forced(u[:, active], range(len(active)), sensitivities=False, delays=late)
+    forced = np.full(samples, origin)
+    for lane, j in enumerate(active):
+        b = numerators[j][::-1] / system.unit[lane] ** (orders[lane] - np.arange(len(numerators[j])))
+        forced += states[:, : len(b), lane] @ b
+    if initial is not None and initial.size == 0:
+        return forced
+    if shared:
+        system = system.first()
+    free = system.free(samples, sensitivities=False)[:, system.integrators :]
+    shapes = np.hstack([trends(samples, system.integrators), free.reshape(samples, -1)])
+    if initial is None:
+        # Maximum a posteriori: offset and integrators are free, the initial responses as small as those of the training
+        # records, and the input's trim is taken as it is given.
+        k = system.integrators
+        early = np.delete(shapes[: _early(samples, dt)], [k] if k else [], axis=1)
+        normal = early.T @ early
+        first = max(k, 1)
+        normal[first:, first:] += sigma**2 / initial_energy * system.initial_precision()
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        rhs = early.T @ (y - forced)[: len(early)]
+        found = scale * np.linalg.lstsq(normal * scale * scale[:, None], scale * rhs, rcond=1e-12)[0]
+        initial = found if k == 0 else np.insert(found, k, 0.0)
+    return np.asarray(forced + shapes @ initial)
+
+
+def _early(samples: int, dt: float) -> int:
+    return min(round(INITIAL_SECONDS / dt) + 1, samples)

@@ -1,0 +1,105 @@
+"""Denominators that are stable by construction: products of sections with logarithms as parameters.
+
+A second-order section is ``s^2 + 2 zeta w s + w^2`` with parameters ``(ln w, ln zeta)``, real poles included
+(zeta > 1); an odd order has one first-order section ``s + w`` with parameter ``ln w``, last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.records.experiment import Floats
+from sysid.transfer_functions._kernels import multiply_out
+
+#: Damping ratios that a fit may use. Below, a mode loses nothing in any flight; fits to flights come down to 0.0003
+#: (Elhesasy 2024, table A1, motor 7 to x), and a mode held at 0.005 instead leaves a third more than the noise.
+DAMPING = (1e-4, 20.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Frequencies that records of this length and rate can tell anything about, rad/s."""
+
+    lowest: float
+    highest: float
+
+
+def resolvable_band(duration: float, dt: float) -> Band:
+    """Give the band of poles for the longest record, from a tenth of its inverse length to the Nyquist frequency.
+
+    A pole slower than that cannot be told from an integrator; one faster not from a gain.
+    """
+    return Band(0.1 / duration, np.pi / dt)
+
+
+def clip(theta: Floats, band: Band, orders: Sequence[int] = ()) -> Floats:
+    """Bring parameters, shape (groups, n), into the band and the range of damping."""
+    lower, upper = np.empty_like(theta), np.empty_like(theta)
+    lower[:], upper[:] = np.log(band.lowest), np.log(band.highest)
+    for g in range(len(theta)):
+        order = orders[g] if orders else theta.shape[1]
+        damping = np.arange(1, order - order % 2, 2)
+        lower[g, damping], upper[g, damping] = np.log(DAMPING[0]), np.log(DAMPING[1])
+    return np.clip(theta, lower, upper)
+
+
+def from_poles(poles: NDArray[np.complex128]) -> Floats:
+    """Give the parameters of a denominator with these poles, shape (n,); unstable ones are reflected.
+
+    Pairs are made of neighbours, so that real poles make well-conditioned sections too.
+    """
+    poles = -np.abs(poles.real) + 1j * poles.imag
+    size = np.maximum(np.abs(poles), 1e-12)
+    pairs = np.sort_complex(poles[poles.imag > 1e-9 * size])
+    real = np.sort(size[np.abs(poles.imag) <= 1e-9 * size])
+    # A single real pole, where there must be one, is the slowest.
+    single, real = (real[:1], real[1:]) if len(real) % 2 else (real[:0], real)
+    w = np.concatenate([np.abs(pairs), np.sqrt(real[::2] * real[1::2])])
+    damping = np.concatenate([-pairs.real / np.abs(pairs), 0.5 * (real[::2] + real[1::2]) / w[len(pairs) :]])
+    order = np.argsort(w)
+    sections = np.column_stack([np.log(w), np.log(np.maximum(damping, 1e-12))])[order]
+    return np.concatenate([sections.ravel(), np.log(single)])
+
+
+def take(theta: Floats, order: int) -> Floats:
+    """Keep the slowest sections of one denominator, shape (n,), as one of lower order."""
+    n = len(theta)
+    sections = theta[: n - n % 2].reshape(-1, 2)
+    sections = sections[np.argsort(sections[:, 0])]
+    single = theta[-1:] if n % 2 else sections[-1, :1]
+    if order % 2 and len(sections) > order // 2 and not n % 2:
+        single = sections[order // 2, :1]
+    return np.concatenate([sections[: order // 2].ravel(), single[: order % 2]])
+
+
+def denominators_of_orders(theta: Floats, orders: Sequence[int]) -> tuple[Floats, Floats]:
+    """Do the same as `denominators` where orders differ: in the others' places parameters are idle, results zero."""
+    groups, n = theta.shape
+    if min(orders, default=n) == n:
+        return denominators(theta)
+    a, slope = np.zeros((groups, n)), np.zeros((groups, n, n))
+    for order in set(orders) - {0}:
+        of = np.flatnonzero(np.array(orders) == order)
+        a[of, :order], slope[of, :order, :order] = denominators(theta[of, :order])
+    return a, slope
+
+
+def denominators(theta: Floats) -> tuple[Floats, Floats]:
+    """Multiply the sections out.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (groups, n)
+
+    Returns
+    -------
+    a : ndarray, shape (groups, n)
+        Ascending powers of s without the leading 1.
+    slope : ndarray, shape (groups, n, n)
+        ``d a[g, k] / d theta[g, i]`` at ``[g, k, i]``.
+    """
+    return multiply_out(np.ascontiguousarray(theta))

@@ -1,0 +1,481 @@
+"""Separable least squares for one output: numerators, offsets and initial states linear, the rest by Gauss-Newton.
+
+For fixed denominators and delays the model is linear in the numerators (shared by all records) and, in every record, in
+an offset and the response to the initial state. Those are solved exactly for every set of poles, and the poles follow
+the Levenberg-Marquardt step of the problem so reduced (variable projection, Golub and Pereyra 1973, in Kaufman's form:
+the joint Gauss-Newton step with the linear parameters eliminated). Everything needed of the data are inner products, so
+that the cost of a step grows with the number of samples only in the response kernel and in a few products of matrices.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.records.experiment import Floats
+from sysid.transfer_functions.reduction import (
+    Basis,
+    Elsewhere,
+    Part,
+    backward,
+    basis_at,
+    eliminate,
+    eliminated,
+    factorise,
+    forward,
+    initial_responses,
+    jacobian,
+    linearise,
+    linearised,
+    missing_powers,
+    powers_over_square,
+    slopes_at,
+    sum_of,
+)
+from sysid.transfer_functions.response import Discretised, gramians
+from sysid.transfer_functions.sections import Band, clip, denominators_of_orders
+
+#: Largest change in one step of a logarithmic parameter, and of a delay in samples.
+LONGEST_STEP = 1.0
+
+#: What is left of the damping after a step that was as good as foreseen (Nielsen 1999). With a tenth, a third of the
+#: steps was refused, and fits of eight denominators took a third more solutions.
+MOST_RELIEF = 1.0 / 3.0
+
+#: A step is the last when it lowers the cost by less than this part of one residual's variance: the noise in a single
+#: parameter is worth a whole one. Residuals that resemble the one before are worth fewer independent ones, and the
+#: noise in a parameter more: then two such steps in a row are the last.
+ENOUGH = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Problem:
+    """One output of several records, in normalised units.
+
+    Attributes
+    ----------
+    inputs : tuple of ndarray, shape (N_r, m)
+        About their trim, each of unit variance over all records.
+    outputs : tuple of ndarray, shape (N_r,)
+        About their trim, of unit variance over all records.
+    group : tuple of int, shape (m,)
+        Which denominator each input passes.
+    order : int
+        Poles of each denominator, integrators included; the most where `orders` differ.
+    numerators : int
+        Coefficients of each numerator, zeros + 1; the most where `counts` differ.
+    dt : float
+        s.
+    hold : {"zoh", "foh"}
+    band : Band
+        Where poles may lie.
+    ridge : float
+        Weight of the numerators' impulse-response energy relative to the information in the data.
+    initial : float
+        Variance of the residual over the energy [s] that the response to an initial state is expected to have.
+    integrators : int
+        How many poles of every denominator are fixed at zero.
+    orders : tuple of int, shape (groups,)
+        Poles of each denominator; empty when all have `order`.
+    counts : tuple of int, shape (m,)
+        Coefficients of each numerator; empty when all have `numerators`.
+    delays : tuple of float, shape (m,)
+        Of each input, s; empty for none. Where a descent starts when they are estimated.
+    longest_delay : float
+        Delays are estimated from 0 to this, s; 0 takes them as given.
+    elsewhere : Elsewhere or None
+        Records that other processes hold; `inputs` and `outputs` are then empty.
+    """
+
+    inputs: tuple[Floats, ...]
+    outputs: tuple[Floats, ...]
+    group: tuple[int, ...]
+    order: int
+    numerators: int
+    dt: float
+    hold: str
+    band: Band
+    ridge: float
+    initial: float
+    integrators: int = 0
+    orders: tuple[int, ...] = ()
+    counts: tuple[int, ...] = ()
+    delays: tuple[float, ...] = ()
+    longest_delay: float = 0.0
+    elsewhere: Elsewhere | None = None
+
+    @property
+    def groups(self) -> int:
+        """Number of denominators."""
+        return max(self.group) + 1
+
+    @property
+    def samples(self) -> int:
+        """Samples of all records together."""
+        return sum(self.lengths)
+
+    @property
+    def lengths(self) -> tuple[int, ...]:
+        """Samples of each record."""
+        return tuple(map(len, self.outputs)) if self.elsewhere is None else self.elsewhere.lengths
+
+    @property
+    def lags(self) -> int:
+        """Parameters of each denominator: poles that are not integrators."""
+        return self.order - self.integrators
+
+    @property
+    def all_orders(self) -> tuple[int, ...]:
+        """Poles of each denominator."""
+        return self.orders or (self.order,) * self.groups
+
+    @property
+    def used(self) -> Floats:
+        """1 for the coefficients that numerators have, 0 for those above their count; shape (numerators, m)."""
+        counts = self.counts or (self.numerators,) * len(self.group)
+        return (np.arange(self.numerators)[:, None] < np.array(counts)).astype(np.float64)
+
+    @property
+    def start_delays(self) -> Floats:
+        """Delays of the inputs, s, shape (m,)."""
+        return np.array(self.delays or (0.0,) * len(self.group))
+
+    @property
+    def delay_parameters(self) -> int:
+        """How many delays are estimated: those of all inputs, or none."""
+        return len(self.group) if self.longest_delay > 0.0 else 0
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """The problem solved for its linear parameters at one set of poles.
+
+    Attributes
+    ----------
+    basis : Basis
+        Poles, delays, and what follows from them for all records alike.
+    cost : float
+        Sum of squared residuals plus the penalties.
+    numerators : ndarray, shape (numerators, m)
+        In normalised states, ascending.
+    information : ndarray, shape (numerators m + 1, numerators m + 1)
+        Inner products of the numerators' regressors and the output, what each record has of its own eliminated.
+    penalty : ndarray, shape (numerators m, numerators m)
+    parts : tuple of Part
+        What each record has of its own; empty where records are elsewhere.
+    """
+
+    basis: Basis
+    cost: float
+    numerators: Floats
+    information: Floats
+    penalty: Floats
+    parts: tuple[Part, ...]
+
+    @property
+    def theta(self) -> Floats:
+        """Parameters of the denominators, shape (groups, lags)."""
+        return self.basis.theta
+
+    @property
+    def delays(self) -> Floats:
+        """Of the inputs, s, shape (m,)."""
+        return self.basis.delays
+
+    @property
+    def system(self) -> Discretised:
+        """The denominators, discretised."""
+        return self.basis.system
+
+    @property
+    def residuals(self) -> tuple[Floats, ...]:
+        """Of each record here, shape (N_r,)."""
+        return tuple(part.residual for part in self.parts)
+
+
+def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Point:
+    """Solve for the linear parameters at given poles and delays, by default those of the problem."""
+    basis = basis_at(problem, theta, problem.start_delays if delays is None else delays)
+    parts: tuple[Part, ...] = ()
+    if problem.elsewhere is None:
+        parts = tuple(eliminate(problem, basis, u, y) for u, y in zip(problem.inputs, problem.outputs, strict=True))
+        information = sum_of([part.information for part in parts])
+    else:
+        (information,) = problem.elsewhere.total(problem, eliminated, theta, basis.delays)
+    point = solve_again(problem, basis, information, parts)
+    for part in parts:
+        part.finish(point.numerators)
+    return point
+
+
+def solve_again(problem: Problem, basis: Basis, information: Floats, parts: tuple[Part, ...] = ()) -> Point:
+    """Solve the reduced equations, perhaps with another ridge than before; parts are left as they are."""
+    shared = len(information) - 1
+    penalty = _impulse_energy(problem, basis.system, np.diag(information)[:-1], problem.used)
+    normal, scale = _normalised(information[:shared, :shared], penalty)
+    c = scale * backward(normal, forward(normal, information[:shared, shared] * scale))
+    cost = float(information[shared, shared] - information[:shared, shared] @ c)
+    return Point(
+        basis=basis,
+        cost=max(cost, 0.0),
+        numerators=c.reshape(problem.numerators, len(problem.group)),
+        information=information,
+        penalty=penalty,
+        parts=parts,
+    )
+
+
+def sensitivities(problem: Problem, point: Point) -> tuple[Floats, ...]:
+    """Differentiate the model's output by the poles' parameters and the delays, linear parameters held.
+
+    Returns
+    -------
+    tuple of ndarray, shape (N_r, lags groups + delay parameters)
+        Of the records here. Of the poles parameter-major: all denominators' first parameters first. Delays in samples.
+    """
+    slopes = slopes_at(problem, point.basis, point.numerators)
+    return tuple(
+        jacobian(problem, point.basis, slopes, point.numerators, u, part)
+        for u, part in zip(problem.inputs, point.parts, strict=True)
+    )
+
+
+def instruments(problem: Problem, point: Point) -> tuple[Floats, ...]:
+    """Pass the model's response to the inputs through one more ``1 / A``: derivatives 0 to lags - 1, normalised.
+
+    Returns
+    -------
+    tuple of ndarray, shape (N_r, lags)
+        For a problem with one denominator.
+    """
+    k, lags, m = problem.integrators, problem.lags, len(problem.group)
+    table = powers_over_square(point.system)[0]
+    weights = np.zeros((2 * problem.order, m, lags))
+    for j in range(m):
+        for power, value in enumerate(point.numerators[:, j]):
+            weights[:, j] += value * table[power + k : power + k + lags].T
+    flat = weights.reshape(-1, lags)
+    return tuple(part.states.reshape(len(part.states), -1) @ flat for part in point.parts)
+
+
+def reduced_information(
+    problem: Problem, point: Point, jacobians: tuple[Floats, ...] | None = None
+) -> tuple[Floats, Floats]:
+    """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated.
+
+    Returns
+    -------
+    information : ndarray, shape (q, q)
+        Without penalties; q = numerators * m + lags * groups + delay parameters.
+    gradient : ndarray, shape (q,)
+        Regressors times residual, of the data alone.
+    """
+    information, gradient, _, _ = _linearised(problem, point, jacobians)
+    return information, gradient
+
+
+def squared_residual(problem: Problem, point: Point) -> float:
+    """Sum of squared residuals over all records, wherever they are."""
+    if problem.elsewhere is None:
+        return sum(float(residual @ residual) for residual in point.residuals)
+    return float(_linearised(problem, point)[3][0])
+
+
+def initial_states(problem: Problem, point: Point) -> list[Floats]:
+    """Give what each record has of its own, wherever it is, shape (1 + integrators + lags groups,)."""
+    if problem.elsewhere is None:
+        return [part.local for part in point.parts]
+    shares = problem.elsewhere.gathered(problem, initial_responses, point.theta, point.delays, point.numerators)
+    return [local for (rows,) in shares for local in rows]
+
+
+def _linearised(
+    problem: Problem, point: Point, jacobians: tuple[Floats, ...] | None = None
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Sum over the records what `sysid.transfer_functions.reduction.linearise` gives."""
+    if problem.elsewhere is not None:
+        information, gradient, outer, following = problem.elsewhere.total(
+            problem, linearised, point.theta, point.delays, point.numerators
+        )
+        return information, gradient, outer, following
+    jacobians = sensitivities(problem, point) if jacobians is None else jacobians
+    each = [
+        linearise(problem, point.basis, part, columns) for part, columns in zip(point.parts, jacobians, strict=True)
+    ]
+    information, gradient, outer, following = (sum_of(parts) for parts in zip(*each, strict=True))
+    return information, gradient, outer, following
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """Where a descent ended."""
+
+    point: Point
+    iterations: int
+    converged: bool
+
+
+def descend(
+    problem: Problem,
+    theta: Floats,
+    iterations: int,
+    deadline: float = np.inf,
+    delays: Floats | None = None,
+    settled: float = 0.0,
+) -> Descent:
+    """Follow Levenberg-Marquardt steps in poles and delays until the cost settles.
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : ndarray, shape (groups, lags)
+        Start.
+    iterations : int
+        Most steps to take.
+    deadline : float
+        On `time.monotonic`; reached, the best point so far is returned as not converged.
+    delays : ndarray, shape (m,), optional
+        Start; by default the problem's.
+    settled : float
+        Take a step that lowers the cost by no more than this part for the last.
+    """
+    point = solve(problem, clip(theta, problem.band, _lag_orders(problem)), delays)
+    if problem.lags == 0 and not problem.delay_parameters:
+        return Descent(point, 0, True)
+    damping, growth, small = 1e-1, 2.0, 0
+    for iteration in range(iterations):
+        if time.monotonic() > deadline:
+            return Descent(point, iteration, False)
+        hessian, gradient, independent = _nonlinear_system(problem, point)
+        while True:
+            step = _bounded_step(problem, point, hessian, gradient, damping)
+            trial = solve(problem, *_moved(problem, point, step))
+            if trial.cost < point.cost:
+                break
+            damping, growth = damping * growth, growth * 2.0
+            if damping > 1e8 or time.monotonic() > deadline or not step.any():
+                return Descent(point, iteration, damping > 1e8 or not step.any())
+        gain = (point.cost - trial.cost) / max(point.cost, 1e-300)
+        expected = float(step @ (2.0 * gradient - hessian @ step))
+        quality = (point.cost - trial.cost) / expected if expected > 0.0 else 1.0
+        damping, growth = damping * max(MOST_RELIEF, 1.0 - (2.0 * min(quality, 1.5) - 1.0) ** 3), 2.0
+        damping = max(damping, 1e-9)
+        point = trial
+        small = small + 1 if gain * independent < ENOUGH else 0
+        if small == 2 or gain * problem.samples < ENOUGH or gain < settled:
+            return Descent(point, iteration + 1, True)
+    return Descent(point, iterations, False)
+
+
+def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats]:
+    """Give Hessian and gradient of the reduced problem in poles and delays.
+
+    Returns
+    -------
+    hessian : ndarray, shape (q, q)
+        Gauss-Newton, in the order of `sensitivities`.
+    gradient : ndarray, shape (q,)
+        Minus half the derivative of the cost, but for what `_price_slopes` leaves out.
+    """
+    return _nonlinear_system(problem, point)[:2]
+
+
+def _nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats, float]:
+    """Hessian, gradient, and how many independent samples the residuals are worth."""
+    shared = point.numerators.size
+    information, gradient, outer, following = _linearised(problem, point)
+    gradient[shared : shared + problem.lags * problem.groups] -= _price_slopes(problem, point, outer)
+    factor, scale = _normalised(information[:shared, :shared], point.penalty)
+    coupling = forward(factor, information[:shared, shared:] * scale[:, None])
+    # At the optimum of the numerators the penalty balances their gradient; what is left acts on the poles alone.
+    balance = forward(factor, (gradient[:shared] - point.penalty @ point.numerators.ravel()) * scale)
+    square, product = following
+    likeness = min(max(product / max(square, 1e-300), 0.0), 1.0) ** 2
+    independent = max(problem.samples * (1.0 - likeness) / (1.0 + likeness), float(len(gradient)))
+    return information[shared:, shared:] - coupling.T @ coupling, gradient[shared:] - coupling.T @ balance, independent
+
+
+def _price_slopes(problem: Problem, point: Point, outer: Floats) -> Floats:
+    """Half the derivatives of both penalties by the poles' parameters, parameter-major, linear parameters held.
+
+    Slow and lightly damped poles make impulse and initial responses of more energy. By central differences of the
+    gramians, each denominator in the unit of frequency it has now; that the weight of an input's energy moves with its
+    poles too is left out. `outer` holds the initial responses' coefficients times themselves, summed over the records.
+    """
+    groups, lags, k, system = problem.groups, problem.lags, problem.integrators, point.system
+    step = 1e-5
+    moved = np.repeat(point.theta[None], 2 * lags, axis=0)
+    moved[np.arange(lags), :, np.arange(lags)] += step
+    moved[lags + np.arange(lags), :, np.arange(lags)] -= step
+    orders = [order - k for order in problem.all_orders] * (2 * lags)
+    seconds = denominators_of_orders(moved.reshape(-1, lags), orders)[0].reshape(2 * lags, groups, lags)
+    a: Floats = (seconds / system.unit[:, None] ** missing_powers(problem)).reshape(-1, lags)
+    free = gramians(a, orders, 0).reshape(2, lags, groups, lags, lags)
+    free = (free[0] - free[1]) / (2.0 * step)
+    forced = free
+    if k:
+        a = np.hstack([np.zeros((len(a), k)), a])
+        forced = gramians(a, problem.all_orders * (2 * lags), k).reshape(2, lags, groups, k + lags, k + lags)
+        forced = (forced[0] - forced[1]) / (2.0 * step)
+    lanes, used = list(problem.group), problem.used
+    c, count = point.numerators, problem.numerators
+    now = np.diagonal(system.gramians[lanes, :count, :count], axis1=1, axis2=2).T
+    weight = (np.diag(point.penalty).reshape(used.shape) * used).sum(axis=0) / (now * used).sum(axis=0)
+    each = weight * np.einsum("kj,ijkl,lj->ij", c, forced[:, lanes, :count, :count], c)
+    slopes: Floats = each @ np.equal.outer(lanes, np.arange(groups)).astype(np.float64)
+    price = np.einsum("gkl,igkl->ig", outer, free)
+    slopes += problem.initial * (np.array(problem.all_orders) - k) / system.unit * price
+    return 0.5 * slopes.ravel()
+
+
+def _moved(problem: Problem, point: Point, step: Floats) -> tuple[Floats, Floats]:
+    """Poles and delays after a step in the order of the sensitivities, kept within their bounds."""
+    groups, lags = problem.groups, problem.lags
+    theta = point.theta + step[: lags * groups].reshape(lags, groups).T
+    theta = clip(theta, problem.band, _lag_orders(problem))
+    if not problem.delay_parameters:
+        return theta, point.delays
+    return theta, np.clip(point.delays + problem.dt * step[lags * groups :], 0.0, problem.longest_delay)
+
+
+def _bounded_step(problem: Problem, point: Point, hessian: Floats, gradient: Floats, damping: float) -> Floats:
+    step = np.zeros_like(gradient)
+    theta, delays = _moved(problem, point, 1e-9 * np.sign(gradient))
+    moves = (theta != point.theta).T.ravel()
+    if problem.delay_parameters:
+        moves = np.concatenate([moves, delays != point.delays])
+    free = np.flatnonzero(moves)
+    if len(free):
+        block = hessian[np.ix_(free, free)]
+        diagonal = np.diag(block)
+        block = block + np.diag(damping * diagonal + 1e-9 * max(float(diagonal.max()), 1e-300))
+        step[free] = np.linalg.solve(block, gradient[free])
+    return np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+
+
+def _lag_orders(problem: Problem) -> tuple[int, ...]:
+    return tuple(order - problem.integrators for order in problem.orders)
+
+
+def _impulse_energy(problem: Problem, system: Discretised, energy: Floats, used: Floats) -> Floats:
+    """Penalty matrix of the numerators: energy of each impulse response, weighed by the information on its input."""
+    lanes, count = np.arange(len(problem.group)), problem.numerators
+    blocks = system.gramians[list(problem.group), :count, :count] * used.T[:, :, None] * used.T[:, None, :]
+    per_input = problem.ridge * energy.reshape(used.shape).sum(axis=0)
+    blocks *= (per_input / np.trace(blocks, axis1=1, axis2=2))[:, None, None]
+    penalty = np.zeros((*used.shape, *used.shape))
+    penalty[:, lanes, :, lanes] = blocks
+    result = penalty.reshape(used.size, used.size)
+    result[np.diag_indices(used.size)] += 1.0 - used.ravel()
+    return result
+
+
+def _normalised(information: Floats, penalty: Floats) -> tuple[Floats, Floats]:
+    """Factor the penalised information of the numerators, scaled to a unit diagonal; the factor and the scale."""
+    normal = information + penalty
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    normal = normal * scale * scale[:, None]
+    normal[np.diag_indices(len(scale))] += 1e-13
+    return factorise(normal), scale

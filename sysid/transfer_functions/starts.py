@@ -1,0 +1,237 @@
+"""Where own denominators start: a joint fit of shared modes is parted into channels, and each is reduced by itself.
+
+The error surface of many transfer functions with denominators of their own is full of local minima, so that poles
+scattered at random rarely lead anywhere. Three steps that each are easy go around them.
+
+1. *Shared modes.* Every input acts on every one of many second-order sections, half as many as the model has poles,
+   with numerators of their own. That sum can represent the true one, and as the sections are only a basis, which any
+   other that spans the same responses replaces, Gauss-Newton steps from an even grid of frequencies reach the noise.
+2. *Channels.* The part of the output that this model ascribes to one input is nearly free of noise. A transfer function
+   of the order wanted, from that input to that part, is a small problem of its own, and good starts for it are known:
+   the sections that carry most of the part.
+3. *All together*, from the poles so found: left to the caller.
+
+Initial states decide whether the second step works. Left free, those of many slow sections stand for part of what the
+inputs did, and the channels come out wrong though their sum is right. Records are therefore taken to begin at rest as
+long as that explains them.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.records.experiment import Floats
+from sysid.statistics.covariance import independent_samples
+from sysid.transfer_functions.sections import Band
+from sysid.transfer_functions.separable import Descent, Point, Problem, descend, solve
+
+#: Shared modes at least: a coarser grid of frequencies may leave a mode without a section near it.
+LEAST_SECTIONS = 8
+
+#: Samples wanted for each coefficient of the shared modes.
+ENOUGH_SAMPLES = 10
+
+#: Independent samples of the residual wanted for each coefficient of the shared modes once these have been fitted.
+ENOUGH_INDEPENDENT = 2
+
+#: Weight of the initial responses, relative to the problem's, when records begin at rest and when they do not.
+AT_REST, IN_MOTION = 100.0, 1e-4
+
+#: Part of the output's variance below which a fit from rest explains the records, and above which nothing does.
+EXPLAINED, HOPELESS = 0.01, 0.1
+
+#: Regularisation of the shared modes and of single channels, only for the sake of numbers.
+MODES_RIDGE, CHANNEL_RIDGE = 1e-5, 1e-8
+
+#: Steps of the shared modes with half of the records and then with all, and of a channel with one record and with all.
+MODES_STEPS, CHANNEL_STEPS = (14, 8), (15, 10)
+
+#: Shared modes are settled when a step lowers the cost by less than this part: they are a basis, not the answer.
+MODES_SETTLED = 2e-3
+
+#: Sets of poles from which each channel starts.
+CHANNEL_STARTS = 8
+
+#: Damping ratios that channels start with, and that of the grid of shared modes.
+CHANNEL_DAMPING, GRID_DAMPING = (0.01, 2.0), 0.2
+
+#: Differences of twice the logarithm of the likelihood up to this are none; rest, which is simpler, is then taken.
+TIE = 2.0
+
+#: How much less than `Problem.initial` initial responses may weigh by likelihood, in steps of ten: a million times.
+REST_STEPS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Separated:
+    """Poles of each channel, found by itself.
+
+    Attributes
+    ----------
+    theta : ndarray, shape (m, n)
+        See `sysid.transfer_functions.sections`.
+    initial : float
+        Weight of the initial responses under which they were found.
+    variance : float
+        Of the residual of the shared modes: what a good fit can be expected to leave.
+    """
+
+    theta: Floats
+    initial: float
+    variance: float
+
+
+def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: float) -> Separated | None:
+    """Find starts for own denominators, without any guess of them.
+
+    Parameters
+    ----------
+    problem : Problem
+        With a denominator for each input; delays are taken as they are.
+    band : Band
+        Where poles are to be expected.
+    rng : Generator
+    deadline : float
+        On `time.monotonic`.
+
+    Returns
+    -------
+    Separated or None
+        None when there are too few samples for so many coefficients, integrators, or an output that even all these
+        modes do not explain: by size, or because what they leave is far from white.
+    """
+    sections = max((sum(problem.all_orders) + 1) // 2, LEAST_SECTIONS)
+    if problem.integrators or not _enough(problem, sections):
+        return None
+    modes, rough = _shared_modes(problem, sections, band, deadline)
+    residuals = rough.point.residuals
+    if rough.point.cost > HOPELESS * sum(map(len, residuals)):
+        return None
+    # What the modes leave is noise, or something else moves the craft (wind) and hides in what is ascribed to inputs.
+    if independent_samples(residuals) < ENOUGH_INDEPENDENT * 2 * sections * len(problem.group):
+        return None
+    fit = descend(modes, rough.point.theta, MODES_STEPS[1], deadline, settled=MODES_SETTLED)
+    parts = [_parts(part.states, fit.point, sections) for part in fit.point.parts]
+    theta = np.zeros((len(problem.group), problem.order))
+    for j, order in enumerate(problem.all_orders):
+        channel = _channel(problem, [part[:, :, j].sum(axis=1) for part in parts], j, modes.initial)
+        carried = np.sqrt(sum(np.var(part[:, :, j], axis=0) for part in parts))
+        theta[j, :order] = _fit_channel(channel, fit.point.theta, carried, band, rng, deadline)
+    variance = float(np.mean(np.concatenate(fit.point.residuals) ** 2))
+    # The weight goes with the energy of one denominator's response: fewer of them are larger.
+    return Separated(theta, modes.initial * len(problem.group) / sections, variance)
+
+
+def likeliest_initial(problem: Problem, point: Point, weakest: float) -> float:
+    """Choose the weight of the initial responses under which the data are likeliest, at given poles.
+
+    The likelihood with numerators at their best and initial states integrated out (empirical Bayes): records that begin
+    at rest say so, and initial states are then not left to explain what noise or wrong poles did.
+
+    Parameters
+    ----------
+    problem : Problem
+    point : Point
+        Its poles and delays are used.
+    weakest : float
+        Lowest `Problem.initial` to consider.
+
+    Returns
+    -------
+    float
+    """
+    first = 1 + problem.integrators
+    tried: list[tuple[float, float]] = []
+    for step in range(REST_STEPS + 1):
+        initial = weakest * 10.0**step
+        trial = solve(replace(problem, initial=initial), point.theta, point.delays)
+        free = np.linalg.slogdet(trial.basis.prior[first:, first:])[1]
+        surprise = problem.samples * np.log(max(trial.cost, 1e-300))
+        for part in trial.parts:
+            surprise += 2.0 * float(np.sum(np.log(np.diag(part.factor)))) - free
+        tried.append((float(surprise), initial))
+    least = min(surprise for surprise, _ in tried)
+    return max(initial for surprise, initial in tried if surprise <= least + TIE)
+
+
+def _enough(problem: Problem, sections: int) -> bool:
+    return problem.samples >= ENOUGH_SAMPLES * 2 * sections * len(problem.group)
+
+
+def _shared_modes(problem: Problem, sections: int, band: Band, deadline: float) -> tuple[Problem, Descent]:
+    """Let every input act on every section, from rest where that explains half of the records."""
+    m = len(problem.group)
+    modes = replace(
+        problem,
+        inputs=tuple(np.tile(u, (1, sections)) for u in problem.inputs),
+        group=tuple(np.repeat(np.arange(sections), m).tolist()),
+        order=2,
+        numerators=2,
+        orders=(),
+        counts=(),
+        delays=problem.delays * sections,
+        longest_delay=0.0,
+        ridge=MODES_RIDGE,
+    )
+    grid = np.column_stack(
+        [np.log(np.geomspace(band.lowest, band.highest, sections)), np.full(sections, np.log(GRID_DAMPING))]
+    )
+    half = replace(modes, inputs=modes.inputs[::2], outputs=modes.outputs[::2])
+    few = half if _enough(half, sections) else modes
+    rough = replace(few, initial=AT_REST * problem.initial)
+    best = descend(rough, grid, MODES_STEPS[0], deadline, settled=MODES_SETTLED)
+    initial = rough.initial
+    if best.point.cost > EXPLAINED * few.samples and time.monotonic() < deadline:
+        rough = replace(few, initial=IN_MOTION * problem.initial)
+        moving = descend(rough, grid, MODES_STEPS[0], deadline, settled=MODES_SETTLED)
+        if moving.point.cost < 0.5 * best.point.cost:
+            best, initial = moving, rough.initial
+    return replace(modes, initial=initial), best
+
+
+def _parts(states: Floats, point: Point, sections: int) -> Floats:
+    """Part of the output that passes each section from each input; shape (N, sections, m)."""
+    parts = np.einsum("tkl,kl->tl", states[:, : len(point.numerators)], point.numerators)
+    return np.asarray(parts.reshape(len(states), sections, -1))
+
+
+def _channel(problem: Problem, outputs: list[Floats], j: int, initial: float) -> Problem:
+    """Pose the problem of one input and its part of the output, scaled to unit variance."""
+    size = max(float(np.sqrt(np.mean(np.concatenate([y - y.mean() for y in outputs]) ** 2))), 1e-12)
+    return replace(
+        problem,
+        inputs=tuple(np.ascontiguousarray(u[:, [j]]) for u in problem.inputs),
+        outputs=tuple(y / size for y in outputs),
+        group=(0,),
+        order=problem.all_orders[j],
+        numerators=problem.counts[j] if problem.counts else problem.numerators,
+        orders=(),
+        counts=(),
+        delays=problem.delays[j : j + 1],
+        longest_delay=0.0,
+        ridge=CHANNEL_RIDGE,
+        initial=initial,
+    )
+
+
+def _fit_channel(
+    channel: Problem, modes: Floats, carried: Floats, band: Band, rng: np.random.Generator, deadline: float
+) -> Floats:
+    """Fit one channel from several draws of sections, likelier the more they carry; shape (n,)."""
+    longest = int(np.argmax([len(y) for y in channel.outputs]))
+    scout = replace(channel, inputs=(channel.inputs[longest],), outputs=(channel.outputs[longest],))
+    weights = carried + 1e-6 * max(float(carried.max()), 1e-12)
+    best: Point | None = None
+    for _ in range(CHANNEL_STARTS):
+        drawn = modes[rng.choice(len(modes), channel.order // 2, replace=False, p=weights / weights.sum())]
+        drawn[:, 1] = np.clip(drawn[:, 1], *np.log(CHANNEL_DAMPING))
+        # An odd order ends in a real pole, of which the sections tell nothing.
+        single = rng.uniform(np.log(band.lowest), np.log(band.highest), channel.order % 2)
+        point = descend(scout, np.concatenate([drawn.ravel(), single])[None], CHANNEL_STEPS[0], deadline).point
+        if best is None or point.cost < best.cost:
+            best = point
+    assert best is not None
+    return np.asarray(descend(channel, best.theta, CHANNEL_STEPS[1], deadline).point.theta[0])

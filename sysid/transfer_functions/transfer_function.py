@@ -1,0 +1,343 @@
+"""Continuous-time transfer functions, and the model made of one for each pair of output and input."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from logparse import Finding
+from sysid.records.experiment import Experiment, Floats, horizon_steps, require_signals
+from sysid.transfer_functions.disturbance import Disturbance
+from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
+
+#: A coefficient whose standard deviation exceeds this part of its value is reported as not determined.
+DETERMINED = 0.5
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """``G(s) = num(s) / den(s)``.
+
+    Attributes
+    ----------
+    num : ndarray
+        Highest power of s first; time in seconds.
+    den : ndarray
+        Highest power first, monic.
+    covariance : ndarray or None
+        Of ``(num, den without its leading 1)``; None for a transfer function that was not estimated.
+    delay : float
+        Of the input, s: ``G(s) = exp(-delay s) num(s) / den(s)``.
+    delay_std : float
+        Its standard deviation, s; 0 when it was given.
+    """
+
+    num: Floats
+    den: Floats
+    covariance: Floats | None = None
+    delay: float = 0.0
+    delay_std: float = 0.0
+
+    @cached_property
+    def poles(self) -> NDArray[np.complex128]:
+        """Roots of the denominator, rad/s."""
+        return np.asarray(np.roots(self.den), dtype=np.complex128)
+
+    @cached_property
+    def zeros(self) -> NDArray[np.complex128]:
+        """Roots of the numerator, rad/s."""
+        return np.asarray(np.roots(self.num), dtype=np.complex128)
+
+    @property
+    def gain(self) -> float:
+        """Value at s = 0: output per unit of input in the long run; infinite with an integrator."""
+        if self.den[-1] == 0.0:
+            return float(np.copysign(np.inf, self.num[-1]))
+        return float(self.num[-1] / self.den[-1])
+
+    @cached_property
+    def standard_deviation(self) -> Floats | None:
+        """Of ``(num, den without its leading 1)``."""
+        return None if self.covariance is None else np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @cached_property
+    def relative_deviation(self) -> Floats | None:
+        """Standard deviation over value of ``(num, den without its leading 1)``: the relative Cramer-Rao deviation.
+
+        It is Cramer-Rao's for white Gaussian residuals; for coloured ones the deviation is the wider, valid one.
+        """
+        if self.standard_deviation is None:
+            return None
+        value = np.abs(np.concatenate([self.num, self.den[1:]]))
+        return np.asarray(self.standard_deviation / np.maximum(value, 1e-300))
+
+    @cached_property
+    def determined(self) -> NDArray[np.bool_] | None:
+        """Which of ``(num, den without its leading 1)`` the data determine: standard deviation below half the value."""
+        if self.relative_deviation is None or self.standard_deviation is None:
+            return None
+        fixed = (self.standard_deviation == 0.0) & (np.concatenate([self.num, self.den[1:]]) == 0.0)
+        return np.asarray((self.relative_deviation < DETERMINED) | fixed)
+
+    def response(self, omega: Floats) -> NDArray[np.complex128]:
+        """Evaluate G(j omega) at angular frequencies in rad/s."""
+        s = 1j * np.asarray(omega, dtype=np.float64)
+        ratio = np.polyval(self.num, s) / np.polyval(self.den, s)
+        return np.asarray(ratio * np.exp(-self.delay * s), dtype=np.complex128)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON; complex poles and zeros as ``[real, imaginary]`` in rad/s, slowest first.
+
+        ``poles_std`` and ``zeros_std`` are their largest standard deviations in any direction, None where infinite.
+        """
+        from sysid.transfer_functions.frequency_response import poles, zeros  # which needs this class
+
+        some_poles, some_zeros = poles(self), zeros(self)
+        deviation, determined, n = self.standard_deviation, self.determined, len(self.num)
+        return {
+            "num": self.num.tolist(),
+            "den": self.den.tolist(),
+            "num_std": None if deviation is None else _finite(deviation[:n]),
+            "den_std": None if deviation is None else [0.0, *_finite(deviation[n:])],
+            "num_determined": None if determined is None else determined[:n].tolist(),
+            "den_determined": None if determined is None else [True, *determined[n:].tolist()],
+            "poles": [[root.value.real, root.value.imag] for root in some_poles],
+            "poles_std": None if deviation is None else _finite([root.sigma for root in some_poles]),
+            "zeros": [[root.value.real, root.value.imag] for root in some_zeros],
+            "zeros_std": None if deviation is None else _finite([root.sigma for root in some_zeros]),
+            "gain": self.gain if np.isfinite(self.gain) else None,
+            "delay": self.delay,
+            "delay_std": self.delay_std,
+            "covariance": None if self.covariance is None else [_finite(row) for row in self.covariance],
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> TransferFunction:
+        """Read what `to_dict` gave."""
+        covariance = values.get("covariance")
+        return cls(
+            num=np.asarray(values["num"], dtype=np.float64),
+            den=np.asarray(values["den"], dtype=np.float64),
+            covariance=None if covariance is None else np.asarray(covariance, dtype=np.float64),
+            delay=float(values.get("delay", 0.0)),
+            delay_std=float(values.get("delay_std", 0.0)),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitReport:
+    """How the fit of one output went.
+
+    Attributes
+    ----------
+    rmse : float
+        Of the training residual, in the output's unit.
+    fit_percent : float
+        ``100 (1 - |residual| / |y - mean y|)`` on the training records.
+    iterations, starts, seed : int
+        Of the search; the same seed on the same data gives the same model.
+    converged : bool
+        False when the time limit or the iteration limit ended the search.
+    seconds : float
+    condition : float
+        Condition number of the scaled Gauss-Newton Hessian without regularisation (square root: of the regressors).
+    ridge : float
+        Regularisation of the numerators relative to the mean energy of their regressors.
+    parameters : int
+        Numerator and denominator coefficients.
+    undetermined : int
+        Of these, how many have a standard deviation above half their value.
+    """
+
+    rmse: float
+    fit_percent: float
+    iterations: int
+    starts: int
+    seed: int
+    converged: bool
+    seconds: float
+    condition: float
+    ridge: float
+    parameters: int
+    undetermined: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransferFunctionModel:
+    """Sum over the inputs of one transfer function each, for every output: ``y_i = c_i + sum_j G_ij (u_j - trim_j)``.
+
+    Attributes
+    ----------
+    name : str
+        What it is, for tables.
+    transfer_functions : mapping
+        ``[output][input]``.
+    hold : {"zoh", "foh"}
+        How inputs run between samples: held, or straight lines.
+    structure : {"per_input", "common"}
+    rate : float
+        Samples per second of the training records.
+    disturbance : mapping
+        For each output, how the part that the model does not explain carries on (for `predict`).
+    initial_energy : mapping
+        For each output the energy that the response to an initial state is expected to have; see
+        `sysid.transfer_functions.response.free_run`.
+    initial_states : mapping
+        ``[record][output]``: offset and initial response of each training record as the fit found them, from which
+        `simulate` starts such a record; empty for one that starts at rest.
+    reports : mapping
+        For each output, how the fit went.
+    training : tuple of str
+        Names of the records used for the fit.
+    input_trim : mapping
+        Mean of each input over the training records, about which the model was fitted: for new inputs that are no
+        flight with a hover of its own (`simulate` works about the trim of the record that it is given). Empty where it
+        is not known.
+    findings : tuple of Finding
+    """
+
+    name: str
+    transfer_functions: Mapping[str, Mapping[str, TransferFunction]]
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    units: Mapping[str, str]
+    structure: str
+    poles: int
+    zeros: int
+    hold: str
+    rate: float
+    disturbance: Mapping[str, Disturbance]
+    initial_energy: Mapping[str, float]
+    initial_states: Mapping[str, Mapping[str, Floats]]
+    reports: Mapping[str, FitReport]
+    training: tuple[str, ...]
+    input_trim: Mapping[str, float] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+
+    def simulate(self, experiment: Experiment) -> Floats:
+        """Run freely from the initial state, with nothing of the outputs after the first three seconds.
+
+        The initial state is not measured; it is estimated from the outputs of the first `INITIAL_SECONDS` with the
+        assumption that it is no larger than those of the training records. A training record starts from the initial
+        state that the fit found for it, as is usual for the figures of a training flight.
+
+        Returns
+        -------
+        ndarray, shape (N, p)
+        """
+        require_signals(experiment, self.input_names, self.output_names)
+        result = np.empty_like(experiment.y)
+        for column, output in enumerate(self.output_names):
+            row = self.transfer_functions[output]
+            result[:, column] = free_run(
+                [row[name].num for name in self.input_names],
+                [row[name].den for name in self.input_names],
+                experiment.u - experiment.input_trim,
+                experiment.y[:, column],
+                experiment.output_trim[column],
+                experiment.dt,
+                self.hold,
+                shared=self.structure == "common",
+                sigma=max(self.reports[output].rmse, 1e-9),
+                initial_energy=self.initial_energy[output],
+                initial=self.initial_states.get(experiment.name, {}).get(output),
+                delays=[row[name].delay for name in self.input_names],
+            )
+        return result
+
+    def predict(self, experiment: Experiment, horizon: float = 1.0, simulated: Floats | None = None) -> Floats:
+        """Predict every sample from what was measured up to `horizon` seconds before it.
+
+        The model carries the response to the inputs, which are taken as known; what it did not explain so far
+        (wind, drift) is carried on as `disturbance` says. The first samples, which have nothing measured before them,
+        are the free run: all of them, where the horizon is longer than the record.
+
+        Parameters
+        ----------
+        experiment : Experiment
+        horizon : float
+            s.
+        simulated : ndarray, shape (N, p), optional
+            The free run, where it is known already.
+
+        Returns
+        -------
+        ndarray, shape (N, p)
+        """
+        steps = horizon_steps(horizon, experiment.dt)
+        if simulated is None:
+            simulated = self.simulate(experiment)
+        result = simulated.copy()
+        for column, output in enumerate(self.output_names):
+            residual = experiment.y[:, column] - simulated[:, column]
+            result[:, column] += self.disturbance[output].predict(residual, experiment.dt, steps)
+        return result
+
+    def from_rest(self, name: str) -> TransferFunctionModel:
+        """Give the model with the record of this name starting at rest at its output trim, for outputs not measured."""
+        states = dict.fromkeys(self.output_names, np.zeros(0))
+        return replace(self, initial_states={**self.initial_states, name: states})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON."""
+        return {
+            "kind": "transfer-functions",
+            "name": self.name,
+            "structure": self.structure,
+            "poles": self.poles,
+            "zeros": self.zeros,
+            "hold": self.hold,
+            "rate_hz": self.rate,
+            "inputs": list(self.input_names),
+            "outputs": list(self.output_names),
+            "units": dict(self.units),
+            "initial_seconds": INITIAL_SECONDS,
+            "training": list(self.training),
+            "input_trim": dict(self.input_trim),
+            "transfer_functions": {
+                output: {name: function.to_dict() for name, function in row.items()}
+                for output, row in self.transfer_functions.items()
+            },
+            "disturbance": {output: value.to_dict() for output, value in self.disturbance.items()},
+            "initial_energy": dict(self.initial_energy),
+            "fits": {output: report.to_dict() for output, report in self.reports.items()},
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> TransferFunctionModel:
+        """Read what `to_dict` gave, all but the initial states of the training records and the findings."""
+        return cls(
+            name=values["name"],
+            transfer_functions={
+                output: {name: TransferFunction.from_dict(function) for name, function in row.items()}
+                for output, row in values["transfer_functions"].items()
+            },
+            input_names=tuple(values["inputs"]),
+            output_names=tuple(values["outputs"]),
+            units=dict(values["units"]),
+            structure=values["structure"],
+            poles=values["poles"],
+            zeros=values["zeros"],
+            hold=values["hold"],
+            rate=values["rate_hz"],
+            disturbance={output: Disturbance.from_dict(value) for output, value in values["disturbance"].items()},
+            initial_energy=dict(values["initial_energy"]),
+            initial_states={},
+            reports={output: FitReport(**report) for output, report in values["fits"].items()},
+            training=tuple(values["training"]),
+            input_trim=dict(values.get("input_trim", {})),
+        )
+
+
+def _finite(values: ArrayLike) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in np.asarray(values)]

@@ -1,0 +1,1 @@
+"""Models against held-out flights: free run, horizons, baselines, verdicts, choice of order."""

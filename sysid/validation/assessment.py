@@ -1,0 +1,379 @@
+"""Models against flights: free run and horizons, beside what anyone could predict without a model, and a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+
+from logparse import Finding
+from sysid.records.experiment import MIN_SAMPLES, Experiment, ExperimentError, Floats, horizon_steps, require_alike
+from sysid.rigid_body.model import RigidBodyModel
+from sysid.statistics.residuals import ResidualTest, examine_residuals
+from sysid.transfer_functions.arx import ArxModel
+from sysid.transfer_functions.closed_loop import ClosedLoopModel
+from sysid.transfer_functions.response import INITIAL_SECONDS
+from sysid.transfer_functions.transfer_function import TransferFunctionModel
+
+#: How far ahead predictions are compared with the baselines, s.
+HORIZONS = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
+
+#: Predictions a second that a horizon's error is averaged over, at most: more are no further news of so slow a motion.
+RESTARTS = 10.0
+
+#: Steps that such predictions may integrate over for one horizon of one record: on a long flight hundreds of restarts
+#: tell the error of a long horizon as well as thousands.
+MOST_STEPS = 100_000
+
+#: Samples over which the velocity at the start of a free run is taken, s.
+VELOCITY_SECONDS = 1.0
+
+#: A model beats a baseline when its error is at least this part smaller; less is chance.
+MARGIN = 0.05
+
+
+class Model(Protocol):
+    """What every model of this room offers."""
+
+    @property
+    def name(self) -> str:
+        """What it is, for tables."""
+
+    @property
+    def training(self) -> tuple[str, ...]:
+        """Names of the records it was fitted to."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the fit had to say."""
+
+    def simulate(self, experiment: Experiment) -> Floats:
+        """Run freely from the initial state; shape (N, p)."""
+
+    def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
+        """Predict every sample from measurements up to `horizon` seconds before it; shape (N, p)."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the model as numbers and text for JSON, its ``kind`` among them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Validation:
+    """What a model is worth on given records.
+
+    Attributes
+    ----------
+    model : str
+        Its name.
+    table : DataFrame
+        One row per flight and output of the free run: ``flight output unit trained duration scored_from rmse
+        fit_percent rmse_mean rmse_constant_position rmse_constant_velocity rmse_reference``. ``trained`` says whether
+        the model has seen the record; ``fit_percent`` is ``100 (1 - |y - y_hat| / |y - mean y|)``. What the model has
+        looked at is not scored: the first three seconds, from which the initial state is found, or more where the model
+        has a method ``initial_seconds(experiment)`` that says so; ``scored_from`` has it. A record that is not longer
+        is left out. ``rmse_mean`` is the record's own mean, known only afterwards; the other two baselines carry on
+        position, or position and velocity, from where the score begins. Where inputs are the references of the outputs,
+        ``rmse_reference`` is what taking each output for its reference errs; NaN otherwise.
+    horizons : DataFrame
+        One row per flight, output and horizon [s]: ``flight output trained horizon rmse rmse_constant_position
+        rmse_constant_velocity``.
+    residuals : mapping
+        Per output the tests of the errors one sample ahead, over the records that the model has not seen; over all
+        where it has seen all. Absent where there is too little to test.
+    average : mapping
+        Per output the mean of ``rmse`` over the flights that the model has not seen; over all where it has seen all.
+    verdicts : tuple of str
+        One sentence per output.
+    trusted : mapping
+        Per output whether the free run beats every baseline on average over the unseen flights.
+    unseen : bool
+        False when every record was used for the fit, so that nothing is validated.
+    predictions : mapping
+        Free run of every record by name, shape (N, p), for plots.
+    own_trim : bool
+        The model works about each record's own mean inputs, known only afterwards: about the trim of the records
+        fitted it errs by far more where hovering takes another thrust.
+    """
+
+    model: str
+    table: pd.DataFrame
+    horizons: pd.DataFrame
+    residuals: Mapping[str, ResidualTest]
+    average: Mapping[str, float]
+    verdicts: tuple[str, ...]
+    trusted: Mapping[str, bool]
+    unseen: bool
+    predictions: Mapping[str, Floats]
+    own_trim: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give tables, averages and verdicts for JSON."""
+        return {
+            "model": self.model,
+            "table": plain_records(self.table),
+            "horizons": plain_records(self.horizons),
+            "residuals": {output: test.to_dict() for output, test in self.residuals.items()},
+            "average": dict(self.average),
+            "verdicts": list(self.verdicts),
+            "trusted": dict(self.trusted),
+            "unseen": self.unseen,
+            "own_trim": self.own_trim,
+        }
+
+
+def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence[float] = HORIZONS) -> Validation:
+    """Judge a model on records, those it has not seen above all.
+
+    Parameters
+    ----------
+    model : Model
+    experiments : sequence of Experiment
+        Of the model's kind; which of them it was fitted to is known from their names.
+    horizons : sequence of float
+        s.
+    """
+    records = require_alike(experiments)
+    rows: list[dict[str, object]] = []
+    ahead: list[dict[str, object]] = []
+    predictions: dict[str, Floats] = {}
+    errors: dict[str, Floats] = {}
+    start = {record.name: _scored_from(model, record) for record in records}
+    for record in records:
+        # The wind of a flight is found once, not for every horizon.
+        told = model.with_early_trim(record) if isinstance(model, RigidBodyModel) else model
+        simulated = told.simulate(record)
+        predictions[record.name] = simulated
+        first = start[record.name]
+        if first > len(record.t) - MIN_SAMPLES:
+            continue
+        trained = record.name in model.training
+        rows += _free_run_rows(record, simulated, trained, first)
+        for horizon in horizons:
+            steps = horizon_steps(horizon, record.dt)
+            if steps * record.dt < 0.5 * record.duration:
+                predicted, every = _ahead(told, record, horizon, steps, simulated)
+                ahead += _horizon_rows(record, predicted, steps, trained, first + steps, every)
+                if steps == 1:
+                    errors[record.name] = record.y - predicted
+        if horizons and record.name not in errors:
+            errors[record.name] = record.y - _ahead(told, record, record.dt, 1, simulated)[0]
+    if not rows:
+        longest, looked = max(record.duration for record in records), max(start.values()) * records[0].dt
+        raise ExperimentError(
+            f"no record is long enough to judge the model: it looks at the first {looked:.0f} s of a record, "
+            f"and the longest has {longest:.0f} s"
+        )
+    table, curve = pd.DataFrame(rows), pd.DataFrame(ahead, columns=_HORIZON_COLUMNS)
+    unseen = bool((~table["trained"]).any())
+    judges = [r for r in records if r.name in errors and not (unseen and r.name in model.training)]
+    scored = table[~table["trained"]] if unseen else table
+    scored_ahead = curve[~curve["trained"].astype(bool)] if unseen else curve
+    average = {str(output): float(group["rmse"].mean()) for output, group in scored.groupby("output", sort=False)}
+    verdicts, trusted = [], {}
+    own_trim = isinstance(model, TransferFunctionModel | ArxModel)
+    for output in records[0].output_names:
+        sentence, good = _verdict(
+            output,
+            scored[scored["output"] == output],
+            scored_ahead[scored_ahead["output"] == output],
+            records[0].units.get(output, ""),
+            unseen,
+            own_trim,
+        )
+        verdicts.append(sentence)
+        trusted[output] = good and unseen
+    return Validation(
+        model=model.name,
+        table=table,
+        horizons=curve,
+        residuals=_examine(judges, errors, start),
+        average=average,
+        verdicts=tuple(verdicts),
+        trusted=trusted,
+        unseen=unseen,
+        predictions=predictions,
+        own_trim=own_trim,
+    )
+
+
+_HORIZON_COLUMNS = [
+    "flight",
+    "output",
+    "trained",
+    "horizon",
+    "rmse",
+    "rmse_constant_position",
+    "rmse_constant_velocity",
+]
+
+
+def _ahead(model: Model, record: Experiment, horizon: float, steps: int, simulated: Floats) -> tuple[Floats, int]:
+    """Predict so far ahead; a model that integrates anew from every restart does so as often as is worth it.
+
+    Returns
+    -------
+    predicted : ndarray, shape (N, p)
+    every : int
+        Restarts are at multiples of it; other samples mean nothing. One sample ahead, where residuals are tested,
+        nothing is left out.
+    """
+    every = max(round(1.0 / (RESTARTS * record.dt)), len(record.t) * steps // MOST_STEPS, 1)
+    if every > 1 and steps > 1 and isinstance(model, RigidBodyModel):
+        return model.predict(record, horizon, every), every
+    if isinstance(model, TransferFunctionModel | ClosedLoopModel):
+        return model.predict(record, horizon, simulated), 1
+    return model.predict(record, horizon), 1
+
+
+def _scored_from(model: Model, record: Experiment) -> int:
+    """First sample that is scored: what a model has looked at judges nothing."""
+    looks_at = getattr(model, "initial_seconds", None)
+    seconds = INITIAL_SECONDS if looks_at is None else max(INITIAL_SECONDS, float(looks_at(record)))
+    return round(seconds / record.dt)
+
+
+def _examine(
+    records: Sequence[Experiment], errors: Mapping[str, Floats], start: Mapping[str, int]
+) -> dict[str, ResidualTest]:
+    """Test errors one sample ahead, from the moment at which the initial state is known."""
+    tests = {}
+    first = [start[record.name] for record in records]
+    for column, output in enumerate(records[0].output_names if records else ()):
+        test = examine_residuals(
+            output,
+            [errors[record.name][start:, column] for record, start in zip(records, first, strict=True)],
+            [record.u[start:] for record, start in zip(records, first, strict=True)],
+            records[0].input_names,
+        )
+        if test is not None:
+            tests[output] = test
+    return tests
+
+
+def _rms(error: Floats) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _slopes(y: Floats, dt: float) -> Floats:
+    """Velocity at every sample from the past second only, by a least-squares line; shape (N,)."""
+    reach = max(round(VELOCITY_SECONDS / dt), 1)
+    lag = np.arange(reach + 1)
+    weights = (lag.mean() - lag) / (np.sum((lag - lag.mean()) ** 2) * dt)
+    padded = np.concatenate([np.full(reach, y[0]), y])
+    return np.asarray(np.convolve(padded, weights, mode="valid"))
+
+
+def _free_run_rows(record: Experiment, simulated: Floats, trained: bool, first: int) -> list[dict[str, object]]:
+    since = record.t[first:] - record.t[first]
+    rows: list[dict[str, object]] = []
+    for column, output in enumerate(record.output_names):
+        y = record.y[:, column]
+        late = y[first:]
+        velocity = _slopes(y, record.dt)[first]
+        rmse, mean = _rms(late - simulated[first:, column]), _rms(late - late.mean())
+        rows.append(
+            {
+                "flight": record.name,
+                "output": output,
+                "unit": record.units.get(output, ""),
+                "trained": trained,
+                "duration": record.duration,
+                "scored_from": first * record.dt,
+                "rmse": rmse,
+                "fit_percent": 100.0 * (1.0 - rmse / mean) if mean > 0.0 else float("nan"),
+                "rmse_mean": mean,
+                "rmse_constant_position": _rms(late - late[0]),
+                "rmse_constant_velocity": _rms(late - late[0] - velocity * since),
+                "rmse_reference": _rms(late - record.u[first:, column])
+                if record.input_names == record.output_names
+                else float("nan"),
+            }
+        )
+    return rows
+
+
+def _horizon_rows(
+    record: Experiment, predicted: Floats, steps: int, trained: bool, first: int, every: int
+) -> list[dict[str, object]]:
+    if first + every > len(record.t):
+        return []
+    rows: list[dict[str, object]] = []
+    # Samples that a restart leads to: restarts are at multiples of `every`.
+    at = np.arange(first + (steps - first) % every, len(record.t), every)
+    for column, output in enumerate(record.output_names):
+        y = record.y[:, column]
+        held = y[at - steps]
+        moved = held + steps * record.dt * _slopes(y, record.dt)[at - steps]
+        late = y[at]
+        rows.append(
+            {
+                "flight": record.name,
+                "output": output,
+                "trained": trained,
+                "horizon": round(steps * record.dt, 9),
+                "rmse": _rms(late - predicted[at, column]),
+                "rmse_constant_position": _rms(late - held),
+                "rmse_constant_velocity": _rms(late - moved),
+            }
+        )
+    return rows
+
+
+def _verdict(
+    output: str, rows: pd.DataFrame, ahead: pd.DataFrame, unit: str, unseen: bool, own_trim: bool
+) -> tuple[str, bool]:
+    """Say in one sentence what the numbers of the tables, averaged over flights, mean."""
+    unit = f" {unit}" if unit else ""
+    rmse = float(rows["rmse"].mean())
+    baselines = {
+        "the mean": float(rows["rmse_mean"].mean()),
+        "constant position": float(rows["rmse_constant_position"].mean()),
+        "constant velocity": float(rows["rmse_constant_velocity"].mean()),
+    }
+    if rows["rmse_reference"].notna().all():
+        baselines["the reference itself"] = float(rows["rmse_reference"].mean())
+    best = min(baselines, key=lambda name: baselines[name])
+    good = rmse < (1.0 - MARGIN) * baselines[best]
+    flights = len(rows)
+    where = f"{flights} {'unseen ' if unseen else 'training '}record{'s' if flights != 1 else ''}"
+    numbers = f"free-run RMSE {rmse:.3g}{unit} on {where}, against {baselines[best]:.3g}{unit} for {best}"
+    beaten = ahead.groupby("horizon")[["rmse", "rmse_constant_position", "rmse_constant_velocity"]].mean()
+    limit = (1.0 - MARGIN) * beaten[["rmse_constant_position", "rmse_constant_velocity"]].min(axis=1)
+    run = _longest_run([float(str(horizon)) for horizon in beaten.index], (beaten["rmse"] < limit).to_list())
+    if run is None:
+        short = "with measurements it predicts no better than constant position or velocity"
+    else:
+        span = f"{run[0]:g} s" if run[0] == run[1] else f"{run[0]:g} to {run[1]:g} s"
+        short = f"with measurements it predicts better than constant position and velocity {span} ahead"
+    if not unseen:
+        return f"{output}: not validated, every record was used for the fit; {numbers}; {short}.", False
+    if good and flights < 2:
+        return f"{output}: better than no model, but one record is weak evidence: {numbers}; {short}.", True
+    if good:
+        given = ", given each flight's own mean inputs" if own_trim else ""
+        return f"{output}: the model generalises{given}: {numbers}; {short}.", True
+    return f"{output}: do not trust the free run: {numbers}; {short}.", False
+
+
+def _longest_run(horizons: Sequence[float], good: Sequence[bool]) -> tuple[float, float] | None:
+    """Find the first and last horizon of the longest unbroken run of good ones."""
+    best: list[float] = []
+    run: list[float] = []
+    for horizon, holds in zip(horizons, good, strict=True):
+        run = [*run, horizon] if holds else []
+        best = run if len(run) > len(best) else best
+    return (best[0], best[-1]) if best else None
+
+
+def plain_records(table: pd.DataFrame) -> list[dict[str, object]]:
+    """List the rows of a table for JSON; what is not finite becomes None."""
+    return [
+        {
+            str(key): (None if isinstance(value, float) and not np.isfinite(value) else value)
+            for key, value in row.items()
+        }
+        for row in table.to_dict(orient="records")
+    ]
