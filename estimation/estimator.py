@@ -55,7 +55,7 @@ def estimate(
         return estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise, smoothed=smooth)
     raise MissingDataError(
         "the log has neither IMU samples at 15 Hz or more nor GPS positions with attitude, so there is nothing to make "
-        "a trajectory from: set LOG_BITMASK to include IMU and GPS (telemetry: SR0_POSITION, SR0_EXTRA1 >= 4)"
+        "a trajectory from: log IMU and GPS (rotorid inspect names the setting)"
     )
 
 

@@ -25,7 +25,7 @@ def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
                 "no-gps",
                 Severity.ERROR,
                 "No usable GPS fix: horizontal position and velocity drift freely and their sigmas grow accordingly.",
-                "Set LOG_BITMASK to include GPS and wait for a 3-D fix before take-off.",
+                "Log GPS and wait for a 3-D fix before take-off.",
             )
         )
     if not mag:
@@ -34,7 +34,7 @@ def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
                 "no-magnetometer",
                 Severity.WARNING,
                 "No magnetometer: heading is known only from the movement of the craft, if it moves.",
-                "Set LOG_BITMASK to include COMPASS.",
+                "Log the compass.",
             )
         )
     if not baro:
@@ -43,7 +43,7 @@ def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
                 "no-baro",
                 Severity.INFO,
                 "No barometer: height rests on GPS alone.",
-                "Set LOG_BITMASK to include the sensors (CTUN, BARO).",
+                "Log the barometer.",
             )
         )
     return findings
@@ -57,7 +57,7 @@ def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
             Severity.WARNING,
             f"No IMU samples for {after.index[0] - before.index[-1]:.1f} s from t = {before.index[-1]:.1f} s; "
             "the trajectory has no rows there.",
-            "Check that the logger keeps up (DSF.Dp) and LOG_DISARMED.",
+            "Check that the logger keeps up, and that it goes on while disarmed.",
             {"start": float(before.index[-1]), "stop": float(after.index[0])},
         )
         for before, after in pairwise(pieces)

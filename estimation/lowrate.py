@@ -78,7 +78,7 @@ def estimate_low_rate(
     if not parts:
         raise MissingDataError(
             "attitude and positions are logged, but at no time both for long enough to make a trajectory: raise the "
-            "telemetry rates SR0_POSITION and SR0_EXTRA1 to 4 Hz or more"
+            "telemetry rates of position and attitude to 4 Hz or more"
         )
     states = pd.concat([states for states, _, _ in parts])
     sigma = pd.concat([sigma for _, sigma, _ in parts])

@@ -67,7 +67,7 @@ def estimate_strapdown(
     if not found:
         raise MissingDataError(
             f"the log has no {SHORTEST_SEGMENT:g} s of IMU samples without a hole: it is too short, or the logger lost "
-            "most of it (see DSF.Dp; a faster card or a smaller LOG_BITMASK helps)"
+            "most of it (a faster card or fewer messages help)"
         )
     longest = max(found, key=lambda segment: segment.length)
     tuned = tune(longest.signal, observations, longest.aligned.x, longest.aligned.P, place.world, noise)

@@ -1,6 +1,7 @@
 """What a log lacks for identification, what is wrong with the flight in it, and how to log better next time."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,48 +9,22 @@ import numpy.typing as npt
 import pandas as pd
 
 from logparse.findings import Finding, Severity
+from logparse.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
 from logparse.vehicle import pwm_range
 
 if TYPE_CHECKING:
     from logparse.flights import Flight
     from logparse.log import FlightLog
 
-#: Bits of ArduCopter's LOG_BITMASK and what they log.
-LOG_BITS: Mapping[str, tuple[int, str]] = {
-    "ATTITUDE_FAST": (0, "ATT, RATE and EKF at the rate of the loop"),
-    "ATTITUDE_MED": (1, "ATT at 10 Hz"),
-    "GPS": (2, "GPS"),
-    "CTUN": (4, "CTUN and BARO"),
-    "NTUN": (5, "PSCN, PSCE, PSCD or NTUN"),
-    "IMU": (7, "IMU at 25 Hz"),
-    "CURRENT": (9, "BAT or CURR"),
-    "RCOUT": (10, "RCOU"),
-    "COMPASS": (13, "MAG"),
-    "IMU_FAST": (18, "IMU at the rate of the loop"),
-}
-
-#: Stream rate parameters of telemetry ports that carry a table.
-_STREAMS: Mapping[str, str] = {
-    "RCOUT": "SRn_RC_CHAN",
-    "IMU": "SRn_RAW_SENS",
-    "IMU_FAST": "SRn_RAW_SENS",
-    "GPS": "SRn_EXT_STAT",
-    "CTUN": "SRn_RAW_SENS",
-    "COMPASS": "SRn_RAW_SENS",
-    "CURRENT": "SRn_EXT_STAT",
-    "ATTITUDE_MED": "SRn_EXTRA1",
-    "NTUN": "SRn_POSITION",
-}
-
-#: Tables that identification needs: finding, message, what it is for, bit of LOG_BITMASK, severity when missing.
+#: Tables that identification needs: finding, what it is called, what it is for, severity when missing.
 _NEEDED = (
-    ("motors", "no-motor-outputs", "motor outputs (RCOU)", "nothing can be identified", "RCOUT", Severity.ERROR),
-    ("imu", "no-imu", "gyro and accelerometer (IMU)", "the motion is known at 10 Hz at best", "IMU", Severity.WARNING),
-    ("gps", "no-gps", "GPS", "there is no position to fit", "GPS", Severity.ERROR),
-    ("baro", "no-baro", "barometer (BARO)", "height rests on GPS alone", "CTUN", Severity.WARNING),
-    ("mag", "no-mag", "magnetometer (MAG)", "heading drifts by some ten degrees", "COMPASS", Severity.WARNING),
-    ("attitude", "no-attitude", "attitude (ATT)", "it must come from the IMU alone", "ATTITUDE_MED", Severity.WARNING),
-    ("battery", "no-battery", "battery voltage (BAT)", "thrust cannot be related to it", "CURRENT", Severity.INFO),
+    ("motors", "no-motor-outputs", "motor outputs", "nothing can be identified", Need.MOTORS, Severity.ERROR),
+    ("imu", "no-imu", "gyro and accelerometer", "the motion is known at 10 Hz at best", Need.IMU, Severity.WARNING),
+    ("gps", "no-gps", "GPS", "there is no position to fit", Need.GPS, Severity.ERROR),
+    ("baro", "no-baro", "barometer", "height rests on GPS alone", Need.BARO, Severity.WARNING),
+    ("mag", "no-mag", "magnetometer", "heading drifts by some ten degrees", Need.COMPASS, Severity.WARNING),
+    ("attitude", "no-attitude", "attitude", "it must come from the IMU alone", Need.ATTITUDE, Severity.WARNING),
+    ("battery", "no-battery", "battery voltage", "thrust cannot be related to it", Need.BATTERY, Severity.INFO),
 )
 
 #: Rates [Hz] below which a table is too slow for its purpose.
@@ -74,7 +49,7 @@ def check(log: "FlightLog") -> tuple[Finding, ...]:
         motors, vibration and clipping, errors that the autopilot reported in flight.
     """
     flight = log.flight
-    findings = list(_missing(log))
+    findings = list(_advised(log, list(_lacking(log))))
     if flight is None:
         findings.append(
             Finding(
@@ -85,7 +60,6 @@ def check(log: "FlightLog") -> tuple[Finding, ...]:
             )
         )
         return tuple(findings)
-    findings += _rates(log)
     findings += _gaps(log, flight)
     findings += _fixes(log, flight)
     findings += _saturation(log, flight)
@@ -94,31 +68,34 @@ def check(log: "FlightLog") -> tuple[Finding, ...]:
     return tuple(findings)
 
 
-def _advice(log: "FlightLog", bit_name: str) -> str:
-    """Say which setting makes the autopilot log or send something."""
-    if log.format == "ulog":
-        return "Set bit 0 (default set) of SDLOG_PROFILE on the autopilot."
-    if log.format in ("tlog", "mavlink-raw"):
-        if bit_name == "ATTITUDE_FAST":
-            return "Telemetry cannot carry them: use the autopilot's DataFlash log with bit 0 of LOG_BITMASK set."
-        return f"Raise {_STREAMS[bit_name]} of the telemetry port, or use the autopilot's DataFlash log."
-    bit, what = LOG_BITS[bit_name]
-    mask = log.parameters.get("LOG_BITMASK")
-    text = f"Set bit {bit} (value {1 << bit}, {bit_name}) of LOG_BITMASK: it logs {what}."
-    if mask is None or mask < 0:
-        return text
-    if int(mask) >> bit & 1:
-        return text + f" It is set already (LOG_BITMASK {int(mask)}): the sensor or the log itself failed."
-    return text + f" LOG_BITMASK is {int(mask)}; make it {int(mask) | 1 << bit}."
+def _lacking(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
+    """Find what the log lacks, and what it needs for it; without advice, which takes all needs together."""
+    yield from _missing(log)
+    if log.flight is not None:
+        yield from _rates(log)
 
 
-def _missing(log: "FlightLog") -> Iterator[Finding]:
-    for table, name, what, so, bit, severity in _NEEDED:
+def _advised(log: "FlightLog", lacking: Sequence[tuple[Need, Finding]]) -> Iterator[Finding]:
+    """Add to each finding how to log what is lacking: one final value of one parameter for all of them."""
+    vehicle, needs = log.vehicle, {need for need, _ in lacking}
+    setting = log_setting(vehicle, log.format, log.parameters, needs)
+    for need, finding in lacking:
+        evidence = dict(finding.evidence)
+        bit = bits_of(vehicle).get(need)
+        if setting is not None and bit is not None and not setting.has(bit):
+            evidence |= {"parameter": setting.parameter, "bit": bit.number, "name": bit.name}
+            if setting.present is not None and setting.wanted is not None:
+                evidence |= {"present": setting.present, "wanted": setting.wanted}
+        yield replace(finding, advice=how_to_log(need, setting, vehicle, log.format), evidence=evidence)
+
+
+def _missing(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
+    for table, name, what, so, need, severity in _NEEDED:
         if table == "motors" and any(finding.id == "frame-unknown" for finding in log.findings):
             # The outputs are there; which of them are motors is another matter and told already.
             continue
         if not log.tables.has(table):
-            yield Finding(name, severity, f"No {what} in the log: {so}.", _advice(log, bit))
+            yield need, Finding(name, severity, f"No {what} in the log: {so}.")
 
 
 def _why_no_flight(log: "FlightLog") -> str:
@@ -145,42 +122,48 @@ def _rate(t: npt.NDArray[np.float64]) -> float:
     return 1.0 / float(np.median(np.diff(t))) if len(t) > 1 else float("nan")
 
 
-def _rates(log: "FlightLog") -> Iterator[Finding]:
+def _rates(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
     tables = log.tables
     if tables.motors is not None and (rate := rate_of(tables.motors)) < _MOTORS_RATE:
-        yield Finding(
-            "motors-slow",
-            Severity.WARNING,
-            f"Motor outputs come at {rate:.1f} Hz: what the motors do between samples is lost.",
-            _advice(log, "RCOUT"),
-            {"rate": rate},
+        yield (
+            Need.FAST_MOTORS,
+            Finding(
+                "motors-slow",
+                Severity.WARNING,
+                f"Motor outputs come at {rate:.1f} Hz: what the motors do between samples is lost.",
+                evidence={"rate": rate},
+            ),
         )
     rotation = next(tables.columns("rates", ("out_roll",)), None)
     slow_rotation = rotation is None or not rotation.notna().any() or _rate(rotation.index.to_numpy()) < 40.0
     if (t := tables.times("imu")) is not None and (rate := _rate(t)) < _IMU_RATE:
-        yield Finding(
-            "imu-slow",
-            Severity.WARNING,
-            f"The IMU comes at {rate:.1f} Hz, "
-            + (
-                "which is coarse to integrate."
-                if rate > 9.0
-                else "too slow to integrate; the autopilot's attitude counts."
+        yield (
+            Need.FAST_IMU,
+            Finding(
+                "imu-slow",
+                Severity.WARNING,
+                f"The IMU comes at {rate:.1f} Hz, "
+                + (
+                    "which is coarse to integrate."
+                    if rate > 9.0
+                    else "too slow to integrate; the autopilot's attitude counts."
+                ),
+                evidence={"rate": rate},
             ),
-            _advice(log, "IMU_FAST"),
-            {"rate": rate},
         )
     if slow_rotation:
-        yield Finding(
-            "no-fast-rates",
-            Severity.INFO,
-            "Rate controller outputs (RATE) are missing or slower than 40 Hz: no fit of fast rotational dynamics.",
-            _advice(log, "ATTITUDE_FAST"),
+        yield (
+            Need.FAST_RATES,
+            Finding(
+                "no-fast-rates",
+                Severity.INFO,
+                "Rate controller outputs are missing or slower than 40 Hz: no fit of fast rotational dynamics.",
+            ),
         )
 
 
 def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
-    telemetry = log.format in ("tlog", "mavlink-raw")
+    telemetry = log.format in TELEMETRY
     for name in ("motors", "imu", "gps", "attitude"):
         whole = log.tables.times(name)
         if whole is None:
@@ -197,9 +180,11 @@ def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
                 Severity.WARNING,
                 f"The table {name} has {count} gap{'s' if count > 1 else ''} in flight, the longest of "
                 f"{gaps.max():.1f} s at t = {where:.1f} s.",
-                "Use a faster SD card or log fewer messages (DSF.Dp counts what the autopilot dropped)."
-                if not telemetry
-                else "The telemetry link lost frames; use the autopilot's own log.",
+                "The telemetry link lost frames; use the autopilot's own log."
+                if telemetry
+                else "Use a faster card or log fewer topics."
+                if log.format == "ulog"
+                else "Use a faster card or log fewer messages (DSF.Dp counts what the autopilot dropped).",
                 {"count": count, "longest": float(gaps.max()), "t": where},
             )
 

@@ -251,11 +251,10 @@ def _origin(result: FlightResult) -> tuple[float, float, float] | None:
 
 
 def _track(result: FlightResult) -> tuple[tuple[float, float, float, float], ...]:
-    """Thin the trajectory of the flight, to a decimetre."""
+    """Thin the trajectory of the flight."""
     if result.trajectory is None or result.flight is None:
         return ()
     states = result.trajectory.states.loc[result.flight.start : result.flight.stop, ["p_n", "p_e", "p_d"]]
     step = max(1, -(-len(states) // TRACK_ROWS))
     chosen = states.iloc[::step].reset_index().to_numpy(float)
-    rows = (row for row in chosen.tolist() if all(map(math.isfinite, row)))
-    return tuple((round(t, 3), *(round(place, 1) for place in ned)) for t, *ned in rows)
+    return tuple((t, *ned) for t, *ned in chosen.tolist() if all(map(math.isfinite, (t, *ned))))

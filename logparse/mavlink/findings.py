@@ -179,7 +179,7 @@ def _clock(source: "TlogSource") -> list[Finding]:
                 Severity.WARNING,
                 "No message tells the autopilot's boot time; times are those of the ground station, from the first "
                 "frame on.",
-                "Raise the telemetry rates SR0_EXTRA1 and SR0_POSITION above 0.",
+                "Raise the telemetry rates of attitude and position above 0.",
             )
         )
     jumps = source.clock.jumps

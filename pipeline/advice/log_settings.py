@@ -5,40 +5,28 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from logparse.log_settings import TELEMETRY, Bit, LogSetting, mask
 from pipeline.advice.recommendation import Advice, having, names_of
 
 if TYPE_CHECKING:
     from pipeline.entry import FlightEntry
 
-#: Findings of `logparse.health` that a bit of LOG_BITMASK cures: finding, bit, its name.
-_BITS = (
-    ("no-motor-outputs", 10, "RCOUT"),
-    ("motors-slow", 10, "RCOUT"),
-    ("no-gps", 2, "GPS"),
-    ("no-imu", 7, "IMU"),
-    ("imu-slow", 18, "IMU_FAST"),
-    ("no-attitude", 1, "ATTITUDE_MED"),
-    ("no-baro", 4, "CTUN"),
-    ("no-mag", 13, "COMPASS"),
-    ("no-battery", 9, "CURRENT"),
-    ("no-fast-rates", 0, "ATTITUDE_FAST"),
-)
-
-#: What each of those brings.
+#: What log findings with a setting as their cure cost a flight.
 _BRINGS = {
-    10: "the inputs of every model",
-    2: "a position to fit",
-    7: "the trajectory at the rate of the IMU",
-    18: "the trajectory at the rate of the IMU",
-    1: "attitude",
-    4: "height, and the density of the air",
-    13: "a heading that does not drift by some ten degrees",
-    9: "thrust at a known voltage",
-    0: "roll, pitch and yaw effectiveness and the motors' lag",
+    "no-motor-outputs": "the inputs of every model",
+    "motors-slow": "the inputs of every model",
+    "no-gps": "a position to fit",
+    "no-imu": "the trajectory at the rate of the IMU",
+    "imu-slow": "the trajectory at the rate of the IMU",
+    "no-attitude": "attitude",
+    "no-baro": "height, and the density of the air",
+    "no-mag": "a heading that does not drift by some ten degrees",
+    "no-battery": "thrust at a known voltage",
+    "no-fast-rates": "roll, pitch and yaw effectiveness and the motors' lag",
 }
 
 #: Without these no model of the motion exists.
-_VITAL = frozenset((10, 2))
+_VITAL = frozenset(("no-motor-outputs", "motors-slow", "no-gps"))
 
 #: Parameters that only fast rotational signals tell.
 _FAST = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "yaw torque over inertia")
@@ -48,8 +36,6 @@ _TABLES = {"imu": "the IMU", "attitude": "attitude"}
 
 #: Findings of gaps in flight.
 _GAPS = ("gap-in-motors", "gap-in-imu", "gap-in-gps", "gap-in-attitude", "imu-hole")
-
-_TELEMETRY = ("tlog", "mavlink-raw")
 
 
 def logging(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[Advice]:
@@ -63,15 +49,14 @@ def logging(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[A
         Physical parameters that are determined.
     """
     yield from _on_board(flights)
-    yield from _bitmask([flight for flight in flights if flight.format.startswith("dataflash")], len(flights), told)
-    yield from _px4(flights)
+    yield from _settings(flights, told)
     yield from _lost(flights)
     yield from _esc(flights)
 
 
 def _on_board(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Ask for the autopilot's own log where there is only telemetry."""
-    radio = [flight for flight in flights if flight.format in _TELEMETRY]
+    radio = [flight for flight in flights if flight.format in TELEMETRY]
     if not radio:
         return
     slowest = {
@@ -83,63 +68,64 @@ def _on_board(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     yield Advice(
         id="use-on-board-log",
         rank=12,
-        do="Give the log that the autopilot wrote on board (.bin from its card) instead of the telemetry recording",
+        do="Give the log that the autopilot wrote on its card instead of the telemetry recording",
         why=f"{names_of(radio, len(flights))} came by radio" + (f", with {told}" if told else ""),
         gain="the IMU at 25 Hz or more to integrate, and nothing lost on the link",
         flights=tuple(flight.name for flight in radio),
     )
 
 
-def _bitmask(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
-    """Put all bits that were missing into one value of LOG_BITMASK."""
-    if not flights:
-        return
-    masks = [_setting(flight, "LOG_BITMASK") for flight in flights]
-    mask = next((int(each) for each in reversed(masks) if each is not None and each >= 0), None)
-    lacking = {bit: having(flights, *(f for f, b, _ in _BITS if b == bit)) for _, bit, _ in _BITS}
-    if 0 in lacking and set(_FAST) <= set(told):
-        # The rates logged were enough.
-        del lacking[0]
-    bits = {bit: those for bit, those in lacking.items() if those and not (mask is not None and mask >> bit & 1)}
-    if not bits:
-        return
-    names = {bit: name for _, bit, name in _BITS}
-    wanted = ", ".join(f"bit {bit} ({names[bit]})" for bit in sorted(bits))
-    named = list({flight.name: flight for those in bits.values() for flight in those}.values())
-    lost = list(dict.fromkeys(_BRINGS[bit] for bit in sorted(bits)))
-    yield Advice(
-        id="log-bitmask",
-        rank=1 if _VITAL & bits.keys() else 11 if bits.keys() - {0} else 21,
-        do=f"Set LOG_BITMASK to {_joined(mask, bits)}: it adds {wanted}"
-        if mask is not None
-        else f"Add {wanted} to LOG_BITMASK, {_joined(0, bits)} in all",
-        why=f"{names_of(named, total)}: no or too slow messages for it"
-        + ("" if mask is None else f" (LOG_BITMASK is {mask})"),
-        gain=", ".join(lost),
-        settings={} if mask is None else {"LOG_BITMASK": float(_joined(mask, bits))},
-        flights=tuple(flight.name for flight in named),
-    )
+def _settings(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[Advice]:
+    """Put all that was lacking into one value of the parameter that the autopilot has for it.
 
-
-def _px4(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
-    slow = [flight for flight in having(flights, *(f for f, _, _ in _BITS)) if flight.format == "ulog"]
-    if slow:
+    `logparse.log_settings` has decided which bits log it, and the findings carry them.
+    """
+    asked: dict[str, dict[int, tuple[Bit, list[tuple[str, FlightEntry]]]]] = {}
+    for flight in flights:
+        for finding in flight.findings:
+            evidence = finding["evidence"]
+            if finding["id"] not in _BRINGS or evidence.get("parameter") is None:
+                continue
+            bit = Bit(int(evidence["bit"]), str(evidence["name"]), "")
+            _, lacking = asked.setdefault(str(evidence["parameter"]), {}).setdefault(bit.number, (bit, []))
+            lacking.append((str(finding["id"]), flight))
+    for parameter, bits in asked.items():
+        setting = LogSetting(parameter, _present(flights, parameter), tuple(bit for bit, _ in bits.values()))
+        lacking = [each for bit in setting.added for each in bits[bit.number][1]]
+        ids = {name for name, _ in lacking}
+        if not ids or (ids == {"no-fast-rates"} and set(_FAST) <= set(told)):
+            # The rates logged were enough.
+            continue
+        named = list({flight.name: flight for _, flight in lacking}.values())
         yield Advice(
-            id="sdlog-profile",
-            rank=11,
-            do="Set bits 0 (default set) and 4 (high rate) of SDLOG_PROFILE",
-            why=f"{names_of(slow, len(flights))}: messages for identification are missing or slow",
-            gain="actuator outputs and rates fast enough for rotational dynamics",
-            settings={"SDLOG_PROFILE": 17.0},
-            flights=tuple(flight.name for flight in slow),
+            id="log-bitmask" if parameter == "LOG_BITMASK" else "sdlog-profile",
+            rank=1 if _VITAL & ids else 11 if ids - {"no-fast-rates"} else 21,
+            do=setting.sentence(),
+            why=f"{names_of(named, len(flights))}: no or too slow messages for it",
+            gain=", ".join(dict.fromkeys(_BRINGS[name] for name, _ in lacking)),
+            settings={} if setting.wanted is None else {parameter: setting.wanted},
+            flights=tuple(flight.name for flight in named),
         )
+
+
+def _present(flights: Sequence[FlightEntry], parameter: str) -> int | None:
+    """Return a parameter's value in the latest flight that tells it."""
+    for flight in reversed(flights):
+        value = mask(_setting(flight, parameter))
+        if value is not None:
+            return value
+        for finding in flight.findings:
+            if finding["evidence"].get("parameter") == parameter and finding["evidence"].get("present") is not None:
+                return int(finding["evidence"]["present"])
+    return None
 
 
 def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Ask for a faster card where the autopilot's own log has gaps in flight."""
-    gaps = [flight for flight in having(flights, *_GAPS) if flight.format not in _TELEMETRY]
+    gaps = [flight for flight in having(flights, *_GAPS) if flight.format not in TELEMETRY]
     if not gaps:
         return
+    px4 = all(flight.format == "ulog" for flight in gaps)
     longest = max(
         (
             float(finding["evidence"].get("longest") or 0.0)
@@ -152,7 +138,9 @@ def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     yield Advice(
         id="faster-card",
         rank=13,
-        do="Use a faster card and raise LOG_FILE_BUFSIZE, or log fewer messages",
+        do="Use a faster card, or log fewer topics"
+        if px4
+        else "Use a faster card and raise LOG_FILE_BUFSIZE, or log fewer messages",
         why=f"the log of {names_of(gaps, len(flights))} has gaps in flight"
         + (f", the longest of {longest:.1f} s" if longest > 0.0 else ""),
         gain="the whole flight in one piece: models are fitted to the longest piece without a gap only",
@@ -165,21 +153,17 @@ def _esc(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     uneven = having(flights, "uneven-motor")
     if not uneven or any(_rate(flight, "esc") is not None for flight in flights):
         return
+    px4 = all(flight.format == "ulog" for flight in uneven)
     yield Advice(
         id="esc-telemetry",
         rank=31,
-        do="Log the rotors' speeds by ESC telemetry (bidirectional DShot, SERVO_BLH_BDMASK, or a telemetry wire)",
+        do="Log the rotors' speeds by ESC telemetry "
+        f"(bidirectional DShot, {'DSHOT_BIDIR_EN' if px4 else 'SERVO_BLH_BDMASK'}, or a telemetry wire)",
         why=f"in {names_of(uneven, len(flights))} a motor works far harder than the others, and motor outputs alone do "
         "not tell a weak motor from an off-centre load",
         gain="a weak motor shows as fewer turns at the same command",
         flights=tuple(flight.name for flight in uneven),
     )
-
-
-def _joined(mask: int, bits: dict[int, list[FlightEntry]]) -> int:
-    for bit in bits:
-        mask |= 1 << bit
-    return mask
 
 
 def _rates(flight: FlightEntry) -> dict[str, dict[str, float]]:

@@ -30,8 +30,8 @@ class Advice:
         What these flights lacked, in numbers.
     gain : str
         What it brings.
-    settings : mapping of str to float
-        Parameters of the autopilot to set.
+    settings : mapping of str to (int or float)
+        Parameters of the autopilot to set; those that hold bits are whole numbers.
     flights : tuple of str
         That it is about; empty when about all.
     """
@@ -41,7 +41,7 @@ class Advice:
     do: str
     why: str
     gain: str
-    settings: Mapping[str, float] = field(default_factory=dict)
+    settings: Mapping[str, int | float] = field(default_factory=dict)
     flights: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:

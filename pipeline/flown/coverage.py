@@ -255,18 +255,16 @@ def measure(
 
 
 def summarise(result: FlightResult) -> dict[str, Any]:
-    """Give what an entry keeps of a flight's coverage, to five digits; empty when nothing was measured."""
-    return {} if result.coverage is None else _short(result.coverage.to_dict())
+    """Return what an entry keeps of a flight's coverage, nothing of it rounded; empty when nothing was measured."""
+    return {} if result.coverage is None else dict(_finite(result.coverage.to_dict()))
 
 
-def _short(value: Any) -> Any:
+def _finite(value: Any) -> Any:
     if isinstance(value, dict):
-        return {name: _short(each) for name, each in value.items()}
+        return {name: _finite(each) for name, each in value.items()}
     if isinstance(value, list):
-        return [_short(each) for each in value]
-    if isinstance(value, float):
-        return float(f"{value:.5g}") if isfinite(value) else None
-    return value
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def _thrust(log: FlightLog, t: Floats) -> Floats | None:
@@ -308,7 +306,7 @@ def _distribution(name: str, values: Floats) -> Distribution | None:
         mean=float(values.mean()),
         std=float(values.std()),
         first=first,
-        seconds=tuple(round(float(count) / RATE, 1) for count in np.bincount(bins - first)),
+        seconds=tuple(float(count) / RATE for count in np.bincount(bins - first)),
     )
 
 
@@ -317,7 +315,7 @@ def _cells(x: Floats, y: Floats) -> tuple[tuple[int, int, float], ...]:
     cells, counts = np.unique(
         np.column_stack([_bins(MAP[0], x[known]), _bins(MAP[1], y[known])]), axis=0, return_counts=True
     )
-    return tuple((int(i), int(j), round(float(count) / RATE, 1)) for (i, j), count in zip(cells, counts, strict=True))
+    return tuple((int(i), int(j), float(count) / RATE) for (i, j), count in zip(cells, counts, strict=True))
 
 
 def _bins(name: str, values: Floats) -> NDArray[np.int64]:

@@ -189,7 +189,7 @@ def _range(name: str, fitted: Sequence[FlightEntry], judges: Sequence[FlightEntr
         for count in _counts(name, flights):
             for k, part in enumerate(count["seconds"], start=count["first"] - first):
                 seconds[k] += part
-        return [round(part, 1) for part in seconds]
+        return seconds
 
     training = total(fitted)
     some = next(iter(_counts(name, (*fitted, *judges))))
@@ -245,7 +245,7 @@ def _summed(flights: Sequence[FlightEntry]) -> Cells:
     for entry in flights:
         for i, j, seconds in entry.coverage["map"]["cells"]:
             cells[int(i), int(j)] += seconds
-    return [[i, j, round(seconds, 1)] for (i, j), seconds in sorted(cells.items())]
+    return [[i, j, seconds] for (i, j), seconds in sorted(cells.items())]
 
 
 def _facts(entry: FlightEntry, part: str) -> dict[str, Any]:

@@ -182,9 +182,7 @@ def _usable(source: Inputs, kind: str, start: float, stop: float) -> tuple[pd.Da
     names = ", ".join(str(column) for column in empty)
     if len(empty) == signals.shape[1] or (empty and kind in _WHOLE and not known.all(axis=1).any()):
         if kind in ("motors", "mixer"):
-            raise MissingDataError(
-                f"no motor output has a value in flight ({names}); check SERVOn_FUNCTION and LOG_BITMASK"
-            )
+            raise MissingDataError(f"no motor output has a value in flight ({names}); check which outputs drive motors")
         raise MissingDataError(f"there are no {source.title} in flight: its controller was not active then")
     if not empty or kind in _WHOLE:
         return signals, []

@@ -131,8 +131,7 @@ def _motors(tables: Tables) -> Inputs:
     motors = tables.motors
     if motors is None or motors.empty:
         raise MissingDataError(
-            "no motor outputs (RCOU, or SERVO_OUTPUT_RAW in telemetry); "
-            "set LOG_BITMASK to include motor outputs, or SR0_RC_CHAN for telemetry"
+            "no motor outputs (RCOU, or SERVO_OUTPUT_RAW in telemetry); log them (rotorid inspect names the setting)"
         )
     return Inputs(
         signals=motors,
@@ -163,7 +162,7 @@ def _rate_outputs(tables: Tables) -> Inputs:
     if table is None or any(table[name].notna().sum() < 2 for name in ("out_roll", "out_pitch", "out_yaw")):
         raise MissingDataError(
             "no outputs of the rate controller (RATE messages of DataFlash logs; telemetry does not carry them); "
-            "set ATTITUDE_FAST or ATTITUDE_MED (bits 1 and 2) in LOG_BITMASK"
+            "log them (rotorid inspect names the setting)"
         )
     signals = table[list(columns)].rename(columns=columns)
     findings: list[Finding] = []
@@ -171,7 +170,7 @@ def _rate_outputs(tables: Tables) -> Inputs:
         throttle = None if tables.setpoints is None else tables.setpoints["throttle"].dropna()
         if throttle is None or len(throttle) < 2:
             raise MissingDataError(
-                "the rate controller's outputs have no throttle (RATE.AOut, CTUN.ThO); set CTUN (bit 16) in LOG_BITMASK"
+                "the rate controller's outputs have no throttle (RATE.AOut, CTUN.ThO); log one of the two"
             )
         t = signals.index.to_numpy(np.float64)
         inside = (t >= throttle.index[0]) & (t <= throttle.index[-1])
@@ -182,7 +181,7 @@ def _rate_outputs(tables: Tables) -> Inputs:
                 "throttle-from-ctun",
                 Severity.INFO,
                 "RATE does not log the throttle; it is taken from CTUN, which is slower",
-                "set ATTITUDE_FAST (bit 0) in LOG_BITMASK",
+                "log the rate controller at the rate of the loop (rotorid inspect names the setting)",
             )
         )
     return Inputs(
@@ -304,7 +303,7 @@ def _no_reference(tables: Tables, kind: str, messages: str) -> str:
         )
     return (
         f"no {kind} targets (no {messages}; NTUN of firmware before 4.0, POSITION_TARGET_LOCAL_NED in telemetry); "
-        "set NTUN (bit 32) in LOG_BITMASK; for telemetry set SR0_EXT_STAT, or request that message"
+        "log the targets of the position controller (navigation tuning); for telemetry request that message"
     )
 
 

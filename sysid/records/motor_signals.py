@@ -81,7 +81,7 @@ def too_slow(method: str, source: str) -> Finding:
         Severity.WARNING,
         f"{method}: {source} are logged too slowly for rotation ({ENOUGH:g} Hz or more show it), so that inertia and "
         "yaw torque are not determined",
-        "log fast attitude (LOG_BITMASK: ATTITUDE_FAST, for RATE at the loop's rate), and analyse at 50 Hz",
+        "log the rate controller at the rate of the loop (rotorid inspect names the setting), and analyse at 50 Hz",
     )
 
 

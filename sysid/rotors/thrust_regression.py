@@ -92,9 +92,7 @@ def require_specific_force(records: Sequence[Experiment], mass: float | None) ->
     if mass is not None and not mass > 0.0:
         raise ExperimentError(f"mass must be positive, not {mass} kg")
     if any(not np.isfinite(column(record, "f_z")).all() for record in records):
-        raise MissingDataError(
-            "no accelerometer in the record, so that thrust cannot be estimated; set LOG_BITMASK to include IMU"
-        )
+        raise MissingDataError("no accelerometer in the record, so that thrust cannot be estimated; log the IMU")
 
 
 def body_down(record: Experiment) -> Floats:
@@ -289,7 +287,7 @@ def _unknown_air(records: Sequence[Experiment], voltage: float | None) -> list[F
                 "voltage-unknown",
                 Severity.WARNING,
                 "without battery voltage the coefficient holds for the unknown voltage of these flights only",
-                "log the battery (LOG_BITMASK, BATT_MONITOR)",
+                "set up the battery monitor and log it",
             )
         )
     return findings

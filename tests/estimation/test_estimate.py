@@ -236,7 +236,7 @@ def test_any_imu_rate(rate):
 
 
 def test_nothing_to_estimate_from_is_said_with_what_to_set(flight):
-    with pytest.raises(MissingDataError, match="LOG_BITMASK"):
+    with pytest.raises(MissingDataError, match="log IMU and GPS"):
         estimate(Tables())
     with pytest.raises(MissingDataError, match="too short"):
         estimate(replace(flight.tables, imu=flight.tables.imu.iloc[:40]))

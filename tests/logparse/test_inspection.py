@@ -106,12 +106,14 @@ def test_plain_types_for_json():
 def test_what_is_missing_is_named_with_the_bit_that_logs_it():
     messages = flight_messages()
     del messages["RCOU"]
-    findings = by_id(inspect(log_of(messages, {"LOG_BITMASK": 43006 & ~1024})))
+    findings = by_id(inspect(log_of(messages, {"LOG_BITMASK": 43006 & ~1024 & ~512})))
     assert "no-motor-outputs" in findings
     assert findings["no-motor-outputs"].severity == "error"
-    assert "bit 10 (value 1024, RCOUT) of LOG_BITMASK" in findings["no-motor-outputs"].advice
-    assert f"make it {43006 | 1024}" in findings["no-motor-outputs"].advice
     assert {"no-mag", "no-attitude", "no-battery", "no-fast-rates"} <= set(findings)
+    # Every finding gives the one value that brings all that is lacking: bits 0, 9, 10 and 18.
+    for name in ("no-motor-outputs", "no-battery", "no-fast-rates", "imu-slow"):
+        assert f"Set LOG_BITMASK to {43006 | 1 | 1 << 18} (it is {43006 & ~1536})" in findings[name].advice
+    assert "RCOUT logs RCOU" in findings["no-motor-outputs"].advice
 
 
 def test_a_bit_that_is_set_points_to_the_sensor():
@@ -120,8 +122,16 @@ def test_a_bit_that_is_set_points_to_the_sensor():
 
 
 def test_telemetry_is_told_its_stream_rates():
-    findings = by_id(inspect(log_of(Messages(), kind="tlog")))
+    beat = message([0.0], type=[2], autopilot=[3], base_mode=[0], custom_mode=[0], system=[1], component=[1])
+    findings = by_id(inspect(log_of(Messages(HEARTBEAT=beat), kind="tlog")))
     assert "SRn_RC_CHAN" in findings["no-motor-outputs"].advice
+
+
+def test_px4_by_radio_is_not_told_the_parameters_of_ardupilot():
+    beat = message([0.0], type=[2], autopilot=[12], base_mode=[0], custom_mode=[0], system=[1], component=[1])
+    findings = by_id(inspect(log_of(Messages(HEARTBEAT=beat), kind="tlog")))
+    assert "MAV_n_RATE" in findings["no-motor-outputs"].advice
+    assert not any("SRn_" in each.advice or "LOG_BITMASK" in each.advice for each in findings.values())
 
 
 def test_errors_come_first():

@@ -82,7 +82,7 @@ def test_a_motor_without_values_is_left_out():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"motors": frame([])}, "LOG_BITMASK"),
+        ({"motors": frame([])}, "log them"),
         ({"flight": None}, "never left the ground"),
         ({"flight": (59.5, 59.9)}, "overlap in flight for"),
     ],

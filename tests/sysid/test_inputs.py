@@ -186,12 +186,12 @@ def test_a_motor_lost_for_a_while_ends_the_piece():
 @pytest.mark.parametrize(
     ("tables", "inputs", "words"),
     [
-        (Tables(), "motors", "RCOU.*LOG_BITMASK"),
-        (Tables(), "mixer", "RCOU.*LOG_BITMASK"),
+        (Tables(), "motors", "RCOU.*log them"),
+        (Tables(), "mixer", "RCOU.*log them"),
         (Tables(motors=frame(T, m1=T, m2=T)), "mixer", "FRAME_CLASS"),
-        (Tables(), "rate_outputs", "RATE.*ATTITUDE_FAST"),
+        (Tables(), "rate_outputs", "RATE.*log them"),
         (Tables(rates=rates(out_thrust=T * np.nan)), "rate_outputs", "CTUN"),
-        (Tables(), "reference", "PSCN, PSCE and PSCD.*POSITION_TARGET_LOCAL_NED.*LOG_BITMASK"),
+        (Tables(), "reference", "PSCN, PSCE and PSCD.*POSITION_TARGET_LOCAL_NED.*navigation tuning"),
         (Tables(setpoints=setpoints(p_d=T)), "reference", "no position targets"),
         (Tables(), "velocity_reference", "no velocity targets"),
         (Tables(setpoints=hold(T[T > 55.0])), "reference", "no position targets in flight"),
