@@ -1,0 +1,55 @@
+"""Frequency responses of records whose truth is a formula."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from sysid.frequency.axes import AXES
+from sysid.frequency.estimate import response_of_records
+from sysid.frequency.records import AxisRecord
+
+DT = 0.01
+
+
+def noise_driven(seed: int, *, duration: float = 60.0, noise: float = 0.0) -> AxisRecord:
+    """An integrator with damping 2 1/s and gain 300, exact for an input held between samples, in open loop."""
+    rng = np.random.default_rng(seed)
+    n = round(duration / DT)
+    u = lfilter([0.2], [1.0, -0.8], rng.normal(0.0, 0.05, n))
+    pole = np.exp(-2.0 * DT)
+    y = lfilter([0.0, 300.0 * (1.0 - pole) / 2.0], [1.0, -pole], u) + rng.normal(0.0, noise, n)
+    everywhere = np.ones(n, dtype=bool)
+    return AxisRecord("made", 0.0, DT, u[:, None], y, u[:, None], everywhere, (0.3, 30.0), "")
+
+
+def truth(hz: np.ndarray) -> np.ndarray:
+    z, pole = np.exp(2j * np.pi * hz * DT), np.exp(-2.0 * DT)
+    return 150.0 * (1.0 - pole) / (z - pole)
+
+
+def test_a_known_response_is_found_without_noise() -> None:
+    frf = response_of_records([noise_driven(1)], AXES["roll"])
+    error = np.log(frf.response / truth(frf.hz))
+    # What windows leave of the transients at their ends; without the difference of the output it is ten times as much.
+    assert np.max(np.abs(error[frf.hz > 0.6])) < 0.03
+    assert np.all(frf.coherence[frf.hz > 0.6] > 0.99)
+
+
+def test_stated_errors_of_gain_and_phase_are_the_real_ones() -> None:
+    scores = []
+    for seed in range(40):
+        frf = response_of_records([noise_driven(seed, noise=0.3)], AXES["roll"])
+        error = np.log(frf.response / truth(frf.hz))
+        good = frf.usable & (frf.hz > 0.6)
+        scores.append(np.concatenate([error.real[good] / frf.sigma[good], error.imag[good] / frf.sigma_phase[good]]))
+    spread = float(np.sqrt(np.mean(np.concatenate(scores) ** 2)))
+    assert 0.75 < spread < 1.25  # 40 records; composites average errors of window lengths as if they were the same
+
+
+def test_records_add_up() -> None:
+    one = response_of_records([noise_driven(1, noise=0.3)], AXES["roll"])
+    four = response_of_records([noise_driven(seed, noise=0.3) for seed in range(4)], AXES["roll"])
+    ratio = np.median(one.sigma / four.sigma)
+    assert ratio == pytest.approx(2.0, rel=0.2)  # four times the data, half the error
+    assert np.median(four.averages / one.averages) == pytest.approx(4.0, rel=0.4)
+    assert four.duration == pytest.approx(4.0 * one.duration)
