@@ -12,7 +12,7 @@ DT = 0.01
 
 
 def noise_driven(seed: int, *, duration: float = 60.0, noise: float = 0.0) -> AxisRecord:
-    """An integrator with damping 2 1/s and gain 300, exact for an input held between samples, in open loop."""
+    """Return an open-loop record of an integrator with damping 2 1/s and gain 300, exact for a held input."""
     rng = np.random.default_rng(seed)
     n = round(duration / DT)
     u = lfilter([0.2], [1.0, -0.8], rng.normal(0.0, 0.05, n))
