@@ -32,7 +32,7 @@ from pipeline.names import folder_names
 _log = logging.getLogger("rotorid.api")
 
 #: What the process that workers are forked from has imported already, so that an analysis starts at once.
-PRELOAD = ("pipeline.job", "pipeline.joint", "pipeline.crafts", "reports.folder", "reports.fleet")
+PRELOAD = ("pipeline.fleet.job", "pipeline.fleet.joint", "pipeline.fleet.crafts", "reports.folder", "reports.fleet")
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 

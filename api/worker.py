@@ -94,7 +94,7 @@ def _analyze_one(task: Task, progress: Progress) -> None:
     # Imported here and not above: the server itself never needs the 200 MB of numpy, numba and pandas.
     import pipeline
     import reports
-    from pipeline.stages import overall
+    from pipeline.execution.stages import overall
     from pipeline.storage.dataset import write_tables
 
     ((log, name),) = task.logs

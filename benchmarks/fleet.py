@@ -111,7 +111,7 @@ def run_once(count: int, logs: Path, out: Path) -> dict[str, Any]:
     import pipeline
     import reports
     from pipeline.execution.executors import Processes
-    from pipeline.flight import analyze
+    from pipeline.flight.analysis import analyze
     from rotorid.cli.analyze import PRELOAD
 
     with Processes(count, PRELOAD) as processes:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pipeline.config import AnalysisConfig
     from pipeline.errors import ConfigError
-    from pipeline.fleet import analyze_fleet
-    from pipeline.flight import analyze
-    from pipeline.results import (
+    from pipeline.fleet.analysis import analyze_fleet
+    from pipeline.flight.analysis import analyze
+    from pipeline.results.flight import (
         Failure,
         FleetResult,
         FlightResult,
@@ -38,8 +38,8 @@ __all__ = [
 ]
 
 _HOME = {
-    "analyze": "pipeline.flight",
-    "analyze_fleet": "pipeline.fleet",
+    "analyze": "pipeline.flight.analysis",
+    "analyze_fleet": "pipeline.fleet.analysis",
     "AnalysisConfig": "pipeline.config",
     "ConfigError": "pipeline.errors",
 }
@@ -48,4 +48,4 @@ _HOME = {
 def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module 'pipeline' has no attribute {name!r}")
-    return getattr(import_module(_HOME.get(name, "pipeline.results")), name)
+    return getattr(import_module(_HOME.get(name, "pipeline.results.flight")), name)

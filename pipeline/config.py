@@ -20,7 +20,7 @@ class AnalysisConfig:
         One log: the part of the airborne time, from its start, that the model is fitted to; the rest judges it.
     training : tuple of str
         Several logs: names (shell patterns) of the logs to fit on; all others judge. Empty: chosen by what was flown
-        (`pipeline.split`).
+        (`pipeline.fleet.split`).
     validation : tuple of str
         Several logs: names (shell patterns) of the logs that judge; all others train, unless `training` names those.
     scan_orders : bool

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from pipeline.results import FlightResult, GroupResult
+    from pipeline.results.flight import FlightResult, GroupResult
     from reports.fleet import write_fleet
     from reports.folder import write
     from reports.replay import write_replay

@@ -16,7 +16,7 @@ from importlib.metadata import version
 import numpy as np
 from scipy import stats
 
-from pipeline.trends.meta_analysis import holm, meta_regression
+from pipeline.fleet.meta_analysis import holm, meta_regression
 from reports.numbers import plain
 from reports.quantity import number, uncertain
 from reports.rows import Numbers, average, held_out

@@ -22,7 +22,7 @@ def coverage_figures(coverage: Numbers | None, prefix: str) -> list[Figure]:
     Parameters
     ----------
     coverage : dict or None
-        As `pipeline.flown.coverage.Envelope.to_dict` gives it.
+        As `pipeline.flight.coverage.Envelope.to_dict` gives it.
     prefix : str
         Of the figures' ids, unique in the page.
     """

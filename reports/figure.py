@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.results import Span
+from pipeline.results.flight import Span
 from reports.packing import compact, pack
 
 #: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 from scipy.io import loadmat, savemat
 
 from pipeline.names import printable
-from pipeline.results import Failure, FleetResult
+from pipeline.results.flight import Failure, FleetResult
 from reports import html
 from reports.figure import Figure
 from reports.fleet_markdown import fleet_markdown

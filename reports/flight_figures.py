@@ -10,7 +10,7 @@ import pymap3d
 from numpy.typing import NDArray
 
 from logparse import Geodetic
-from pipeline.results import FlightResult, Span
+from pipeline.results.flight import FlightResult, Span
 from reports.figure import (
     Figure,
     Trace,

@@ -14,7 +14,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
-from pipeline.results import FlightResult
+from pipeline.results.flight import FlightResult
 from reports import summary, views
 from reports.coverage_views import excitation, flight_coverage
 from reports.details import details

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.results import ModelResult
+from pipeline.results.flight import ModelResult
 from reports.figure import Figure, Trace, layout_of, model_color, plotly_text, short
 from reports.rows import Numbers
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel

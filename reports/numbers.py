@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.flown.excitation import BAND, in_band
+from pipeline.flight.excitation import BAND, in_band
+from pipeline.flight.verdict import Trust, Verdict, judge, summarise
 from pipeline.names import printable
-from pipeline.results import FlightResult, GroupResult, ModelResult, Span
-from pipeline.verdict import Trust, Verdict, judge, summarise
+from pipeline.results.flight import FlightResult, GroupResult, ModelResult, Span
 from reports.rows import Numbers, average, held_out
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from pipeline.flight.replay import Replay
 from pipeline.names import printable
-from pipeline.replay import Replay
-from pipeline.results import ModelResult
+from pipeline.results.flight import ModelResult
 from reports import html, summary, views
 from reports.model_views import judgements
 from reports.numbers import model_numbers, overall

@@ -22,7 +22,7 @@ import sysid
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS
 from logparse import COLUMNS, Finding, Motor, Severity, Vehicle
 from logparse.export import unit
-from pipeline.results import FlightResult
+from pipeline.results.flight import FlightResult
 
 #: The names of both datasets, which are folders of the store.
 TABLES, EXPERIMENTS = "tables", "experiments"

@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline.config import AnalysisConfig
-from pipeline.results import Failure
+from pipeline.results.flight import Failure
 from pipeline.storage.store import Store
 
 if TYPE_CHECKING:
     from logparse import Finding
-    from pipeline.entry import FlightEntry
-    from pipeline.split import Split
+    from pipeline.fleet.split import Split
+    from pipeline.results.entry import FlightEntry
 
 MANIFEST = "manifest.json"
 
@@ -89,7 +89,7 @@ class Manifest:
     logs : tuple of LogRecord
         Every file that was found, in the order of the report.
     crafts : tuple of mapping
-        Entries of the crafts, see `pipeline.entry.GroupEntry`.
+        Entries of the crafts, see `pipeline.results.entry.GroupEntry`.
     passed_over : tuple of (str, str)
         Whatever else was found and not used, with its reason.
     left_out : tuple of (str, str)

@@ -16,14 +16,14 @@ from rotorid.cli.output import console, prepare
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from pipeline.results import Failure
+    from pipeline.results.flight import Failure
     from pipeline.storage.sources import Found, Source
     from reports.rows import Numbers
 
 _DEFAULT = AnalysisConfig()
 
 #: What workers import once for all: analyses and the writing of their products.
-PRELOAD = ("pipeline.execution.executors", "pipeline.job", "pipeline.joint", "reports.folder")
+PRELOAD = ("pipeline.execution.executors", "pipeline.fleet.job", "pipeline.fleet.joint", "reports.folder")
 
 
 def analyze(
@@ -114,7 +114,7 @@ def analyze(
         scan_orders=scan_orders,
         time_limit=time_limit,
     )
-    from pipeline.fleet import check_choices
+    from pipeline.fleet.analysis import check_choices
     from pipeline.names import is_url
     from pipeline.storage.sources import find
 
@@ -157,8 +157,8 @@ def _one_log(source: "Source", out: Path, config: AnalysisConfig, as_json: bool)
     """Analyse a log anew and write its report."""
     import pipeline
     import reports
-    from pipeline.progress import shown
-    from pipeline.stages import overall
+    from pipeline.execution.progress import shown
+    from pipeline.execution.stages import overall
     from pipeline.storage.sources import fetched
     from reports.numbers import flight_numbers
 
@@ -212,7 +212,7 @@ def _several_logs(
     """Analyse what is new among logs and write the report on all, unless it stands already."""
     import pipeline
     import reports
-    from pipeline.progress import shown
+    from pipeline.execution.progress import shown
 
     with shown() as progress, workers as executor:
         fleet = pipeline.analyze_fleet(found, config, executor, progress, store=out, publish=reports.publish, redo=redo)

@@ -48,7 +48,7 @@ def craft(
     import sysid
     from estimation import estimate
     from pipeline.errors import ConfigError
-    from pipeline.progress import shown
+    from pipeline.execution.progress import shown
 
     if bench and mass is None:
         raise ConfigError("a thrust stand gives newtons and flight gives thrust over mass: give --mass with --bench")

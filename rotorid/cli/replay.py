@@ -21,11 +21,11 @@ def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path,
     out : Path
         Folder.
     trim : str or None
-        ``own`` or ``training``, see `pipeline.replay.Trim`.
+        ``own`` or ``training``, see `pipeline.flight.replay.Trim`.
     """
     from pipeline.errors import ConfigError
-    from pipeline.progress import shown
-    from pipeline.replay import Trim, replay
+    from pipeline.execution.progress import shown
+    from pipeline.flight.replay import Trim, replay
     from reports import write_replay
 
     if inputs is None:

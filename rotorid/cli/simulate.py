@@ -67,7 +67,7 @@ def simulate(
         return
     import simulation
     from pipeline.errors import ConfigError
-    from pipeline.progress import shown
+    from pipeline.execution.progress import shown
 
     if show_list or case == "list":
         _list_cases()

@@ -15,7 +15,7 @@ import httpx
 import pandas as pd
 import pytest
 
-from pipeline.stages import STAGES
+from pipeline.execution.stages import STAGES
 from tests.api.programs import PATIENCE, free_port, wait_until
 
 ROOT = Path(__file__).parents[2]

@@ -3,7 +3,7 @@
 import json
 
 from api.worker import Task, analyze_logs
-from pipeline import job, joint
+from pipeline.fleet import job, joint
 from tests.pipeline import flown
 
 

@@ -11,9 +11,10 @@ from datetime import timedelta
 from pathlib import Path
 
 from logparse import LogError, Vehicle
-from pipeline import AnalysisConfig, Failure, FlightResult, GroupResult, job
-from pipeline.entry import FlightEntry
-from pipeline.split import Split
+from pipeline import AnalysisConfig, Failure, FlightResult, GroupResult
+from pipeline.fleet import job
+from pipeline.fleet.split import Split
+from pipeline.results.entry import FlightEntry
 from tests.reports.conftest import made_flight
 
 #: Names of the flights that were analysed in this process.

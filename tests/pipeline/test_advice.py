@@ -8,10 +8,10 @@ import pytest
 
 from logparse.log_settings import Need, bits_of, log_setting
 from logparse.vehicle import Vehicle
-from pipeline.advice.log_settings import _BRINGS
-from pipeline.advice.next_flights import MOST, for_craft
-from pipeline.flown.envelope import envelope
-from pipeline.trends.drift import follow
+from pipeline.fleet.drift import follow
+from pipeline.fleet.envelope import envelope
+from pipeline.flight.advice.log_settings import _BRINGS
+from pipeline.flight.advice.next_flights import MOST, for_craft
 from tests.pipeline.test_craft import flown
 from tests.pipeline.test_drift import hovering
 from tests.pipeline.test_envelope import covering

@@ -10,11 +10,12 @@ import fsspec
 import pytest
 from typer.testing import CliRunner
 
-from pipeline import AnalysisConfig, analyze_fleet, job, joint
+from pipeline import AnalysisConfig, analyze_fleet
 from pipeline.errors import ConfigError
 from pipeline.execution import cluster
 from pipeline.execution.cluster import Cluster, SchedulerError
 from pipeline.execution.executors import WorkerDiedError, as_done
+from pipeline.fleet import job, joint
 from rotorid.cli.main import app
 from tests.pipeline import calls, flown
 from tests.pipeline.dask_programs import Programs

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from logparse import Motor, Vehicle
-from pipeline.craft import build_of, by_craft, changes, fingerprint, kept_apart, same_flight, tune_of
-from pipeline.entry import FlightEntry
-from pipeline.results import Span
+from pipeline.flight.craft import build_of, by_craft, changes, fingerprint, kept_apart, same_flight, tune_of
+from pipeline.results.entry import FlightEntry
+from pipeline.results.flight import Span
 
 OCTA = Vehicle(autopilot="ArduPilot", frame_class="octa", frame_type="plus")
 NOON = datetime(2024, 5, 2, 9, 30, tzinfo=UTC)

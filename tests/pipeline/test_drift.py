@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from logparse.frames import motor_table
-from pipeline.trends.drift import follow
-from pipeline.trends.flight_parameters import SHARES
-from pipeline.trends.history import ALPHA, Step, Trend
+from pipeline.fleet.drift import follow
+from pipeline.fleet.history import ALPHA, Step, Trend
+from pipeline.flight.flight_parameters import SHARES
 from tests.pipeline.test_craft import flown
 
 START = datetime(2025, 6, 1, 8, tzinfo=UTC)

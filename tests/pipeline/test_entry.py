@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 
-from pipeline.entry import TRACK_ROWS, FlightEntry, GroupEntry, flight_entry, partition
+from pipeline.results.entry import TRACK_ROWS, FlightEntry, GroupEntry, flight_entry, partition
 from tests.reports.conftest import made_flight
 
 FLIGHT = made_flight("day 1/flight01", fit=False)

@@ -6,8 +6,8 @@ from math import pi
 
 import numpy as np
 
-from pipeline.flown.coverage import MAP, QUANTITIES, _distribution
-from pipeline.flown.envelope import envelope, shown
+from pipeline.fleet.envelope import envelope, shown
+from pipeline.flight.coverage import MAP, QUANTITIES, _distribution
 from tests.pipeline.test_craft import flown
 
 

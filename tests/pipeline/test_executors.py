@@ -14,9 +14,10 @@ from typing import TextIO
 
 import pytest
 
-from pipeline import AnalysisConfig, analyze_fleet, job, joint
+from pipeline import AnalysisConfig, analyze_fleet
 from pipeline.execution import executors
 from pipeline.execution.executors import ATTEMPTS, Processes, WorkerDiedError, as_done, count_workers
+from pipeline.fleet import job, joint
 from tests.pipeline import calls, flown
 
 PROJECT = Path(__file__).parents[2]

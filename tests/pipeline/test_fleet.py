@@ -11,8 +11,9 @@ import fsspec
 import pytest
 
 import reports
-from pipeline import AnalysisConfig, ConfigError, analyze_fleet, job, joint
-from pipeline import fleet as fleet_module
+from pipeline import AnalysisConfig, ConfigError, analyze_fleet
+from pipeline.fleet import analysis as fleet_module
+from pipeline.fleet import job, joint
 from pipeline.storage import manifest
 from pipeline.storage.dataset import part
 from pipeline.storage.store import FolderStore, open_store
@@ -214,7 +215,8 @@ def test_a_killed_run_is_resumed(logs, tmp_path):
     out = tmp_path / "out"
     (logs / "octa3.bin").write_text("kill")
     script = (
-        "import sys\nfrom pipeline import AnalysisConfig, analyze_fleet, job\nfrom pipeline.storage import manifest\n"
+        "import sys\nfrom pipeline import AnalysisConfig, analyze_fleet\n"
+        "from pipeline.fleet import job\nfrom pipeline.storage import manifest\n"
         "from tests.pipeline import flown\n"
         "job.analyze = flown.analyze\n"
         "manifest.software = lambda: {'rotorid': '0.1.0'}\n"

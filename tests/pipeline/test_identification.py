@@ -6,9 +6,9 @@ import pytest
 
 import sysid
 from pipeline import AnalysisConfig
-from pipeline.identification import identify
-from pipeline.kinds import KINDS
-from pipeline.stages import STAGES, Stages, overall, silent
+from pipeline.execution.stages import STAGES, Stages, overall, silent
+from pipeline.flight.identification import identify
+from pipeline.flight.kinds import KINDS
 from reports import views
 from reports.model_views import orders
 from reports.numbers import model_numbers

@@ -8,10 +8,11 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from pipeline import AnalysisConfig, joint
-from pipeline.entry import flight_entry
-from pipeline.split import choose_split
-from pipeline.stages import silent
+from pipeline import AnalysisConfig
+from pipeline.execution.stages import silent
+from pipeline.fleet import joint
+from pipeline.fleet.split import choose_split
+from pipeline.results.entry import flight_entry
 from pipeline.storage.dataset import EXPERIMENTS, part, write_experiments
 from pipeline.storage.store import open_store
 from tests.reports.conftest import made_flight

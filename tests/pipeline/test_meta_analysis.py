@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pipeline.trends.meta_analysis import holm, meta_regression
+from pipeline.fleet.meta_analysis import holm, meta_regression
 
 
 def test_equal_errors_give_the_ordinary_mean_and_its_t_test():

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline import AnalysisConfig
-from pipeline.split import MOST_TRAINING, choose_split, day_of, excitation, places_of
+from pipeline.fleet.split import MOST_TRAINING, choose_split, day_of, excitation, places_of
 from tests.pipeline.test_craft import flown
 
 DAY = datetime(2024, 5, 2, 9, 30, tzinfo=UTC)

@@ -3,7 +3,7 @@
 import logging
 
 from logparse import MissingDataError
-from pipeline.stages import STAGES, Stages, overall, silent
+from pipeline.execution.stages import STAGES, Stages, overall, silent
 
 
 def test_a_foreseen_error_becomes_a_reason():

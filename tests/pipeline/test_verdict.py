@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from pipeline.verdict import Trust, Verdict, judge, summarise
+from pipeline.flight.verdict import Trust, Verdict, judge, summarise
 from sysid import Validation
 
 

@@ -9,10 +9,10 @@ import pytest
 import estimation
 import logparse
 import sysid
-from pipeline.entry import FlightEntry
-from pipeline.results import Span
-from pipeline.trends.drift import follow
-from pipeline.trends.flight_parameters import SHARES, motor_shares
+from pipeline.fleet.drift import follow
+from pipeline.flight.flight_parameters import SHARES, motor_shares
+from pipeline.results.entry import FlightEntry
+from pipeline.results.flight import Span
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
 from simulation.papers import elhesasy2024

@@ -7,11 +7,11 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from pipeline.entry import FlightEntry
-from pipeline.flown.coverage import MAP, QUANTITIES
-from pipeline.flown.envelope import envelope
-from pipeline.trends.drift import follow
-from pipeline.trends.flight_parameters import SHARES
+from pipeline.fleet.drift import follow
+from pipeline.fleet.envelope import envelope
+from pipeline.flight.coverage import MAP, QUANTITIES
+from pipeline.flight.flight_parameters import SHARES
+from pipeline.results.entry import FlightEntry
 from reports.coverage_figures import coverage_figures
 from reports.coverage_views import coverage_table, outside
 from reports.drift_figures import changes, drift_figures

@@ -1,1 +1,0 @@
-"""How to fly and log better next time."""

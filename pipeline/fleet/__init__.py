@@ -1,0 +1,1 @@
+"""Many logs: flights of one craft identified jointly and followed over time."""

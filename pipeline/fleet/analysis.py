@@ -1,0 +1,331 @@
+"""A folder of logs to one result: every log for itself, then every craft jointly, judged on its other flights.
+
+All products go to a store, and what a former run left there is not made again: a log is analysed when its content, its
+name, the settings or the software are new, a craft is identified when its flights are. Rooms that take long to import
+are imported when there is something to do.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from fnmatch import fnmatch
+from pathlib import Path, PurePath
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from pipeline.config import AnalysisConfig
+from pipeline.execution.progress import Watch, part_of
+from pipeline.execution.stages import Progress, silent
+from pipeline.results.entry import FlightEntry, GroupEntry
+from pipeline.results.flight import Failure, FleetResult, Publish
+from pipeline.storage.inventory import READERS, take_stock
+from pipeline.storage.manifest import FLIGHTS, LogRecord, Manifest, configuration, read_manifest, software
+from pipeline.storage.removed import bring_back, set_aside
+from pipeline.storage.sources import Found, find
+from pipeline.storage.store import ENTRY, Store, TemporaryStore, open_store
+
+if TYPE_CHECKING:
+    from pipeline.fleet.crafts import Crafts
+    from pipeline.fleet.job import Job
+
+_LOG = logging.getLogger("rotorid.pipeline")
+
+#: Names of logs that one message lists.
+MOST_NAMED = 20
+
+#: What became of a log: None for a file that is none.
+Outcome = FlightEntry | Failure | None
+
+
+def analyze_fleet(
+    paths: Iterable[str | Path] | Found,
+    config: AnalysisConfig | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    *,
+    store: Store | str | Path | None = None,
+    publish: Publish | None = None,
+    redo: bool = False,
+) -> FleetResult:
+    """Analyse logs one by one, then all flights of each craft together.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path, or Found
+        Logs, folders to search for logs, and URLs of either; or what `pipeline.storage.sources.find` found there.
+    config : AnalysisConfig, optional
+    executor : concurrent.futures.Executor, optional
+        Where the logs are analysed, each in one call; in this thread when not given.
+    progress : callable, optional
+        Called with what is at work, and the fraction of the whole that is done.
+    store : Store, str or Path, optional
+        Where products go, and what is there from former runs; a temporary one, which goes with the result, when not
+        given.
+    publish : callable, optional
+        ``publish(result, folder)`` writes what people and programs read of a `FlightResult` or `GroupResult`.
+    redo : bool
+        Make everything anew.
+
+    Raises
+    ------
+    ConfigError
+        A pattern of `AnalysisConfig.training` or `validation` fits no log's name, or another run writes to the store.
+    OSError
+        Nothing can be written to the store.
+    """
+    config, progress = config or AnalysisConfig(), progress or silent
+    store = TemporaryStore() if store is None else store if isinstance(store, Store) else open_store(store)
+    found = paths if isinstance(paths, Found) else find(paths, besides=store.folder)
+    check_choices(found, config)
+    store.prepare()
+    with _alone(store):
+        progress(f"looking into {len(found.sources)} files", 0.0)
+        former = Manifest() if redo else read_manifest(store)
+        records = take_stock(found.sources, former, config, publish, executor)
+        known = {} if redo else _known(records, former, store)
+        began = perf_counter()
+        new = _analyzed(records, known, found, config, store, publish, executor, part_of(progress, 0.0, 0.8))
+        analyzed = perf_counter()
+        records = _settled(records, {**known, **new})
+        removed = tuple(_removed(former, records))
+        gone, folders = {record.folder for record in former.removed}, {record.folder for record in records}
+        set_aside(store, [record for record in removed if record.folder not in gone])
+        bring_back(store, [record for record in former.removed if record.folder in folders])
+        flights = _flights(records, {**known, **new})
+        crafts = _crafts(flights, former, config, store, publish, executor, part_of(progress, 0.8, 0.99), redo=redo)
+        manifest = Manifest(
+            software=software(),
+            configuration=configuration(config),
+            logs=tuple(records),
+            # Those that could not be stored are wanted still: the next run finds them missing.
+            crafts=tuple(entry.to_dict() for entry in (*crafts.entries, *crafts.unstored)),
+            passed_over=tuple((each.source, each.reason) for each in found.passed_over),
+            left_out=crafts.left_out,
+            removed=removed,
+            reported=former.reported,
+        )
+        unwritten = _write(manifest, store)
+    return FleetResult(
+        flights=flights,
+        groups=crafts.entries,
+        failures=(*found.failures, *_in_state(records, "failed", "interrupted"), *crafts.failures, *unwritten),
+        config=config,
+        store=store,
+        passed_over=(
+            *found.passed_over,
+            *_in_state(records, "no log"),
+            *(Failure(source, reason) for source, reason in crafts.left_out),
+        ),
+        duplicates=_in_state(records, "duplicate"),
+        removed=tuple(record.as_failure() for record in manifest.removed),
+        reused=len(known),
+        manifest=manifest,
+        timings={"logs": analyzed - began, "crafts": perf_counter() - analyzed},
+    )
+
+
+def check_choices(found: Found, config: AnalysisConfig) -> None:
+    """Refuse names of flights that no log has: before the work, not after it.
+
+    Raises
+    ------
+    ConfigError
+    """
+    names = [PurePath(source.file).stem for source in found.sources]
+    for option, patterns in (("--training", config.training), ("--validation", config.validation)):
+        for pattern in patterns:
+            fits = (fnmatch(name.casefold(), pattern.casefold()) for name in (*names, *(s.file for s in found.sources)))
+            if not any(fits):
+                some = ", ".join(names[:MOST_NAMED]) + (", …" if len(names) > MOST_NAMED else "")
+                _refuse(f"no log is called {pattern!r}, as {option} has it; the logs are {some or 'none'}")
+
+
+def _refuse(reason: str) -> None:
+    # Imported here: errors come from logparse, which an unchanged folder must not wait for.
+    from pipeline.errors import ConfigError
+
+    raise ConfigError(reason)
+
+
+@contextmanager
+def _alone(store: Store) -> Iterator[None]:
+    """Keep other runs out."""
+    try:
+        lock = store.locked()
+        lock.__enter__()
+    except BlockingIOError:
+        _refuse(f"another run of rotorid writes to {store.url}; wait for it or choose another --out")
+    try:
+        yield
+    finally:
+        lock.__exit__(None, None, None)
+
+
+def _known(records: Sequence[LogRecord], former: Manifest, store: Store) -> dict[str, Outcome]:
+    """Give what is in the store already, by URL: entries of flights, and why other logs have none."""
+    last = {record.url: record for record in former.logs if record.state in ("failed", "no log") and record.key}
+    known: dict[str, Outcome] = {}
+    others = []
+    for record in records:
+        before = last.get(record.url)
+        if before is not None and before.key == record.key:
+            known[record.url] = before.as_failure() if before.state == "failed" else None
+        elif record.key:
+            others.append(record)
+
+    def entry(record: LogRecord) -> FlightEntry | None:
+        facts = store.read_json(f"{FLIGHTS}/{record.folder}/{ENTRY}")
+        if facts is None or facts.get("key") != record.key:
+            return None
+        return FlightEntry.from_dict({**facts, "source": record.url})
+
+    with ThreadPoolExecutor(READERS) as readers:
+        found = zip(others, readers.map(entry, others), strict=True)
+        return known | {record.url: each for record, each in found if each is not None}
+
+
+def _analyzed(
+    records: Sequence[LogRecord],
+    known: Mapping[str, Outcome],
+    found: Found,
+    config: AnalysisConfig,
+    store: Store,
+    publish: Publish | None,
+    executor: Executor | None,
+    progress: Progress,
+) -> dict[str, Outcome]:
+    """Analyse what is not known, side by side where there is an executor; by URL."""
+    new = [record for record in records if record.key and record.url not in known]
+    if not new:
+        return {}
+    from pipeline.fleet.job import Job
+    from pipeline.storage.manifest import of_one_flight
+
+    sources = {source.url: source for source in found.sources}
+    jobs = [
+        Job(
+            source=sources[record.url],
+            name=record.name,
+            folder=record.folder,
+            key=record.key,
+            config=of_one_flight(config),
+            store=store.url,
+            publish=publish,
+        )
+        for record in new
+    ]
+    outcomes: dict[str, Outcome] = {}
+    full = ""
+
+    def wanted() -> Iterator[Job]:
+        """Give jobs as long as their results can be stored."""
+        for job in jobs:
+            if full:
+                return
+            if job.source.named or job.source.called_a_log:
+                watch.begin(job.source.url)
+            yield job
+
+    watch = Watch(progress, {job.source.url: job.source.size for job in jobs}, len(known), executor)
+    for job, outcome in _done(wanted(), executor, watch):
+        outcomes[job.source.url] = outcome
+        watch.end(job.source.url)
+        if isinstance(outcome, Failure) and outcome.full:
+            full = f"was not begun: of {job.source.file} {outcome.reason}"
+    for job in jobs:
+        outcomes.setdefault(job.source.url, Failure(job.source.url, full))
+    return outcomes
+
+
+def _done(jobs: Iterator[Job], executor: Executor | None, watch: Watch) -> Iterator[tuple[Job, Outcome]]:
+    """Give each job with its outcome as it ends."""
+    from pipeline.fleet.job import run
+
+    if executor is None:
+        for job in jobs:
+            yield job, run(job, watch.within(job.source.url))
+        return
+    from pipeline.execution.executors import WorkerDiedError, as_done
+
+    for job, future in as_done(executor, run, jobs):
+        try:
+            yield job, future.result()
+        except WorkerDiedError as error:
+            yield job, Failure(job.source.url, str(error))
+        except Exception as error:  # the worker died, or its result could not come back
+            _LOG.exception("analysing %s failed", job.source.url)
+            yield job, Failure(job.source.url, f"the worker process failed: {type(error).__name__}: {error}")
+
+
+def _settled(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> list[LogRecord]:
+    """Note what became of every file."""
+    settled = [_with(record, outcomes[record.url]) if record.url in outcomes else record for record in records]
+    junk = {record.url: record for record in settled if record.state == "no log"}
+    # A copy of what is no log is none either.
+    return [
+        replace(record, state="no log", reason=junk[record.original].reason) if record.original in junk else record
+        for record in settled
+    ]
+
+
+def _with(record: LogRecord, outcome: Outcome) -> LogRecord:
+    if isinstance(outcome, FlightEntry):
+        return replace(record, state="analysed")
+    if outcome is None:
+        return replace(record, state="no log", reason="no flight log", folder="")
+    return replace(record, state="failed" if outcome.lasting else "interrupted", reason=outcome.reason, folder="")
+
+
+def _flights(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> tuple[FlightEntry, ...]:
+    ordered = (outcomes.get(record.url) for record in records)
+    return tuple(outcome for outcome in ordered if isinstance(outcome, FlightEntry))
+
+
+def _crafts(
+    flights: Sequence[FlightEntry],
+    former: Manifest,
+    config: AnalysisConfig,
+    store: Store,
+    publish: Publish | None,
+    executor: Executor | None,
+    progress: Progress,
+    *,
+    redo: bool,
+) -> Crafts:
+    """Identify every craft of several flights jointly, unless that was done with these flights."""
+    from pipeline.fleet.crafts import Crafts, identify_crafts, stands
+
+    before = tuple(GroupEntry.from_dict(craft) for craft in former.crafts)
+    unchanged = (
+        {record.key for record in former.logs if record.state == "analysed"} == {flight.key for flight in flights}
+        and former.configuration == configuration(config)
+        and former.software == software()
+    )
+    if unchanged and not redo and all(stands(store, craft) for craft in before):
+        return Crafts(entries=before, left_out=former.left_out)
+    return identify_crafts(flights, config, store, publish, executor, progress, redo=redo)
+
+
+def _in_state(records: Sequence[LogRecord], *states: str) -> tuple[Failure, ...]:
+    return tuple(record.as_failure() for record in records if record.state in states)
+
+
+def _removed(former: Manifest, records: Sequence[LogRecord]) -> Iterator[LogRecord]:
+    """List logs of former runs that are not among the inputs any more but whose products are still there."""
+    urls, folders = {record.url for record in records}, {record.folder for record in records}
+    for record in (*former.logs, *former.removed):
+        if record.state in ("analysed", "removed") and record.url not in urls and record.folder not in folders:
+            yield replace(record, state="removed", reason=f"its products are kept in {FLIGHTS}/{record.folder}")
+
+
+def _write(manifest: Manifest, store: Store) -> tuple[Failure, ...]:
+    """Write the manifest; where that fails all else stands nevertheless."""
+    try:
+        manifest.write(store)
+    except OSError as error:
+        return (Failure(store.url, f"the manifest could not be written: {error.strerror or error}"),)
+    return ()

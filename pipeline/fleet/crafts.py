@@ -1,0 +1,127 @@
+"""Flights to crafts: grouped, divided into those to fit and those to judge, identified jointly where that is new."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+from pipeline.config import AnalysisConfig
+from pipeline.execution.stages import Progress, overall
+from pipeline.fleet.split import choose_split
+from pipeline.flight.craft import by_craft, changes, kept_apart
+from pipeline.results.entry import FlightEntry, GroupEntry
+from pipeline.results.flight import Failure, GroupResult, Publish
+from pipeline.storage.manifest import CRAFTS, craft_key
+from pipeline.storage.store import ENTRY, Store
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crafts:
+    """Crafts of several flights, and what has no part in them.
+
+    Attributes
+    ----------
+    entries : tuple of GroupEntry
+        Those with most flights first.
+    left_out : tuple of (str, str)
+        Sources of flights that are in no joint model though they could be, with the reason.
+    failures : tuple of Failure
+        Crafts whose products could not be stored.
+    unstored : tuple of GroupEntry
+        Their entries.
+    """
+
+    entries: tuple[GroupEntry, ...] = ()
+    left_out: tuple[tuple[str, str], ...] = ()
+    failures: tuple[Failure, ...] = ()
+    unstored: tuple[GroupEntry, ...] = ()
+
+
+def identify_crafts(
+    flights: Sequence[FlightEntry],
+    config: AnalysisConfig,
+    store: Store,
+    publish: Publish | None,
+    executor: Executor | None,
+    progress: Progress,
+    *,
+    redo: bool,
+) -> Crafts:
+    """Identify every craft that has several flights from some of them, and judge its models on the others.
+
+    Parameters
+    ----------
+    flights : sequence of FlightEntry
+        Whose products are in the store.
+    config, store, publish, executor, progress, redo
+        As `pipeline.analyze_fleet` takes them.
+    """
+    crafts = by_craft(flights)
+    apart = kept_apart(crafts)
+    used = {flight.name for craft in crafts for flight in craft}
+    left_out = [
+        (flight.source, "another recording of a flight that is here too, left out of the joint fit")
+        for flight in flights
+        if flight.experiments and flight.position_known and flight.name not in used
+    ]
+    joint = sorted((craft for craft in crafts if len(craft) > 1), key=lambda craft: (-len(craft), craft[0].craft))
+    entries, failures, unstored = [], [], []
+    for number, craft in enumerate(joint):
+        first = craft[0]
+        split = choose_split(craft, config)
+        left_out += [(each.source, split.unused[each.name]) for each in craft if each.name in split.unused]
+        findings = (*changes(craft), *apart.get(first.craft, ()))
+        entry = GroupEntry(
+            name=first.craft_name,
+            folder=first.vehicle,
+            key=craft_key(craft, split, findings, config, publish),
+            craft=first.craft,
+            vehicle=first.vehicle,
+            training=split.training,
+            held_out=split.held_out,
+            split=split.sentence,
+        )
+        if not redo and stands(store, entry):
+            entries.append(entry)
+            continue
+
+        what = f"{entry.name}, {len(craft)} flights jointly"
+
+        def report(stage: str, fraction: float, number: int = number, what: str = what) -> None:
+            progress(f"{what}: {stage}", (number + fraction) / len(joint))
+
+        from pipeline.fleet.joint import identify_craft
+
+        result = identify_craft(entry.name, craft, split, store.url, config, overall(report), executor, findings)
+        try:
+            keep(result, entry, store, publish)
+        except OSError as error:
+            reason = f"its joint models could not be stored: {error.strerror or error}"
+            failures.append(Failure(entry.name, reason))
+            unstored.append(entry)
+        else:
+            entries.append(replace(entry, result=result if publish is None else _light(result)))
+    return Crafts(entries=tuple(entries), left_out=tuple(left_out), failures=tuple(failures), unstored=tuple(unstored))
+
+
+def _light(result: GroupResult) -> GroupResult:
+    """Leave out the free runs, which have been published: those of many crafts would not fit into memory."""
+    return replace(result, models=tuple(replace(model, predictions=()) for model in result.models))
+
+
+def stands(store: Store, entry: GroupEntry) -> bool:
+    """Tell whether the store has the products of a craft."""
+    return (store.read_json(f"{CRAFTS}/{entry.folder}/{ENTRY}") or {}).get("key") == entry.key
+
+
+def keep(result: GroupResult, entry: GroupEntry, store: Store, publish: Publish | None) -> None:
+    """Store the products of a craft, its entry last; OSError where they cannot be stored."""
+    with store.scratch() as scratch:
+        product = scratch / "product"
+        product.mkdir()
+        if publish is not None:
+            publish(result, product)
+        (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")
+        store.commit(product, f"{CRAFTS}/{entry.folder}")

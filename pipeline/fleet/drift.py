@@ -1,0 +1,155 @@
+"""Physical parameters followed over the flights of a craft: whether they scatter, drift or jump, or a motor weakens.
+
+Every flight's own estimate and standard error enter a random-effects meta-regression (`pipeline.fleet.meta_analysis`).
+For each parameter two questions are asked: does it change steadily from flight to flight (a slope), and did it change
+once (a step between two flights, its place searched for and paid for by Bonferroni's factor)? All questions about one
+craft together are corrected by Holm's procedure, so that the chance of any false alarm stays below `ALPHA`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from logparse import Finding, Severity
+from pipeline.fleet.history import ALPHA, History, Point, Trend, history, sentence_of
+from pipeline.fleet.meta_analysis import holm
+from pipeline.fleet.motor_drift import MotorDrift, motor_drift, trims
+from pipeline.flight.craft import in_order, took_off
+from pipeline.flight.flight_parameters import SHARES
+
+if TYPE_CHECKING:
+    from pipeline.results.entry import FlightEntry
+
+#: What may have changed when a parameter did.
+_CAUSES: Mapping[str, str] = {
+    "thrust over mass": "weigh the craft, and compare propellers and motors with those of the earlier flights",
+    "thrust curve": "check whether propellers or ESC settings were changed",
+    "motor lag": "check ESC settings and propellers",
+    "roll inertia over mass and arm": "check what was mounted or moved on the craft",
+    "pitch inertia over mass and arm": "check what was mounted or moved on the craft",
+    "yaw torque over inertia": "check propellers and what was mounted on the craft",
+    "linear drag over mass": "check propellers and what was mounted outside",
+    "quadratic drag over mass": "check what was mounted outside",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drift:
+    """Everything that was followed over the flights of one craft.
+
+    Attributes
+    ----------
+    order : str
+        ``"date"``, or ``"name"`` where a log does not tell its date.
+    flights : tuple of str
+        In that order.
+    parameters : tuple of History
+    motors : MotorDrift or None
+        None where no flight tells the motors' shares.
+    findings : tuple of Finding
+    """
+
+    order: str
+    flights: tuple[str, ...]
+    parameters: tuple[History, ...]
+    motors: MotorDrift | None
+    findings: tuple[Finding, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers and text for JSON."""
+        return {
+            "order": self.order,
+            "flights": list(self.flights),
+            "parameters": [each.to_dict() for each in self.parameters],
+            "motors": None if self.motors is None else self.motors.to_dict(),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+
+def follow(entries: Iterable[FlightEntry]) -> Drift | None:
+    """Follow the parameters of one craft over its flights.
+
+    Parameters
+    ----------
+    entries : iterable of FlightEntry
+        Of one craft.
+
+    Returns
+    -------
+    Drift or None
+        None with fewer than two flights that say anything.
+    """
+    flights = in_order(entries)
+    number = {flight.name: k for k, flight in enumerate(flights, start=1)}
+    series: dict[str, dict[str, list[Point]]] = defaultdict(lambda: defaultdict(list))
+    units: dict[str, str] = {}
+    for flight in flights:
+        rows = [row for row in flight.parameters if row["method"] != SHARES]
+        for row in (*rows, *trims(flight)):
+            series[row["parameter"]][row["method"]].append(_point(flight, number[flight.name], row))
+            units[row["parameter"]] = str(row["unit"])
+    histories = [
+        history(parameter, units[parameter], methods)
+        for parameter, methods in series.items()
+        if max(map(len, methods.values())) >= 2
+    ]
+    if not histories:
+        return None
+    histories = _judged(histories)
+    motors = motor_drift(flights, histories)
+    return Drift(
+        order="name" if any(flight.start_utc is None for flight in flights) else "date",
+        flights=tuple(flight.name for flight in flights),
+        parameters=tuple(histories),
+        motors=motors,
+        findings=(*_findings(histories), *(motors.findings if motors is not None else ())),
+    )
+
+
+def _point(flight: FlightEntry, number: int, row: Mapping[str, Any]) -> Point:
+    start = took_off(flight)
+    return Point(
+        flight=flight.name,
+        number=number,
+        start_utc=None if start is None else start.isoformat(),
+        value=float(row["value"]),
+        sigma=float(row["sigma"]),
+    )
+
+
+def _judged(histories: Sequence[History]) -> list[History]:
+    """Correct all probabilities together and say what came of it."""
+    asked = [(k, name) for k, each in enumerate(histories) for name in ("trend", "step") if getattr(each, name)]
+    adjusted = holm([getattr(histories[k], name).p for k, name in asked])
+    found = dict(zip(asked, adjusted, strict=True))
+    judged = []
+    for k, each in enumerate(histories):
+        tests = {
+            name: replace(getattr(each, name), p_adjusted=found[k, name], significant=found[k, name] < ALPHA)
+            for name in ("trend", "step")
+            if (k, name) in found
+        }
+        corrected = replace(each, **tests)
+        judged.append(replace(corrected, sentence=sentence_of(corrected, len(asked))))
+    return judged
+
+
+def _findings(histories: Sequence[History]) -> list[Finding]:
+    findings = []
+    for each in histories:
+        change = each.change
+        if change is None or each.method == SHARES:  # what the motors' shares say is for `motor_drift` to put in words
+            continue
+        findings.append(
+            Finding(
+                "parameter-drift" if isinstance(change, Trend) else "parameter-step",
+                Severity.WARNING,
+                each.sentence,
+                _CAUSES.get(each.parameter, ""),
+                {"parameter": each.parameter, "p": change.p_adjusted, "flights": len(each.points)},
+            )
+        )
+    return findings

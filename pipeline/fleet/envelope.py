@@ -1,0 +1,283 @@
+"""Which part of what a craft can fly its models were fitted to and judged in, and where judging flights leave it."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from logparse import Finding, Severity
+from pipeline.fleet.split import POOR_POSITION, excitation, position_sigma
+
+if TYPE_CHECKING:
+    from pipeline.results.entry import FlightEntry
+
+#: Part of the training time that the fitted range leaves out at either end: blips are not what a model was fitted to.
+MARGIN = 0.005
+
+#: Part of a flight's time outside the fitted range, and one bin beyond, that is worth a finding.
+OUTSIDE = 0.05
+
+#: Quantities that one finding lists.
+_MOST_NAMED = 3
+
+Cells = list[list[float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeFlown:
+    """Time at values of a quantity, of flights that train and of those that judge.
+
+    Attributes
+    ----------
+    title, unit : str
+    step : float
+        Width of a bin.
+    first : int
+        Number of the first bin, which begins at ``first * step``.
+    training, held_out : tuple of float
+        s in each bin.
+    fitted : tuple of 2 float or None
+        Range that holds all but `MARGIN` of the training time at either end; None without any.
+    """
+
+    title: str
+    unit: str
+    step: float
+    first: int
+    training: tuple[float, ...]
+    held_out: tuple[float, ...]
+    fitted: tuple[float, float] | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        numbers = {name: getattr(self, name) for name in ("title", "unit", "step", "first")}
+        return numbers | {
+            "training": list(self.training),
+            "held_out": list(self.held_out),
+            "fitted": None if self.fitted is None else list(self.fitted),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Excursion:
+    """A judging flight beyond what models were fitted to: for which part of its time, and how far."""
+
+    flight: str
+    quantity: str
+    part: float
+    reach: float
+    fitted: tuple[float, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {name: getattr(self, name) for name in ("flight", "quantity", "part", "reach")} | {
+            "fitted": list(self.fitted)
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Envelope:
+    """What the flights of a craft covered together.
+
+    Attributes
+    ----------
+    training, held_out : tuple of str
+    quantities : mapping of str to RangeFlown
+        By the names of `pipeline.flight.coverage.QUANTITIES`.
+    map : mapping
+        ``x y x_step y_step`` and the cells ``[i, j, s]`` of ``training`` and ``held_out``.
+    winds : tuple of mapping
+        ``flight part speed from sigma`` of flights whose wind is known.
+    outside : tuple of Excursion
+    flights : tuple of mapping
+        ``flight part start_utc place seconds acceleration_rms`` of each flight.
+    findings : tuple of Finding
+    """
+
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    quantities: Mapping[str, RangeFlown]
+    map: Mapping[str, Any]
+    winds: tuple[Mapping[str, Any], ...]
+    outside: tuple[Excursion, ...]
+    flights: tuple[Mapping[str, Any], ...]
+    findings: tuple[Finding, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers and text for JSON."""
+        return {
+            "training": list(self.training),
+            "held_out": list(self.held_out),
+            "quantities": {name: each.to_dict() for name, each in self.quantities.items()},
+            "map": dict(self.map),
+            "winds": [dict(wind) for wind in self.winds],
+            "outside": [each.to_dict() for each in self.outside],
+            "flights": [dict(flight) for flight in self.flights],
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+
+def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: Iterable[str]) -> Envelope | None:
+    """Put together what the flights of one craft covered; None where that was not measured of any.
+
+    Parameters
+    ----------
+    entries : sequence of FlightEntry
+    training, held_out : iterable of str
+        Names of the flights fitted and of those that judge.
+    """
+    by_name = {entry.name: entry for entry in entries if entry.coverage}
+    parts = {
+        "training": [by_name[name] for name in training if name in by_name],
+        "held-out": [by_name[name] for name in held_out if name in by_name],
+    }
+    if not any(parts.values()):
+        return None
+    fitted, judges = parts["training"], parts["held-out"]
+    names = list(dict.fromkeys(name for entry in (*fitted, *judges) for name in entry.coverage["quantities"]))
+    quantities = {name: _range(name, fitted, judges) for name in names}
+    outside = tuple(
+        sorted(
+            (
+                found
+                for entry in judges
+                # Where a position is poor, speeds and heights beyond the range are more likely errors.
+                if position_sigma(entry) <= POOR_POSITION
+                for name in names
+                if (found := _excursion(entry, name, quantities[name]))
+            ),
+            key=lambda each: (each.flight, -each.part),
+        )
+    )
+    grid = (*fitted, *judges)[0].coverage["map"]
+    return Envelope(
+        training=tuple(entry.name for entry in fitted),
+        held_out=tuple(entry.name for entry in judges),
+        quantities=quantities,
+        map={name: grid[name] for name in ("x", "y", "x_step", "y_step")}
+        | {"training": _summed(fitted), "held_out": _summed(judges)},
+        winds=tuple(
+            {"flight": entry.name, "part": part} | {name: wind[name] for name in ("speed", "from", "sigma")}
+            for part, flights in parts.items()
+            for entry in flights
+            if (wind := entry.coverage.get("wind")) is not None
+        ),
+        outside=outside,
+        flights=tuple(_facts(entry, part) for part, flights in parts.items() for entry in flights),
+        findings=tuple(_findings(outside, quantities)),
+    )
+
+
+def shown(unit: str, value: float) -> str:
+    """Write a value for people: angles in degrees, parts in per cent."""
+    if unit.startswith("part of"):
+        return f"{100.0 * value:.0f} % of {unit.removeprefix('part of ')}"
+    if unit.startswith("rad"):
+        return f"{math.degrees(value):.3g}°{unit.removeprefix('rad')}"
+    return f"{value:.3g} {unit}" if unit else f"{value:.3g}"
+
+
+def _range(name: str, fitted: Sequence[FlightEntry], judges: Sequence[FlightEntry]) -> RangeFlown:
+    first = min(c["first"] for c in _counts(name, (*fitted, *judges)))
+    last = max(c["first"] + len(c["seconds"]) for c in _counts(name, (*fitted, *judges)))
+
+    def total(flights: Sequence[FlightEntry]) -> list[float]:
+        seconds = [0.0] * (last - first)
+        for count in _counts(name, flights):
+            for k, part in enumerate(count["seconds"], start=count["first"] - first):
+                seconds[k] += part
+        return seconds
+
+    training = total(fitted)
+    some = next(iter(_counts(name, (*fitted, *judges))))
+    step, whole = float(some["step"]), sum(training)
+    bounds = None
+    if whole > 0.0:
+        below, ends = 0.0, [first, last]
+        for k, part in enumerate(training, start=first):
+            if below <= MARGIN * whole:
+                ends[0] = k
+            if below < (1.0 - MARGIN) * whole:
+                ends[1] = k + 1
+            below += part
+        bounds = ends[0] * step, ends[1] * step
+    return RangeFlown(
+        title=some["title"],
+        unit=some["unit"],
+        step=step,
+        first=first,
+        training=tuple(training),
+        held_out=tuple(total(judges)),
+        fitted=bounds,
+    )
+
+
+def _counts(name: str, flights: Iterable[FlightEntry]) -> list[Mapping[str, Any]]:
+    return [entry.coverage["quantities"][name] for entry in flights if name in entry.coverage["quantities"]]
+
+
+def _excursion(entry: FlightEntry, name: str, flown: RangeFlown) -> Excursion | None:
+    """Tell how much of a flight lies more than a bin outside the fitted range; None where it is hardly any."""
+    count = entry.coverage["quantities"].get(name)
+    if count is None or flown.fitted is None:
+        return None
+    low, high = (round(bound / flown.step) for bound in flown.fitted)
+    below = above = 0.0
+    for k, seconds in enumerate(count["seconds"], start=count["first"]):
+        below += seconds if k < low - 1 else 0.0
+        above += seconds if k > high else 0.0
+    part = (below + above) / max(sum(count["seconds"]), 1e-9)
+    if part <= OUTSIDE:
+        return None
+    # A blip beyond the rest of the flight is not what it did: the 95 % quantile, where that is outside already.
+    if above >= below:
+        reach = count["p95"] if count["p95"] > flown.fitted[1] else count["max"]
+    else:
+        reach = count["p05"] if count["p05"] < flown.fitted[0] else count["min"]
+    return Excursion(flight=entry.name, quantity=name, part=part, reach=float(reach), fitted=flown.fitted)
+
+
+def _summed(flights: Sequence[FlightEntry]) -> Cells:
+    cells: dict[tuple[int, int], float] = defaultdict(float)
+    for entry in flights:
+        for i, j, seconds in entry.coverage["map"]["cells"]:
+            cells[int(i), int(j)] += seconds
+    return [[i, j, seconds] for (i, j), seconds in sorted(cells.items())]
+
+
+def _facts(entry: FlightEntry, part: str) -> dict[str, Any]:
+    return {
+        "flight": entry.name,
+        "part": part,
+        "start_utc": None if entry.start_utc is None else entry.start_utc.isoformat(),
+        "place": None if entry.origin is None else [math.degrees(angle) for angle in entry.origin[:2]],
+        "seconds": entry.coverage["seconds"],
+        "acceleration_rms": excitation(entry),
+    }
+
+
+def _findings(outside: Sequence[Excursion], quantities: Mapping[str, RangeFlown]) -> Iterable[Finding]:
+    flights: dict[str, list[Excursion]] = defaultdict(list)
+    for each in outside:
+        flights[each.flight].append(each)
+    for flight, found in flights.items():
+        told = []
+        for each in found[:_MOST_NAMED]:
+            flown = quantities[each.quantity]
+            above = each.reach > each.fitted[1]
+            told.append(
+                f"{flown.title} {'up to' if above else 'down to'} {shown(flown.unit, each.reach)} "
+                f"(fitted {'to' if above else 'from'} {shown(flown.unit, each.fitted[1 if above else 0])}) "
+                f"for {100.0 * each.part:.0f} % of its time"
+            )
+        yield Finding(
+            "outside-fitted-range",
+            Severity.WARNING,
+            f"{flight} leaves what the models were fitted to: {', '.join(told)}; its errors there are those of "
+            "extrapolation",
+            f"let {flight} train, or fly another flight over that range",
+            {"flight": flight} | {f"part_{each.quantity}": each.part for each in found},
+        )

@@ -1,0 +1,121 @@
+"""One log from its URL to products in the store: the call that processes and clusters do side by side."""
+
+from __future__ import annotations
+
+import errno
+import json
+import logging
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+from logparse import LogError, RotoridError
+from pipeline.config import AnalysisConfig
+from pipeline.execution.stages import Progress
+from pipeline.flight.analysis import analyze
+from pipeline.flight.coverage import summarise
+from pipeline.results.entry import FlightEntry, flight_entry
+from pipeline.results.flight import Failure, FlightResult, Publish
+from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, write_experiments, write_tables
+from pipeline.storage.manifest import FLIGHTS
+from pipeline.storage.sources import Source, fetched
+from pipeline.storage.store import ENTRY, Store, open_store
+
+_LOG = logging.getLogger("rotorid.pipeline")
+
+#: Errors after which nothing more can be stored.
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """A log to analyse.
+
+    Attributes
+    ----------
+    source : Source
+    name, folder, key : str
+        As in `pipeline.results.entry.FlightEntry`.
+    config : AnalysisConfig
+    store : str
+        URL.
+    publish : callable or None
+    """
+
+    source: Source
+    name: str
+    folder: str
+    key: str
+    config: AnalysisConfig
+    store: str
+    publish: Publish | None
+
+
+def run(job: Job, progress: Progress | None = None) -> FlightEntry | Failure | None:
+    """Analyse a log and store its products; whatever goes wrong stays with this log.
+
+    Returns
+    -------
+    FlightEntry, Failure or None
+        None for a file that was merely found in a folder and neither looks nor is called like a log.
+    """
+    source = job.source
+    try:
+        with fetched(source.url) as file:
+            result = analyze(file, job.config, progress, name=job.name)
+        try:
+            return _keep(result, job)
+        except OSError as error:
+            # Libraries word it in their own ways.
+            why = os.strerror(error.errno) if error.errno in FULL else error.strerror or error
+            return Failure(source.url, f"its results could not be stored: {why}", full=error.errno in FULL)
+    except LogError as error:
+        return Failure(source.url, str(error), lasting=True) if source.named or source.called_a_log else None
+    except RotoridError as error:
+        return Failure(source.url, str(error), lasting=True)
+    except OSError as error:
+        return Failure(source.url, f"cannot be read: {error.strerror or error}")
+    except MemoryError:
+        return Failure(source.url, "needs more memory than there is")
+    except Exception as error:
+        _LOG.exception("unexpected error analysing %s", source.url)
+        reason = f"unexpected {type(error).__name__}: {error} (a bug in rotorid; please report it)"
+        return Failure(source.url, reason, lasting=True)
+
+
+def _keep(result: FlightResult, job: Job) -> FlightEntry:
+    """Store all products of a flight, its entry last.
+
+    The entry of an earlier run is made void first: parts of the datasets are replaced one by one, and what is mixed of
+    two runs must not pass for the products of either.
+    """
+    store = open_store(job.store)
+    # The report calls the log as its user does, not as it was fetched.
+    result = replace(result, log=replace(result.log, path=Path(job.source.file)))
+    entry = flight_entry(result, folder=job.folder, source=job.source.url, key=job.key, coverage=summarise(result))
+    place = f"{FLIGHTS}/{job.folder}"
+    with store.scratch() as scratch:
+        product = scratch / "product"
+        product.mkdir()
+        if job.publish is not None:
+            job.publish(result, product)
+        (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")
+        tables = write_tables(result, scratch / TABLES)
+        experiments = write_experiments(result, scratch / EXPERIMENTS)
+
+        former = store.read_json(f"{place}/{ENTRY}")
+        if former is not None:
+            store.write_json(f"{place}/{ENTRY}", {**former, "key": ""})
+            _remove_parts(store, former["vehicle"], job.folder)
+        store.write_json(f"{place}/{ENTRY}", {**entry.to_dict(), "key": ""})
+        for dataset, files in ((TABLES, tables), (EXPERIMENTS, experiments)):
+            for name, file in files.items():
+                store.put(file, part(dataset, name, entry.vehicle, job.folder))
+        store.commit(product, place)
+    return entry
+
+
+def _remove_parts(store: Store, vehicle: str, flight: str) -> None:
+    for dataset in (TABLES, EXPERIMENTS):
+        for name in store.names(dataset):
+            store.remove(str(PurePosixPath(part(dataset, name, vehicle, flight)).parent))

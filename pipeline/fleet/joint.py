@@ -1,0 +1,281 @@
+"""One craft from several of its flights, jointly: fitted to some and judged on the others.
+
+Experiments stay in the store and are read where a kind of model is fitted; only models, and free runs thinned for
+plots, come back to whoever asked.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
+from dataclasses import dataclass, replace
+from functools import partial
+
+import sysid
+from logparse import Finding, Vehicle
+from pipeline.config import AnalysisConfig
+from pipeline.execution.executors import busy
+from pipeline.execution.stages import Progress, Stages, silent
+from pipeline.fleet.drift import follow
+from pipeline.fleet.envelope import envelope
+from pipeline.fleet.split import Split
+from pipeline.flight.advice.next_flights import for_craft
+from pipeline.flight.comparison import compare_parameters
+from pipeline.flight.identification import identify
+from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Fit, Kind
+from pipeline.results.entry import FlightEntry
+from pipeline.results.flight import GroupResult, ModelResult, Prediction
+from pipeline.storage.dataset import EXPERIMENTS, part, read_experiment
+from pipeline.storage.store import open_store
+from sysid.transfer_functions.reduction import Spread
+
+_LOG = logging.getLogger("rotorid.pipeline")
+
+#: Rows of free runs that come back of each kind of model: enough for plots, however many flights there are.
+MOST_ROWS = 200_000
+
+#: Training flights from which a fit's steps are spread over workers. A search looks at some thousand samples, ten short
+#: flights or so, and is as long for any number of flights; from four times as many on, steps over all flights prevail.
+SPREAD_FROM = 40
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Records:
+    """Where the experiments of one kind are, of the flights that have it.
+
+    Attributes
+    ----------
+    store : str
+        URL.
+    training, held_out : tuple of str
+        Paths in the store.
+    """
+
+    store: str
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+
+    def fitted(self) -> list[sysid.Experiment]:
+        """Read what the models are fitted to."""
+        return self._read(self.training)
+
+    def judges(self) -> list[sysid.Experiment]:
+        """Read what the models are judged on."""
+        return self._read(self.held_out)
+
+    def spread(self, executor: Executor, shares: int) -> Spread:
+        """Let the processes of an executor read what the models are fitted to."""
+        return Spread(executor, tuple(partial(_load, self.store, path) for path in self.training), shares)
+
+    def _read(self, paths: Sequence[str]) -> list[sysid.Experiment]:
+        store = open_store(self.store)
+        return [read_experiment(store.read(path)) for path in paths]
+
+
+def _load(store: str, path: str) -> sysid.Experiment:
+    return read_experiment(open_store(store).read(path))
+
+
+def identify_craft(
+    name: str,
+    flights: Sequence[FlightEntry],
+    split: Split,
+    store: str,
+    config: AnalysisConfig,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+    findings: Sequence[Finding] = (),
+) -> GroupResult:
+    """Identify one craft from some of its flights and judge the models on others.
+
+    Parameters
+    ----------
+    name : str
+        The craft for people.
+    flights : sequence of FlightEntry
+        Of one craft.
+    split : Split
+        Which of them train and which judge.
+    store : str
+        URL of the store that has their experiments.
+    config : AnalysisConfig
+    progress : callable, optional
+    executor : concurrent.futures.Executor, optional
+        Where each kind of model is fitted, in one call; in this thread when not given.
+    findings : sequence of Finding
+        What is known of the flights as a series.
+    """
+    by_name = {flight.name: flight for flight in flights}
+    training = [by_name[each] for each in split.training]
+    held_out = [by_name[each] for each in split.held_out]
+    records = {kind.key: _records(store, kind.key, training, held_out) for kind in KINDS}
+    stages = Stages(progress or silent, config.time_limit * len(flights))
+    models = _identify_all(records, training, config, stages, executor)
+    ordered = [models[kind.key] for kind in KINDS]
+    thrust, parameters = _physical(records, models[RIGID_BODY_KEY], config, stages, executor)
+    if thrust is None:
+        stages.missing.setdefault("thrust", models[THRUST_KEY].missing)
+    covered = stages.run("coverage", lambda _: envelope(flights, split.training, split.held_out))
+    drift = stages.run("drift", lambda _: follow(flights))
+    advice = stages.run("advice", lambda _: for_craft(flights, covered, drift, parameters))
+    found = (part.findings for part in (thrust, covered, drift) if part is not None)
+    return GroupResult(
+        name=name,
+        vehicle=_vehicle(flights, store),
+        training=split.training,
+        held_out=split.held_out,
+        split=split.sentence,
+        models=tuple(ordered),
+        thrust=thrust,
+        parameters=parameters,
+        coverage=covered,
+        drift=drift,
+        advice=advice or (),
+        findings=(*findings, *(finding for part in found for finding in part), *stages.findings),
+        missing=stages.missing,
+        timings=stages.timings,
+    )
+
+
+def _records(store: str, key: str, training: Sequence[FlightEntry], held_out: Sequence[FlightEntry]) -> Records:
+    def paths(flights: Sequence[FlightEntry]) -> tuple[str, ...]:
+        return tuple(part(EXPERIMENTS, key, each.vehicle, each.folder) for each in flights if key in each.experiments)
+
+    return Records(store=store, training=paths(training), held_out=paths(held_out))
+
+
+def _identify_all(
+    records: Mapping[str, Records],
+    training: Sequence[FlightEntry],
+    config: AnalysisConfig,
+    stages: Stages,
+    executor: Executor | None,
+) -> dict[str, ModelResult]:
+    """Identify every kind of model, side by side where there is an executor; by the kind's key.
+
+    With many flights and more workers than kinds, one kind after the other, its records spread over the workers.
+    """
+    models: dict[str, ModelResult] = {}
+    jobs: dict[Future[tuple[ModelResult, Stages]], Kind] = {}
+    spread = executor is not None and len(training) >= SPREAD_FROM and busy(executor) > 2 * len(KINDS)
+    for kind in KINDS:
+        if not records[kind.key].training:
+            models[kind.key] = _without(kind, _no_records(kind, training))
+            continue
+        if executor is not None and spread and kind.key != RIGID_BODY_KEY:
+            fit = partial(_fit_spread, kind.fit, records[kind.key].spread(executor, busy(executor)))
+            models[kind.key] = _identify(replace(kind, fit=fit), records[kind.key], config, stages)
+            continue
+        if executor is not None:
+            try:
+                jobs[executor.submit(_identify_alone, kind, records[kind.key], config, stages.time_limit)] = kind
+            except BrokenExecutor:  # a log has killed a worker: the joint fit need not go with it
+                executor = None
+        if executor is None:
+            models[kind.key] = _identify(kind, records[kind.key], config, stages)
+    for job in as_completed(jobs):
+        kind = jobs[job]
+        try:
+            models[kind.key], own = job.result()
+        except Exception as error:  # the worker died, or its result could not come back
+            _LOG.exception("fitting %s jointly failed", kind.key)
+            models[kind.key] = _without(kind, f"the worker process failed: {type(error).__name__}: {error}")
+        else:
+            stages.take(own)
+        stages.progress(kind.key, 1.0)
+    return models
+
+
+def _fit_spread(
+    fit: Fit,
+    spread: Spread,
+    experiments: Sequence[sysid.Experiment],
+    config: AnalysisConfig,
+    progress: Progress,
+    /,
+) -> sysid.Model:
+    """Fit with the records spread over the workers, or all here when these have died."""
+    try:
+        return fit(experiments, config, progress, spread=spread)
+    except BrokenExecutor:
+        _LOG.exception("the workers that held the records have died; going on without them")
+        return fit(experiments, config, progress)
+
+
+def _without(kind: Kind, reason: str) -> ModelResult:
+    return ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=reason)
+
+
+def _no_records(kind: Kind, training: Sequence[FlightEntry]) -> str:
+    """Say why there is nothing to fit a kind of model to."""
+    if not training:
+        return "none of its flights was chosen for training"
+    alone = (flight.missing.get(kind.key, "") for flight in training)
+    return next((reason for reason in alone if reason), "no training flight has its inputs")
+
+
+def _identify_alone(
+    kind: Kind, records: Records, config: AnalysisConfig, time_limit: float
+) -> tuple[ModelResult, Stages]:
+    """Identify in a process of its own; progress is not heard there."""
+    stages = Stages(silent, time_limit)
+    return _identify(kind, records, config, stages), stages
+
+
+def _identify(kind: Kind, records: Records, config: AnalysisConfig, stages: Stages) -> ModelResult:
+    result = identify(kind, records.fitted(), records.judges(), config, stages)
+    most = max(500, MOST_ROWS // max(1, len(result.predictions)))
+    return replace(result, predictions=tuple(_thinned(each, most) for each in result.predictions))
+
+
+def _thinned(prediction: Prediction, most: int) -> Prediction:
+    """Keep every so many-th row of a free run, and of its experiment what plots show."""
+    step = -(-len(prediction.experiment.t) // most)
+    rows = slice(None, None, step)
+    whole = prediction.experiment
+    experiment = replace(whole, t=whole.t[rows], u=whole.u[rows], y=whole.y[rows], context=None)
+    return replace(prediction, experiment=experiment, y_hat=prediction.y_hat[rows])
+
+
+def _physical(
+    records: Mapping[str, Records],
+    body: ModelResult,
+    config: AnalysisConfig,
+    stages: Stages,
+    executor: Executor | None,
+) -> tuple[sysid.ThrustModel | None, sysid.PhysicalParameters | None]:
+    """Find thrust and physical parameters by every method, beside the models where there is an executor."""
+    # Free runs are many megabytes that this does not need.
+    arguments = (records[THRUST_KEY], records[RIGID_BODY_KEY], replace(body, predictions=()), config, stages.time_limit)
+    if executor is None:
+        found = _physical_alone(*arguments)
+    else:
+        try:
+            found = executor.submit(_physical_alone, *arguments).result()
+        except Exception as error:  # the worker died, or its result could not come back
+            _LOG.exception("finding physical parameters jointly failed")
+            reason = f"the worker process failed: {type(error).__name__}: {error}"
+            stages.missing.update(thrust=reason, parameters=reason)
+            return None, None
+    thrust, parameters, own = found
+    stages.take(own)
+    stages.missing.update(own.missing)
+    return thrust, parameters
+
+
+def _physical_alone(
+    flown: Records, attitude: Records, body: ModelResult, config: AnalysisConfig, time_limit: float
+) -> tuple[sysid.ThrustModel | None, sysid.PhysicalParameters | None, Stages]:
+    """Do so in a process of its own; progress is not heard there."""
+    stages = Stages(silent, time_limit)
+    fitted = flown.fitted()
+    thrust = stages.run("thrust", lambda _: sysid.fit_thrust(fitted, mass=config.mass)) if fitted else None
+    return thrust, compare_parameters(attitude.fitted(), [body], config, stages), stages
+
+
+def _vehicle(flights: Sequence[FlightEntry], store: str) -> Vehicle:
+    """Read what a log says about the craft from an experiment, of which each of the flights has one."""
+    first = flights[0]
+    content = open_store(store).read(part(EXPERIMENTS, first.experiments[0], first.vehicle, first.folder))
+    return read_experiment(content).vehicle or Vehicle()

@@ -1,0 +1,330 @@
+"""Which flights of a craft a model is fitted to, and which judge it: named by the user, or stratified, and stated.
+
+Left to itself the split is deterministic and of this kind:
+
+- Flights whose position is poor, or which hardly move, never train; they judge.
+- Of the others half train. At every place and on every day the two halves differ by one flight at most: flights of the
+  same place and day are paired by how much they move, one of each pair trains; those left over are the edges of a
+  graph that joins places with days, and train or judge by turns along its trails. Cycles of such a graph are even, so
+  that turns work out at every place and day (an equitable colouring of the edges of a bipartite graph: de Werra 1971,
+  by trails as Gabow 1976).
+- Who of a pair trains is chosen such that both halves are spread alike over the range of excitation (RMS acceleration);
+  the flight that moves most trains, because models interpolate better than they extrapolate.
+- No more than `MOST_TRAINING` train. Flights differ in wind, air and battery; a mean over k of them leaves the error
+  on an unseen flight larger than that of the best model by a factor of sqrt(1 + 1/k), and a joint fit costs k times as
+  much: at 20 flights the rest is 2.5 %.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import timedelta
+from fnmatch import fnmatch
+from itertools import accumulate
+from typing import TYPE_CHECKING, Any
+
+from pipeline.flight.craft import took_off
+
+if TYPE_CHECKING:
+    from pipeline.config import AnalysisConfig
+    from pipeline.results.entry import FlightEntry
+
+#: Most flights that train where the user names none.
+MOST_TRAINING = 20
+
+#: Horizontal 1-sigma beyond which a flight does not train, m: good models err by this much over whole flights.
+POOR_POSITION = 5.0
+
+#: Acceleration over what the estimate's own noise makes of it, below which a flight hardly moves.
+HARDLY_MOVES = 2.0
+
+#: Flights that begin within this distance of each other are at one place, m.
+ONE_PLACE = 2000.0
+
+_EARTH_RADIUS = 6.371e6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Split:
+    """Names of flights that train and that judge, in order of name.
+
+    Attributes
+    ----------
+    training, held_out : tuple of str
+    unused : mapping of str to str
+        Flights that do neither, and why.
+    never_train : mapping of str to str
+        Flights that judge only, and why.
+    sentence : str
+        How the two were chosen, with the numbers.
+    """
+
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    unused: Mapping[str, str] = field(default_factory=dict)
+    never_train: Mapping[str, str] = field(default_factory=dict)
+    sentence: str = ""
+
+
+def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
+    """Divide the flights of one craft into those to fit and those to judge, and say how it was done.
+
+    Parameters
+    ----------
+    entries : sequence of FlightEntry
+        Of one craft, as `pipeline.flight.craft.by_craft` gives them; with names of their own.
+    config : AnalysisConfig
+        Whose patterns `training` and `validation` of names count where they are given.
+    """
+    flights = sorted(entries, key=lambda flight: flight.name)
+    if config.training or config.validation:
+        return _by_user(flights, config)
+    never = {flight.name: reason for flight in flights if (reason := unfit(flight))}
+    usable = [flight for flight in flights if flight.name not in never]
+    half = _half(usable)
+    chosen = _thinned(half)
+    names = {flight.name for flight in chosen}
+    judges = [flight for flight in flights if flight.name not in names]
+    return Split(
+        training=tuple(sorted(names)),
+        held_out=tuple(flight.name for flight in judges),
+        never_train=never,
+        sentence=_sentence(usable, chosen, judges, never, capped=len(chosen) < len(half)),
+    )
+
+
+def named(name: str, patterns: Iterable[str]) -> bool:
+    """Tell whether one of the user's patterns means a flight."""
+    return any(fnmatch(name.casefold(), pattern.casefold()) for pattern in patterns)
+
+
+def excitation(flight: FlightEntry) -> float:
+    """How much a flight moves: RMS of changes of velocity over a second, m/s^2; 0 where that was not measured."""
+    return float(flight.coverage.get("excitation", {}).get("acceleration_rms") or 0.0)
+
+
+def position_sigma(flight: FlightEntry) -> float:
+    """Give the largest horizontal 1-sigma of a flight's position, m; 0 where that was not measured."""
+    return float(flight.coverage.get("health", {}).get("position_sigma", {}).get("max") or 0.0)
+
+
+def day_of(flight: FlightEntry) -> str:
+    """Day on which a flight took off, by the sun where it did; empty where the log does not tell."""
+    start = took_off(flight)
+    if start is None:
+        return ""
+    place = _place(flight)
+    # An hour for 15 degrees of longitude; the political zone is not known, and need not be.
+    local = start + timedelta(hours=0.0 if place is None else math.degrees(place[1]) / 15.0)
+    return local.date().isoformat()
+
+
+def places_of(flights: Sequence[FlightEntry]) -> dict[str, int]:
+    """Tell places of take-off apart by numbers, by flight's name; -1 where the log does not tell."""
+    centres: list[tuple[float, float]] = []
+    numbers: dict[str, int] = {}
+    for flight in sorted(flights, key=lambda each: (_place(each) or (math.inf, math.inf), each.name)):
+        place = _place(flight)
+        if place is None:
+            numbers[flight.name] = -1
+            continue
+        near = [k for k, centre in enumerate(centres) if _distance(place, centre) < ONE_PLACE]
+        if not near:
+            centres.append(place)
+        numbers[flight.name] = near[0] if near else len(centres) - 1
+    return numbers
+
+
+def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
+    training = [flight.name for flight in flights if named(flight.name, config.training)]
+    judges = [flight.name for flight in flights if named(flight.name, config.validation)]
+    if not config.validation:
+        judges = [flight.name for flight in flights if flight.name not in training]
+        sentence = "the training flights were named by the user; all others judge"
+    elif not config.training:
+        training = [flight.name for flight in flights if flight.name not in judges]
+        sentence = "the flights that judge were named by the user; all others train"
+    else:
+        # What both patterns mean trains: it is no longer unseen.
+        judges = [name for name in judges if name not in training]
+        sentence = "the flights that train and those that judge were named by the user"
+    neither = {
+        flight.name: "the user named it neither to train nor to judge"
+        for flight in flights
+        if flight.name not in (*training, *judges)
+    }
+    poor = {flight.name: reason for flight in flights if flight.name in training and (reason := unfit(flight))}
+    if poor:
+        sentence += "; of those that train, " + ", ".join(
+            f"{name} teaches little ({why})" for name, why in poor.items()
+        )
+    return Split(training=tuple(training), held_out=tuple(judges), unused=neither, sentence=sentence)
+
+
+def unfit(flight: FlightEntry) -> str:
+    """Say why a flight must not train; empty when it may."""
+    sigma = position_sigma(flight)
+    if sigma > POOR_POSITION:
+        return f"its position is poor: the horizontal 1-sigma grows to {sigma:.1f} m"
+    moved: Mapping[str, Any] = flight.coverage.get("excitation", {})
+    noise = moved.get("acceleration_noise")
+    if noise and excitation(flight) < HARDLY_MOVES * noise:
+        return (
+            f"it hardly moves: its acceleration of {excitation(flight):.2g} m/s² (RMS) is less than "
+            f"{HARDLY_MOVES:g} times what the estimate's noise makes, {noise:.2g} m/s²"
+        )
+    return ""
+
+
+def _half(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
+    """Choose half of the flights, give or take one; every place and day is divided in the same way."""
+    rank = {flight.name: k for k, flight in enumerate(sorted(flights, key=lambda f: (-excitation(f), f.name)))}
+    places = places_of(flights)
+    cells: dict[tuple[int, str], list[int]] = defaultdict(list)
+    for flight in flights:
+        cells[places[flight.name], day_of(flight)].append(rank[flight.name])
+    chains: list[list[int]] = []
+    rest: dict[tuple[int, str], int] = {}
+    for cell, members in sorted(cells.items()):
+        members.sort()
+        if len(members) % 2:
+            # The least excited is left over: the pairs hold those that matter most.
+            rest[cell] = members.pop()
+        chains += [[members[k], members[k + 1]] for k in range(0, len(members), 2)]
+    chains += [[rest[cell] for cell in trail] for trail in _trails(sorted(rest))]
+    chosen = _turned(chains, len(flights))
+    return [flight for flight in flights if rank[flight.name] in chosen]
+
+
+def _trails(cells: Sequence[tuple[int, str]]) -> list[list[tuple[int, str]]]:
+    """Divide the edges between places and days into trails, open ones first: as few as there are odd nodes, halved."""
+    # Edges by node: places and days are told apart by their side.
+    touching: dict[tuple[int, int | str], set[tuple[int, str]]] = defaultdict(set)
+    for cell in cells:
+        touching[0, cell[0]].add(cell)
+        touching[1, cell[1]].add(cell)
+    trails = []
+    # From odd nodes first, so that what is left has even nodes only and closes upon itself.
+    for odd in (True, False):
+        for node in sorted(touching, key=str):
+            while touching[node] and (len(touching[node]) % 2 == 1 or not odd):
+                trail, at = [], node
+                while touching[at]:
+                    edge = min(touching[at])
+                    trail.append(edge)
+                    for side in (0, 1):
+                        touching[side, edge[side]].discard(edge)
+                    at = (1, edge[1]) if at[0] == 0 else (0, edge[0])
+                trails.append(trail)
+    return trails
+
+
+def _turned(chains: Sequence[Sequence[int]], count: int) -> set[int]:
+    """Take every other member of each chain, so that takers and others are spread alike over the ranks.
+
+    Parameters
+    ----------
+    chains : sequence of sequence of int
+        Ranks of flights, 0 for the one that moves most.
+    count : int
+        Number of flights.
+
+    Returns
+    -------
+    set of int
+        Ranks taken: half of all, give or take one; 0 is among them.
+    """
+    chosen: set[int] = set()
+    signs = [0] * count
+    balance = 0
+    for chain in sorted(chains, key=min):
+        ways = []
+        for first in (1, -1):
+            turn = {member: first * (-1) ** k for k, member in enumerate(chain)}
+            total = balance + sum(turn.values())
+            # Best are halves alike or one more that train; one fewer only for the sake of the flight that moves most.
+            size = (0, 1, -1).index(total) if abs(total) <= 1 else 3
+            ways.append((turn.get(0, 1) < 0, max(size - 1, 0), _uneven(signs, turn), -turn[min(chain)], first, turn))
+        *_, turn = min(ways, key=lambda way: way[:5])
+        for member, sign in turn.items():
+            signs[member] = sign
+        balance += sum(turn.values())
+        chosen |= {member for member, sign in turn.items() if sign > 0}
+    return chosen
+
+
+def _uneven(signs: Sequence[int], turn: Mapping[int, int]) -> int:
+    """Sum of squares of how far takers are ahead, counted down the ranks (as in Cramér and von Mises' criterion)."""
+    return sum(ahead**2 for ahead in accumulate(turn.get(rank, sign) for rank, sign in enumerate(signs)))
+
+
+def _thinned(half: Sequence[FlightEntry]) -> list[FlightEntry]:
+    """Keep at most `MOST_TRAINING`: every so many-th by place, day and excitation, and the one that moves most."""
+    if len(half) <= MOST_TRAINING:
+        return list(half)
+    places = places_of(half)
+    ordered = sorted(half, key=lambda f: (places[f.name], day_of(f), -excitation(f), f.name))
+    at = [int((k + 0.5) * len(ordered) / MOST_TRAINING) for k in range(MOST_TRAINING)]
+    best = min(range(len(ordered)), key=lambda k: (-excitation(ordered[k]), ordered[k].name))
+    nearest = min(range(len(at)), key=lambda k: abs(at[k] - best))
+    at[nearest] = best
+    return [ordered[k] for k in sorted(set(at))]
+
+
+def _sentence(
+    usable: Sequence[FlightEntry],
+    chosen: Sequence[FlightEntry],
+    judges: Sequence[FlightEntry],
+    unable: Mapping[str, str],
+    *,
+    capped: bool,
+) -> str:
+    """Say how the flights were divided, with the numbers."""
+    never = "; ".join(f"{name} never trains: {why}" for name, why in sorted(unable.items())[:5])
+    if len(unable) > 5:
+        never += f"; {len(unable) - 5} more never train"
+    if not chosen:
+        return f"no flight can train: {never}" if never else "there is no flight"
+    if len(usable) == 1 and not judges:
+        return "the only flight of the craft trains, and no other is there to judge"
+    if len(usable) == 1:
+        return f"{chosen[0].name} is the only flight that can train, the others judge; {never}"
+    total = len(chosen) + len(judges)
+    places = len(set(places_of(usable).values()))
+    days = len({day_of(flight) for flight in usable})
+    text = (
+        f"{len(chosen)} of {total} flights train and {len(judges)} judge, stratified by place ({places}), day ({days}) "
+        f"and excitation: RMS acceleration {_range(chosen)} in training, "
+        f"{_range([flight for flight in judges if flight.name not in unable])} in judging"
+    )
+    if capped:
+        gain = 100.0 * (math.sqrt(1.0 + 1.0 / len(chosen)) - 1.0)
+        text += (
+            f"; of the half that could train {len(chosen)} do, spread over places, days and excitation, because more "
+            f"would lower the error on unseen flights by less than {gain:.1f} %"
+        )
+    return f"{text}; {never}" if never else text
+
+
+def _range(flights: Sequence[FlightEntry]) -> str:
+    values = [excitation(flight) for flight in flights]
+    low, high = f"{min(values):.2g}", f"{max(values):.2g}"
+    return f"{low} m/s²" if low == high else f"{low}–{high} m/s²"
+
+
+def _place(flight: FlightEntry) -> tuple[float, float] | None:
+    """Latitude and longitude of the take-off, rad."""
+    if flight.origin is None:
+        return None
+    lat, lon, _ = flight.origin
+    north, east = flight.track[0][1:3] if flight.track else (0.0, 0.0)
+    return lat + north / _EARTH_RADIUS, lon + east / (_EARTH_RADIUS * max(math.cos(lat), 1e-6))
+
+
+def _distance(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Distance of two places on a sphere, m."""
+    half = math.sin((a[0] - b[0]) / 2.0) ** 2 + math.cos(a[0]) * math.cos(b[0]) * math.sin((a[1] - b[1]) / 2.0) ** 2
+    return 2.0 * _EARTH_RADIUS * math.asin(min(1.0, math.sqrt(half)))

@@ -1,0 +1,1 @@
+"""One log to one result: read, estimate, identify, validate, measure coverage, recommend."""

@@ -1,0 +1,1 @@
+"""Recommendations for the next flight: what to log and what to fly."""

@@ -1,0 +1,287 @@
+"""What to fly differently: movement, speeds, directions and conditions that flights lacked, and what to repeat."""
+
+from __future__ import annotations
+
+import math
+import re
+import statistics
+from collections.abc import Collection, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from pipeline.fleet.envelope import shown
+from pipeline.fleet.split import POOR_POSITION, position_sigma, unfit
+from pipeline.results.advice import Advice, having, names_of
+from sysid.rigid_body.wind import LIGHT, TURBULENCE
+
+if TYPE_CHECKING:
+    from pipeline.fleet.envelope import Envelope
+    from pipeline.results.entry import FlightEntry
+
+#: Relative error at which drag is worth having; the speeds that give it follow from the gusts.
+DRAG_ERROR = 0.15
+
+#: Slowest and fastest legs that are asked for, m/s: slower ones are hover, faster ones need more room than most have.
+SLOW_LEG, FAST_LEG = 3, 12
+
+#: Standard error of the wind above which turns on the spot pay, m/s.
+WIND_ERROR = 0.3
+
+#: Sectors of 45 degrees that turns should reach: a quarter turn to either side.
+FEW_HEADINGS = 3
+
+#: Flights of one craft that make a joint model: 4 leave the error on unseen ones 12 % above that of the best model.
+ENOUGH = 4
+
+#: Chirps of ArduCopter's SYSTEMID mode at the mixer, by axis.
+_SID_AXIS = {"roll": 10.0, "pitch": 11.0, "yaw": 12.0, "thrust": 13.0}
+_CHIRP = {"SID_MAGNITUDE": 0.05, "SID_F_START_HZ": 0.5, "SID_F_STOP_HZ": 15.0, "SID_T_REC": 70.0}
+
+#: Either tells that drag is determined.
+_DRAG = frozenset(("linear drag over mass", "quadratic drag over mass"))
+
+#: What an axis tells when it moves.
+_TELLS = {
+    "roll": "roll inertia over mass and arm",
+    "pitch": "pitch inertia over mass and arm",
+    "yaw": "yaw torque over inertia",
+    "thrust": "thrust curve",
+}
+
+
+def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, told: Collection[str]) -> Iterator[Advice]:
+    """Advise on flying.
+
+    Parameters
+    ----------
+    flights : sequence of FlightEntry
+        Of one craft, in order of date.
+    envelope : Envelope or None
+        What the flights that train and those that judge covered.
+    told : collection of str
+        Physical parameters that are determined.
+    """
+    lost = _lost(flights)
+    measured = [flight for flight in flights if flight.coverage and flight not in lost]
+    yield from _repeat(flights, lost)
+    yield from _conditions(flights)
+    yield from _drag(measured, len(flights), told)
+    yield from _turns(measured, len(flights), told)
+    yield from _axes(measured, len(flights), told)
+    if envelope is not None:
+        yield from _extrapolated(envelope)
+        yield from _more(envelope)
+
+
+def _lost(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
+    """Choose the flights whose position is too uncertain to say anything of their speeds."""
+    return [
+        flight
+        for flight in flights
+        if flight.coverage and (not flight.position_known or position_sigma(flight) > POOR_POSITION)
+    ]
+
+
+def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iterator[Advice]:
+    """Name the flights that gave no position or hardly moved."""
+    if lost:
+        worst = max(position_sigma(flight) for flight in lost)
+        hdop = [value for flight in lost if (value := _health(flight, "gps", "hdop")) is not None]
+        yield Advice(
+            id="repeat-with-gps",
+            rank=2,
+            do=f"Repeat {names_of(lost, len(flights))} with a good fix before take-off, under open sky",
+            why=f"the horizontal position is uncertain by up to {worst:.0f} m"
+            + (f" (dilution of precision {max(hdop):.1f})" if hdop else " (no GPS in the log)"),
+            gain="they can train and judge models of the motion, which they cannot now",
+            flights=tuple(flight.name for flight in lost),
+        )
+    still = [flight for flight in flights if flight not in lost and "hardly moves" in unfit(flight)]
+    if still:
+        yield Advice(
+            id="repeat-with-movement",
+            rank=20,
+            do=f"Repeat {names_of(still, len(flights))} with legs of 20 m to and fro and height changes of 5 m",
+            why="they hardly move: what they show is the noise of the estimate",
+            gain="they can train models; a hover tells thrust and nothing else",
+            flights=tuple(flight.name for flight in still),
+        )
+
+
+def _conditions(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
+    """Advise on vibration, saturation and battery."""
+    total = len(flights)
+    shaken = having(flights, "vibration", "accelerometer-clipping")
+    shaken = [f for f in shaken if _severity(f, "vibration", "accelerometer-clipping") != "info"]
+    if shaken:
+        worst = max((_health(flight, "vibration", "p95") or 0.0 for flight in shaken), default=0.0)
+        yield Advice(
+            id="soften-mount",
+            rank=10,
+            do="Balance the propellers and soften the mount of the autopilot",
+            why=f"in {names_of(shaken, total)} vibration reaches {worst:.0f} m/s² (95 %), or the accelerometer clips",
+            gain="accelerations without bias, on which thrust, drag and the trajectory rest",
+            flights=tuple(flight.name for flight in shaken),
+        )
+    full = [flight for flight in having(flights, "motors-saturated") if _severity(flight, "motors-saturated") != "info"]
+    if full:
+        share = max(_evidence(flight, "motors-saturated", "share") for flight in full)
+        yield Advice(
+            id="less-throttle",
+            rank=14,
+            do="Fly lighter, with a fuller battery, or with gentler climbs",
+            why=f"in {names_of(full, total)} a motor is at its limit for up to {100.0 * share:.0f} % of the time",
+            gain="the craft answers as its models say; what was flown at the limit tells nothing of them",
+            flights=tuple(flight.name for flight in full),
+        )
+
+
+def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
+    """Recommend a speed at which drag stands out from unmeasured wind (see `sysid.rigid_body.airspeed`)."""
+    if not flights or _DRAG & set(told):
+        return
+    windy = [flight for flight in flights if flight.coverage.get("wind") is not None]
+    if not windy:
+        return
+    speeds = [[float(s) for s in flight.coverage["excitation"]["speed_std"]] for flight in windy]
+    least = min(math.sqrt(sum(s[axis] ** 2 for s in speeds) / len(speeds)) for axis in (0, 1))
+    # Legs to and fro tell the mean wind from drag; what passes for drag then is what the wind does meanwhile.
+    wind = statistics.median(float(flight.coverage["wind"]["speed"]) for flight in windy)
+    gusts = TURBULENCE * max(wind, LIGHT)
+    needed = min(max(math.ceil(gusts / math.sqrt(DRAG_ERROR)), SLOW_LEG), FAST_LEG)
+    if needed <= least:
+        return
+    yield Advice(
+        id="fly-legs-for-drag",
+        rank=22,
+        do=f"Fly straight legs to and fro at {needed:.0f} m/s or more, 15 s each, along the nose and across it, and "
+        "again at half that speed",
+        why=f"drag is not determined: along one axis of the craft the speed varied by {least:.2g} m/s only, in a wind "
+        f"of about {wind:.2g} m/s that nobody measured",
+        gain=f"drag to about {100.0 * DRAG_ERROR:.0f} %, and free runs that hold at speed",
+        flights=tuple(flight.name for flight in windy) if len(windy) < total else (),
+    )
+
+
+def _turns(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
+    """Ask for turns on the spot where wind stays uncertain, though drag is known, and the nose pointed one way."""
+    if not _DRAG & set(told):
+        return
+    held = [
+        flight
+        for flight in flights
+        if flight.coverage["excitation"]["headings"] < FEW_HEADINGS
+        and (wind := flight.coverage.get("wind")) is not None
+        and (wind.get("sigma") or 0.0) > WIND_ERROR
+    ]
+    if not held or len(held) <= total // 2:
+        return
+    sigma = statistics.median(float(flight.coverage["wind"]["sigma"]) for flight in held)
+    yield Advice(
+        id="turn-on-the-spot",
+        rank=24,
+        do="Turn on the spot by 90° twice in every flight, a few seconds' hover in each direction",
+        why=f"in {names_of(held, total)} the nose pointed one way or two; the wind is known to {sigma:.2g} m/s only",
+        gain="the lean of the thrust is told from the wind: 0.1° of it passes for 0.07 m/s",
+        flights=tuple(flight.name for flight in held),
+    )
+
+
+def _axes(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
+    """Name axes that no flight moves enough for what they tell."""
+    if not flights:
+        return
+    quiet = [
+        axis
+        for axis in _SID_AXIS
+        if all(flight.coverage["excitation"]["axes"][axis]["word"] in ("none", "weak") for flight in flights)
+        and _TELLS[axis] not in told
+    ]
+    if not quiet:
+        return
+    moved = {axis: max(f.coverage["excitation"]["axes"][axis]["rms"] for f in flights) for axis in quiet}
+    units = {axis: flights[0].coverage["excitation"]["axes"][axis]["unit"] for axis in quiet}
+    chirps = all(_has_chirps(flight) for flight in flights)
+    yield Advice(
+        id="excite-axes",
+        rank=23,
+        do=f"Excite {_and(quiet)}: "
+        + (
+            "quick stick doublets in each direction, from slow to fast, for half a minute"
+            if not chirps
+            else "a chirp at the mixer in SYSTEMID mode, one axis at a time (SID_AXIS "
+            + _and([f"{_SID_AXIS[axis]:.0f} for {axis}" for axis in quiet])
+            + "), or quick stick doublets for half a minute"
+        ),
+        why="the craft hardly moves there: at most "
+        + _and([f"{shown(units[axis], moved[axis])} RMS in {axis}" for axis in quiet])
+        + f" in {'this flight' if total == 1 else f'{len(flights)} flights'}",
+        gain=f"{_and([_TELLS[axis] for axis in quiet])}, not determined now",
+        settings={} if not chirps else {"SID_AXIS": _SID_AXIS[quiet[0]]} | _CHIRP,
+    )
+
+
+def _has_chirps(flight: FlightEntry) -> bool:
+    """Tell whether the firmware may have SYSTEMID mode: ArduCopter since 4.0; logs do not always tell their version."""
+    version = re.search(r"(\d+)\.", str(flight.tune.get("firmware", "")))
+    return flight.format != "ulog" and (version is None or int(version[1]) >= 4)
+
+
+def _extrapolated(envelope: Envelope) -> Iterator[Advice]:
+    """Name what judging flights did that no training flight did."""
+    quantities = list(dict.fromkeys(each.quantity for each in envelope.outside))
+    if not quantities:
+        return
+    told, flights = [], []
+    for name in quantities:
+        out = [each for each in envelope.outside if each.quantity == name]
+        flown = envelope.quantities[name]
+        furthest = max(out, key=lambda each: max(each.reach - each.fitted[1], each.fitted[0] - each.reach))
+        flights += [each.flight for each in out]
+        low, high = furthest.fitted
+        told.append(
+            f"{flown.title} {shown(flown.unit, furthest.reach)} (fitted {shown(flown.unit, low)} to "
+            f"{shown(flown.unit, high)})"
+        )
+    flights = list(dict.fromkeys(flights))
+    named = ", ".join(flights[:4]) + (f" and {len(flights) - 4} more" if len(flights) > 4 else "")
+    yield Advice(
+        id="train-where-you-fly",
+        rank=15,
+        do=f"Let {'one of ' if len(flights) > 1 else ''}{named} train (--training), or fly a training flight there",
+        why=f"flights that judge leave what the models were fitted to: {', '.join(told[:4])}",
+        gain="errors of interpolation instead of extrapolation over that range",
+        flights=tuple(flights),
+    )
+
+
+def _more(envelope: Envelope) -> Iterator[Advice]:
+    """Ask for more flights where a joint model rests on few."""
+    k = len(envelope.training)
+    if k == 0 or k >= ENOUGH:
+        return
+    now, then = (100.0 * (math.sqrt(1.0 + 1.0 / n) - 1.0) for n in (k, ENOUGH))
+    yield Advice(
+        id="fly-more",
+        rank=30,
+        do=f"Fly {2 * (ENOUGH - k)} more flights like these, on other days and in other wind",
+        why=f"the joint models rest on {k} flight{'s' if k > 1 else ''}",
+        gain=f"scatter between flights adds {then:.0f} % instead of {now:.0f} % to the error on unseen ones",
+    )
+
+
+def _and(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + f" and {parts[-1]}"
+
+
+def _health(flight: FlightEntry, part: str, name: str) -> float | None:
+    value: Any = (flight.coverage.get("health", {}).get(part) or {}).get(name)
+    return None if value is None else float(value)
+
+
+def _severity(flight: FlightEntry, *names: str) -> str:
+    found = {str(finding["severity"]) for finding in flight.findings if finding["id"] in names}
+    return next((each for each in ("error", "warning", "info") if each in found), "")
+
+
+def _evidence(flight: FlightEntry, name: str, key: str) -> float:
+    return max((float(f["evidence"].get(key) or 0.0) for f in flight.findings if f["id"] == name), default=0.0)

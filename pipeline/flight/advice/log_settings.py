@@ -1,0 +1,179 @@
+"""What to log better: messages that were missing or slow, by the settings of the autopilot that bring them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from logparse.log_settings import TELEMETRY, Bit, LogSetting, mask
+from pipeline.results.advice import Advice, having, names_of
+
+if TYPE_CHECKING:
+    from pipeline.results.entry import FlightEntry
+
+#: What log findings with a setting as their cure cost a flight.
+_BRINGS = {
+    "no-motor-outputs": "the inputs of every model",
+    "motors-slow": "the inputs of every model",
+    "no-gps": "a position to fit",
+    "no-imu": "the trajectory at the rate of the IMU",
+    "imu-slow": "the trajectory at the rate of the IMU",
+    "no-attitude": "attitude",
+    "no-baro": "height, and the density of the air",
+    "no-mag": "a heading that does not drift by some ten degrees",
+    "no-battery": "thrust at a known voltage",
+    "no-fast-rates": "roll, pitch and yaw effectiveness and the motors' lag",
+}
+
+#: Without these no model of the motion exists.
+_VITAL = frozenset(("no-motor-outputs", "motors-slow", "no-gps"))
+
+#: Parameters that only fast rotational signals tell.
+_FAST = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "yaw torque over inertia")
+
+#: What tables are called for people.
+_TABLES = {"imu": "the IMU", "attitude": "attitude"}
+
+#: Findings of gaps in flight.
+_GAPS = ("gap-in-motors", "gap-in-imu", "gap-in-gps", "gap-in-attitude", "imu-hole")
+
+
+def logging(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[Advice]:
+    """Advise on logging.
+
+    Parameters
+    ----------
+    flights : sequence of FlightEntry
+        Of one craft, in order of date.
+    told : collection of str
+        Physical parameters that are determined.
+    """
+    yield from _on_board(flights)
+    yield from _settings(flights, told)
+    yield from _lost(flights)
+    yield from _esc(flights)
+
+
+def _on_board(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
+    """Ask for the autopilot's own log where there is only telemetry."""
+    radio = [flight for flight in flights if flight.format in TELEMETRY]
+    if not radio:
+        return
+    slowest = {
+        table: min(rates)
+        for table in ("imu", "attitude")
+        if (rates := [rate for flight in radio if (rate := _rate(flight, table)) is not None])
+    }
+    told = " and ".join(f"{_TABLES[table]} at {rate:.2g} Hz" for table, rate in slowest.items())
+    yield Advice(
+        id="use-on-board-log",
+        rank=12,
+        do="Give the log that the autopilot wrote on its card instead of the telemetry recording",
+        why=f"{names_of(radio, len(flights))} came by radio" + (f", with {told}" if told else ""),
+        gain="the IMU at 25 Hz or more to integrate, and nothing lost on the link",
+        flights=tuple(flight.name for flight in radio),
+    )
+
+
+def _settings(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[Advice]:
+    """Put all that was lacking into one value of the parameter that the autopilot has for it.
+
+    `logparse.log_settings` has decided which bits log it, and the findings carry them.
+    """
+    asked: dict[str, dict[int, tuple[Bit, list[tuple[str, FlightEntry]]]]] = {}
+    for flight in flights:
+        for finding in flight.findings:
+            evidence = finding["evidence"]
+            if finding["id"] not in _BRINGS or evidence.get("parameter") is None:
+                continue
+            bit = Bit(int(evidence["bit"]), str(evidence["name"]), "")
+            _, lacking = asked.setdefault(str(evidence["parameter"]), {}).setdefault(bit.number, (bit, []))
+            lacking.append((str(finding["id"]), flight))
+    for parameter, bits in asked.items():
+        setting = LogSetting(parameter, _present(flights, parameter), tuple(bit for bit, _ in bits.values()))
+        lacking = [each for bit in setting.added for each in bits[bit.number][1]]
+        ids = {name for name, _ in lacking}
+        if not ids or (ids == {"no-fast-rates"} and set(_FAST) <= set(told)):
+            # The rates logged were enough.
+            continue
+        named = list({flight.name: flight for _, flight in lacking}.values())
+        yield Advice(
+            id="log-bitmask" if parameter == "LOG_BITMASK" else "sdlog-profile",
+            rank=1 if _VITAL & ids else 11 if ids - {"no-fast-rates"} else 21,
+            do=setting.sentence(),
+            why=f"{names_of(named, len(flights))}: no or too slow messages for it",
+            gain=", ".join(dict.fromkeys(_BRINGS[name] for name, _ in lacking)),
+            settings={} if setting.wanted is None else {parameter: setting.wanted},
+            flights=tuple(flight.name for flight in named),
+        )
+
+
+def _present(flights: Sequence[FlightEntry], parameter: str) -> int | None:
+    """Return a parameter's value in the latest flight that tells it."""
+    for flight in reversed(flights):
+        value = mask(_setting(flight, parameter))
+        if value is not None:
+            return value
+        for finding in flight.findings:
+            if finding["evidence"].get("parameter") == parameter and finding["evidence"].get("present") is not None:
+                return int(finding["evidence"]["present"])
+    return None
+
+
+def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
+    """Ask for a faster card where the autopilot's own log has gaps in flight."""
+    gaps = [flight for flight in having(flights, *_GAPS) if flight.format not in TELEMETRY]
+    if not gaps:
+        return
+    px4 = all(flight.format == "ulog" for flight in gaps)
+    longest = max(
+        (
+            float(finding["evidence"].get("longest") or 0.0)
+            for flight in gaps
+            for finding in flight.findings
+            if finding["id"] in _GAPS
+        ),
+        default=0.0,
+    )
+    yield Advice(
+        id="faster-card",
+        rank=13,
+        do="Use a faster card, or log fewer topics"
+        if px4
+        else "Use a faster card and raise LOG_FILE_BUFSIZE, or log fewer messages",
+        why=f"the log of {names_of(gaps, len(flights))} has gaps in flight"
+        + (f", the longest of {longest:.1f} s" if longest > 0.0 else ""),
+        gain="the whole flight in one piece: models are fitted to the longest piece without a gap only",
+        flights=tuple(flight.name for flight in gaps),
+    )
+
+
+def _esc(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
+    """Ask for rotor speeds where motors work unlike and nothing tells why."""
+    uneven = having(flights, "uneven-motor")
+    if not uneven or any(_rate(flight, "esc") is not None for flight in flights):
+        return
+    px4 = all(flight.format == "ulog" for flight in uneven)
+    yield Advice(
+        id="esc-telemetry",
+        rank=31,
+        do="Log the rotors' speeds by ESC telemetry "
+        f"(bidirectional DShot, {'DSHOT_BIDIR_EN' if px4 else 'SERVO_BLH_BDMASK'}, or a telemetry wire)",
+        why=f"in {names_of(uneven, len(flights))} a motor works far harder than the others, and motor outputs alone do "
+        "not tell a weak motor from an off-centre load",
+        gain="a weak motor shows as fewer turns at the same command",
+        flights=tuple(flight.name for flight in uneven),
+    )
+
+
+def _rates(flight: FlightEntry) -> dict[str, dict[str, float]]:
+    return dict(flight.coverage.get("health", {}).get("rates", {}))
+
+
+def _rate(flight: FlightEntry, table: str) -> float | None:
+    return _rates(flight).get(table, {}).get("rate")
+
+
+def _setting(flight: FlightEntry, name: str) -> float | None:
+    value = flight.coverage.get("health", {}).get("settings", {}).get(name)
+    return None if value is None else float(value)

@@ -1,0 +1,204 @@
+"""One log to one result: read, estimate, identify on the first part of the flight, judge on the rest."""
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import estimation
+import logparse
+import sysid
+from logparse import Finding, FlightLog, MissingDataError, health
+from pipeline.config import AnalysisConfig
+from pipeline.execution.stages import Progress, Stages, silent
+from pipeline.flight.comparison import compare_parameters
+from pipeline.flight.coverage import measure
+from pipeline.flight.craft import fingerprint, tune_of
+from pipeline.flight.identification import identify
+from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
+from pipeline.flight.log_health import logged_rates
+from pipeline.names import printable
+from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, Span, horizontal_sigma
+
+#: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
+SHORTEST_EXPERIMENT = 20.0
+
+
+def analyze(
+    path: str | Path, config: AnalysisConfig | None = None, progress: Progress | None = None, *, name: str | None = None
+) -> FlightResult:
+    """Analyse one log as far as its content allows.
+
+    Parameters
+    ----------
+    path : str or Path
+    config : AnalysisConfig, optional
+    progress : callable, optional
+        Called with a stage's name and the fraction of it that is done.
+    name : str, optional
+        What the flight is called in the result; the file name without its extension.
+
+    Returns
+    -------
+    FlightResult
+        Stages that could not be done are None there, with their reason in `FlightResult.missing`.
+
+    Raises
+    ------
+    RotoridError
+        The file is not a readable log, or holds neither a flight nor a trajectory.
+    """
+    path = Path(path)
+    name = name or printable(path.stem)
+    config = config or AnalysisConfig()
+    stages = Stages(progress or silent, config.time_limit)
+
+    stages.progress("read", 0.0)
+    log = logparse.read_log(path)
+    tables = stages.run("tables", lambda _: log.tables)
+    if tables is None:
+        raise MissingDataError(stages.missing["tables"])
+    checked = stages.run("health", lambda _: health.check(log)) or ()
+    flight = stages.run("flight", lambda _: _longest_flight(log, checked))
+    rates = None if flight is None else stages.run("health", lambda _: logged_rates(tables, flight))
+    trajectory = stages.run(
+        "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
+    )
+    # Where the fast loop is logged its tables are as large as the log: not needed at a time, they are built again.
+    tables.release()
+    if flight is None and trajectory is None:
+        raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
+
+    thrust, parameters = None, None
+    experiments: dict[str, sysid.Experiment] = {}
+    models: list[ModelResult] = []
+    if flight is None or trajectory is None:
+        stages.missing["experiment"] = stages.missing["flight" if flight is None else "trajectory"]
+    else:
+        unfit = _unknown_position(trajectory, flight)
+        for kind in KINDS:
+            record = _record(kind, log, trajectory, config, name, experiments.values(), stages)
+            tables.release()
+            reason = stages.missing.pop("experiment", unfit)
+            if record is not None:
+                experiments[kind.key] = record
+                fitted, held_out = record.split(config.training_fraction)
+                if kind.key == THRUST_KEY:
+                    thrust = _thrust(fitted, config, stages)
+            if record is None or reason:
+                models.append(ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=reason))
+            else:
+                models.append(identify(kind, [fitted], [held_out], config, stages, same_flight=True))
+        if RIGID_BODY_KEY in experiments and not unfit:
+            fitted, _ = experiments[RIGID_BODY_KEY].split(config.training_fraction)
+            parameters = compare_parameters([fitted], models, config, stages)
+        elif experiments:
+            parameters = compare_parameters([], models, config, stages)
+        if not experiments:
+            stages.missing["experiment"] = models[0].missing
+            models = []
+
+    coverage = None
+    if flight is not None and trajectory is not None:
+        coverage = stages.run(
+            "coverage",
+            lambda _: measure(log, trajectory, flight, models, experiments=experiments.values(), rates=rates),
+        )
+        tables.release()
+
+    # Findings about the fits stay with their models; those of the experiments are about the log.
+    later = (part.findings for part in (trajectory, thrust, *experiments.values()) if part is not None)
+    return FlightResult(
+        name=name,
+        log=_facts(log, path),
+        config=config,
+        flight=flight,
+        motors=tables.motors,
+        modes=tables.modes,
+        gps=tables.gps,
+        baro=tables.baro,
+        tables=tables,
+        trajectory=trajectory,
+        experiments=experiments,
+        models=tuple(models),
+        thrust=thrust,
+        parameters=parameters,
+        coverage=coverage,
+        findings=(*log.findings, *checked, *(finding for part in later for finding in part), *stages.findings),
+        missing=stages.missing,
+        timings=stages.timings,
+    )
+
+
+def _longest_flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
+    if not log.flights:
+        reasons = [finding.reason for finding in checked if finding.id == "no-flight"]
+        raise MissingDataError(reasons[0].rstrip(".") if reasons else "The log shows no flight")
+    longest = max(log.flights, key=lambda flight: flight.stop - flight.start)
+    return Span(longest.start, longest.stop)
+
+
+def _record(
+    kind: Kind,
+    log: FlightLog,
+    trajectory: estimation.Trajectory,
+    config: AnalysisConfig,
+    name: str,
+    beside: Iterable[sysid.Experiment],
+    stages: Stages,
+) -> sysid.Experiment | None:
+    """Cut the flight as a kind of model needs it."""
+
+    def cut(_: Progress) -> sysid.Experiment:
+        whole = sysid.Experiment.from_flight(
+            log,
+            trajectory,
+            rate=kind.rate or config.rate,
+            inputs=kind.inputs,
+            outputs="position",
+            frame=kind.frame,
+            name=name,
+            beside=beside,
+        )
+        if whole.duration < SHORTEST_EXPERIMENT:
+            raise MissingDataError(
+                f"only {whole.duration:.0f} s of the flight have inputs and positions without a gap; "
+                f"at least {SHORTEST_EXPERIMENT:.0f} s are needed to fit and judge a model"
+            )
+        return whole
+
+    return stages.run("experiment", cut)
+
+
+def _thrust(fitted: sysid.Experiment, config: AnalysisConfig, stages: Stages) -> sysid.ThrustModel | None:
+    return stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
+
+
+def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:
+    """Say why no model of the motion can be fitted; empty when the position is known."""
+    sigma = horizontal_sigma(trajectory, flight)
+    if sigma <= POSITION_KNOWN:
+        return ""
+    return (
+        f"the horizontal position is not known (its 1-sigma grows to {sigma:.0f} m), so there is no motion to fit: "
+        "the log has no usable GPS"
+    )
+
+
+def _facts(log: FlightLog, path: Path) -> LogFacts:
+    with path.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    simulated = log.tables.truth is not None
+    return LogFacts(
+        path=path,
+        size=path.stat().st_size,
+        sha256=sha256,
+        format=log.format,
+        duration=log.duration,
+        start_utc=log.start_utc,
+        boots=len(log.boots),
+        vehicle=log.vehicle,
+        craft=fingerprint(log.vehicle, log.parameters, simulated=simulated),
+        tune=tune_of(log.vehicle, log.parameters),
+        board=None if simulated else log.vehicle.board_id,
+        flights=tuple(Span(flight.start, flight.stop) for flight in log.flights),
+    )

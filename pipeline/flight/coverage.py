@@ -1,0 +1,322 @@
+"""What a flight covered: how fast, how high, in which air and wind, how it moved, and how well that was logged.
+
+Numbers here decide which flights train (`pipeline.fleet.split`), where a model has been fitted and judged
+(`pipeline.fleet.envelope`) and what to fly and log better (`pipeline.advice`). Distributions are seconds per bin of
+grids that are the same for all flights, so that those of several flights add up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import atan2, isfinite, pi
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import sysid
+from pipeline.flight.excitation import Excitation, excitation_of
+from pipeline.flight.kinds import RIGID_BODY_KEY
+from pipeline.flight.log_health import LogHealth, log_health
+from sysid.records.context import resample_frame, shared_context
+from sysid.records.thrust_curve import curve, motor_commands
+from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from estimation import Trajectory
+    from logparse import FlightLog
+    from pipeline.results.flight import FlightResult, ModelResult, Span
+
+    Floats = NDArray[np.float64]
+
+#: Rate at which a flight is counted out into bins, Hz: that of motor outputs.
+RATE = 10.0
+
+#: Height below which the wind is that of this height, m, as in the equations of motion.
+_LOWEST = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What is counted out: name for people, unit and width of its bins; bins begin at multiples of the width."""
+
+    title: str
+    unit: str
+    step: float
+
+
+#: In the order of reports.
+QUANTITIES: Mapping[str, Quantity] = {
+    "ground_speed": Quantity("ground speed", "m/s", 1.0),
+    "airspeed": Quantity("horizontal airspeed", "m/s", 1.0),
+    "climb_rate": Quantity("climb rate", "m/s", 0.5),
+    "altitude": Quantity("altitude above the start", "m", 5.0),
+    "density": Quantity("air density", "kg/m^3", 0.02),
+    "thrust": Quantity("mean thrust command", "part of full thrust", 0.025),
+    "tilt": Quantity("tilt", "rad", pi / 72),
+    "yaw_rate": Quantity("yaw rate", "rad/s", pi / 36),
+}
+
+#: The two quantities of the map.
+MAP = ("ground_speed", "altitude")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Distribution:
+    """How much time a flight spent at which values of a quantity.
+
+    Attributes
+    ----------
+    minimum, p05, median, p95, maximum, mean, std : float
+        In the quantity's unit.
+    first : int
+        Number of the first bin: it begins at ``first * step`` of the quantity.
+    seconds : tuple of float
+        Time in each bin from there on.
+    """
+
+    minimum: float
+    p05: float
+    median: float
+    p95: float
+    maximum: float
+    mean: float
+    std: float
+    first: int
+    seconds: tuple[float, ...]
+
+    def to_dict(self, quantity: Quantity) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {
+            "title": quantity.title,
+            "unit": quantity.unit,
+            "min": self.minimum,
+            "p05": self.p05,
+            "median": self.median,
+            "p95": self.p95,
+            "max": self.maximum,
+            "mean": self.mean,
+            "std": self.std,
+            "step": quantity.step,
+            "first": self.first,
+            "seconds": list(self.seconds),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wind:
+    """Mean wind of a flight as the rigid body found it.
+
+    Attributes
+    ----------
+    north, east : float
+        Where the air goes, 10 m above the start, m/s.
+    sigma : float
+        Standard error of each, m/s.
+    source : str
+    """
+
+    north: float
+    east: float
+    sigma: float
+    source: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON; ``from`` is where the wind comes from, rad clockwise from north."""
+        return {
+            "speed": float(np.hypot(self.north, self.east)),
+            "from": atan2(-self.east, -self.north) % (2.0 * pi),
+            "north": self.north,
+            "east": self.east,
+            "sigma": self.sigma,
+            "source": self.source,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coverage:
+    """What one flight covered.
+
+    Attributes
+    ----------
+    seconds : float
+        Of flight that were counted.
+    quantities : mapping of str to Distribution
+        Of those of `QUANTITIES` that are known.
+    cells : tuple of (int, int, float)
+        Bin of ground speed, bin of altitude, seconds; cells without time are left out.
+    wind : Wind or None
+    excitation : Excitation
+    health : LogHealth
+    missing : mapping of str to str
+        Why a quantity, or the wind, is not known.
+    """
+
+    seconds: float
+    quantities: Mapping[str, Distribution]
+    cells: tuple[tuple[int, int, float], ...]
+    wind: Wind | None
+    excitation: Excitation
+    health: LogHealth
+    missing: Mapping[str, str] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers and text for JSON."""
+        return {
+            "seconds": self.seconds,
+            "quantities": {name: each.to_dict(QUANTITIES[name]) for name, each in self.quantities.items()},
+            "map": {
+                "x": MAP[0],
+                "y": MAP[1],
+                "x_step": QUANTITIES[MAP[0]].step,
+                "y_step": QUANTITIES[MAP[1]].step,
+                "cells": [list(cell) for cell in self.cells],
+            },
+            "wind": None if self.wind is None else self.wind.to_dict(),
+            "excitation": self.excitation.to_dict(),
+            "health": self.health.to_dict(),
+            "missing": dict(self.missing),
+        }
+
+
+def measure(
+    log: FlightLog,
+    trajectory: Trajectory,
+    flight: Span,
+    models: Sequence[ModelResult] = (),
+    *,
+    experiments: Iterable[sysid.Experiment] = (),
+    rates: Mapping[str, Mapping[str, float]] | None = None,
+) -> Coverage:
+    """Measure what a flight covered.
+
+    Parameters
+    ----------
+    log : FlightLog
+    trajectory : Trajectory
+    flight : Span
+        The airborne time that is analysed, s on the boot clock.
+    models : sequence of ModelResult
+        Fitted to this flight; the rigid body's wind and the coherence of the others are read.
+    experiments : iterable of Experiment
+        Of this flight, whose context may serve.
+    rates : mapping, optional
+        From `logged_rates`, where it is known already.
+    """
+    states = trajectory.states
+    start, stop = max(flight.start, float(states.index[0])), min(flight.stop, float(states.index[-1]))
+    t = start + np.arange(max(int((stop - start) * RATE), 1) + 1) / RATE
+    context = shared_context(experiments, trajectory, log.tables, t)
+    position = resample_frame(states[["p_n", "p_e", "p_d"]], t)
+    missing: dict[str, str] = {}
+    series: dict[str, Floats] = {
+        "ground_speed": np.hypot(context["v_n"].to_numpy(), context["v_e"].to_numpy()),
+        "climb_rate": -context["v_d"].to_numpy(),
+        "altitude": position[0, 2] - position[:, 2],
+        "density": context["density"].to_numpy(),
+        "tilt": np.arccos(np.clip(np.cos(context["roll"]) * np.cos(context["pitch"]), -1.0, 1.0)).to_numpy(),
+        "yaw_rate": np.abs(context["w_z"].to_numpy()),
+    }
+    if not np.isfinite(series["density"]).any():
+        missing["density"] = "neither a barometer nor an altitude was logged"
+    thrust = _thrust(log, t)
+    if thrust is None:
+        missing["thrust"] = "no motor output was logged"
+    else:
+        series["thrust"] = thrust
+    trim, exponent = _fitted_wind(models)
+    if trim is None:
+        missing["wind"] = missing["airspeed"] = "no rigid body was fitted, and nothing else here tells the wind"
+    else:
+        height = np.maximum(max(position[0, 2], position[-1, 2]) - position[:, 2], _LOWEST)
+        wind = trim.wind(t) * ((height / WIND_HEIGHT) ** exponent)[:, None]
+        series["airspeed"] = np.hypot(context["v_n"] - wind[:, 0], context["v_e"] - wind[:, 1]).to_numpy()
+    known = {
+        name: found for name in QUANTITIES if (found := _distribution(name, series.get(name, np.empty(0)))) is not None
+    }
+    return Coverage(
+        seconds=len(t) / RATE,
+        quantities=known,
+        cells=_cells(*(series[name] for name in MAP)),
+        wind=None
+        if trim is None
+        else Wind(
+            north=float(trim.wind_n),
+            east=float(trim.wind_e),
+            sigma=float(trim.wind_sigma),
+            source="rigid body fitted to this flight",
+        ),
+        excitation=excitation_of(log, trajectory, context, models),
+        health=log_health(log, trajectory, flight, rates),
+        missing=missing,
+    )
+
+
+def summarise(result: FlightResult) -> dict[str, Any]:
+    """Return what an entry keeps of a flight's coverage, nothing of it rounded; empty when nothing was measured."""
+    return {} if result.coverage is None else dict(_finite(result.coverage.to_dict()))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def _thrust(log: FlightLog, t: Floats) -> Floats | None:
+    """Mean thrust command of the motors, in parts of full thrust; None without outputs."""
+    motors = log.tables.motors
+    if motors is None or len(motors) < 2:
+        return None
+    pwm = resample_frame(motors, t)
+    pwm = pwm[:, np.isfinite(pwm).all(axis=0)]
+    if not pwm.size:
+        return None
+    command = np.clip(motor_commands(pwm, log.vehicle), 0.0, 1.0)
+    return np.asarray(curve(command, log.vehicle.thrust_expo).mean(axis=1))
+
+
+def _fitted_wind(models: Sequence[ModelResult]) -> tuple[FlightTrim | None, float]:
+    """Wind that the rigid body was fitted with, and its exponent with height."""
+    body = next((each.model for each in models if each.key == RIGID_BODY_KEY), None)
+    if not isinstance(body, sysid.RigidBodyModel):
+        return None, 0.0
+    fitted = next((body.flights[name] for name in body.training if name in body.flights), None)
+    return fitted, body.value("wind_exponent")
+
+
+def _distribution(name: str, values: Floats) -> Distribution | None:
+    """Count a quantity out; None where it is not known."""
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return None
+    bins = _bins(name, values)
+    first = int(bins.min())
+    p05, median, p95 = (float(value) for value in np.percentile(values, [5.0, 50.0, 95.0]))
+    return Distribution(
+        minimum=float(values.min()),
+        p05=p05,
+        median=median,
+        p95=p95,
+        maximum=float(values.max()),
+        mean=float(values.mean()),
+        std=float(values.std()),
+        first=first,
+        seconds=tuple(float(count) / RATE for count in np.bincount(bins - first)),
+    )
+
+
+def _cells(x: Floats, y: Floats) -> tuple[tuple[int, int, float], ...]:
+    known = np.isfinite(x) & np.isfinite(y)
+    cells, counts = np.unique(
+        np.column_stack([_bins(MAP[0], x[known]), _bins(MAP[1], y[known])]), axis=0, return_counts=True
+    )
+    return tuple((int(i), int(j), float(count) / RATE) for (i, j), count in zip(cells, counts, strict=True))
+
+
+def _bins(name: str, values: Floats) -> NDArray[np.int64]:
+    return np.floor(values / QUANTITIES[name].step).astype(np.int64)

@@ -1,0 +1,209 @@
+"""How much a flight moved the craft, axis by axis: what of it an identification can be made from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import pi
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from logparse import MissingDataError
+from sysid.records.context import resample_frame
+from sysid.records.excitation import Coherence
+from sysid.records.mixer import project
+from sysid.rigid_body.rotation import STILL
+from sysid.rotors.rotor import VARYING
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from estimation import Trajectory
+    from logparse import FlightLog
+    from pipeline.results.flight import ModelResult
+
+    Floats = NDArray[np.float64]
+
+#: Time over which changes of velocity are taken, s: shorter ones are noise of the estimate and gusts.
+SPAN = 1.0
+
+#: Frequencies over which coherence is summed up, rad/s: where a multirotor answers to its commands.
+BAND = (0.5, 5.0)
+
+#: Sectors of heading that are counted.
+SECTORS = 8
+
+#: Time in a sector of heading that counts, s.
+IN_SECTOR = 3.0
+
+#: Excitation in multiples of what hardly tells anything: below the first none, then weak, fair, strong.
+_WORDS = ((0.5, "none"), (1.0, "weak"), (4.0, "fair"), (float("inf"), "strong"))
+
+_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisExcitation:
+    """Movement in one axis.
+
+    Attributes
+    ----------
+    rms : float
+        About the mean: of the angular rate [rad/s], or for thrust of the specific force along body z [m/s^2] in
+        one-second means.
+    unit : str
+    command_std : float or None
+        Standard deviation of the mixer's command, in parts of a motor's full thrust.
+    word : str
+        ``"none"``, ``"weak"``, ``"fair"`` or ``"strong"``; weak ends where identification begins to believe an axis
+        (`sysid.rigid_body.rotation.STILL`, `sysid.rotors.rotor.VARYING`).
+    """
+
+    rms: float
+    unit: str
+    command_std: float | None
+    word: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Excitation:
+    """Movement of one flight.
+
+    Attributes
+    ----------
+    acceleration_rms : float
+        Of changes of velocity over one second, m/s^2: the motion that models are to explain.
+    acceleration_noise : float
+        The same that the estimate's own uncertainty would make, m/s^2.
+    speed_std : tuple of 2 float
+        Standard deviation of the velocity over the ground along and across the nose, about the flight's mean velocity,
+        m/s: what tells drag from wind.
+    headings : int
+        Sectors of 45 degrees in which the nose pointed for three seconds or more.
+    axes : mapping of str to AxisExcitation
+        ``roll pitch yaw thrust``.
+    coherence : mapping or None
+        By output: median multiple coherence with the inputs and the part of frequencies above chance.
+    """
+
+    acceleration_rms: float
+    acceleration_noise: float
+    speed_std: tuple[float, float]
+    headings: int
+    axes: Mapping[str, AxisExcitation]
+    coherence: Mapping[str, Mapping[str, float]] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {
+            "acceleration_rms": self.acceleration_rms,
+            "acceleration_noise": self.acceleration_noise,
+            "speed_std": list(self.speed_std),
+            "headings": self.headings,
+            "axes": {name: axis.to_dict() for name, axis in self.axes.items()},
+            "coherence": None if self.coherence is None else {name: dict(c) for name, c in self.coherence.items()},
+        }
+
+
+def excitation_of(
+    log: FlightLog, trajectory: Trajectory, context: pd.DataFrame, models: Sequence[ModelResult] = ()
+) -> Excitation:
+    """Measure how much a flight moved.
+
+    Parameters
+    ----------
+    log : FlightLog
+    trajectory : Trajectory
+    context : DataFrame
+        Of the flight on a uniform clock, as `sysid.records.context.flight_context` gives it.
+    models : sequence of ModelResult
+        Whose coherence is summed up: the first that has one.
+    """
+    t = context.index.to_numpy(np.float64)
+    dt = float(t[1] - t[0])
+    velocity = context[["v_n", "v_e", "v_d"]].to_numpy()
+    step = min(max(round(SPAN / dt), 1), len(t) - 1)
+    change = (velocity[step:] - velocity[:-step]) / (step * dt)
+    sigma = trajectory.sigma.loc[t[0] : t[-1], ["v_n", "v_e", "v_d"]].to_numpy()
+    yaw, departure = context["yaw"].to_numpy(), velocity[:, :2] - velocity[:, :2].mean(axis=0)
+    along = np.cos(yaw) * departure[:, 0] + np.sin(yaw) * departure[:, 1]
+    across = np.cos(yaw) * departure[:, 1] - np.sin(yaw) * departure[:, 0]
+    # Sectors are centred on the points of the compass, so that a heading held north is one of them.
+    sectors = np.rint(yaw * SECTORS / (2.0 * pi)).astype(np.int64) % SECTORS
+    return Excitation(
+        acceleration_rms=_rms(change),
+        # Errors a second apart are taken as independent, which can only make the noise larger than it is.
+        acceleration_noise=float(np.sqrt(2.0 * np.mean(np.sum(sigma**2, axis=1))) / (step * dt)) if len(sigma) else 0.0,
+        speed_std=(float(along.std()), float(across.std())),
+        headings=int(np.sum(np.bincount(sectors, minlength=SECTORS) * dt >= IN_SECTOR)),
+        axes=_axes(context, _commands(log, context), round(1.0 / dt)),
+        coherence=_coherence(models),
+    )
+
+
+def _rms(vectors: Floats) -> float:
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+
+
+def _commands(log: FlightLog, context: pd.DataFrame) -> Mapping[str, float]:
+    """Give the standard deviation of each command of the mixer; nothing where motor outputs do not tell it."""
+    motors = log.tables.motors
+    if motors is None or len(motors) < 2:
+        return {}
+    t = context.index
+    flown = motors.loc[t[0] : t[-1]].dropna(how="any")
+    if len(flown) < 2:
+        return {}
+    voltage = resample_frame(context[["voltage"]], flown.index.to_numpy(np.float64))[:, 0]
+    try:
+        commands = project(flown, log.vehicle, voltage if np.isfinite(voltage).all() else None)
+    except MissingDataError:  # the frame is not known, which the experiment tells
+        return {}
+    return {str(name): float(value) for name, value in commands.std(ddof=0).items()}
+
+
+def _axes(context: pd.DataFrame, commands: Mapping[str, float], per_second: int) -> dict[str, AxisExcitation]:
+    force = context["f_z"].rolling(max(per_second, 1), center=True).mean().dropna().to_numpy()
+    size = float(np.std(force)) if len(force) else 0.0
+    axes = {
+        axis: AxisExcitation(
+            rms=float(context[rate].std(ddof=0)),
+            unit="rad/s",
+            command_std=commands.get(axis),
+            word=_word(float(context[rate].std(ddof=0)) / STILL),
+        )
+        for axis, rate in (("roll", "w_x"), ("pitch", "w_y"), ("yaw", "w_z"))
+    }
+    axes["thrust"] = AxisExcitation(
+        rms=size, unit="m/s^2", command_std=commands.get("thrust"), word=_word(size / (VARYING * _GRAVITY))
+    )
+    return axes
+
+
+def _word(multiple: float) -> str:
+    return next(word for limit, word in _WORDS if multiple < limit or limit == float("inf"))
+
+
+def _coherence(models: Sequence[ModelResult]) -> dict[str, dict[str, float]] | None:
+    found = next((each.coherence for each in models if isinstance(each.coherence, Coherence)), None)
+    return None if found is None else in_band(found)
+
+
+def in_band(found: Coherence) -> dict[str, dict[str, float]] | None:
+    """Sum a coherence up over the frequencies at which a multirotor answers; None where it has none of them."""
+    band = (found.frequency >= BAND[0]) & (found.frequency <= BAND[1])
+    if not band.any():
+        return None
+    return {
+        output: {
+            "multiple_median": float(np.median(multiple[band])),
+            "above_chance": float(np.mean(multiple[band] > found.threshold)),
+        }
+        for output, multiple in zip(found.output_names, found.multiple.T, strict=True)
+    }

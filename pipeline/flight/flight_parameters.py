@@ -1,0 +1,106 @@
+"""What one flight by itself says about its craft: every physical parameter with its error, and each motor's share.
+
+These rows are light; they are kept of every flight so that parameters can be followed over flights
+(`pipeline.fleet.drift`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipeline.flight.kinds import THRUST_KEY
+from sysid.records.thrust_curve import curve, motor_commands
+from sysid.rigid_body.physical import METHODS
+from sysid.rotors.thrust_regression import BLOCK_SECONDS, regress, vehicle_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pipeline.results.flight import FlightResult
+    from sysid import Experiment
+
+    Floats = NDArray[np.float64]
+
+#: Rows of `flight_parameters` that are motors' shares of the hover command carry this method.
+SHARES = "motor shares"
+
+#: Ground speed and climb rate below which a craft hovers, m/s; hovering this long is enough to look at that alone, s.
+HOVER_SPEED, HOVER_CLIMB, HOVER_SECONDS = 1.5, 0.5, 15.0
+
+#: A method whose column "sigma" is the spread over instants, not the standard error of the value.
+_SPREAD = METHODS[3]
+
+#: Refinement 2020 takes the air to be at rest: its drag is mostly the wind of the day.
+WIND_AS_DRAG = ("quadratic drag over mass", METHODS[4])
+
+#: Methods whose standard error holds that of the air's density, which flights at one place have in common.
+_WITH_AIR = METHODS[:2]
+
+
+def flight_parameters(result: FlightResult) -> list[dict[str, Any]]:
+    """List what a flight says about its craft.
+
+    Returns
+    -------
+    list of dict
+        ``parameter method value sigma unit``. The standard error of thrust is without that of the air's density, which
+        differs between flights only as far as the air's temperature does, so that scatter between flights holds it.
+    """
+    rows: list[dict[str, Any]] = []
+    found = result.parameters
+    if found is not None:
+        air = found.thrust.air_sigma if found.thrust is not None else 0.0
+        for key, row in zip(found.table.index, found.table.to_dict("records"), strict=True):
+            parameter, method = (str(part) for part in key)
+            value, sigma = float(row["value"]), float(row["sigma"])
+            if method == _SPREAD or (parameter, method) == WIND_AS_DRAG:
+                continue
+            if not (np.isfinite([value, sigma]).all() and sigma > 0.0):
+                continue
+            if method in _WITH_AIR and parameter == "thrust over mass":
+                sigma = max(sigma**2 - (air * value) ** 2, (1e-4 * value) ** 2) ** 0.5
+            rows.append(
+                {"parameter": parameter, "method": method, "value": value, "sigma": sigma, "unit": str(row["unit"])}
+            )
+    record = result.experiments.get(THRUST_KEY)
+    if record is not None:
+        rows += [
+            {"parameter": motor, "method": SHARES, "value": share, "sigma": sigma, "unit": "mean of all motors"}
+            for motor, (share, sigma) in motor_shares(record).items()
+        ]
+    return rows
+
+
+def motor_shares(record: Experiment) -> dict[str, tuple[float, float]]:
+    """Give each motor's part in the hover command, over the mean of all, with its standard error.
+
+    Hovering is looked at alone where there is enough of it: flying forward takes steady moments of its own.
+
+    Parameters
+    ----------
+    record : Experiment
+        Inputs are PWM of the motors in us.
+    """
+    vehicle, _ = vehicle_of(record)
+    thrust = curve(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0), vehicle.thrust_expo)
+    mean = thrust.mean(axis=1)
+    usable = mean > 0.0
+    if record.context is not None and {"v_n", "v_e", "v_d"} <= set(record.context.columns):
+        north, east, down = (record.context[name].to_numpy(np.float64) for name in ("v_n", "v_e", "v_d"))
+        hovers = usable & (np.hypot(north, east) < HOVER_SPEED) & (np.abs(down) < HOVER_CLIMB)
+        if hovers.sum() * record.dt >= HOVER_SECONDS:
+            usable = hovers
+    size = max(round(BLOCK_SECONDS / record.dt), 1)
+    count = len(record.t) // size
+    whole = usable[: count * size].reshape(count, size).all(axis=1)
+    if whole.sum() < 5:
+        return {}
+    shares = thrust[: count * size] / np.where(mean > 0.0, mean, 1.0)[: count * size, None]
+    means = shares.reshape(count, size, -1).mean(axis=1)[whole]
+    found = {}
+    for motor, values in zip(record.input_names, means.T, strict=True):
+        fit = regress([np.ones((len(values), 1))], [values])
+        found[motor] = (float(fit.values[0]), max(float(fit.sigma[0]), 1e-5))
+    return found

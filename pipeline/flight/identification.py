@@ -1,0 +1,82 @@
+"""Fit one kind of model to some records and judge it on others: the same for one flight and for several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import sysid
+from logparse import RotoridError
+from pipeline.config import AnalysisConfig
+from pipeline.execution.stages import Stages
+from pipeline.flight.kinds import Kind
+from pipeline.results.flight import ModelResult, Prediction
+from sysid.records.excitation import Coherence, coherence
+
+#: Part of the time limit of a stage after which a scan of orders ends with what it has.
+SCAN_PART = 0.8
+
+
+def identify(
+    kind: Kind,
+    fitted: Sequence[sysid.Experiment],
+    judges: Sequence[sysid.Experiment],
+    config: AnalysisConfig,
+    stages: Stages,
+    *,
+    same_flight: bool = False,
+) -> ModelResult:
+    """Fit, judge, and scan orders where that was asked for; what could not be done leaves its reason in the result.
+
+    Parameters
+    ----------
+    kind : Kind
+    fitted, judges : sequence of Experiment
+        Records to fit to and records to judge on; orders are scanned within the former, so that no choice is made with
+        the latter.
+    config : AnalysisConfig
+    stages : Stages
+        Times the work and reports progress; its `missing` is not touched.
+    same_flight : bool
+        The one record to judge on is the rest of the one flight fitted.
+    """
+    model = stages.run(kind.key, lambda report: kind.fit(fitted, config, report))
+    if model is None:
+        return ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=stages.missing.pop(kind.key))
+    if same_flight and kind.carry_over is not None:
+        model = kind.carry_over(model, fitted[0], judges[0])
+    validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *judges]))
+    predictions: tuple[Prediction, ...] = ()
+    if validation is not None:
+        predictions = tuple(
+            Prediction(experiment=record, y_hat=validation.predictions[record.name], training=number < len(fitted))
+            for number, record in enumerate((*fitted, *judges))
+        )
+    orders, missing = None, stages.missing.pop("validation", "")
+    if config.scan_orders and kind.scans:
+        orders = stages.run(
+            "orders",
+            lambda report: sysid.scan_orders(
+                fitted, structure=kind.scans, time_limit=SCAN_PART * config.time_limit, progress=report
+            ),
+        )
+        reason = stages.missing.pop("orders", "")
+        missing = "; ".join(part for part in (missing, reason and f"orders were not scanned: {reason}") if part)
+    return ModelResult(
+        key=kind.key,
+        title=kind.title,
+        note=kind.note,
+        model=model,
+        validation=validation,
+        predictions=predictions,
+        orders=orders,
+        coherence=_coherence(fitted) if kind.linear else None,
+        missing=missing,
+    )
+
+
+def _coherence(fitted: Sequence[sysid.Experiment]) -> Coherence | str:
+    """Tell how much of the outputs answers to the inputs in what a model was fitted to, or why that cannot be told."""
+    try:
+        return coherence(fitted)
+    except RotoridError as error:
+        return str(error)

@@ -1,0 +1,173 @@
+"""The kinds of models of a motion that an analysis fits side by side, in the order in which reports show them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import sysid
+from pipeline.config import AnalysisConfig
+from pipeline.execution.stages import Progress
+from sysid.transfer_functions.reduction import Spread
+
+#: Part of the time limit of a stage after which a fit gives the best model so far instead of being given up.
+FIT_PART = 0.5
+
+#: The kind whose experiments thrust coefficients are fitted to.
+THRUST_KEY = "motors"
+
+#: The kind whose experiments all physical methods are applied to.
+RIGID_BODY_KEY = "rigid_body"
+
+
+class Fit(Protocol):
+    """Fits a kind of model to records."""
+
+    def __call__(
+        self,
+        experiments: Sequence[sysid.Experiment],
+        config: AnalysisConfig,
+        progress: Progress,
+        /,
+        spread: Spread | None = None,
+    ) -> sysid.Model:
+        """Fit, with the records held by other processes where `spread` is given and the kind can use it."""
+
+
+CarryOver = Callable[[sysid.Model, sysid.Experiment, sysid.Experiment], sysid.Model]
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of model.
+
+    Attributes
+    ----------
+    key : str
+        Names it in files.
+    title : str
+        Names it for people.
+    inputs, frame : str
+        Inputs of its experiments and their frame, as `Experiment.from_flight` takes them.
+    fit : callable
+        ``fit(experiments, config, progress)``.
+    note : str
+        What the model describes, and what it cannot tell, for people who have to choose.
+    scans : str
+        Structure with which its number of poles and zeros can be scanned; empty when it cannot.
+    rate : float or None
+        Samples per second that it needs; those of the configuration when None.
+    linear : bool
+        Its outputs are a linear answer to its inputs, so that their coherence tells what it can know.
+    carry_over : callable or None
+        ``carry_over(model, fitted, judge)`` tells the model what it learned of the flight that both parts are of, such
+        as the wind.
+    """
+
+    key: str
+    title: str
+    inputs: str
+    frame: str
+    fit: Fit
+    note: str
+    scans: str = ""
+    rate: float | None = None
+    linear: bool = True
+    carry_over: CarryOver | None = None
+
+
+def _motors(
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
+) -> sysid.TransferFunctionModel:
+    return _black_box(experiments, config, "per_input", progress, spread)
+
+
+def _mixer(
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
+) -> sysid.TransferFunctionModel:
+    # One craft answers to all commands, with the same modes.
+    return _black_box(experiments, config, "common", progress, spread)
+
+
+def _black_box(
+    experiments: Sequence[sysid.Experiment],
+    config: AnalysisConfig,
+    structure: str,
+    progress: Progress,
+    spread: Spread | None,
+) -> sysid.TransferFunctionModel:
+    return sysid.fit_transfer_functions(
+        experiments,
+        poles=config.poles,
+        zeros=config.zeros,
+        structure=structure,
+        time_limit=FIT_PART * config.time_limit,
+        progress=progress,
+        spread=spread,
+    )
+
+
+def _closed_loop(
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
+) -> sysid.ClosedLoopModel:
+    # The order is that of the position controller with drag, whatever is asked of the black boxes.
+    return sysid.fit_closed_loop(experiments, time_limit=FIT_PART * config.time_limit, progress=progress, spread=spread)
+
+
+def _rigid_body(
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
+) -> sysid.RigidBodyModel:
+    # Its paths are followed where it is fitted.
+    return sysid.fit_rigid_body(
+        experiments, mass=config.mass, time_limit=FIT_PART * config.time_limit, progress=progress
+    )
+
+
+def _same_wind(model: sysid.Model, fitted: sysid.Experiment, judge: sysid.Experiment) -> sysid.Model:
+    """Take wind and thrust scale of the part fitted for the rest of its flight, whose outputs stay unseen."""
+    assert isinstance(model, sysid.RigidBodyModel)
+    known = model.flights.get(fitted.name)
+    return model if known is None else replace(model, flights={**model.flights, judge.name: known})
+
+
+KINDS = (
+    Kind(
+        "motors",
+        "motor PWM → position",
+        "motors",
+        "earth",
+        _motors,
+        "A black box with a transfer function for every motor, as in Elhesasy 2024.",
+        scans="per_input",
+    ),
+    Kind(
+        "mixer",
+        "mixer commands → position",
+        "mixer",
+        "heading",
+        _mixer,
+        "A black box from the thrust, tilt and yaw that the motors’ commands amount to, with one denominator for each "
+        "axis: fewer coefficients.",
+        scans="common",
+    ),
+    Kind(
+        "reference",
+        "position target → position",
+        "reference",
+        "earth",
+        _closed_loop,
+        "Craft and autopilot together: where the craft goes when it is told to, nothing of the craft alone.",
+    ),
+    Kind(
+        RIGID_BODY_KEY,
+        "rigid body",
+        "motors",
+        "earth",
+        _rigid_body,
+        "Physics: position from motor PWM and measured attitude, with thrust, drag and the wind of each flight.",
+        rate=50.0,
+        linear=False,
+        carry_over=_same_wind,
+    ),
+)

@@ -1,0 +1,151 @@
+"""How well a flight was logged: rates and gaps of its tables, GPS, vibration, battery, and the settings behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from logparse import health
+
+if TYPE_CHECKING:
+    from estimation import Trajectory
+    from logparse import FlightLog, Tables
+    from pipeline.results.flight import Span
+
+#: Tables whose rate is told.
+_TABLES = ("motors", "imu", "gps", "baro", "mag", "battery", "esc", "attitude", "setpoints", "rates")
+
+#: Time without a row that counts as a gap, s, and as a multiple of the usual interval where that is long.
+_GAP, _INTERVALS = 1.0, 5.0
+
+#: Parameters that decide what is logged how fast.
+_SETTINGS = (
+    "LOG_BITMASK",
+    "LOG_DISARMED",
+    "LOG_FILE_RATEMAX",
+    "SCHED_LOOP_RATE",
+    "BATT_MONITOR",
+    "GPS_RATE_MS",
+    "GPS1_RATE_MS",
+    "SERVO_BLH_TRATE",
+    "SERVO_BLH_BDMASK",
+    "SDLOG_PROFILE",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogHealth:
+    """How well a flight was logged.
+
+    Attributes
+    ----------
+    rates : mapping
+        By table: ``rate`` [Hz], ``gaps`` and ``longest_gap`` [s] in flight.
+    gps : mapping or None
+        ``fix_part`` of the flight with a 3-D fix; medians of ``satellites``, ``hdop``, ``h_acc`` [m], ``s_acc`` [m/s],
+        None where not reported.
+    vibration : mapping or None
+        ``p95`` of the worst axis [m/s^2], ``clips`` of the accelerometer.
+    battery : mapping or None
+        Voltage ``first``, ``last``, ``min`` [V], ``mean_current`` [A] or None.
+    position_sigma : mapping
+        ``median`` and ``max`` of the horizontal 1-sigma [m].
+    settings : mapping of str to float
+        Parameters of the autopilot that decide what is logged.
+    format : str
+        Of the log.
+    """
+
+    rates: Mapping[str, Mapping[str, float]]
+    gps: Mapping[str, float | None] | None
+    vibration: Mapping[str, float] | None
+    battery: Mapping[str, float | None] | None
+    position_sigma: Mapping[str, float]
+    settings: Mapping[str, float]
+    format: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give numbers for JSON."""
+        return {
+            "rates": {name: dict(rate) for name, rate in self.rates.items()},
+            "gps": None if self.gps is None else dict(self.gps),
+            "vibration": None if self.vibration is None else dict(self.vibration),
+            "battery": None if self.battery is None else dict(self.battery),
+            "position_sigma": dict(self.position_sigma),
+            "settings": dict(self.settings),
+            "format": self.format,
+        }
+
+
+def log_health(
+    log: FlightLog, trajectory: Trajectory, flight: Span, rates: Mapping[str, Mapping[str, float]] | None = None
+) -> LogHealth:
+    """Measure how well a flight was logged; `rates` are those of `logged_rates` where they are known already."""
+    sigma = trajectory.sigma.loc[flight.start : flight.stop]
+    horizontal = (sigma["p_n"] ** 2 + sigma["p_e"] ** 2) ** 0.5
+    parameters = log.parameters
+    return LogHealth(
+        rates=logged_rates(log.tables, flight) if rates is None else rates,
+        gps=_gps(log.tables, flight),
+        vibration=health.vibration(log, flight.start, flight.stop),
+        battery=_battery(log.tables, flight),
+        position_sigma={"median": float(horizontal.median()), "max": float(horizontal.max())},
+        settings={
+            name: float(parameters[name])
+            for name in _SETTINGS
+            if name in parameters and np.isfinite(float(parameters[name]))
+        },
+        format=log.format,
+    )
+
+
+def logged_rates(tables: Tables, flight: Span) -> dict[str, dict[str, float]]:
+    """Measure how fast each table was logged in flight, and with which gaps."""
+    rates = {}
+    for name in _TABLES:
+        whole = tables.times(name)
+        if whole is None:
+            continue
+        t = whole[(whole >= flight.start) & (whole <= flight.stop)]
+        if len(t) < 2:
+            continue
+        usual = float(np.median(np.diff(t)))
+        gaps = np.diff(np.concatenate(([flight.start], t, [flight.stop])))
+        rates[name] = {
+            "rate": 1.0 / usual,
+            "gaps": int(np.count_nonzero(gaps > max(_GAP, _INTERVALS * usual))),
+            "longest_gap": float(gaps.max()),
+        }
+    return rates
+
+
+def _gps(tables: Tables, flight: Span) -> dict[str, float | None] | None:
+    if tables.gps is None:
+        return None
+    fixes = tables.gps.loc[flight.start : flight.stop]
+    if not len(fixes):
+        return None
+    quality: dict[str, float | None] = {"fix_part": float(((fixes["fix"] >= 3.0) & fixes["lat"].notna()).mean())}
+    for name in ("satellites", "hdop", "h_acc", "s_acc"):
+        values = fixes[name].dropna()
+        quality[name] = float(values.median()) if len(values) else None
+    return quality
+
+
+def _battery(tables: Tables, flight: Span) -> dict[str, float | None] | None:
+    if tables.battery is None:
+        return None
+    flown = tables.battery.loc[flight.start : flight.stop]
+    voltage = flown["voltage"][flown["voltage"] > 1.0]
+    if not len(voltage):
+        return None
+    current = flown["current"].dropna()
+    return {
+        "first": float(voltage.iloc[0]),
+        "last": float(voltage.iloc[-1]),
+        "min": float(voltage.min()),
+        "mean_current": float(current.mean()) if len(current) else None,
+    }

@@ -1,0 +1,347 @@
+"""Stored models with new inputs: read models.json back, run a model on a log or a table, compare where possible."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import estimation
+import logparse
+import sysid
+from logparse import MissingDataError, RotoridError, Vehicle
+from pipeline.errors import ConfigError
+from pipeline.execution.stages import Progress, silent
+from pipeline.flight.kinds import KINDS
+from pipeline.names import printable
+from pipeline.results.flight import ModelResult, Prediction
+
+
+@dataclass(frozen=True, slots=True)
+class StoredModel:
+    """A model in a file, not yet read.
+
+    Attributes
+    ----------
+    owner : str
+        Craft (joint models) or flight that it was fitted to.
+    key : str
+        Its kind, as `pipeline.flight.kinds.KINDS` has it.
+    content : mapping
+        What its `to_dict` gave.
+    """
+
+    owner: str
+    key: str
+    content: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Replay:
+    """Stored models, run with new inputs.
+
+    Attributes
+    ----------
+    name : str
+        Of the log or table.
+    inputs, models : Path
+        Files.
+    owner : str
+        Whose models they are.
+    results : tuple of ModelResult
+        With one prediction each, and a validation where the motion was measured.
+    measured : bool
+        Whether the motion is known, so that there is something to compare with.
+    notes : tuple of str
+        What a reader must know of how the models were run.
+    """
+
+    name: str
+    inputs: Path
+    models: Path
+    owner: str
+    results: tuple[ModelResult, ...]
+    measured: bool
+    notes: tuple[str, ...] = ()
+
+
+def load_models(path: str | Path) -> list[StoredModel]:
+    """List the models of a models.json, those of crafts before those of single flights.
+
+    Raises
+    ------
+    ConfigError
+        When the file holds no models.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text("utf-8"))
+        entries = [*content.get("joint", []), *content.get("flights", [])]
+        stored = [
+            StoredModel(str(entry["name"]), str(key), values)
+            for entry in entries
+            for key, values in entry["models"].items()
+        ]
+    except (UnicodeDecodeError, ValueError, AttributeError, KeyError, TypeError) as error:
+        raise ConfigError(f"{path} is not a models.json as rotorid analyze writes it ({_what(error)})") from error
+    if not stored:
+        raise ConfigError(f"{path} holds no models")
+    return stored
+
+
+def choose(stored: Sequence[StoredModel], wanted: str | None = None) -> list[StoredModel]:
+    """Choose models by ``KIND``, ``OWNER`` or ``OWNER/KIND``; without a choice all those of the first owner.
+
+    Raises
+    ------
+    ConfigError
+        When there is none, or the choice leaves several owners; the message lists what there is.
+    """
+    fitting = [model for model in stored if wanted in (None, model.key, model.owner, f"{model.owner}/{model.key}")]
+    listed = ", ".join(dict.fromkeys(f"{model.owner}/{model.key}" for model in stored))
+    if not fitting:
+        raise ConfigError(f"there is no model {wanted!r}; there are {listed}")
+    return [model for model in fitting if model.owner == fitting[0].owner]
+
+
+def read_model(values: Mapping[str, Any], vehicle: Vehicle | None = None) -> sysid.Model:
+    """Make a model again from what its `to_dict` gave.
+
+    Parameters
+    ----------
+    values : mapping
+    vehicle : Vehicle, optional
+        The craft to run it for; physical models need its motors.
+
+    Raises
+    ------
+    ConfigError
+        For a kind that cannot be run, or when something is missing.
+    """
+    try:
+        match values["kind"]:
+            case "transfer-functions":
+                return sysid.TransferFunctionModel.from_dict(values)
+            case "closed-loop":
+                return sysid.ClosedLoopModel.from_dict(values)
+            case "rigid_body" if vehicle is not None:
+                return sysid.RigidBodyModel.from_dict(values, vehicle)
+            case "rigid_body":
+                raise ConfigError("a rigid body needs the attitude of a log; give a log as --inputs")
+            case kind:
+                raise ConfigError(f"models of kind {kind!r} cannot be run")
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ConfigError(f"a model of the file is not as rotorid analyze writes it ({_what(error)})") from error
+
+
+class Trim(StrEnum):
+    """About which inputs a linear model of the craft works."""
+
+    #: The mean of the inputs given, as in its validation: a flight that hovers, in air of its own.
+    OWN = "own"
+    #: The mean of the inputs that it was fitted to: new inputs, such as hover and a step on top.
+    TRAINING = "training"
+
+
+def replay(
+    models: str | Path,
+    inputs: str | Path,
+    wanted: str | None = None,
+    progress: Progress | None = None,
+    trim: Trim | None = None,
+) -> Replay:
+    """Run stored models with the inputs of a log or of a CSV table.
+
+    Parameters
+    ----------
+    models : str or Path
+        A models.json.
+    inputs : str or Path
+        A log; or a CSV table with a uniform `t` [s], a column for each input by its name, and, to compare with, columns
+        for the outputs.
+    wanted : str, optional
+        Which models, see `choose`.
+    progress : callable, optional
+    trim : Trim, optional
+        About which inputs linear models of the craft work; by default the inputs' own mean where the motion was
+        measured, so that the comparison is the validation's, and that of the training where it was not, so that a
+        constant offset counts.
+
+    Raises
+    ------
+    RotoridError
+        When no model can be run; several that cannot each say why in their result.
+    """
+    models, inputs = Path(models), Path(inputs)
+    chosen = choose(load_models(models), wanted)
+    report = progress or silent
+    if inputs.suffix.lower() == ".csv":
+        results, measured, notes = _from_table(chosen, inputs, report, trim)
+    else:
+        results, measured, notes = _from_log(chosen, inputs, report, trim)
+    if not any(result.predictions for result in results):
+        raise MissingDataError(f"{printable(inputs.name)}: no model can be run: {results[0].missing}")
+    return Replay(
+        name=printable(inputs.stem),
+        inputs=inputs,
+        models=models,
+        owner=chosen[0].owner,
+        results=tuple(results),
+        measured=measured,
+        notes=tuple(notes),
+    )
+
+
+def _from_log(
+    chosen: Sequence[StoredModel], path: Path, progress: Progress, trim: Trim | None
+) -> tuple[list[ModelResult], bool, list[str]]:
+    progress("reading the log", 0.0)
+    log = logparse.read_log(path)
+    progress("reconstructing the trajectory", 0.1)
+    trajectory = estimation.estimate(log.tables, date=log.start_utc)
+    results, notes = [], []
+    for number, stored in enumerate(chosen):
+        title = _title(stored)
+        progress(f"running {title}", 0.5 + 0.5 * number / len(chosen))
+        try:
+            kind = next((kind for kind in KINDS if kind.key == stored.key), None)
+            if kind is None:
+                raise MissingDataError(f"what a model {stored.key!r} reads of a log is not known")
+            record = sysid.Experiment.from_flight(
+                log,
+                trajectory,
+                rate=float(stored.content.get("rate_hz") or kind.rate or 10.0),
+                inputs=kind.inputs,
+                outputs="position",
+                frame=kind.frame,
+                name=printable(path.stem),
+            )
+            model = read_model(stored.content, log.vehicle)
+            record, about = _about(record, model, trim or Trim.OWN, title)
+            notes += about
+            if any(name == record.name or name.startswith(f"{record.name} [") for name in model.training):
+                notes.append(f"{title} was fitted to this flight or to a part of it: the comparison flatters it.")
+            results.append(_judged(stored, model, record))
+        except RotoridError as error:
+            results.append(ModelResult(key=stored.key, title=title, missing=str(error)))
+    return results, True, notes
+
+
+def _from_table(
+    chosen: Sequence[StoredModel], path: Path, progress: Progress, trim: Trim | None
+) -> tuple[list[ModelResult], bool, list[str]]:
+    progress("reading the inputs", 0.0)
+    try:
+        table = pd.read_csv(path, skipinitialspace=True)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{printable(path.name)} is not a CSV table ({_what(error)})") from error
+    if "t" not in table:
+        raise ConfigError(f"{printable(path.name)} has no column t with the time in seconds")
+    notes = []
+    results, measured = [], []
+    for number, stored in enumerate(chosen):
+        progress(f"running {_title(stored)}", (number + 1) / len(chosen))
+        try:
+            model = read_model(stored.content)
+            record, known = _record(table, model, path)
+            record, about = _about(record, model, trim or (Trim.OWN if known else Trim.TRAINING), _title(stored))
+            notes += about
+            if known:
+                results.append(_judged(stored, model, record))
+            else:
+                if isinstance(model, sysid.TransferFunctionModel):
+                    model = model.from_rest(record.name)
+                part = Prediction(experiment=record, y_hat=model.simulate(record), training=False)
+                results.append(ModelResult(key=stored.key, title=_title(stored), model=model, predictions=(part,)))
+            measured.append(known)
+        except RotoridError as error:
+            results.append(ModelResult(key=stored.key, title=_title(stored), missing=str(error)))
+    if not any(measured):
+        notes.append("The table has no measured motion: models start at rest at 0, and there is nothing to compare.")
+    return results, any(measured), notes
+
+
+def _about(record: sysid.Experiment, model: sysid.Model, trim: Trim, title: str) -> tuple[sysid.Experiment, list[str]]:
+    """Give a record the trim that a linear model of the craft works about, and say which; others need none."""
+    if not isinstance(model, sysid.TransferFunctionModel):
+        return record, []
+    if trim is Trim.OWN:
+        return record, [f"{title}: the model works about the mean of the inputs given, as in its validation."]
+    if not model.input_trim:
+        return record, [
+            f"{title}: the file does not tell the inputs about which the model was fitted (analyse the logs anew "
+            "to have them); it works about the mean of the inputs given."
+        ]
+    known = np.array([model.input_trim[name] for name in model.input_names])
+    apart = record.input_trim - known
+    most = int(np.argmax(np.abs(apart)))
+    name = model.input_names[most]
+    unit = {"us": " µs", "": ""}.get(model.units.get(name, ""), f" {model.units.get(name, '')}")
+    note = f"{title}: the model works about the mean inputs of the flights that it was fitted to"
+    note += (
+        f" ({name}: {known[most]:.4g}{unit}); the inputs given are on average up to {abs(apart[most]):.3g}{unit} away."
+    )
+    return replace(record, input_trim=known), [note]
+
+
+def _record(table: pd.DataFrame, model: sysid.Model, path: Path) -> tuple[sysid.Experiment, bool]:
+    """Make a record of a table; without measured outputs these are zero, or the references of a closed loop."""
+    assert isinstance(model, sysid.TransferFunctionModel | sysid.ClosedLoopModel)
+    lacking = [name for name in model.input_names if name not in table]
+    if lacking:
+        raise MissingDataError(f"{printable(path.name)} has no column {', '.join(lacking)}")
+    closed = isinstance(model, sysid.ClosedLoopModel)
+    measured_names = [f"{name}_measured" if closed else name for name in model.output_names]
+    known = all(name in table for name in measured_names)
+    u = _numbers(table, list(model.input_names), path)
+    if known:
+        y = _numbers(table, measured_names, path)
+    elif closed:
+        y = u
+    else:
+        y = pd.DataFrame(0.0, index=table.index, columns=list(model.output_names))
+    record = sysid.Experiment.from_arrays(
+        _numbers(table, ["t"], path)["t"],
+        u,
+        y,
+        name=printable(path.stem),
+        input_names=model.input_names,
+        output_names=model.output_names,
+        units=model.units,
+    )
+    return record, known
+
+
+def _numbers(table: pd.DataFrame, names: list[str], path: Path) -> pd.DataFrame:
+    try:
+        return table[names].astype(float)
+    except ValueError as error:
+        raise ConfigError(f"{printable(path.name)}: {_what(error)}; columns must hold numbers only") from error
+
+
+def _judged(stored: StoredModel, model: sysid.Model, record: sysid.Experiment) -> ModelResult:
+    try:
+        validation = sysid.validate(model, [record])
+    except sysid.ExperimentError as error:
+        part = Prediction(experiment=record, y_hat=model.simulate(record), training=False)
+        return ModelResult(
+            key=stored.key, title=_title(stored), model=model, predictions=(part,), missing=f"not judged: {error}"
+        )
+    trained = record.name in model.training
+    part = Prediction(experiment=record, y_hat=validation.predictions[record.name], training=trained)
+    return ModelResult(key=stored.key, title=_title(stored), model=model, validation=validation, predictions=(part,))
+
+
+def _title(stored: StoredModel) -> str:
+    return next((kind.title for kind in KINDS if kind.key == stored.key), stored.key)
+
+
+def _what(error: Exception) -> str:
+    text = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {text[0]}" if text else type(error).__name__

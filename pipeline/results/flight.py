@@ -1,0 +1,374 @@
+"""What an analysis found, as values: of one flight, of one craft over several flights, of a whole folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.config import AnalysisConfig
+from pipeline.names import file_name
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from estimation import Trajectory
+    from logparse import Finding, Tables, Vehicle
+    from pipeline.fleet.drift import Drift
+    from pipeline.fleet.envelope import Envelope
+    from pipeline.flight.coverage import Coverage
+    from pipeline.results.advice import Advice
+    from pipeline.results.entry import FlightEntry, GroupEntry
+    from pipeline.storage.manifest import Manifest
+    from pipeline.storage.store import Store
+    from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
+    from sysid.records.excitation import Coherence
+
+
+#: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
+POSITION_KNOWN = 25.0
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of time on the log's boot clock, s."""
+
+    start: float
+    stop: float
+
+    @property
+    def duration(self) -> float:
+        """Length in seconds."""
+        return self.stop - self.start
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogFacts:
+    """What the file is, whether or not anything could be identified from it.
+
+    Attributes
+    ----------
+    path : Path
+    size : int
+        Bytes.
+    sha256 : str
+        Of the file's content; names the log whatever its file is called.
+    format : str
+        ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
+    duration : float
+        Seconds on the boot clock that the log covers.
+    start_utc : datetime or None
+        UTC at t = 0.
+    boots : int
+        Power-ups in the file; the one with the longest flight was analysed.
+    vehicle : Vehicle
+    craft : str
+        Equal for logs of the same craft, see `pipeline.flight.craft.fingerprint`.
+    flights : tuple of Span
+        Airborne intervals.
+    tune : mapping
+        Gains and filters of the autopilot's loops and its firmware, see `pipeline.flight.craft.tune_of`.
+    board : str or None
+        The autopilot's own id; None where it was not logged, or made up by a simulator.
+    """
+
+    path: Path
+    size: int
+    sha256: str
+    format: str
+    duration: float
+    start_utc: datetime | None
+    boots: int
+    vehicle: Vehicle
+    craft: str
+    flights: tuple[Span, ...]
+    tune: Mapping[str, str | float] = field(default_factory=dict)
+    board: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prediction:
+    """A free-run simulation beside the data it should reproduce.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        The stretch of flight: time, motor commands and measured position.
+    y_hat : ndarray, shape (N, p)
+        Position predicted from the motor commands and the initial state only, m.
+    training : bool
+        True where the model was fitted to this stretch.
+    """
+
+    experiment: Experiment
+    y_hat: NDArray[np.float64]
+    training: bool
+
+    @property
+    def span(self) -> Span:
+        """Where the stretch lies on the boot clock."""
+        return Span(float(self.experiment.t[0]), float(self.experiment.t[-1]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelResult:
+    """One of several models of the same motion, and what it is worth.
+
+    Attributes
+    ----------
+    key : str
+        Which kind of model, as `pipeline.flight.kinds.KINDS` has it, such as ``"motors"``.
+    title : str
+        The kind in words, such as ``"motor PWM → position"``.
+    note : str
+        What the model describes, and what it cannot tell.
+    model : Model or None
+    validation : Validation or None
+        On the data fitted and on those held out; the column ``trained`` of its table tells them apart.
+    predictions : tuple of Prediction
+        Free runs over the same stretches.
+    orders : OrderScan or None
+        What other numbers of poles and zeros achieve, when that was asked for.
+    coherence : Coherence, str or None
+        How much of the outputs is a linear answer to the inputs, in the records fitted; or why that cannot be told.
+        None for models that are not linear.
+    missing : str
+        Why there is no model, or no validation of it; empty when both are there.
+    """
+
+    key: str
+    title: str
+    note: str = ""
+    model: Model | None = None
+    validation: Validation | None = None
+    predictions: tuple[Prediction, ...] = ()
+    orders: OrderScan | None = None
+    coherence: Coherence | str | None = None
+    missing: str = ""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the fit, the coherence of what it was fitted to, and the scan of orders had to say."""
+        coherent = () if self.coherence is None or isinstance(self.coherence, str) else self.coherence.findings
+        return (
+            *(self.model.findings if self.model else ()),
+            *coherent,
+            *(self.orders.findings if self.orders else ()),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FlightResult:
+    """One log, analysed as far as its content allows.
+
+    A stage that could not be done leaves None here and its reason in `missing` under the stage's name:
+    ``"flight"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``, ``"parameters"``, ``"coverage"``; a model says
+    itself why it is not there.
+
+    Attributes
+    ----------
+    name : str
+        File name without its extension, unique within a fleet.
+    log : LogFacts
+    flight : Span or None
+        The analysed airborne interval, the longest of the log.
+    motors, modes, gps, baro : DataFrame or None
+        Canonical tables as logged, for plots.
+    tables : Tables or None
+        All canonical tables, for the datasets.
+    trajectory : Trajectory or None
+    experiments : mapping of str to Experiment
+        The airborne segment at `AnalysisConfig.rate`, by the key of the kind of model that it serves.
+    models : tuple of ModelResult
+        Side by side, fitted to the first part of the flight and judged on the rest; empty without an experiment.
+    thrust : ThrustModel or None
+        Fitted to the first part of the flight.
+    parameters : PhysicalParameters or None
+        By every method, from the first part of the flight.
+    coverage : Coverage or None
+        How fast, how high, in which wind it flew, how it moved and how well that was logged.
+    findings : tuple of Finding
+        Of every stage, in the order of the work.
+    missing : mapping of str to str
+    timings : mapping of str to float
+        Seconds spent in each stage.
+    config : AnalysisConfig
+    """
+
+    name: str
+    log: LogFacts
+    config: AnalysisConfig
+    flight: Span | None = None
+    motors: pd.DataFrame | None = None
+    modes: pd.DataFrame | None = None
+    gps: pd.DataFrame | None = None
+    baro: pd.DataFrame | None = None
+    tables: Tables | None = None
+    trajectory: Trajectory | None = None
+    experiments: Mapping[str, Experiment] = field(default_factory=dict)
+    models: tuple[ModelResult, ...] = ()
+    thrust: ThrustModel | None = None
+    parameters: PhysicalParameters | None = None
+    coverage: Coverage | None = None
+    findings: tuple[Finding, ...] = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
+    timings: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def experiment(self) -> Experiment | None:
+        """The airborne segment, with the inputs of the first kind of model that it can serve."""
+        return next(iter(self.experiments.values()), None)
+
+    @property
+    def advice(self) -> tuple[Advice, ...]:
+        """How to log and fly better next time, most useful first."""
+        from pipeline.flight.advice.next_flights import for_flight
+
+        return for_flight(self)
+
+    @property
+    def position_known(self) -> bool:
+        """Whether there is a horizontal position, and not only what inertial navigation without GPS drifted to."""
+        if self.trajectory is None:
+            return False
+        return horizontal_sigma(self.trajectory, self.flight) <= POSITION_KNOWN
+
+
+def horizontal_sigma(trajectory: Trajectory, span: Span | None) -> float:
+    """Give the largest horizontal 1-sigma of position in a stretch of time, m."""
+    sigma = trajectory.sigma if span is None else trajectory.sigma.loc[span.start : span.stop]
+    return float((sigma["p_n"] ** 2 + sigma["p_e"] ** 2).max() ** 0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A log that gave nothing, and why, in a sentence for the person who has the log.
+
+    Attributes
+    ----------
+    source : str
+        Path or URL.
+    reason : str
+    lasting : bool
+        It would be the same again with the same log, settings and software.
+    full : bool
+        Nothing more can be stored.
+    """
+
+    source: str
+    reason: str
+    lasting: bool = False
+    full: bool = False
+
+    @property
+    def file(self) -> str:
+        """The file's name, without its folder, as text that can be shown."""
+        return file_name(self.source)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GroupResult:
+    """All flights of one craft, identified jointly.
+
+    Attributes
+    ----------
+    name : str
+        The craft in words, such as ``"octa x, ArduCopter"``.
+    vehicle : Vehicle
+    training, held_out : tuple of str
+        Names of the flights fitted and of those kept to judge.
+    split : str
+        How the two were chosen, in a sentence.
+    models : tuple of ModelResult
+        Side by side, fitted to the training flights and judged on the others.
+    thrust : ThrustModel or None
+    parameters : PhysicalParameters or None
+        By every method, from the training flights.
+    findings : tuple of Finding
+    coverage : Envelope or None
+        What the flights covered, and where those that judge leave the range of those fitted.
+    drift : Drift or None
+        The craft's parameters from flight to flight.
+    advice : tuple of Advice
+        How to log and fly better next time, most useful first.
+    missing : mapping of str to str
+        Why there is no ``"thrust"`` and there are no ``"parameters"``.
+    timings : mapping of str to float
+        Seconds spent in each stage.
+    """
+
+    name: str
+    vehicle: Vehicle
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    split: str
+    models: tuple[ModelResult, ...] = ()
+    thrust: ThrustModel | None = None
+    parameters: PhysicalParameters | None = None
+    coverage: Envelope | None = None
+    drift: Drift | None = None
+    advice: tuple[Advice, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
+    timings: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FleetResult:
+    """Several logs: every flight for itself, every craft jointly, and the files that gave nothing.
+
+    Attributes
+    ----------
+    flights : tuple of FlightEntry
+        In the order in which the logs were found. Their products are in the store.
+    groups : tuple of GroupEntry
+        Crafts with several flights, those with most first.
+    failures : tuple of Failure
+        Logs that gave nothing.
+    config : AnalysisConfig
+    store : Store
+        What has all products.
+    passed_over : tuple of Failure
+        What was found but not used, such as files that are no logs and second recordings of a flight.
+    duplicates : tuple of Failure
+        Copies of logs that were analysed.
+    removed : tuple of Failure
+        Logs of earlier runs that are no longer there; their products are still in the store.
+    reused : int
+        Logs whose products, or whose reason to have none, were in the store already.
+    manifest : Manifest or None
+    timings : mapping of str to float
+        Seconds spent on logs and on crafts in this run.
+    """
+
+    flights: tuple[FlightEntry, ...]
+    groups: tuple[GroupEntry, ...]
+    failures: tuple[Failure, ...]
+    config: AnalysisConfig
+    store: Store
+    passed_over: tuple[Failure, ...] = ()
+    duplicates: tuple[Failure, ...] = ()
+    removed: tuple[Failure, ...] = ()
+    reused: int = 0
+    manifest: Manifest | None = None
+    timings: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def reported(self) -> bool:
+        """Whether the report in the store is of these very products."""
+        if self.manifest is None or self.manifest.reported != self.manifest.identity:
+            return False
+        return {"report.html", "report.json"} <= set(self.store.names(""))
+
+    def confirm_report(self) -> None:
+        """Note in the store that the report was written; OSError where nothing can be written."""
+        if self.manifest is not None:
+            replace(self.manifest, reported=self.manifest.identity).write(self.store)
+
+
+#: ``publish(result, folder)`` writes what people and programs read of a result, as `reports.write` does.
+Publish = Callable[[FlightResult | GroupResult, Path], object]

@@ -1,1 +1,0 @@
-"""Physical parameters followed over the flights of a craft."""
