@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+SEED   := $(or $(SEED),$(shell date +%s))
 READY  := $(VENV)/.ready
 # One BLAS thread: our matrices are small and threads only hurt them.
 export OPENBLAS_NUM_THREADS := 1
@@ -24,9 +25,10 @@ $(READY): pyproject.toml constraints.txt
 analyze: setup  ## analyse sample_logs/, print a summary, write out/report.html and friends
 	@$(BIN)/rotorid analyze sample_logs --out out
 
-test: setup  ## run all tests
-	@echo "Running all tests ..."
-	@$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder
+# Tests of a module stay together, so that what its fixtures make is made once; all else is in random order.
+test: setup  ## run all tests in random order; SEED=n repeats an order
+	@echo "Running all tests in random order, SEED=$(SEED) ..."
+	@$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder --randomly-seed=$(SEED)
 
 lint: setup  ## ruff, mypy --strict and the import direction
 	@$(BIN)/ruff check .

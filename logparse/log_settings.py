@@ -172,11 +172,11 @@ def mask(value: float | None) -> int | None:
 
 
 def bits_of(vehicle: Vehicle) -> Mapping[Need, Bit]:
-    """Return which bit logs what on the autopilot of a craft; empty where the log does not tell the firmware."""
+    """Return which bit logs what on the autopilot of a craft; of unknown firmware those that all vehicles share."""
     if vehicle.autopilot == "PX4":
         return _PX4
     firmware = vehicle.firmware or ("ArduCopter" if vehicle.frame_class else None)
-    bits = dict(_ARDUPILOT.get(firmware or "", {}))
+    bits = dict(_EVERY_VEHICLE if firmware is None else _ARDUPILOT.get(firmware, {}))
     version = re.match(r"(\d+)\.(\d+)", vehicle.version or "")
     if version and (int(version[1]), int(version[2])) < _FAST_IMU_SINCE:
         bits.pop(Need.FAST_IMU, None)

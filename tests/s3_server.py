@@ -8,8 +8,12 @@ import pytest
 
 @contextmanager
 def s3_server() -> Iterator[str]:
-    """Run a server, and let the environment lead to it, as an operator would; gives its address."""
-    pytest.importorskip("s3fs")
+    """Run a server, and let the environment lead to it, as an operator would; gives its address.
+
+    s3fs keeps one file system for equal arguments, and with it the address that the environment gave when it was made:
+    what another module made leads to a server that has stopped, and what is made here must not outlive this server.
+    """
+    s3fs = pytest.importorskip("s3fs")
     moto = pytest.importorskip("moto.server")
     server = moto.ThreadedMotoServer("127.0.0.1", 0, verbose=False)
     server.start()
@@ -20,5 +24,9 @@ def s3_server() -> Iterator[str]:
         environment.setenv("AWS_ACCESS_KEY_ID", "tests")
         environment.setenv("AWS_SECRET_ACCESS_KEY", "tests")
         environment.setenv("AWS_DEFAULT_REGION", "us-east-1")
-        yield address
-    server.stop()
+        s3fs.S3FileSystem.clear_instance_cache()
+        try:
+            yield address
+        finally:
+            s3fs.S3FileSystem.clear_instance_cache()
+            server.stop()

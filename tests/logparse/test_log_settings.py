@@ -50,8 +50,9 @@ def test_bits_are_those_of_the_vehicle():
     assert (copter[Need.COMPASS].number, plane[Need.COMPASS].number, rover[Need.COMPASS].number) == (13, 10, 11)
 
 
-def test_no_bit_is_named_where_nothing_tells_the_firmware():
+def test_bits_that_differ_are_not_named_where_nothing_tells_the_firmware():
     unknown = Vehicle(autopilot="ArduPilot")
+    assert log_setting(unknown, "dataflash", {"LOG_BITMASK": 2.0}, [Need.GPS]).wanted == 6
     assert log_setting(unknown, "dataflash", {"LOG_BITMASK": 65535.0}, [Need.MOTORS]) is None
     assert "bit" not in how_to_log(Need.MOTORS, None, unknown, "dataflash")
 
