@@ -188,8 +188,8 @@ def winds(coverage: Numbers, name: str) -> Figure | None:
     )
     caption = (
         "The mean wind of each flight, as the rigid body explains the tilt: a point lies where the wind came from, as "
-        "far out as it was strong, with one standard error. Points all on one side leave wind and trim hard to tell "
-        "apart."
+        "far out as it was strong, with one standard error where that is determined. Points all on one side leave "
+        "wind and trim hard to tell apart."
     )
     return Figure(name, caption, data, layout, 430, time=False)
 
@@ -198,7 +198,7 @@ def _winds_of(known: Sequence[Numbers], part: str, word: str, color: str) -> Tra
     some = [each for each in known if each["part"] == part]
     if not some:
         return None
-    sigma = [_short(each["sigma"] or 0.0) for each in some]
+    sigma = [_short(each["sigma"]) for each in some]
     return {
         "type": "scatter",
         "mode": "markers",
@@ -208,6 +208,7 @@ def _winds_of(known: Sequence[Numbers], part: str, word: str, color: str) -> Tra
         "error_y": {"array": sigma, "color": color, "thickness": 1, "width": 0},
         "text": [
             f"{plotly_text(each['flight'])}: {each['speed']:.1f} m/s from {math.degrees(each['from']):.0f}°"
+            + (", its error not determined" if each["sigma"] is None else "")
             for each in some
         ],
         "name": word,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from logparse import Finding, Severity
-from pipeline.fleet.split import POOR_POSITION, excitation, position_sigma
+from pipeline.fleet.split import excitation, position_good
 
 if TYPE_CHECKING:
     from pipeline.results.entry import FlightEntry
@@ -144,8 +144,8 @@ def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: 
             (
                 found
                 for entry in judges
-                # Where a position is poor, speeds and heights beyond the range are more likely errors.
-                if position_sigma(entry) <= POOR_POSITION
+                # Speeds and heights beyond the range are more likely errors of a poor position, or of an unknown one.
+                if position_good(entry)
                 for name in names
                 if (found := _excursion(entry, name, quantities[name]))
             ),

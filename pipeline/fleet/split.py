@@ -2,7 +2,8 @@
 
 Left to itself the split is deterministic and of this kind:
 
-- Flights whose position is poor, or which hardly move, never train; they judge.
+- Flights whose position is poor or of unknown accuracy, or which move too little or nobody knows how much, are excluded
+  from training; they judge.
 - Of the others half train. At every place and on every day the two halves differ by one flight at most: flights of the
   same place and day are paired by how much they move, one of each pair trains; those left over are the edges of a
   graph that joins places with days, and train or judge by turns along its trails. Cycles of such a graph are even, so
@@ -22,9 +23,10 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import timedelta
+from enum import StrEnum
 from fnmatch import fnmatch
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipeline.flight.craft import took_off
 
@@ -38,13 +40,30 @@ MOST_TRAINING = 20
 #: Horizontal 1-sigma beyond which a flight does not train, m: good models err by this much over whole flights.
 POOR_POSITION = 5.0
 
-#: Acceleration over what the estimate's own noise makes of it, below which a flight hardly moves.
-HARDLY_MOVES = 2.0
+#: Acceleration over what the estimate's own noise makes of it, below which there is too little excitation.
+LEAST_EXCITATION = 2.0
 
 #: Flights that begin within this distance of each other are at one place, m.
 ONE_PLACE = 2000.0
 
 _EARTH_RADIUS = 6.371e6
+
+
+class Exclusion(StrEnum):
+    """Why a flight is excluded from training."""
+
+    POSITION_UNKNOWN = "position-unknown"
+    POSITION_POOR = "position-poor"
+    EXCITATION_UNKNOWN = "excitation-unknown"
+    LITTLE_EXCITATION = "little-excitation"
+
+
+@dataclass(frozen=True, slots=True)
+class Unfit:
+    """A flight that must not train: the kind of reason, and the reason with its numbers, as a clause."""
+
+    exclusion: Exclusion
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +75,7 @@ class Split:
     training, held_out : tuple of str
     unused : mapping of str to str
         Flights that do neither, and why.
-    never_train : mapping of str to str
+    never_train : mapping of str to Unfit
         Flights that judge only, and why.
     sentence : str
         How the two were chosen, with the numbers.
@@ -65,7 +84,7 @@ class Split:
     training: tuple[str, ...]
     held_out: tuple[str, ...]
     unused: Mapping[str, str] = field(default_factory=dict)
-    never_train: Mapping[str, str] = field(default_factory=dict)
+    never_train: Mapping[str, Unfit] = field(default_factory=dict)
     sentence: str = ""
 
 
@@ -101,14 +120,24 @@ def named(name: str, patterns: Iterable[str]) -> bool:
     return any(fnmatch(name.casefold(), pattern.casefold()) for pattern in patterns)
 
 
-def excitation(flight: FlightEntry) -> float:
-    """How much a flight moves: RMS of changes of velocity over a second, m/s^2; 0 where that was not measured."""
-    return float(flight.coverage.get("excitation", {}).get("acceleration_rms") or 0.0)
+def excitation(flight: FlightEntry) -> float | None:
+    """Return the RMS of a flight's changes of velocity over a second, m/s^2; None where that was not measured."""
+    return _measured(flight.coverage.get("excitation", {}).get("acceleration_rms"))
 
 
-def position_sigma(flight: FlightEntry) -> float:
-    """Give the largest horizontal 1-sigma of a flight's position, m; 0 where that was not measured."""
-    return float(flight.coverage.get("health", {}).get("position_sigma", {}).get("max") or 0.0)
+def position_sigma(flight: FlightEntry) -> float | None:
+    """Return the largest horizontal 1-sigma of a flight's position, m; None where that was not measured."""
+    return _measured(flight.coverage.get("health", {}).get("position_sigma", {}).get("max"))
+
+
+def position_good(flight: FlightEntry) -> bool:
+    """Return whether a flight's position is known to be good enough to train."""
+    sigma = position_sigma(flight)
+    return sigma is not None and sigma <= POOR_POSITION
+
+
+def _measured(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def day_of(flight: FlightEntry) -> str:
@@ -159,29 +188,42 @@ def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
     poor = {flight.name: reason for flight in flights if flight.name in training and (reason := unfit(flight))}
     if poor:
         sentence += "; of those that train, " + ", ".join(
-            f"{name} teaches little ({why})" for name, why in poor.items()
+            f"{name} teaches little ({why.reason})" for name, why in poor.items()
         )
     return Split(training=tuple(training), held_out=tuple(judges), unused=neither, sentence=sentence)
 
 
-def unfit(flight: FlightEntry) -> str:
-    """Say why a flight must not train; empty when it may."""
-    sigma = position_sigma(flight)
-    if sigma > POOR_POSITION:
-        return f"its position is poor: the horizontal 1-sigma grows to {sigma:.1f} m"
-    moved: Mapping[str, Any] = flight.coverage.get("excitation", {})
-    noise = moved.get("acceleration_noise")
-    if noise and excitation(flight) < HARDLY_MOVES * noise:
-        return (
-            f"it hardly moves: its acceleration of {excitation(flight):.2g} m/s² (RMS) is less than "
-            f"{HARDLY_MOVES:g} times what the estimate's noise makes, {noise:.2g} m/s²"
+def unfit(flight: FlightEntry) -> Unfit | None:
+    """Return why a flight must not train; None when it may. What was not measured is no reason to trust it."""
+    sigma, moved = position_sigma(flight), excitation(flight)
+    if sigma is None:
+        why = flight.missing.get("coverage", "")
+        return Unfit(
+            Exclusion.POSITION_UNKNOWN,
+            "how accurate its position is was not determined" + (f" ({why})" if why else ""),
         )
-    return ""
+    if sigma > POOR_POSITION:
+        return Unfit(Exclusion.POSITION_POOR, f"its position is poor: the horizontal 1-sigma grows to {sigma:.1f} m")
+    noise = _measured(flight.coverage.get("excitation", {}).get("acceleration_noise"))
+    if moved is None or noise is None:
+        return Unfit(Exclusion.EXCITATION_UNKNOWN, "how much it moves was not determined")
+    if moved < LEAST_EXCITATION * noise:
+        return Unfit(
+            Exclusion.LITTLE_EXCITATION,
+            f"it hardly moves: its acceleration of {moved:.2g} m/s² (RMS) is less than "
+            f"{LEAST_EXCITATION:g} times what the estimate's noise makes, {noise:.2g} m/s²",
+        )
+    return None
+
+
+def _rank(flight: FlightEntry) -> tuple[float, str]:
+    """Sort by excitation, most first; every flight that may train has been measured."""
+    return -(excitation(flight) or 0.0), flight.name
 
 
 def _half(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
     """Choose half of the flights, give or take one; every place and day is divided in the same way."""
-    rank = {flight.name: k for k, flight in enumerate(sorted(flights, key=lambda f: (-excitation(f), f.name)))}
+    rank = {flight.name: k for k, flight in enumerate(sorted(flights, key=_rank))}
     places = places_of(flights)
     cells: dict[tuple[int, str], list[int]] = defaultdict(list)
     for flight in flights:
@@ -266,9 +308,9 @@ def _thinned(half: Sequence[FlightEntry]) -> list[FlightEntry]:
     if len(half) <= MOST_TRAINING:
         return list(half)
     places = places_of(half)
-    ordered = sorted(half, key=lambda f: (places[f.name], day_of(f), -excitation(f), f.name))
+    ordered = sorted(half, key=lambda f: (places[f.name], day_of(f), *_rank(f)))
     at = [int((k + 0.5) * len(ordered) / MOST_TRAINING) for k in range(MOST_TRAINING)]
-    best = min(range(len(ordered)), key=lambda k: (-excitation(ordered[k]), ordered[k].name))
+    best = min(range(len(ordered)), key=lambda k: _rank(ordered[k]))
     nearest = min(range(len(at)), key=lambda k: abs(at[k] - best))
     at[nearest] = best
     return [ordered[k] for k in sorted(set(at))]
@@ -278,12 +320,12 @@ def _sentence(
     usable: Sequence[FlightEntry],
     chosen: Sequence[FlightEntry],
     judges: Sequence[FlightEntry],
-    unable: Mapping[str, str],
+    unable: Mapping[str, Unfit],
     *,
     capped: bool,
 ) -> str:
     """Say how the flights were divided, with the numbers."""
-    never = "; ".join(f"{name} never trains: {why}" for name, why in sorted(unable.items())[:5])
+    never = "; ".join(f"{name} never trains: {unable[name].reason}" for name in sorted(unable)[:5])
     if len(unable) > 5:
         never += f"; {len(unable) - 5} more never train"
     if not chosen:
@@ -310,7 +352,9 @@ def _sentence(
 
 
 def _range(flights: Sequence[FlightEntry]) -> str:
-    values = [excitation(flight) for flight in flights]
+    values = [value for flight in flights if (value := excitation(flight)) is not None]
+    if not values:
+        return "not determined"
     low, high = f"{min(values):.2g}", f"{max(values):.2g}"
     return f"{low} m/s²" if low == high else f"{low}–{high} m/s²"
 

@@ -79,8 +79,8 @@ class Excitation:
     ----------
     acceleration_rms : float
         Of changes of velocity over one second, m/s^2: the motion that models are to explain.
-    acceleration_noise : float
-        The same that the estimate's own uncertainty would make, m/s^2.
+    acceleration_noise : float or None
+        The same that the estimate's own uncertainty would make, m/s^2; None where that is not known.
     speed_std : tuple of 2 float
         Standard deviation of the velocity over the ground along and across the nose, about the flight's mean velocity,
         m/s: what tells drag from wind.
@@ -93,7 +93,7 @@ class Excitation:
     """
 
     acceleration_rms: float
-    acceleration_noise: float
+    acceleration_noise: float | None
     speed_std: tuple[float, float]
     headings: int
     axes: Mapping[str, AxisExcitation]
@@ -139,7 +139,9 @@ def excitation_of(
     return Excitation(
         acceleration_rms=_rms(change),
         # Errors a second apart are taken as independent, which can only make the noise larger than it is.
-        acceleration_noise=float(np.sqrt(2.0 * np.mean(np.sum(sigma**2, axis=1))) / (step * dt)) if len(sigma) else 0.0,
+        acceleration_noise=float(np.sqrt(2.0 * np.mean(np.sum(sigma**2, axis=1))) / (step * dt))
+        if len(sigma)
+        else None,
         speed_std=(float(along.std()), float(across.std())),
         headings=int(np.sum(np.bincount(sectors, minlength=SECTORS) * dt >= IN_SECTOR)),
         axes=_axes(context, _commands(log, context), round(1.0 / dt)),

@@ -24,6 +24,7 @@ def covering(name, **values):
             "map": grid,
             "wind": {"speed": 2.0, "from": pi / 2, "sigma": 0.2},
             "excitation": {"acceleration_rms": 1.0},
+            "health": {"position_sigma": {"median": 0.5, "max": 1.0}},
         },
     )
 

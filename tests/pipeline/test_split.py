@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline import AnalysisConfig
-from pipeline.fleet.split import MOST_TRAINING, choose_split, day_of, excitation, places_of
+from pipeline.fleet.split import MOST_TRAINING, Exclusion, choose_split, day_of, excitation, places_of, position_sigma
 from tests.pipeline.test_craft import flown
 
 DAY = datetime(2024, 5, 2, 9, 30, tzinfo=UTC)
@@ -91,10 +91,36 @@ def test_poor_position_and_standing_still_never_train_and_say_why():
     split = choose_split(flights, CONFIG)
     assert split.training == ("d",)
     assert set(split.held_out) == {"a", "b", "c"}
-    assert "9.0 m" in split.never_train["b"]
-    assert "hardly moves" in split.never_train["a"]
+    assert (split.never_train["a"].exclusion, split.never_train["b"].exclusion) == (
+        Exclusion.LITTLE_EXCITATION,
+        Exclusion.POSITION_POOR,
+    )
+    assert "9.0 m" in split.never_train["b"].reason
+    assert "hardly moves" in split.never_train["a"].reason
     assert "a never trains" in split.sentence
     assert "b never trains" in split.sentence
+
+
+def test_what_was_not_measured_is_not_taken_for_perfect():
+    """A flight whose coverage failed had a position sigma of 0 and trained."""
+    failed = dataclasses.replace(flight("a", 9.0), coverage={}, missing={"coverage": "the log has a hole"})
+    unsure = dataclasses.replace(
+        flight("b", 9.0), coverage=flight("b").coverage | {"health": {"position_sigma": {"median": None, "max": None}}}
+    )
+    loud = dataclasses.replace(
+        flight("c"),
+        coverage=flight("c").coverage | {"excitation": {"acceleration_rms": 9.0, "acceleration_noise": None}},
+    )
+    split = choose_split([failed, unsure, loud, flight("d"), flight("e", 2.0)], CONFIG)
+    assert split.training == ("e",)
+    assert {name: each.exclusion for name, each in split.never_train.items()} == {
+        "a": Exclusion.POSITION_UNKNOWN,
+        "b": Exclusion.POSITION_UNKNOWN,
+        "c": Exclusion.EXCITATION_UNKNOWN,
+    }
+    assert "the log has a hole" in split.never_train["a"].reason
+    assert position_sigma(failed) is None
+    assert excitation(failed) is None
 
 
 def test_where_nothing_can_train_nothing_does():
@@ -145,8 +171,9 @@ def test_a_day_is_that_of_the_sun_at_the_place():
     assert day_of(dataclasses.replace(late, origin=(0.83, 0.15, 0.0))) == "2024-05-02"
 
 
-def test_flights_without_coverage_or_date_are_divided_all_the_same():
-    bare = [dataclasses.replace(flown(f"f{k}", start=None), origin=None, track=()) for k in range(5)]
+def test_flights_without_date_or_place_are_divided_all_the_same():
+    measured = flight("measured").coverage
+    bare = [dataclasses.replace(flown(f"f{k}", start=None), origin=None, track=(), coverage=measured) for k in range(5)]
     split = choose_split(bare, CONFIG)
     assert len(split.training) in (2, 3)
     assert not split.never_train

@@ -49,7 +49,7 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
         },
         "wind": {"speed": 3.0, "from": 0.5 * np.pi, "north": 0.0, "east": -3.0, "sigma": 0.4, "source": "rigid body"},
         "excitation": {"acceleration_rms": 0.6},
-        "health": {},
+        "health": {"position_sigma": {"median": 0.5, "max": 1.0}},
         "missing": {},
     }
     rows = [

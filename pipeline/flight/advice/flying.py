@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pipeline.fleet.envelope import shown
-from pipeline.fleet.split import POOR_POSITION, position_sigma, unfit
+from pipeline.fleet.split import Exclusion, position_good, position_sigma, unfit
 from pipeline.results.advice import Advice, having, names_of
 from sysid.rigid_body.wind import LIGHT, TURBULENCE
 
@@ -75,27 +75,33 @@ def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, told: Coll
 def _lost(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
     """Choose the flights whose position is too uncertain to say anything of their speeds."""
     return [
-        flight
-        for flight in flights
-        if flight.coverage and (not flight.position_known or position_sigma(flight) > POOR_POSITION)
+        flight for flight in flights if flight.coverage and (not flight.position_known or not position_good(flight))
     ]
 
 
 def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Name the flights that gave no position or hardly moved."""
     if lost:
-        worst = max(position_sigma(flight) for flight in lost)
+        sigmas = [sigma for flight in lost if (sigma := position_sigma(flight)) is not None]
         hdop = [value for flight in lost if (value := _health(flight, "gps", "hdop")) is not None]
         yield Advice(
             id="repeat-with-gps",
             rank=2,
             do=f"Repeat {names_of(lost, len(flights))} with a good fix before take-off, under open sky",
-            why=f"the horizontal position is uncertain by up to {worst:.0f} m"
+            why=(
+                f"the horizontal position is uncertain by up to {max(sigmas):.0f} m"
+                if sigmas
+                else "how uncertain the horizontal position is was not determined"
+            )
             + (f" (dilution of precision {max(hdop):.1f})" if hdop else " (no GPS in the log)"),
             gain="they can train and judge models of the motion, which they cannot now",
             flights=tuple(flight.name for flight in lost),
         )
-    still = [flight for flight in flights if flight not in lost and "hardly moves" in unfit(flight)]
+    still = [
+        flight
+        for flight in flights
+        if flight not in lost and (found := unfit(flight)) and found.exclusion is Exclusion.LITTLE_EXCITATION
+    ]
     if still:
         yield Advice(
             id="repeat-with-movement",
@@ -113,12 +119,13 @@ def _conditions(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     shaken = having(flights, "vibration", "accelerometer-clipping")
     shaken = [f for f in shaken if _severity(f, "vibration", "accelerometer-clipping") != "info"]
     if shaken:
-        worst = max((_health(flight, "vibration", "p95") or 0.0 for flight in shaken), default=0.0)
+        levels = [level for flight in shaken if (level := _health(flight, "vibration", "p95")) is not None]
+        reached = f"vibration reaches {max(levels):.0f} m/s² (95 %), or " if levels else ""
         yield Advice(
             id="soften-mount",
             rank=10,
             do="Balance the propellers and soften the mount of the autopilot",
-            why=f"in {names_of(shaken, total)} vibration reaches {worst:.0f} m/s² (95 %), or the accelerometer clips",
+            why=f"in {names_of(shaken, total)} {reached}the accelerometer clips",
             gain="accelerations without bias, on which thrust, drag and the trajectory rest",
             flights=tuple(flight.name for flight in shaken),
         )
@@ -171,16 +178,17 @@ def _turns(flights: Sequence[FlightEntry], total: int, told: Collection[str]) ->
         for flight in flights
         if flight.coverage["excitation"]["headings"] < FEW_HEADINGS
         and (wind := flight.coverage.get("wind")) is not None
-        and (wind.get("sigma") or 0.0) > WIND_ERROR
+        and (wind.get("sigma") is None or wind["sigma"] > WIND_ERROR)
     ]
     if not held or len(held) <= total // 2:
         return
-    sigma = statistics.median(float(flight.coverage["wind"]["sigma"]) for flight in held)
+    sigmas = [float(sigma) for flight in held if (sigma := flight.coverage["wind"].get("sigma")) is not None]
+    known = f"the wind is known to {statistics.median(sigmas):.2g} m/s only" if sigmas else "the wind is not determined"
     yield Advice(
         id="turn-on-the-spot",
         rank=24,
         do="Turn on the spot by 90° twice in every flight, a few seconds' hover in each direction",
-        why=f"in {names_of(held, total)} the nose pointed one way or two; the wind is known to {sigma:.2g} m/s only",
+        why=f"in {names_of(held, total)} the nose pointed one way or two; {known}",
         gain="the lean of the thrust is told from the wind: 0.1° of it passes for 0.07 m/s",
         flights=tuple(flight.name for flight in held),
     )
