@@ -1,0 +1,71 @@
+"""The axes of a multirotor: what drives each, what answers, and which SID_AXIS excites it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from logparse import RotoridError
+
+
+class FrequencyError(RotoridError):
+    """A frequency response, or a fit to one, that the data cannot give; the message says why and what to fly or log."""
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis of control.
+
+    Attributes
+    ----------
+    name : str
+    input, output : str
+        Columns of the table `rates`; the vertical acceleration is that of RATE.A.
+    unit : str
+        Of output per input.
+    reference : str
+        Column of the target of the output.
+    attitude : str
+        Column of the table `attitude` whose derivative the output is; empty for the vertical axis.
+    letter : str
+        Of the axis in RATE and PID messages.
+    """
+
+    name: str
+    input: str
+    output: str
+    unit: str
+    reference: str
+    attitude: str
+    letter: str
+
+
+AXES: Mapping[str, Axis] = MappingProxyType(
+    {
+        "roll": Axis("roll", "out_roll", "w_x", "rad/s", "w_x_ref", "roll", "R"),
+        "pitch": Axis("pitch", "out_pitch", "w_y", "rad/s", "w_y_ref", "pitch", "P"),
+        "yaw": Axis("yaw", "out_yaw", "w_z", "rad/s", "w_z_ref", "yaw", "Y"),
+        "vertical": Axis("vertical", "out_thrust", "a_up", "m/s^2", "a_up_ref", "", "A"),
+    }
+)
+
+#: Which axis of the craft each SID_AXIS turns or lifts, and whether its chirp is added after the controller.
+SID_AXES: Mapping[int, tuple[str, bool]] = MappingProxyType(
+    {k: (name, False) for first in (1, 4, 7) for k, name in enumerate(("roll", "pitch", "yaw"), first)}
+    | {10: ("roll", True), 11: ("pitch", True), 12: ("yaw", True), 13: ("vertical", True)}
+    | {k: (("roll", "pitch")[k % 2], False) for k in range(14, 20)}
+)
+
+
+def axis_of(name: str) -> Axis:
+    """Return an axis by its name.
+
+    Raises
+    ------
+    FrequencyError
+        When there is none of that name.
+    """
+    if name not in AXES:
+        raise FrequencyError(f"there is no axis {name!r}; the axes are {', '.join(AXES)}")
+    return AXES[name]

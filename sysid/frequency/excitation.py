@@ -1,0 +1,106 @@
+"""Stretches of a flight in which an axis was excited: chirps of SYSTEMID mode, or whatever else moved it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from logparse import FlightLog
+from sysid.frequency.axes import SID_AXES
+
+#: Pause [s] in SIDD that ends a run even when its clock goes on.
+_PAUSE = 2.0
+
+#: A chirp cut to less than this part of its plan is an aborted one.
+_COMPLETE = 0.95
+
+#: Cycles of its lowest frequency that a chirp must last to be of use.
+_SHORTEST = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Chirp:
+    """One run of SYSTEMID mode.
+
+    Attributes
+    ----------
+    axis : str
+        Axis of the craft that it excites; empty for a SID_AXIS that nobody knows.
+    sid_axis : int
+        As SID_AXIS numbers it; 0 where the log does not tell.
+    start, stop : float
+        s on the boot clock.
+    low, high : float
+        Frequencies that were swept, Hz.
+    at_mixer : bool
+        Whether the chirp was added after the controller (SID_AXIS 10-13).
+    complete : bool
+        Whether it ran as long as SIDS announced.
+    """
+
+    axis: str
+    sid_axis: int
+    start: float
+    stop: float
+    low: float
+    high: float
+    at_mixer: bool
+    complete: bool
+
+    @property
+    def duration(self) -> float:
+        """Return the length, s."""
+        return self.stop - self.start
+
+    @property
+    def worthwhile(self) -> bool:
+        """Return whether it lasted two cycles of its lowest frequency at least."""
+        return self.high > 0.0 and self.duration * max(self.low, 1e-3) >= _SHORTEST
+
+
+def find_chirps(log: FlightLog) -> tuple[Chirp, ...]:
+    """Find the runs of SYSTEMID mode in a log, in order.
+
+    A run ends where its clock (SIDD.Time) starts again, where the axis changes, or where SIDD pauses. Without SIDS the
+    parameter SID_AXIS tells the axis.
+    """
+    table = log.tables.systemid
+    if table is None or len(table) < 8:
+        return ()
+    t = table.index.to_numpy(np.float64)
+    elapsed = table["elapsed"].to_numpy(np.float64)
+    axis = table["axis"].to_numpy(np.float64)
+    axis = np.where(np.isfinite(axis), axis, log.parameters.get("SID_AXIS", 0.0))
+    frequency = table["frequency"].to_numpy(np.float64) / (2.0 * np.pi)
+    target = table["target"].to_numpy(np.float64)
+    new = (np.diff(elapsed) < -1e-3) | (np.diff(t) > _PAUSE) | (np.diff(axis) != 0.0)
+    edges = np.concatenate([[0], np.flatnonzero(new) + 1, [len(t)]])
+    planned = _planned(log)
+    found = []
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        if last - first < 8:
+            continue
+        number = int(axis[first])
+        name, at_mixer = SID_AXES.get(number, ("", False))
+        moving = np.abs(target[first:last]) > 0.0
+        swept = frequency[first:last][moving & np.isfinite(frequency[first:last])]
+        if not len(swept):
+            continue
+        length = float(t[last - 1] - t[first])
+        plan = [duration for begin, duration in planned if begin <= t[first] + 1.0]
+        complete = not plan or length >= _COMPLETE * plan[-1]
+        limits = float(swept.min()), float(swept.max())
+        found.append(Chirp(name, number, float(t[first]), float(t[last - 1]), *limits, at_mixer, complete))
+    return tuple(found)
+
+
+def _planned(log: FlightLog) -> list[tuple[float, float]]:
+    """Return the time and the planned length, s, of each run that SIDS announces."""
+    if "SIDS" not in log.messages:
+        return []
+    frame = log.messages["SIDS"]
+    if not {"TR", "TFout"} <= set(frame.columns):
+        return []
+    lengths = frame["TR"].to_numpy(np.float64)
+    return [(float(t), float(length)) for t, length in zip(frame.index, lengths, strict=True)]

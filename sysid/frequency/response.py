@@ -1,0 +1,145 @@
+"""A measured frequency response with its coherence and random error: what every fit and every margin starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from logparse import Finding
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Below this coherence a frequency does not count (Tischler and Remple 2012, section 7.5.2).
+COHERENT = 0.6
+
+
+#: Fields with one value for each frequency.
+_OVER_FREQUENCY = ("hz", "response", "coherence", "sigma", "sigma_phase", "averages", "resolution") + (
+    "multiple_coherence",
+    "direct",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class FrequencyResponse:
+    """Output per input over frequency, with what it is worth.
+
+    Errors of the complex response are circular: the real and the imaginary part of ``ln G``, which are gain and phase,
+    have the same standard deviation and are independent of each other. Neighbouring frequencies closer than
+    `resolution` share data: their errors are correlated.
+
+    Attributes
+    ----------
+    axis : str
+        ``"roll"``, ``"pitch"``, ``"yaw"`` or ``"vertical"``.
+    input, output : str
+        What the response goes from and to, such as ``"out_roll"`` and ``"w_x"``.
+    unit : str
+        Of output per input, SI: ``"rad/s"`` per unit of the rate controller's output for a rate axis.
+    hz : ndarray, shape (n,)
+        Frequencies, increasing, evenly spaced in their logarithm.
+    response : ndarray of complex, shape (n,)
+        SI.
+    coherence : ndarray, shape (n,)
+        Part of the output's power that the input explains, 0..1; with several inputs the partial coherence of this one,
+        and with an instrument the part that is explained through it.
+    sigma : ndarray, shape (n,)
+        Standard deviation of ln |G|.
+    sigma_phase : ndarray, shape (n,)
+        Standard deviation of the phase, rad.
+    averages : ndarray, shape (n,)
+        Effective number of independent averages.
+    resolution : ndarray, shape (n,)
+        Width of the spectral window, Hz.
+    multiple_coherence : ndarray, shape (n,)
+        Part of the output's power that all inputs explain together.
+    method : str
+        ``"instrument"`` where an injected signal or a reference from outside the loop was the instrument, else
+        ``"direct"``.
+    instrument : str
+        What the instrument was; empty without one.
+    direct : ndarray of complex, shape (n,)
+        Plain regression of the output on the input: biased where a loop is closed. Equal to `response` without an
+        instrument.
+    step : float
+        Time between logged samples, s.
+    gyro_filter_hz : float or None
+        Corner of the second-order low-pass through which the rate was measured (INS_GYRO_FILTER); None where unknown
+        or not in the path.
+    records : tuple of str
+        The records that were summed.
+    duration : float
+        Their length together, s.
+    findings : tuple of Finding
+    """
+
+    axis: str
+    input: str
+    output: str
+    unit: str
+    hz: Floats
+    response: Complex
+    coherence: Floats
+    sigma: Floats
+    sigma_phase: Floats
+    averages: Floats
+    resolution: Floats
+    multiple_coherence: Floats
+    method: str
+    instrument: str
+    direct: Complex
+    step: float
+    gyro_filter_hz: float | None = None
+    records: tuple[str, ...] = ()
+    duration: float = 0.0
+    findings: tuple[Finding, ...] = field(default=())
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Return where the coherence is at least 0.6, shape (n,)."""
+        return np.asarray(self.coherence >= COHERENT)
+
+    @property
+    def gain_db(self) -> Floats:
+        """Return 20 log10 |G|, shape (n,)."""
+        return np.asarray(20.0 * np.log10(np.maximum(np.abs(self.response), 1e-300)))
+
+    @property
+    def phase(self) -> Floats:
+        """Return the phase, continuous over frequency, rad, shape (n,)."""
+        return np.asarray(np.unwrap(np.angle(self.response)))
+
+    @property
+    def weight_of_points(self) -> Floats:
+        """Return how many independent measurements each frequency is worth, at most one, shape (n,).
+
+        The spacing of the grid over the width of the spectral window: neighbours closer than it share their data.
+        """
+        if len(self.hz) < 2:
+            return np.ones(len(self.hz))
+        return np.asarray(np.minimum(np.gradient(self.hz) / self.resolution, 1.0))
+
+    def at(self, hz: Floats) -> Complex:
+        """Interpolate the response: straight lines of log gain and phase over log frequency; NaN outside."""
+        asked = np.log(np.asarray(hz, dtype=np.float64))
+        known = np.log(self.hz)
+        log_gain = np.interp(asked, known, np.log(np.maximum(np.abs(self.response), 1e-300)), np.nan, np.nan)
+        return np.asarray(np.exp(log_gain + 1j * np.interp(asked, known, self.phase)))
+
+    def between(self, low: float, high: float) -> FrequencyResponse:
+        """Return the part from `low` to `high`, Hz."""
+        return self._rows((self.hz >= low) & (self.hz <= high))
+
+    def _rows(self, keep: NDArray[np.bool_]) -> FrequencyResponse:
+        return replace(self, **{name: getattr(self, name)[keep] for name in _OVER_FREQUENCY})
+
+    def __repr__(self) -> str:
+        good = self.hz[self.usable]
+        worth = f"coherent from {good[0]:.2g} to {good[-1]:.3g} Hz" if len(good) else "nowhere coherent"
+        return (
+            f"<FrequencyResponse {self.axis}: {self.input} -> {self.output} [{self.unit}], {len(self.hz)} frequencies "
+            f"from {self.hz[0]:.2g} to {self.hz[-1]:.3g} Hz, {worth}, {self.method}, {self.duration:.0f} s>"
+        )

@@ -1,0 +1,215 @@
+"""Cross-spectra of overlapped, tapered windows, summed over records, and the responses that follow from them.
+
+Transforms are taken exactly at the frequencies of a logarithmic grid, as a chirp-z transform takes them at those of a
+linear one (Tischler and Remple 2012, section 7.3), of the record thinned out to what the window's band asks for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import decimate, detrend
+from scipy.signal.windows import hann
+
+from sysid.frequency.records import AxisRecord
+from sysid.frequency.response import Complex, Floats
+
+#: Cycles of a frequency in a window that serves it: with fewer, leakage from the trend and its neighbours bends the
+#: response; with more, shorter windows give more averages.
+FEWEST_CYCLES, MOST_CYCLES = 3.0, 60.0
+
+#: Part of a window by which the next one is shifted.
+_HOP = 0.2
+
+#: Samples per cycle of the highest frequency that are kept.
+_SAMPLES_PER_CYCLE = 5.0
+
+#: Part of a window's samples that may lie in holes of the log.
+_HOLES = 0.03
+
+#: Width of a Hann window's equivalent noise bandwidth in 1/T.
+HANN_BANDWIDTH = 1.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpectralSums:
+    """Sums over windows of products of transforms; those of several records add up.
+
+    Attributes
+    ----------
+    zz, zx, xx : ndarray of complex, shape (F, m, m)
+        Instruments by instruments, instruments by inputs, inputs by inputs.
+    zy, xy : ndarray of complex, shape (F, m)
+    yy : ndarray, shape (F,)
+    noise_gain : ndarray of complex, shape (F, m, m)
+        ``Z^H C Z`` with the correlation C that overlapping windows give to noise.
+    windows : float
+    independent : float
+        Number of independent windows that the overlapping ones are worth.
+    """
+
+    zz: Complex
+    zx: Complex
+    xx: Complex
+    zy: Complex
+    xy: Complex
+    yy: Floats
+    noise_gain: Complex
+    windows: float
+    independent: float
+
+    def __add__(self, other: SpectralSums) -> SpectralSums:
+        return SpectralSums(*(getattr(self, name) + getattr(other, name) for name in self.__slots__))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowEstimate:
+    """Responses to all inputs from windows of one length.
+
+    Attributes
+    ----------
+    response : ndarray of complex, shape (F, m)
+    direct : ndarray of complex, shape (F, m)
+        By plain regression on the inputs.
+    sigma : ndarray, shape (F, m)
+        Standard deviation of ln |G|; infinite where nothing is known.
+    coherence : ndarray, shape (F, m)
+        Partial.
+    multiple : ndarray, shape (F,)
+    length : float
+        Of the windows, s.
+    """
+
+    response: Complex
+    direct: Complex
+    sigma: Floats
+    coherence: Floats
+    multiple: Floats
+    length: float
+
+
+def window_lengths(shortest_record: float, low: float, high: float) -> Floats:
+    """Choose window lengths, s, longest first: five or more, from half of a record down to what `high` needs."""
+    longest = min(0.5 * shortest_record, 8.0 / low)
+    shortest = min(max(20.0 / high, 0.4), longest / 2.0)
+    count = max(5, int(np.ceil(np.log2(longest / shortest))) + 1)
+    return np.geomspace(longest, shortest, count)
+
+
+def band_of_window(length: float, lengths: Floats, hz: Floats) -> NDArray[np.bool_]:
+    """Return which frequencies windows of one length serve; the longest and the shortest serve what is left."""
+    low = 1.5 / length if length == lengths[0] else FEWEST_CYCLES / length
+    high = np.inf if length == lengths[-1] else MOST_CYCLES / length
+    return np.asarray((hz >= low) & (hz <= high))
+
+
+def sum_spectra(records: Sequence[AxisRecord], hz: Floats, length: float) -> SpectralSums | None:
+    """Sum the spectra of windows of one length over records; None where no window fits into any of them."""
+    total = None
+    for record in records:
+        part = _sum_of_record(record, hz, length)
+        if part is not None:
+            total = part if total is None else total + part
+    return total
+
+
+def _sum_of_record(record: AxisRecord, hz: Floats, length: float) -> SpectralSums | None:
+    m = record.inputs.shape[1]
+    signals = np.column_stack([record.instruments, record.inputs, record.output])
+    factor = max(int(1.0 / (record.dt * _SAMPLES_PER_CYCLE * hz[-1])), 1)
+    usable = record.usable
+    if factor > 1:
+        signals = decimate(detrend(signals, axis=0, type="linear"), factor, ftype="fir", axis=0)
+        usable = usable[::factor][: len(signals)]
+    dt = record.dt * factor
+    size = round(length / dt)
+    if size < 16 or size > len(signals):
+        return None
+    hop = max(int(_HOP * size), 1)
+    starts = np.arange(0, len(signals) - size + 1, hop)
+    whole = np.concatenate([[0], np.cumsum(usable)])
+    starts = starts[whole[starts + size] - whole[starts] >= (1.0 - _HOLES) * size]
+    if not len(starts):
+        return None
+    taper = hann(size, sym=False)
+    pieces = np.lib.stride_tricks.sliding_window_view(signals, size, axis=0)[starts]  # (K, 2m+1, size)
+    pieces = detrend(pieces, axis=-1, type="linear") * taper
+    phase = np.exp(-2j * np.pi * np.outer(np.arange(size) * dt, hz))
+    transforms = np.moveaxis(pieces @ phase, 2, 1)  # (K, F, 2m+1)
+    transforms *= np.exp(-2j * np.pi * np.outer(starts * dt, hz))[:, :, None]
+    transforms *= np.sqrt(dt / np.sum(taper**2))
+    if record.differenced:
+        transforms[..., 2 * m] /= record.difference_response(hz)
+    z, x, y = transforms[..., :m], transforms[..., m : 2 * m], transforms[..., 2 * m]
+    zf, xf = np.moveaxis(z, 0, 2), np.moveaxis(x, 0, 2)  # (F, m, K)
+    overlap = _overlap(taper, starts)
+    yf = np.moveaxis(y, 0, 1)[:, :, None]  # (F, K, 1)
+    zh, xh = zf.conj(), xf.conj()
+    x_columns = np.swapaxes(xf, 1, 2)
+    z_columns = np.swapaxes(zf, 1, 2)
+    count = float(len(starts))
+    return SpectralSums(
+        zz=zh @ z_columns,
+        zx=zh @ x_columns,
+        xx=xh @ x_columns,
+        zy=(zh @ yf)[..., 0],
+        xy=(xh @ yf)[..., 0],
+        yy=np.sum(np.abs(y) ** 2, axis=0),
+        noise_gain=zh @ (overlap @ z_columns),
+        windows=count,
+        independent=count**2 / float(np.sum(overlap**2)),
+    )
+
+
+def _overlap(taper: Floats, starts: NDArray[np.intp]) -> Floats:
+    """Compute the correlation that noise has between windows, shape (K, K), of the part in which they overlap."""
+    size = len(taper)
+    spectrum = np.fft.rfft(taper, 2 * size)
+    product = np.fft.irfft(np.abs(spectrum) ** 2, 2 * size)[:size]
+    lags = np.abs(starts[:, None] - starts[None, :])
+    return np.asarray(np.where(lags < size, product[np.minimum(lags, size - 1)] / product[0], 0.0))
+
+
+def estimate(sums: SpectralSums, length: float) -> WindowEstimate | None:
+    """Estimate responses from summed spectra; None where there are too few windows to know their error.
+
+    With instruments Z, inputs X and output Y the response is ``G = (Z^H X)^-1 Z^H Y``, which is regression where Z is
+    X; its covariance ``(Z^H X)^-1 Z^H C Z (Z^H X)^-H S_ee`` with the spectrum S_ee of the remainder ``Y - X G``
+    (Söderström and Stoica 1989, section 8.2; for joint input-output spectra Tischler and Remple 2012, section 8.2).
+    """
+    m = sums.zx.shape[1]
+    spare = sums.independent - m
+    if spare < 0.5:
+        return None
+    inverse = np.linalg.pinv(sums.zx)
+    response = (inverse @ sums.zy[..., None])[..., 0]
+    direct = (np.linalg.pinv(sums.xx) @ sums.xy[..., None])[..., 0]
+    explained = np.einsum("fi,fij,fj->f", response.conj(), sums.xx, response).real
+    rest = sums.yy - 2.0 * np.einsum("fi,fi->f", response.conj(), sums.xy).real + explained
+    rest = np.maximum(rest, 1e-14 * sums.yy)
+    noise = _smooth(rest / sums.windows) * sums.independent / spare
+    covariance = inverse @ sums.noise_gain @ np.conj(np.swapaxes(inverse, 1, 2))
+    spread = np.einsum("fii->fi", covariance).real * noise[:, None]
+    power = np.abs(response) ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigma = np.sqrt(0.5 * spread / power)
+        own = np.einsum("fii->fi", inverse @ sums.zz @ np.conj(np.swapaxes(inverse, 1, 2))).real
+        coherent = power / own
+        coherence = coherent / (coherent + noise[:, None] * sums.windows)
+        multiple = 1.0 - rest / (rest + explained)
+    sigma = np.where(np.isfinite(sigma), sigma, np.inf)
+    return WindowEstimate(
+        response, direct, sigma, np.nan_to_num(np.clip(coherence, 0.0, 1.0)), np.nan_to_num(multiple), length
+    )
+
+
+def _smooth(power: Floats, reach: int = 2) -> Floats:
+    """Average a spectrum of noise over a few neighbouring frequencies: few windows know it badly."""
+    kernel = np.ones(2 * reach + 1)
+    weight = np.convolve(np.ones(len(power)), kernel, "same") if len(power) >= len(kernel) else None
+    if weight is None:
+        return np.full(len(power), float(np.mean(power)))
+    return np.asarray(np.convolve(power, kernel, "same") / weight)
