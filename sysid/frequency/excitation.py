@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -78,15 +79,17 @@ def find_chirps(log: FlightLog) -> tuple[Chirp, ...]:
     edges = np.concatenate([[0], np.flatnonzero(new) + 1, [len(t)]])
     planned = _planned(log)
     found = []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         if last - first < 8:
             continue
         number = int(axis[first])
         name, at_mixer = SID_AXES.get(number, ("", False))
         moving = np.abs(target[first:last]) > 0.0
         swept = frequency[first:last][moving & np.isfinite(frequency[first:last])]
-        if not len(swept):
+        if len(swept) < 8:
             continue
+        # After its last cycle a run only waits.
+        last = first + int(np.flatnonzero(moving)[-1]) + 1
         length = float(t[last - 1] - t[first])
         plan = [duration for begin, duration in planned if begin <= t[first] + 1.0]
         complete = not plan or length >= _COMPLETE * plan[-1]

@@ -11,12 +11,30 @@ from scipy.interpolate import make_interp_spline
 
 from logparse import FlightLog
 from logparse.canonical.units import quantity
-from sysid.frequency.axes import AXES, Axis, FrequencyError
+from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.excitation import Chirp
 from sysid.frequency.response import Complex, Floats
+from sysid.records.experiment import Experiment
 
 #: Samples farther apart than this many usual steps leave a hole that is bridged, but not counted.
 _HOLE = 2.5
+
+#: Frequencies [Hz] that are looked at where nobody says what was swept; the coherence tells which count.
+ORDINARY_BAND = (0.15, 60.0)
+
+#: Shortest flight [s], and the time [s] after take-off and before landing that is left out.
+_SHORTEST_FLIGHT, _TAKEOFF = 10.0, 1.0
+
+#: Output below which an axis stands still: a ten-thousandth of full.
+_STILL = 1e-4
+
+#: Names of inputs and outputs of an axis in experiments.
+_NAMES = {
+    "roll": (("roll", "out_roll", "u_roll"), ("w_x", "p", "gyro_x", "rate")),
+    "pitch": (("pitch", "out_pitch", "u_pitch"), ("w_y", "q", "gyro_y", "rate")),
+    "yaw": (("yaw", "out_yaw", "u_yaw"), ("w_z", "r", "gyro_z", "rate")),
+    "vertical": (("thrust", "throttle", "out_thrust"), ("a_up", "acceleration")),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,4 +222,108 @@ def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp)
     )
 
 
-__all__ = ["AXES", "AxisRecord", "RateSignals", "chirp_record", "chirp_signal", "on_uniform_clock", "rate_signals"]
+def flight_record(log: FlightLog, signals: RateSignals, axis: Axis) -> AxisRecord:
+    """Cut the record of an ordinary flight: the attitude target, which comes from outside the loop, is the instrument.
+
+    Without it the rate target is, of which a part comes from the angle loop.
+
+    Raises
+    ------
+    FrequencyError
+        Without a flight, or without the signals of the axis in it.
+    """
+    flight = log.flight
+    start, stop = (flight.start, flight.stop) if flight is not None else (signals.t[0], signals.t[-1])
+    if not np.isfinite([start, stop]).all() or stop - start < _SHORTEST_FLIGHT:
+        raise FrequencyError(
+            f"{log.path.name}: {max(stop - start, 0.0):.0f} s in the air; {_SHORTEST_FLIGHT:.0f} s are needed"
+        )
+    rows = (signals.t >= start + _TAKEOFF) & (signals.t <= stop - _TAKEOFF)
+    t = signals.t[rows]
+    wanted = [name for name in (axis.input, axis.output, axis.reference) if name in signals.columns]
+    known = {name: signals.columns[name][rows] for name in wanted}
+    missing = [n for n in (axis.input, axis.output) if n not in known or not np.isfinite(known[n]).sum() > 16]
+    if missing:
+        raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} of the {axis.name} axis")
+    target = _attitude_target(log, axis, t)
+    if target is not None:
+        instrument, name = target, f"{axis.name} target"
+    elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
+        instrument, name = known[axis.reference], "rate target" if axis.attitude else "acceleration target"
+    else:
+        instrument, name = known[axis.input], ""
+    clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], instrument])
+    if np.std(values[:, 0]) < _STILL or np.std(values[:, 2]) == 0.0:
+        raise FrequencyError(f"{log.path.name}: nothing moved the {axis.name} axis; give it short stick inputs")
+    return AxisRecord(
+        name=f"{log.path.name} [{clock[0]:.1f}-{clock[-1]:.1f} s]",
+        start=float(clock[0]),
+        dt=float(clock[1] - clock[0]),
+        inputs=values[:, :1],
+        output=values[:, 1],
+        instruments=values[:, 2:],
+        usable=usable,
+        band=ORDINARY_BAND,
+        instrument=name,
+    )
+
+
+def _attitude_target(log: FlightLog, axis: Axis, t: Floats) -> Floats | None:
+    """Interpolate the attitude target of an axis; None where the log has none that moves."""
+    table = log.tables.setpoints
+    if table is None or not axis.attitude or axis.attitude not in table:
+        return None
+    values = table[axis.attitude].to_numpy(np.float64)
+    known = np.isfinite(values)
+    if np.count_nonzero(known) < 16:
+        return None
+    times = table.index.to_numpy(np.float64)[known]
+    target = np.asarray(np.interp(t, times, np.unwrap(values[known])))
+    return target if np.std(target) > 0.0 else None
+
+
+def experiment_record(experiment: Experiment, axis: Axis) -> AxisRecord:
+    """Take the signals of an axis out of an experiment; its only input and output, where it has one of each.
+
+    Inputs are found by the name of the axis (``roll``, ``out_roll``; ``thrust`` or ``throttle`` for the vertical one),
+    outputs by theirs (``w_x``, ``p``; ``a_up``) or among the rates of the experiment's context. An input named
+    ``chirp`` or ``instrument`` is the instrument.
+
+    Raises
+    ------
+    FrequencyError
+        When there is no such signal.
+    """
+    names_u, names_y = _NAMES[axis.name]
+    instruments = [k for k, name in enumerate(experiment.input_names) if name in ("chirp", "instrument")]
+    driving = [k for k in range(experiment.u.shape[1]) if k not in instruments]
+    column = next((k for k in driving if experiment.input_names[k] in names_u), None)
+    if column is None and len(driving) == 1:
+        column = driving[0]
+    output = next((k for k, name in enumerate(experiment.output_names) if name in names_y), None)
+    if output is not None:
+        y = experiment.y[:, output]
+    elif experiment.context is not None and axis.output in experiment.context:
+        y = experiment.context[axis.output].to_numpy(np.float64)
+    elif experiment.y.shape[1] == 1:
+        y = experiment.y[:, 0]
+    else:
+        y = np.full(len(experiment.t), np.nan)
+    if column is None or not np.isfinite(y).all():
+        raise FrequencyError(
+            f"{experiment.name} has no signals of the {axis.name} axis: inputs {', '.join(experiment.input_names)}, "
+            f"outputs {', '.join(experiment.output_names)}; wanted are {names_u[0]} and {names_y[0]}"
+        )
+    u = experiment.u[:, column]
+    z = experiment.u[:, instruments[0]] if instruments else u
+    return AxisRecord(
+        name=experiment.name,
+        start=float(experiment.t[0]),
+        dt=experiment.dt,
+        inputs=u[:, None],
+        output=y,
+        instruments=z[:, None],
+        usable=np.ones(len(u), dtype=bool),
+        band=ORDINARY_BAND,
+        instrument=experiment.input_names[instruments[0]] if instruments else "",
+    )

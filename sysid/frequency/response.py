@@ -17,9 +17,9 @@ COHERENT = 0.6
 
 
 #: Fields with one value for each frequency.
-_OVER_FREQUENCY = ("hz", "response", "coherence", "sigma", "sigma_phase", "averages", "resolution") + (
-    "multiple_coherence",
-    "direct",
+_OVER_FREQUENCY = (
+    *("hz", "response", "coherence", "sigma", "sigma_phase", "averages", "resolution"),
+    *("multiple_coherence", "direct"),
 )
 
 

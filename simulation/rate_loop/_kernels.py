@@ -1,0 +1,102 @@
+"""Compiled loop of one axis in its controllers."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class AxisConstants(NamedTuple):
+    """Numbers of one axis, SI; `lag` 0 and `flex_omega` 0 mean none."""
+
+    gain: float
+    damping: float
+    lag: float
+    delay_steps: int
+    flex_omega: float
+    flex_damping: float
+    flex_share: float
+    integrates: bool
+    filter_omega: float
+    p: float
+    i: float
+    d: float
+    angle_p: float
+    target_corner: float
+    derivative_corner: float
+    limit: float
+
+
+class AxisSignals(NamedTuple):
+    """Forcing of one axis: shape (N,) at the loop's rate, `disturbance` (N, substeps)."""
+
+    stick: Floats
+    rate_chirp: Floats
+    mixer_chirp: Floats
+    noise: Floats
+    disturbance: Floats
+
+
+@njit(cache=True, nogil=True)
+def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Fly one axis.
+
+    Returns
+    -------
+    output, measured, target, angle : ndarray, shape (N,)
+        Controller output with the chirp, filtered measurement that it was computed from, rate target, attitude.
+    """
+    n, substeps = f.disturbance.shape
+    h = loop / substeps
+    output, measured = np.zeros(n), np.zeros(n)
+    target, attitude = np.zeros(n), np.zeros(n)
+    pending = np.zeros(c.delay_steps + 1)
+    motor = rate = angle = flex = flex_rate = 0.0
+    low = low_rate = 0.0
+    integral = filtered_target = error_before = derivative = 0.0
+    decay = np.exp(-h / c.lag) if c.lag > 0.0 else 0.0
+    fall = np.exp(-c.damping * h)
+    for k in range(n):
+        y = low + f.noise[k]
+        measured[k], attitude[k] = y, angle
+        want = c.angle_p * (f.stick[k] - angle) if c.integrates else f.stick[k]
+        want += f.rate_chirp[k]
+        filtered_target += (want - filtered_target) * (1.0 - np.exp(-loop * c.target_corner))
+        target[k] = filtered_target
+        error = filtered_target - y
+        integral = min(max(integral + c.i * error * loop, -0.5), 0.5)
+        slope = (error - error_before) / loop if k > 0 else 0.0
+        derivative += (slope - derivative) * (1.0 - np.exp(-loop * c.derivative_corner))
+        error_before = error
+        u = min(max(c.p * error + integral + c.d * derivative + f.mixer_chirp[k], -c.limit), c.limit)
+        output[k] = u
+        for j in range(substeps):
+            for m in range(c.delay_steps):
+                pending[m] = pending[m + 1]
+            pending[c.delay_steps] = u
+            command = pending[0]
+            before = motor
+            motor = command + (motor - command) * decay
+            push = c.gain * 0.5 * (before + motor if c.lag > 0.0 else 2.0 * motor) + f.disturbance[k, j]
+            if c.integrates:
+                rate_before = rate
+                rate = rate * fall + push * (1.0 - fall) / c.damping if c.damping > 0.0 else rate + push * h
+                angle += 0.5 * h * (rate + rate_before)
+                moving = rate
+            else:
+                moving = push
+            if c.flex_omega > 0.0:
+                bend = c.flex_share * push - 2.0 * c.flex_damping * c.flex_omega * flex_rate - c.flex_omega**2 * flex
+                flex_rate += h * bend
+                flex += h * flex_rate
+                moving += flex_rate
+            if c.filter_omega > 0.0:
+                pull = c.filter_omega**2 * (moving - low) - 1.4142135623730951 * c.filter_omega * low_rate
+                low_rate += h * pull
+                low += h * low_rate
+            else:
+                low = moving
+    return output, measured, target, attitude
