@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+
 from sysid.frequency.axes import AXES
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.records import AxisRecord
