@@ -10,6 +10,7 @@ import pandas as pd
 
 from logparse.findings import Finding, Severity
 from logparse.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
+from logparse.rest import at_rest, calibration
 from logparse.vehicle import pwm_range
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ def check(log: "FlightLog") -> tuple[Finding, ...]:
     """
     flight = log.flight
     findings = list(_advised(log, list(_lacking(log))))
+    findings += calibration(at_rest(log.tables, log.flights), log.parameters)
     if flight is None:
         findings.append(
             Finding(

@@ -19,7 +19,8 @@ class Vehicle:
 
     `frame_class` is ``"quad"``, ``"hexa"``, ``"octa"``, ``"octa-quad"``, ``"y6"``, ``"tri"`` ...; `frame_type` is
     ``"plus"``, ``"x"``, ``"v"``, ``"h"`` ...; `frame_source` says where both come from: ``"FRAME_CLASS"``,
-    ``"message"``, ``"MAV_TYPE"``, ``"CA_ROTOR"``, ``"SYS_AUTOSTART"``, or ``"assumed"`` when the log has only the type.
+    ``"message"``, ``"MAV_TYPE"``, ``"CA_ROTOR"``, ``"SYS_AUTOSTART"``, or ``"outputs"`` when the log names only the
+    type and outputs 1 to 4 alone drive motors. Robots that are no multirotors have no frame.
     PWM limits in us; spin fractions and `thrust_expo` as in MOT_SPIN_ARM, MOT_SPIN_MIN, MOT_SPIN_MAX and
     MOT_THST_EXPO; voltages of MOT_BAT_VOLT_MAX / _MIN in V (0: no compensation).
     """
@@ -170,10 +171,17 @@ def describe(
         return _describe_px4(messages, parameters)
     texts = [*printed(messages), *elsewhere]
     firmware, version, git_hash = _firmware(messages, texts)
-    frame_class, frame_type, source = _frame(messages, texts, parameters)
+    firmware = firmware or _firmware_of(parameters)
+    frame_class: str | None = None
+    frame_type: str | None = None
+    source: str | None = None
+    if firmware in (None, *_COPTERS):
+        frame_class, frame_type, source = _frame(messages, texts, parameters)
     motors: tuple[Motor, ...] = ()
     if frame_class is not None:
-        motors = motor_table(frame_class, frame_type, _channels(parameters, frame_class, format))
+        # Heartbeats name no type: motors are taken to sit as most do (`frame-assumed`).
+        geometry = frame_type or ("x" if source == "MAV_TYPE" else None)
+        motors = motor_table(frame_class, geometry, _channels(parameters, frame_class, format))
     if frame_class == "y6" and frame_type not in ("y6b", "y6f"):
         frame_type = "y6a"
     autopilot = _autopilot(messages)
@@ -234,6 +242,35 @@ def _firmware(messages: Mapping[str, pd.DataFrame], texts: Iterable[str]) -> tup
     return None, None, None
 
 
+#: Firmware of copters; the frames of others are not those of multirotors, even where their parameters have one name.
+_COPTERS = ("ArduCopter", "ACM")
+
+#: SYSID_SW_TYPE: which vehicle's firmware the parameters are of.
+_SOFTWARE_TYPES: Mapping[int, str] = {
+    0: "ArduPlane",
+    4: "AntennaTracker",
+    10: "ArduCopter",
+    20: "ArduRover",
+    40: "ArduSub",
+}
+
+#: Parameters that only one vehicle's firmware has.
+_TELLING_PARAMETERS: Mapping[str, str] = {
+    "CRUISE_SPEED": "ArduRover",
+    "TRIM_ARSPD_CM": "ArduPlane",
+    "AIRSPEED_CRUISE": "ArduPlane",
+    "ATC_RAT_RLL_P": "ArduCopter",
+}
+
+
+def _firmware_of(parameters: Mapping[str, float]) -> str | None:
+    """Tell the firmware by its parameters, in a log that lost the message that names it."""
+    kind = parameters.get("SYSID_SW_TYPE")
+    if kind is not None:
+        return _SOFTWARE_TYPES.get(int(kind))
+    return next((firmware for name, firmware in _TELLING_PARAMETERS.items() if name in parameters), None)
+
+
 _BOARD = re.compile(r"^\S+ [0-9A-Fa-f]{8} [0-9A-Fa-f]{8} [0-9A-Fa-f]{8}$")
 _SITL_ID = re.compile(r"^[0-9a-f]{32}$")
 
@@ -255,6 +292,9 @@ def _autopilot(messages: Mapping[str, pd.DataFrame]) -> str | None:
         return None
     return {3: "ArduPilot", 12: "PX4"}.get(int(beats["autopilot"].mode().iloc[0]))
 
+
+#: MAV_TYPE of what is no multirotor: aeroplanes, helicopters, balloons, rockets, rovers, boats, VTOLs, parafoils.
+_NO_MULTIROTORS = frozenset((1, 3, 4, 7, 8, 9, 10, 11, 12, 16, 17, 19, 20, 21, 22, 23, 24, 25, 28))
 
 #: MAV_TYPE of vehicles that fly on rotors, and what frame class it names.
 _MAV_TYPES: Mapping[int, str] = {2: "quad", 13: "hexa", 14: "octa", 15: "tri", 29: "dodeca-hexa", 35: "deca"}
@@ -310,6 +350,10 @@ def _frame(
     if frame_type is None:
         frame_type = said_type
 
+    beats = vehicle_heartbeats(messages)
+    beat = None if beats is None or not len(beats) else int(beats["type"].mode().iloc[0])
+    if beat in _NO_MULTIROTORS:
+        return None, None, None
     declared = FRAME_CLASSES.get(int(parameters.get("FRAME_CLASS", 0)))
     if declared is not None:
         return declared, frame_type, "FRAME_CLASS"
@@ -321,14 +365,44 @@ def _frame(
         for name in ("quad", "hexa", "octa"):
             if MOTOR_COUNTS[name] == count:
                 return name, frame_type, "message"
-    beats = vehicle_heartbeats(messages)
-    if beats is not None and len(beats):
-        name_of_type = _MAV_TYPES.get(int(beats["type"].mode().iloc[0]))
-        if name_of_type is not None:
-            return name_of_type, frame_type or "x", "MAV_TYPE"
-    if "FRAME" in parameters:
-        return ("y6" if frame_type in ("y6b", "y6f") else "quad"), frame_type, "assumed"
-    return None, frame_type, None
+    if beat is not None and beat in _MAV_TYPES:
+        return _MAV_TYPES[beat], frame_type, "MAV_TYPE"
+    if "FRAME" in parameters and frame_type in ("y6b", "y6f"):
+        return "y6", frame_type, "message"
+    if "FRAME" in parameters and four_motors(messages):
+        return "quad", frame_type, "outputs"
+    return None, None, None
+
+
+#: Correlation with outputs 1 to 4 above which another output may drive a motor.
+_LIKE_A_MOTOR = 0.5
+
+
+def four_motors(messages: Mapping[str, pd.DataFrame]) -> bool:
+    """Return whether logged outputs 1 to 4 drive motors and no other output can.
+
+    Outputs of motors rise and fall together from disarming over take-off to landing; servos, and outputs that pass the
+    pilot's channels on, do not. More than four motors are never concluded from outputs that move.
+    """
+    outputs = messages.get("RCOU")
+    if outputs is None or len(outputs) < 2:
+        return False
+    numbered = {
+        int(match[1]): outputs[column].to_numpy(np.float64)
+        for column in outputs
+        if (match := re.fullmatch(r"C(?:h|han)?(\d+)", str(column)))
+    }
+    pulses = {k: values for k, values in numbered.items() if np.mean((values >= 800.0) & (values <= 2250.0)) > 0.5}
+    if not {1, 2, 3, 4} <= set(pulses):
+        return False
+    mean = np.mean([pulses[k] for k in range(1, 5)], axis=0)
+    if mean.std() < 1.0:
+        # The motors never turned: others stand at the same pulse where they are motors too.
+        return not any(abs(float(np.median(pulses[k] - mean))) < 1.0 for k in pulses if k > 4)
+    like = {
+        k: bool(values.std() > 0.0 and np.corrcoef(values, mean)[0, 1] > _LIKE_A_MOTOR) for k, values in pulses.items()
+    }
+    return all(like[k] for k in range(1, 5)) and not any(like[k] for k in like if k > 4)
 
 
 def _channels(
@@ -419,6 +493,9 @@ def _px4_motors(
             if 101 <= function <= 112:
                 channels.setdefault(function - 100, k + offset)
     count = int(parameters.get("CA_ROTOR_COUNT", 0))
+    if int(parameters.get("CA_AIRFRAME", 0)) != 0:
+        # An aeroplane, a VTOL, a rover, a helicopter: what rotors they have do not make them a multirotor.
+        return (), None, None, None
     if count > 0:
         rows = []
         for k in range(count):

@@ -190,8 +190,8 @@ def vehicle_facts(vehicle: Numbers) -> list[tuple[str, str]]:
     """Describe a craft by what its logs say of it."""
     spin = [vehicle[name] for name in ("spin_arm", "spin_min", "spin_max")]
     facts = [
-        ("frame", f"{summary.frame(vehicle) or 'not described'}, {len(vehicle['motors'])} motors"),
-        ("firmware", summary.craft(vehicle | {"frame_class": None, "frame_type": None}) or "not described"),
+        ("frame", summary.frame(vehicle) + (f", {len(vehicle['motors'])} motors" if vehicle["motors"] else "")),
+        ("firmware", summary.firmware(vehicle) or "not described"),
         ("board", str(vehicle["board_id"] or "")),
         ("motor outputs", _pair(vehicle["pwm_min"], vehicle["pwm_max"], "µs")),
         ("spin when armed, least, most", "" if None in spin else ", ".join(number(value, 2) for value in spin)),

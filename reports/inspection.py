@@ -39,7 +39,7 @@ def _facts(log: Numbers) -> Table:
         "file": log["file"],
         "format": summary.FORMATS.get(log["format"], log["format"]),
         "length": f"{duration(log['duration'])}{start}{boots}",
-        "craft": (summary.craft(log["vehicle"]) or "not described") + (f", {motors} motors" if motors else ""),
+        "craft": summary.craft(log["vehicle"]) + (f", {motors} motors" if motors else ""),
         "flights": flights or "none: the craft never left the ground as far as the log shows",
     }
     for label, value in rows.items():

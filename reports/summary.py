@@ -12,6 +12,8 @@ FORMATS = {
     "mavlink-raw": "MAVLink stream without time stamps",
     "ulog": "PX4 log",
 }
+#: What a frame is called that the log does not tell.
+UNKNOWN = "unknown"
 #: Files of one reason that are named in a line.
 MOST_NAMED = 5
 TRUST_WORDS = {"yes": "trust", "limited": "with care", "no": "do not trust", "unknown": "not judged"}
@@ -32,14 +34,20 @@ def described(result: Numbers) -> str:
 
 
 def craft(vehicle: Numbers) -> str:
-    """Name a craft: ``ArduCopter 4.7.0, octa plus``; empty when the log says nothing of it."""
-    firmware = " ".join(part for part in (vehicle["firmware"] or vehicle["autopilot"], vehicle["version"]) if part)
-    return ", ".join(part for part in (firmware, frame(vehicle)) if part)
+    """Name a craft: ``ArduCopter 4.7.0, octa plus``, or ``ArduPlane 4.5, frame unknown``."""
+    return ", ".join(
+        part for part in (firmware(vehicle), frame(vehicle) if vehicle["frame_class"] else "frame unknown") if part
+    )
+
+
+def firmware(vehicle: Numbers) -> str:
+    """Name the firmware: ``ArduCopter 4.7.0``; empty when the log does not tell."""
+    return " ".join(part for part in (vehicle["firmware"] or vehicle["autopilot"], vehicle["version"]) if part)
 
 
 def frame(vehicle: Numbers) -> str:
-    """Name the frame: ``octa plus``; empty when the log does not tell."""
-    return " ".join(part for part in (vehicle["frame_class"], vehicle["frame_type"]) if part)
+    """Name the frame: ``octa plus``; ``unknown`` when the log does not tell."""
+    return " ".join(part for part in (vehicle["frame_class"] or UNKNOWN, vehicle["frame_type"]) if part)
 
 
 def facts(numbers: Numbers) -> str:

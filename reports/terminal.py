@@ -67,7 +67,7 @@ def _flights(flights: list[Numbers], narrow: bool) -> Table:
         vehicle = flight["vehicle"]
         table.add_row(
             Text(_shortened(flight["name"], 18 if narrow else 28)),
-            *([] if narrow else [Text(summary.frame(vehicle) or "–")]),
+            *([] if narrow else [Text(summary.frame(vehicle))]),
             f"{flight['flight']['duration_s']:.0f} s" if flight["flight"] else "–",
             _per_mass(flight["thrust"]),
             *(cells[place] for cells in errors),

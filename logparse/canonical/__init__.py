@@ -77,13 +77,23 @@ def gather_tables(
         tables = replace(tables, **empty)  # type: ignore[arg-type]
     if later.builders:
         tables = DeferredTables.of(tables, later)
-    if vehicle.frame_source == "assumed":
+    if vehicle.frame_source == "outputs":
         remarks.add(
             Finding(
                 id="frame-assumed",
                 severity=Severity.WARNING,
-                reason=f"The log names the frame type but not its class; taken as {vehicle.frame_class}.",
+                reason="The log does not name the frame's class; outputs 1 to 4 alone drive motors, so that it is "
+                f"taken as a {vehicle.frame_class}.",
                 advice="Check the number of motors: firmware before 3.2 does not log its frame class.",
+            )
+        )
+    elif vehicle.frame_source == "MAV_TYPE" and vehicle.frame_type is None and vehicle.motors:
+        remarks.add(
+            Finding(
+                id="frame-assumed",
+                severity=Severity.WARNING,
+                reason=f"The log says {vehicle.frame_class}, but not which type; motors are taken to sit as in an x.",
+                advice="Check the frame: of another type what is said about roll, pitch and single motors is wrong.",
             )
         )
     if not vehicle.motors and any(name in messages for name in _OUTPUTS):
@@ -94,6 +104,8 @@ def gather_tables(
                 severity=Severity.ERROR,
                 reason=f"Servo outputs are logged, but no motor table is known for the frame {frame}."
                 if vehicle.frame_class
+                else f"The robot is no multirotor ({vehicle.firmware}): its outputs are not taken for motors."
+                if vehicle.firmware in ("ArduPlane", "ArduRover", "ArduSub", "AntennaTracker", "Blimp")
                 else "Servo outputs are logged, but nothing says which of them drive motors (no FRAME_CLASS).",
                 advice="rotorid knows multirotors; their log needs the parameters, which are written when it starts.",
             )

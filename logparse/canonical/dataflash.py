@@ -58,7 +58,7 @@ def build(
         battery=battery,
         esc=dataflash_sensors.esc(messages, vehicle.motors),
         attitude=control.attitude(messages),
-        setpoints=control.setpoints(messages),
+        setpoints=control.setpoints(messages, vehicle),
         rates=rates,
         systemid=control.systemid(messages),
         ekf=ekf,

@@ -11,6 +11,7 @@ from logparse.canonical.instances import instances
 from logparse.canonical.series import Array, euler_angles, join, quaternions, sample, series, wrap
 from logparse.canonical.units import numbers, quantity
 from logparse.tables import COLUMNS, Geodetic
+from logparse.vehicle import Vehicle
 
 Messages = Mapping[str, pd.DataFrame]
 
@@ -139,12 +140,12 @@ def origin_of_fixes(gps: pd.DataFrame | None, ekf: pd.DataFrame | None) -> Geode
 _GAP = 0.3
 
 
-def setpoints(messages: Messages) -> pd.DataFrame | None:
+def setpoints(messages: Messages, vehicle: Vehicle) -> pd.DataFrame | None:
     """Targets of position, velocity, attitude and throttle, on the times of the most frequent of their messages."""
     parts = [
         *_position_targets(messages),
         *(_attitude_targets(messages[name]) for name in ("ATT", "ANG") if name in messages),
-        _throttle(messages),
+        _throttle(messages, vehicle),
     ]
     return join((part for part in parts if part is not None), COLUMNS["setpoints"], gap=_GAP)
 
@@ -194,8 +195,15 @@ def _attitude_targets(frame: pd.DataFrame) -> pd.DataFrame | None:
     return None
 
 
-def _throttle(messages: Messages) -> pd.DataFrame | None:
-    """Throttle output 0..1: CTUN.ThO, or ThrOut in thousandths before 3.4."""
+#: Firmware whose throttle output is logged in percent.
+_PERCENT = ("ArduPlane", "ArduRover")
+
+
+def _throttle(messages: Messages, vehicle: Vehicle) -> pd.DataFrame | None:
+    """Throttle output 0..1: CTUN.ThO, or ThrOut in thousandths before 3.4; in percent where it is no copter.
+
+    It is below 0 where a rover brakes or goes backwards.
+    """
     if "CTUN" not in messages:
         return None
     frame = messages["CTUN"]
@@ -204,7 +212,9 @@ def _throttle(messages: Messages) -> pd.DataFrame | None:
         return None
     values = quantity(frame, column, "")
     finite = values[np.isfinite(values)]
-    if len(finite) and np.max(np.abs(finite)) > 2.0:
+    if vehicle.firmware in _PERCENT:
+        values = values / 100.0
+    elif len(finite) and np.max(np.abs(finite)) > 2.0:
         values = values / 1000.0
     return series(frame.index, {"throttle": values})
 

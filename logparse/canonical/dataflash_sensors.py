@@ -10,7 +10,7 @@ import pandas as pd
 from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances, pick
 from logparse.canonical.remarks import Remarks
-from logparse.canonical.series import Array, sample, series
+from logparse.canonical.series import Array, frozen, sample, series
 from logparse.canonical.units import numbers, quantity
 from logparse.findings import Finding, Severity
 from logparse.frames import Motor
@@ -316,6 +316,7 @@ def mag(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) -
         values = np.column_stack([quantity(frame, f"Mag{axis}", "mGauss") for axis in "XYZ"])
         values = remarks.remove(values, np.asarray(~np.isfinite(values).all(axis=1)), name, "not a number")
         values = remarks.remove(values, (values == 0.0).all(axis=1), name, "all three axes zero")
+        values = remarks.remove(values, frozen(values), name, "one reading throughout")
         strong = np.asarray(np.sum(values**2, axis=1) > _STRONGEST_FIELD**2)
         values = remarks.remove(values, strong, name, "field twenty times that of the Earth")
         if "Health" in frame:

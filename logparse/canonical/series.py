@@ -105,6 +105,27 @@ def sample(table: pd.DataFrame, t: Array, *, gap: float, angles: bool = False) -
     return result
 
 
+#: Readings alike to the last digit that a live sensor does not give.
+_FROZEN = 100
+
+
+def frozen(values: Array) -> npt.NDArray[np.bool_]:
+    """Mark the samples of a sensor that repeats one reading throughout the log, which no live one does.
+
+    Parameters
+    ----------
+    values : ndarray, shape (N, k)
+
+    Returns
+    -------
+    ndarray of bool, shape (N,)
+        All finite samples, or none.
+    """
+    known = np.asarray(np.isfinite(values).all(axis=1))
+    seen = values[known]
+    return known & (len(seen) >= _FROZEN and bool((seen == seen[0]).all()))
+
+
 def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -> pd.DataFrame | None:
     """Bring tables with different times onto the times of the one with most rows.
 

@@ -16,7 +16,7 @@ from logparse.canonical.dataflash_sensors import PULSE_RANGE, clean_fixes, gps_l
 from logparse.canonical.instances import pick
 from logparse.canonical.modes import copter_mode, px4_custom_mode
 from logparse.canonical.remarks import Remarks
-from logparse.canonical.series import Array, euler_angles, join, sample, series, wrap
+from logparse.canonical.series import Array, euler_angles, frozen, join, sample, series, wrap
 from logparse.canonical.units import numbers, quantity
 from logparse.findings import Finding, Severity
 from logparse.frames import Motor
@@ -169,6 +169,7 @@ def _mag(sender: Sender, remarks: Remarks) -> Sensor:
         if zero.all():
             continue
         values = remarks.remove(values, zero, name, "all three axes of the magnetometer zero")
+        values = remarks.remove(values, frozen(values), name, "one reading of the magnetometer throughout")
         tables.append((name, series(frame.index, dict(zip(("mag_x", "mag_y", "mag_z"), values.T, strict=True)))))
     return pick(tables, "mag_x")
 

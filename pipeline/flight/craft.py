@@ -84,12 +84,8 @@ def fingerprint(vehicle: Vehicle, parameters: Mapping[str, float], *, simulated:
 
 def craft_name(vehicle: Vehicle) -> str:
     """Name a craft for people, such as ``"ArduCopter octa plus"``."""
-    return (
-        " ".join(
-            part for part in (vehicle.firmware or vehicle.autopilot, vehicle.frame_class, vehicle.frame_type) if part
-        )
-        or "craft"
-    )
+    frame = [part for part in (vehicle.frame_class, vehicle.frame_type) if part] or ["of unknown frame"]
+    return " ".join((vehicle.firmware or vehicle.autopilot or "craft", *frame))
 
 
 def by_craft(flights: Iterable[FlightEntry]) -> list[tuple[FlightEntry, ...]]:

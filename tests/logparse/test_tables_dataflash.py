@@ -84,6 +84,17 @@ def test_outputs_of_no_known_frame_are_not_taken_for_motors(parameters):
     assert [finding.id for finding in findings] == ["frame-unknown"]
 
 
+def test_a_frozen_compass_is_none():
+    """A flight of 2015 has 786 readings of 6.7 uT, alike to the last digit, while the craft turned."""
+    t = np.arange(120) * 0.1
+    stuck = {f"Mag{axis}": np.full(120, value) for axis, value in zip("XYZ", (-40.0, 1.0, -53.0), strict=True)}
+    tables, findings = build({"MAG": message(t, **stuck)})
+    assert tables.mag is None or tables.mag["mag_x"].isna().all()
+    assert "one reading throughout in 120 of 120 samples" in findings[0].reason
+    alive = stuck | {"MagX": np.where(t < 3.0, -40.0, -41.0)}
+    assert build({"MAG": message(t, **alive)})[0].mag["mag_x"].notna().all()
+
+
 def imu(t, offset=0.0, **more):
     n = len(t)
     rates = {f"Gyr{axis}": np.full(n, 0.1 + offset) for axis in "XYZ"}

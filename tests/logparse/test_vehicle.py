@@ -1,5 +1,6 @@
 """The craft from what logs of different ages say about it."""
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -36,9 +37,81 @@ def test_firmware_before_3_5_prints_its_class():
     assert (vehicle.frame_class, vehicle.frame_type, len(vehicle.motors)) == ("hexa", "plus", 6)
 
 
-def test_firmware_before_3_2_does_not_and_is_taken_for_a_quad():
-    vehicle = describe(texts("ArduCopter V3.1.1 (681dafcf)"), format="dataflash-text", parameters={"FRAME": 1})
-    assert (vehicle.frame_class, vehicle.frame_source) == ("quad", "assumed")
+def outputs(*amplitudes, seed=1):
+    """Make outputs of motors that take off and land together, each with its own share of that, and noise."""
+    t = np.linspace(0.0, 60.0, 600)
+    flown = np.interp(t, [0, 5, 8, 50, 55], [0, 0, 1, 1, 0])
+    rng = np.random.default_rng(seed)
+    return {
+        "RCOU": pd.DataFrame(
+            {
+                f"Ch{k}": np.rint(1100 + 500 * share * flown + 20 * rng.standard_normal(len(t)) * (share >= 0))
+                if share is not None
+                else np.zeros(len(t))
+                for k, share in enumerate(amplitudes, start=1)
+            },
+            index=pd.Index(t, name="t"),
+        )
+    }
+
+
+QUAD = (1.0, 1.0, 0.9, 1.1)
+
+
+@pytest.mark.parametrize("rest", [(None,) * 4, (0.0, 0.0, None, None), (-0.5, 0.0, None, None)])
+def test_firmware_before_3_2_does_not_say_but_four_outputs_do(rest):
+    messages = texts("ArduCopter V3.1.1 (681dafcf)") | outputs(*QUAD, *rest)
+    vehicle = describe(messages, format="dataflash-text", parameters={"FRAME": 1})
+    assert (vehicle.frame_class, vehicle.frame_type, vehicle.frame_source) == ("quad", "x", "outputs")
+    assert len(vehicle.motors) == 4
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [{}, outputs(*QUAD, *QUAD), outputs(*QUAD, 1.0, 1.0, None, None), outputs(1.0, 1.0, None, 1.0, 0.0, 0.0, 0.0, 0.0)],
+    ids=["no outputs", "octocopter", "hexacopter", "tricopter"],
+)
+def test_what_the_log_does_not_say_is_unknown(messages):
+    """An octocopter that only its file's name gives away was called a quad x."""
+    vehicle = describe(texts("ArduCopter V3.1.1 (681dafcf)") | messages, format="dataflash", parameters={"FRAME": 1})
+    assert (vehicle.frame_class, vehicle.frame_type, vehicle.frame_source) == (None, None, None)
+    assert vehicle.motors == ()
+
+
+@pytest.mark.parametrize(
+    ("lines", "parameters", "firmware"),
+    [
+        (["ArduRover V4.3.0 (12345678)"], {"FRAME_CLASS": 1, "FRAME_TYPE": 1}, "ArduRover"),
+        ([], {"FRAME_CLASS": 1, "SYSID_SW_TYPE": 20}, "ArduRover"),
+        ([], {"FRAME_CLASS": 2, "CRUISE_SPEED": 5.0}, "ArduRover"),
+        (["ArduPlane V4.5.7 (12345678)", "Frame: QUAD/X"], {"FRAME": 1}, "ArduPlane"),
+        ([], {"FRAME": 1, "SYSID_SW_TYPE": 0}, "ArduPlane"),
+        ([], {"FRAME": 1, "TRIM_ARSPD_CM": 1200.0}, "ArduPlane"),
+    ],
+)
+def test_what_is_no_multirotor_has_no_frame(lines, parameters, firmware):
+    vehicle = describe(texts(*lines) | outputs(*QUAD, 0.0, 0.0), format="dataflash", parameters=parameters)
+    assert vehicle.firmware == firmware
+    assert (vehicle.frame_class, vehicle.motors) == (None, ())
+
+
+@pytest.mark.parametrize("kind", [1, 10, 11, 21])
+def test_telemetry_of_what_is_no_multirotor_has_no_frame(kind):
+    beats = pd.DataFrame({"system": [1], "component": [1], "type": [kind], "autopilot": [3]})
+    vehicle = describe({"HEARTBEAT": beats}, format="tlog", parameters={"FRAME_CLASS": 1, "FRAME_TYPE": 1})
+    assert (vehicle.frame_class, vehicle.motors) == (None, ())
+
+
+def test_a_type_that_heartbeats_do_not_tell_is_not_told():
+    beats = pd.DataFrame({"system": [1], "component": [1], "type": [2], "autopilot": [3]})
+    vehicle = describe({"HEARTBEAT": beats}, format="tlog", parameters={})
+    assert (vehicle.frame_class, vehicle.frame_type, len(vehicle.motors)) == ("quad", None, 4)
+
+
+def test_an_aeroplane_of_px4_with_rotors_is_no_multirotor():
+    parameters = {"CA_AIRFRAME": 2, "CA_ROTOR_COUNT": 4, "SYS_AUTOSTART": 13000}
+    vehicle = describe({}, format="ulog", parameters=parameters)
+    assert (vehicle.frame_class, vehicle.motors) == (None, ())
 
 
 def test_firmware_of_2013_has_a_column_for_each_motor():
