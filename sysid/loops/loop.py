@@ -1,0 +1,212 @@
+"""`rate_loop`: an axis' loop as flown, its margins with error bars, and the same with other gains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from logparse import FlightLog
+from sysid.estimate import Estimate
+from sysid.frequency.response import FrequencyResponse
+from sysid.loops.errors import LoopError
+from sysid.loops.filters import Complexes, Floats
+from sysid.loops.margins import MarginSet, margins_of
+from sysid.loops.plant import Plant, plant_of
+from sysid.loops.settings import LoopSettings, read_settings
+from sysid.loops.signals import LoopRecord, loop_records, loop_response, plant_response
+
+#: Part of the draws that an interval holds.
+CONFIDENCE = 0.95
+
+#: Names, units and what is missing when the band shows no margin.
+MARGINS = {
+    "gain_db": ("dB", "the phase does not reach -180 deg within the measured band"),
+    "phase_deg": ("deg", "the gain does not fall through one within the measured band"),
+    "crossover_hz": ("Hz", "the gain does not fall through one within the measured band"),
+    "rejection_hz": ("Hz", "disturbances are not rejected at the lowest measured frequency"),
+    "peak_db": ("dB", ""),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """Margins of a loop broken at the mixer, each with its standard error; None where the band shows none.
+
+    `intervals` holds the 95 % interval of each that is known; `unstable` is the part of the responses that the data
+    leave possible for which the closed loop is unstable.
+    """
+
+    gain_db: Estimate
+    phase_deg: Estimate
+    crossover_hz: Estimate
+    rejection_hz: Estimate
+    peak_db: Estimate
+    intervals: dict[str, tuple[float, float]]
+    stable: bool
+    unstable: float
+
+    def __repr__(self) -> str:
+        parts = [
+            f"{name} {e.value:.3g} +- {e.sigma:.2g} {e.unit}"
+            for name in MARGINS
+            if (e := getattr(self, name)).value is not None
+        ]
+        return f"<Margins: {', '.join(parts)}; {'stable' if self.stable else 'UNSTABLE'}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RateLoop:
+    """One axis' rate and angle loop around an identified craft.
+
+    Attributes
+    ----------
+    name : str
+        The log or logs.
+    frf : FrequencyResponse
+        Mixer input to measured rate, as identified.
+    plant : Plant
+        The same smoothed, with draws of its error, through the gyro filters as flown.
+    flown, settings : LoopSettings
+        The autopilot's settings in that flight, and those that this loop is computed with.
+    measured : FrequencyResponse or None
+        Broken-loop response straight from the chirp, of the flown settings.
+    records : tuple of LoopRecord
+    """
+
+    name: str
+    frf: FrequencyResponse
+    plant: Plant
+    flown: LoopSettings
+    settings: LoopSettings
+    measured: FrequencyResponse | None
+    records: tuple[LoopRecord, ...] = field(default=())
+
+    @property
+    def axis(self) -> str:
+        """Return the axis' name."""
+        return self.settings.axis
+
+    @property
+    def hz(self) -> Floats:
+        """Return the frequencies of the responses, Hz."""
+        return self.plant.hz
+
+    @property
+    def gyro_change(self) -> Complexes:
+        """Return the gyro filters' response over that of the flown ones."""
+        return np.asarray(self.settings.gyro.response(self.hz) / self.flown.gyro.response(self.hz))
+
+    @property
+    def response(self) -> Complexes:
+        """Return the broken-loop response at the mixer, shape (n,)."""
+        return np.asarray(self.plant.response * self.gyro_change * self.settings.feedback(self.hz))
+
+    @property
+    def draws(self) -> Complexes:
+        """Return broken-loop responses that the data leave possible, shape (DRAWS, n)."""
+        return np.asarray(self.plant.draws * self.gyro_change * self.settings.feedback(self.hz))
+
+    @property
+    def margins(self) -> Margins:
+        """Compute margins with errors from the identified response."""
+        return summarise(margins_of(self.hz, self.response), margins_of(self.hz, self.draws))
+
+    @property
+    def measured_margins(self) -> Margins:
+        """Compute margins straight from the chirp: the second way, for the settings as flown.
+
+        Raises
+        ------
+        LoopError
+            Where the log does not part feedback from chirp.
+        """
+        if self.measured is None:
+            raise LoopError(f"{self.name}: without PID messages the chirp cannot be parted from the controller's output")
+        direct = plant_of(self.measured)
+        return summarise(margins_of(direct.hz, direct.response), margins_of(direct.hz, direct.draws))
+
+    def with_gains(self, **values: float) -> RateLoop:
+        """Return the loop with other gains or filters: P, I, D, FF, D_FF, FLTT, FLTE, FLTD, angle_P, gyro_filter.
+
+        Raises
+        ------
+        LoopError
+            For an unknown name or a value that is negative or not finite.
+        """
+        return replace(self, settings=self.settings.changed(**values))
+
+    def with_settings(self, settings: LoopSettings) -> RateLoop:
+        """Return the loop with the settings of another flight."""
+        return replace(self, settings=settings)
+
+    def __repr__(self) -> str:
+        c = self.settings.controller
+        return (
+            f"<RateLoop {self.axis} of {self.name}: P {c.P:.4g}, I {c.I:.4g}, D {c.D:.4g}, "
+            f"{self.hz[0]:.2g} to {self.hz[-1]:.3g} Hz; {self.margins!r}>"
+        )
+
+
+def rate_loop(log: FlightLog | Sequence[FlightLog], axis: str) -> RateLoop:
+    """Identify an axis' loop from the chirps of one or several flights with the same settings.
+
+    Parameters
+    ----------
+    log : FlightLog or sequence of FlightLog
+    axis : {"roll", "pitch", "yaw"}
+
+    Raises
+    ------
+    LoopError
+        For firmware or settings that are unknown, or flights that differ in them, or without chirps at the mixer.
+    FrequencyError
+        Where the signals are missing or too short.
+    """
+    logs = [log] if isinstance(log, FlightLog) else list(log)
+    if not logs:
+        raise LoopError("no log was given")
+    settings = [read_settings(one, axis) for one in logs]
+    if any(one.parameters() != settings[0].parameters() for one in settings[1:]):
+        raise LoopError(
+            "the flights differ in their settings: identify each on its own, or compare them with `rotorid prove`"
+        )
+    records = tuple(record for one in logs for record in loop_records(one, axis))
+    return loop_of_records(", ".join(one.path.name for one in logs), records, settings[0])
+
+
+def loop_of_records(name: str, records: tuple[LoopRecord, ...], settings: LoopSettings) -> RateLoop:
+    """Identify a loop from records that are already cut."""
+    frf = plant_response(records, settings.axis, settings.gyro.low_pass or None)
+    return RateLoop(
+        name=name,
+        frf=frf,
+        plant=plant_of(frf),
+        flown=settings,
+        settings=settings,
+        measured=loop_response(records, settings.axis),
+        records=records,
+    )
+
+
+def summarise(best: MarginSet, draws: MarginSet) -> Margins:
+    """Bring margins and their draws together."""
+    estimates, intervals = {}, {}
+    for name, (unit, reason) in MARGINS.items():
+        value = float(getattr(best, name)[0])
+        drawn = getattr(draws, name)
+        drawn = drawn[np.isfinite(drawn)]
+        if not np.isfinite(value) or len(drawn) < 0.5 * len(draws.stable):
+            estimates[name] = Estimate(None, None, unit, reason)
+            continue
+        half = 0.5 * (1.0 - CONFIDENCE)
+        low, high = (float(q) for q in np.quantile(drawn, [half, 1.0 - half]))
+        intervals[name] = (min(low, value), max(high, value))
+        estimates[name] = Estimate(value, float(0.5 * (high - low) / 1.96), unit)
+    return Margins(
+        **estimates,
+        intervals=intervals,
+        stable=bool(best.stable[0]),
+        unstable=float(np.mean(~draws.stable)),
+    )

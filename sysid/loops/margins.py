@@ -1,0 +1,121 @@
+"""Margins of a loop from its broken-loop response, for one response or many draws of it at once.
+
+Signs: `loop` L is the negative of what comes back when one goes in, so that the loop closes as 1 / (1 + L). Source:
+Åström and Murray (2021), chapters 10 and 12; disturbance-rejection bandwidth and peak of ADS-33E practice (Berger et al. 2016).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.loops.filters import Complexes, Floats
+
+#: |S| that bounds the band in which disturbances are rejected.
+REJECTED = 10.0 ** (-3.0 / 20.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MarginSet:
+    """Margins of K loops, each of shape (K,); NaN where the band does not show one.
+
+    Attributes
+    ----------
+    gain_db : ndarray
+        Smallest factor of the gain to instability, dB; negative beyond it.
+    phase_deg : ndarray
+        Smallest phase lag to instability, deg; negative beyond it.
+    crossover_hz : ndarray
+        Highest frequency at which the gain falls through one.
+    rejection_hz : ndarray
+        Frequency up to which disturbances are lowered by 3 dB or more.
+    peak_db : ndarray
+        Largest amplification of a disturbance, dB.
+    stable : ndarray of bool
+        Whether the closed loop is stable, by the Nyquist criterion on the band.
+    """
+
+    gain_db: Floats
+    phase_deg: Floats
+    crossover_hz: Floats
+    rejection_hz: Floats
+    peak_db: Floats
+    stable: NDArray[np.bool_]
+
+    def row(self, k: int) -> dict[str, float]:
+        """Return one loop's margins by name."""
+        return {item.name: float(getattr(self, item.name)[k]) for item in fields(self)}
+
+
+def margins_of(hz: Floats, loop: Complexes) -> MarginSet:
+    """Compute the margins of broken-loop responses.
+
+    Parameters
+    ----------
+    hz : ndarray, shape (n,)
+        Increasing.
+    loop : ndarray of complex, shape (K, n) or (n,)
+
+    Notes
+    -----
+    The controller integrates twice and the attitude once: at low frequency the phase may come from -270 deg, so a
+    crossing of -180 deg from below with a gain above one is the limit of lowering the gain and no gain margin.
+    """
+    loop = np.atleast_2d(loop)
+    log_hz = np.log(hz)
+    size = np.log(np.maximum(np.abs(loop), 1e-12))
+    sensitivity = 1.0 / np.maximum(np.abs(1.0 + loop), 1e-12)
+
+    falls = (size[:, :-1] >= 0.0) & (size[:, 1:] < 0.0)
+    crosses = falls | ((size[:, :-1] < 0.0) & (size[:, 1:] >= 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = size[:, :-1] / (size[:, :-1] - size[:, 1:])
+    turned = loop[:, 1:] / loop[:, :-1]
+    towards = np.angle(-loop[:, :-1]) + np.where(crosses, part, 0.0) * np.angle(turned)
+    towards = np.degrees((towards + np.pi) % (2.0 * np.pi) - np.pi)
+    stable = _is_stable(loop)
+    phase = np.min(np.where(crosses, np.where(stable[:, None], np.abs(towards), towards), np.inf), axis=1)
+    at = np.exp(log_hz[:-1] + np.where(falls, part, 0.0) * np.diff(log_hz))
+    crossover = np.max(np.where(falls, at, -np.inf), axis=1)
+
+    im, re = loop.imag, loop.real
+    down = (im[:, :-1] < 0.0) & (im[:, 1:] >= 0.0)
+    up = (im[:, :-1] >= 0.0) & (im[:, 1:] < 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = im[:, :-1] / (im[:, :-1] - im[:, 1:])
+        share = np.where(np.isfinite(share), share, 0.0)
+        axis = re[:, :-1] + share * (re[:, 1:] - re[:, :-1])
+        gains = -20.0 * np.log10(np.where(axis < 0.0, -axis, np.nan))
+    counted = (axis < 0.0) & (down | (up & (gains > 0.0)))
+    gain = np.min(np.where(counted, gains, np.inf), axis=1)
+
+    kept = sensitivity <= REJECTED
+    first = np.argmin(kept, axis=1)
+    rejection = np.full(len(loop), np.nan)
+    rows = np.flatnonzero((first > 0) & ~kept[np.arange(len(loop)), first])
+    before, after = sensitivity[rows, first[rows] - 1], sensitivity[rows, first[rows]]
+    weight = np.log(REJECTED / before) / np.log(after / before)
+    rejection[rows] = np.exp(log_hz[first[rows] - 1] + weight * (log_hz[first[rows]] - log_hz[first[rows] - 1]))
+    return MarginSet(
+        gain_db=np.where(np.isfinite(gain), gain, np.nan),
+        phase_deg=np.where(np.isfinite(phase), phase, np.nan),
+        crossover_hz=np.where(np.isfinite(crossover), crossover, np.nan),
+        rejection_hz=rejection,
+        peak_db=20.0 * np.log10(np.max(sensitivity, axis=1)),
+        stable=stable,
+    )
+
+
+def _is_stable(loop: Complexes) -> NDArray[np.bool_]:
+    """Count turns of 1 + L about zero: none remain where the loop is stable.
+
+    At the lowest frequency the phase of 1 + L lies between -300 and 60 deg (up to three integrations); it must end
+    at zero, where L has died out, without a further turn.
+    """
+    whole = 1.0 + loop
+    start = np.angle(whole[:, 0])
+    start = np.where(start > np.radians(60.0), start - 2.0 * np.pi, start)
+    turning = np.sum(np.angle(whole[:, 1:] / whole[:, :-1]), axis=1)
+    return np.asarray(np.rint((start + turning) / (2.0 * np.pi)) == 0.0)

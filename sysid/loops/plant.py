@@ -1,0 +1,128 @@
+"""The craft's response from mixer to gyro on a dense grid, smoothed, with draws of its error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.frequency import FrequencyResponse
+from sysid.loops.filters import Complexes, Floats
+
+#: Points of the dense grid per factor e of frequency.
+DENSITY = 110.0
+
+#: Half-widths of the local regression in ln f, narrow to wide, and how few points it may hold.
+REACHES, FEWEST = (0.1, 0.2, 0.4), 5
+
+#: A wider regression is taken while it stays within this many standard deviations of the narrower ones.
+AGREEMENT = 2.5
+
+#: Draws of the response that intervals are made of, and their seed.
+DRAWS, SEED = 200, 20160516
+
+#: What one flight cannot know of the next: standard deviations of the gain (battery, density, trim thrust) and of the
+#: delay [s] (where in the loop the gyro sample falls). Measured between the two chirps of firmware flights and kept.
+GAIN_BETWEEN_FLIGHTS, DELAY_BETWEEN_FLIGHTS = 0.015, 0.1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plant:
+    """Response of an axis on a dense grid.
+
+    Attributes
+    ----------
+    hz : ndarray, shape (n,)
+        Evenly spaced in ln f.
+    response : ndarray of complex, shape (n,)
+        rad/s of the rate as measured per unit of mixer input.
+    sigma : ndarray, shape (n,)
+        Standard deviation of gain (relative) and phase (rad) by random error.
+    coherence : ndarray, shape (n,)
+    draws : ndarray of complex, shape (DRAWS, n)
+        Responses that the data leave possible, for the next flight.
+    """
+
+    hz: Floats
+    response: Complexes
+    sigma: Floats
+    coherence: Floats
+    draws: Complexes
+
+
+def plant_of(frf: FrequencyResponse) -> Plant:
+    """Smooth a measured response and draw from its error.
+
+    ln G, with the phase unwrapped and the trend of a line in f (delay) and ln f (integration) taken out, is replaced at
+    each frequency by a weighted quadratic in ln f over neighbours; its error is the larger of what the spectra and the
+    scatter of the neighbours about it claim. The neighbourhood is the widest of `REACHES` that agrees with the narrower
+    ones (Lepskii 1991), so that a flexible mode is not smoothed away.
+    """
+    keep = np.isfinite(frf.sigma) & (np.abs(frf.response) > 0.0)
+    hz = frf.hz[keep]
+    log_g = np.log(np.abs(frf.response[keep])) + 1j * np.unwrap(np.angle(frf.response[keep]))
+    sigma = np.maximum(frf.sigma[keep], 1e-4)
+    independent = np.minimum(frf.weight_of_points[keep], 1.0)
+    trend = np.column_stack([np.ones(len(hz)), np.log(hz), hz])
+    weight = 1.0 / np.maximum(sigma, 0.01)
+    coefficients = np.linalg.lstsq(trend * weight[:, None], log_g * weight, rcond=None)[0]
+    rest = log_g - trend @ coefficients
+    dense = np.exp(np.arange(np.log(hz[0]), np.log(hz[-1]), 1.0 / DENSITY))
+    smooth = np.empty(len(dense), np.complex128)
+    error, reach = np.empty(len(dense)), np.empty(len(dense))
+    for k, f in enumerate(dense):
+        smooth[k], error[k], reach[k] = _smoothed(np.log(f), np.log(hz), rest, sigma, independent)
+    response = np.exp(smooth + np.column_stack([np.ones(len(dense)), np.log(dense), dense]) @ coefficients)
+    resolution = np.interp(dense, hz, frf.resolution[keep])
+    coherence = np.interp(dense, hz, frf.coherence[keep])
+    return Plant(dense, response, error, coherence, response * np.exp(_errors(dense, error, resolution, reach)))
+
+
+def _smoothed(at: float, x: Floats, y: Complexes, sigma: Floats, independent: Floats) -> tuple[complex, float, float]:
+    """Return value, standard deviation and reach of the widest regression that agrees with the narrower ones."""
+    accepted: list[tuple[complex, float, float]] = []
+    for wanted in REACHES:
+        value, error, reach = _local(at, x, y, sigma, independent, wanted)
+        if any(abs(value - before) > AGREEMENT * max(narrow, error) for before, narrow, _ in accepted):
+            break
+        accepted.append((value, error, reach))
+    return accepted[-1]
+
+
+def _local(
+    at: float, x: Floats, y: Complexes, sigma: Floats, independent: Floats, wanted: float
+) -> tuple[complex, float, float]:
+    """Fit a quadratic to the neighbours of a point; return its value there, its standard deviation and the reach."""
+    reach = max(wanted, float(np.sort(np.abs(x - at))[min(FEWEST, len(x)) - 1]) * 1.01)
+    near = np.abs(x - at) < reach
+    taper = (1.0 - (np.abs(x[near] - at) / reach) ** 3) ** 3
+    weight = taper / np.maximum(sigma[near], 0.005) ** 2
+    offset = (x[near] - at) / reach
+    basis = np.column_stack([np.ones(int(near.sum())), offset, offset**2])
+    information = (basis * weight[:, None]).T @ basis
+    solved = np.linalg.pinv(information) @ (basis * weight[:, None]).T
+    beta = solved @ y[near]
+    scatter = np.abs(y[near] - basis @ beta) ** 2 / 2.0
+    spare = max(1.0 - 3.0 / max(float(independent[near].sum()), 4.0), 0.25)
+    variance = np.maximum(sigma[near] ** 2, np.average(scatter, weights=weight) / spare)
+    # Points closer than the spectral window share their data: their errors do not average out.
+    count = max(float(independent[near].sum()) / max(int(near.sum()), 1), 1e-3)
+    return complex(beta[0]), float(np.sqrt(np.sum(solved[0] ** 2 * variance) / count)), reach
+
+
+def _errors(hz: Floats, sigma: Floats, resolution: Floats, reach: Floats) -> Complexes:
+    """Draw errors of ln G, shape (DRAWS, n), correlated over the spectral window and the smoothing's reach."""
+    generator = np.random.default_rng(SEED)
+    width = np.maximum(resolution / hz, reach)
+    cells = np.concatenate([[0.0], np.cumsum(np.diff(np.log(hz)) / (0.5 * (width[1:] + width[:-1])))])
+    knots = np.arange(np.ceil(cells[-1]) + 2.0)
+    shape = (DRAWS, len(knots))
+    white = generator.standard_normal(shape) + 1j * generator.standard_normal(shape)
+    low = np.minimum(cells.astype(int), len(knots) - 2)
+    share = cells - low
+    mixed = white[:, low] * np.cos(0.5 * np.pi * share) + white[:, low + 1] * np.sin(0.5 * np.pi * share)
+    gain = generator.normal(0.0, GAIN_BETWEEN_FLIGHTS, (DRAWS, 1))
+    delay = generator.normal(0.0, DELAY_BETWEEN_FLIGHTS, (DRAWS, 1))
+    result = np.asarray(mixed * sigma + gain - 2j * np.pi * delay * hz, np.complex128)
+    result[0] = 0.0  # the first draw is the estimate itself
+    return result

@@ -1,0 +1,219 @@
+"""Gains and filters of one axis' loop as a log's parameters give them, and the same with other values."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from logparse import FlightLog
+from sysid.loops.controller import AngleController, RateController
+from sysid.loops.errors import LoopError
+from sysid.loops.filters import Complexes, DigitalFilter, Floats, cascade, harmonic_notches, second_order
+
+#: Axes and how ArduPilot's parameters spell them.
+AXES: Mapping[str, str] = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
+
+#: Firmware whose rate controller is the one in `controller`.
+OLDEST, NEWEST = (4, 0), (4, 7)
+
+#: Terms without which a controller is not known; the others are zero where the firmware has no such parameter.
+_NEEDED = ("P", "I", "D", "FLTT", "FLTE", "FLTD", "IMAX")
+_OPTIONAL = ("FF", "D_FF", "SMAX", "PDMX")
+
+#: Gyro rate [Hz] of boards that log none (most run their filters at this rate).
+_GYRO_RATE = 1000.0
+
+#: Frequency-tracking modes of the harmonic notch (INS_HNTCH_MODE).
+_FIXED, _THROTTLE = 0, 1
+
+
+@dataclass(frozen=True, slots=True)
+class GyroPath:
+    """Filters between the gyro and the controller: low-pass (INS_GYRO_FILTER, Hz) and notches, at the gyro's rate."""
+
+    low_pass: float
+    rate: float
+    notches: tuple[DigitalFilter, ...] = ()
+
+    def response(self, hz: Floats) -> Complexes:
+        """Compute filtered per true rate."""
+        return second_order(self.rate, self.low_pass).response(hz) * cascade(self.notches, hz)
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSettings:
+    """Everything of one axis' loop that is in the autopilot: rate controller, angle controller, gyro filters."""
+
+    axis: str
+    controller: RateController
+    angle: AngleController
+    gyro: GyroPath
+    remarks: tuple[str, ...] = field(default=())
+
+    def feedback(self, hz: Floats) -> Complexes:
+        """Compute mixer output per measured rate, sign reversed: rate loop and, through the attitude, angle loop.
+
+        The attitude is the integral of the true rate, not of the filtered one.
+        """
+        attitude = -self.angle.rate_response(hz) / self.gyro.response(hz)
+        return np.asarray(self.controller.error_response(hz) + self.controller.target_response(hz) * attitude)
+
+    def changed(self, **values: float) -> LoopSettings:
+        """Return the same with other values: a name of `RateController`, `angle_P` or `gyro_filter`.
+
+        Raises
+        ------
+        LoopError
+            For an unknown name or a value that is negative or not finite.
+        """
+        for name, value in values.items():
+            if not math.isfinite(value) or value < 0.0:
+                raise LoopError(f"{name} = {value} is no value of a gain or filter")
+        terms = {name: value for name, value in values.items() if name in (*_NEEDED, *_OPTIONAL)}
+        unknown = set(values) - set(terms) - {"angle_P", "gyro_filter"}
+        if unknown:
+            known = ", ".join((*_NEEDED, *_OPTIONAL, "angle_P", "gyro_filter"))
+            raise LoopError(f"there is no {', '.join(sorted(unknown))}; known are {known}")
+        return replace(
+            self,
+            controller=replace(self.controller, **terms),
+            angle=replace(self.angle, P=values.get("angle_P", self.angle.P)),
+            gyro=replace(self.gyro, low_pass=values.get("gyro_filter", self.gyro.low_pass)),
+        )
+
+    def parameters(self) -> dict[str, float]:
+        """Return values by the autopilot's parameter names."""
+        letters = AXES[self.axis]
+        result = {f"ATC_RAT_{letters}_{name}": getattr(self.controller, name) for name in (*_NEEDED, *_OPTIONAL)}
+        return result | {f"ATC_ANG_{letters}_P": self.angle.P, "INS_GYRO_FILTER": self.gyro.low_pass}
+
+
+def firmware_version(log: FlightLog) -> tuple[int, int]:
+    """Return major and minor version of ArduCopter.
+
+    Raises
+    ------
+    LoopError
+        When the log is of another firmware, of an unknown one, or of a version whose controller is another.
+    """
+    vehicle = log.vehicle
+    known = f"known are the rate loops of ArduCopter {OLDEST[0]}.{OLDEST[1]} to {NEWEST[0]}.{NEWEST[1]}"
+    if not vehicle.firmware:
+        raise LoopError(f"{log.path.name} does not tell its firmware; {known}")
+    if vehicle.firmware != "ArduCopter":
+        raise LoopError(f"{log.path.name} is of {vehicle.firmware} {vehicle.version or ''}".rstrip() + f"; {known}")
+    numbers = re.match(r"(\d+)\.(\d+)", vehicle.version or "")
+    if numbers is None:
+        raise LoopError(f"{log.path.name} does not tell the version of ArduCopter; {known}")
+    version = int(numbers[1]), int(numbers[2])
+    if not OLDEST <= version <= NEWEST:
+        raise LoopError(f"{log.path.name} is of ArduCopter {vehicle.version}, whose controller is another; {known}")
+    return version
+
+
+def read_settings(log: FlightLog, axis: str) -> LoopSettings:
+    """Read an axis' loop from the parameters of a log.
+
+    Raises
+    ------
+    LoopError
+        For an unknown axis or firmware, or where parameters are missing.
+    """
+    if axis not in AXES:
+        raise LoopError(f"there is no rate loop {axis!r}; the axes are {', '.join(AXES)}")
+    firmware_version(log)
+    parameters = log.parameters
+    letters = AXES[axis]
+    wanted = [f"ATC_RAT_{letters}_{name}" for name in _NEEDED]
+    wanted += [f"ATC_ANG_{letters}_P", "INS_GYRO_FILTER", "SCHED_LOOP_RATE"]
+    missing = [name for name in wanted if name not in parameters]
+    if missing:
+        raise LoopError(
+            f"{log.path.name} lacks {', '.join(missing[:4])}{' ...' if len(missing) > 4 else ''}: without the "
+            "parameters the loop is unknown; keep LOG_DISARMED or the start of the log, where they are written"
+        )
+    if parameters.get("FSTRATE_ENABLE", 0.0) > 0.0:
+        raise LoopError(f"{log.path.name}: the rate loop runs in its own thread (FSTRATE_ENABLE), at an unknown rate")
+    odd = [f"ATC_RAT_{letters}_{n}" for n in ("NTF", "NEF") if parameters.get(f"ATC_RAT_{letters}_{n}", 0.0) > 0.0]
+    if odd:
+        raise LoopError(f"{log.path.name}: notches within the controller ({', '.join(odd)}) are not modelled")
+    terms = {name: parameters.get(f"ATC_RAT_{letters}_{name}", 0.0) for name in (*_NEEDED, *_OPTIONAL)}
+    gyro, remarks = _gyro_path(log)
+    angle = AngleController(P=parameters[f"ATC_ANG_{letters}_P"], linear=_linear_angle(parameters, axis, letters))
+    return LoopSettings(
+        axis=axis,
+        controller=RateController(**terms, loop_rate=parameters["SCHED_LOOP_RATE"]),
+        angle=angle,
+        gyro=gyro,
+        remarks=remarks,
+    )
+
+
+def _linear_angle(parameters: Mapping[str, float], axis: str, letters: str) -> float:
+    """Return the error [rad] beyond which the square-root law lowers the angle controller's gain."""
+    limit = parameters.get(f"ATC_ACCEL_{axis[0].upper()}_MAX", 0.0)
+    p = parameters[f"ATC_ANG_{letters}_P"]
+    if limit <= 0.0 or p <= 0.0:
+        return math.inf
+    return math.radians(0.01 * 0.5 * limit) / p**2
+
+
+def _gyro_path(log: FlightLog) -> tuple[GyroPath, tuple[str, ...]]:
+    """Read the gyro's filters; harmonic notches at their frequency in hover."""
+    parameters = log.parameters
+    rate, remarks = _GYRO_RATE, []
+    if "IMU" in log.messages and {"GHz", "I"} & set(log.messages["IMU"].columns) >= {"GHz"}:
+        imu = log.messages["IMU"]
+        first = imu[imu["I"] == 0] if "I" in imu else imu
+        logged = first["GHz"].to_numpy(np.float64)
+        logged = logged[np.isfinite(logged) & (logged > 100.0)]
+        rate = float(np.median(logged)) if len(logged) else rate
+    notches: list[DigitalFilter] = []
+    for prefix in ("INS_HNTCH_", "INS_HNTC2_", "INS_HNTC3_"):
+        if parameters.get(f"{prefix}ENABLE", 0.0) <= 0.0:
+            continue
+        values = {name: parameters.get(prefix + name) for name in ("FREQ", "BW", "ATT", "HMNCS")}
+        lacking = [prefix + name for name, value in values.items() if value is None]
+        if lacking:
+            raise LoopError(f"{log.path.name} lacks {', '.join(lacking)} of a notch that is enabled")
+        known = {name: float(value) for name, value in values.items() if value is not None}
+        base, remark = _notch_base(log, prefix, known["FREQ"])
+        options = int(parameters.get(f"{prefix}OPTS", 0.0))
+        notches += harmonic_notches(
+            rate,
+            base,
+            nominal=known["FREQ"],
+            bandwidth=known["BW"],
+            attenuation_db=known["ATT"],
+            harmonics=int(known["HMNCS"]),
+            composite=2 if options & 1 else 3 if options & 16 else 1,
+        )
+        remarks.append(remark)
+    return GyroPath(parameters["INS_GYRO_FILTER"], rate, tuple(notches)), tuple(remarks)
+
+
+def _notch_base(log: FlightLog, prefix: str, nominal: float) -> tuple[float, str]:
+    """Return the frequency of the first harmonic, Hz: as tracked in flight (FTN, FTN1), else from hover throttle."""
+    parameters = log.parameters
+    mode = int(parameters.get(f"{prefix}MODE", 0.0))
+    reference = parameters.get(f"{prefix}REF", 0.0)
+    name = prefix.rstrip("_")
+    if mode == _FIXED or reference <= 0.0:
+        return nominal, f"{name} fixed at {nominal:.0f} Hz"
+    if prefix == "INS_HNTCH_":
+        for message in ("FTN", "FTN1"):
+            if message in log.messages and "NF1" in log.messages[message]:
+                tracked = log.messages[message]["NF1"].to_numpy(np.float64)
+                tracked = tracked[np.isfinite(tracked) & (tracked > 0.0)]
+                if len(tracked):
+                    return float(np.median(tracked)), f"{name} tracked, median {np.median(tracked):.0f} Hz"
+    hover = parameters.get("MOT_THST_HOVER")
+    if mode == _THROTTLE and hover:
+        floor = parameters.get(f"{prefix}FM_RAT", 1.0)
+        base = nominal * max(floor, math.sqrt(hover / reference))
+        return base, f"{name} follows throttle, {base:.0f} Hz in hover"
+    return nominal, f"{name} tracks a frequency that is not logged; taken at its lowest, {nominal:.0f} Hz"
