@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from logparse import FlightLog
-from sysid.estimate import Estimate
+from sysid.statistics.estimate import Estimate
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Complexes, Floats

@@ -39,12 +39,13 @@ class LoopRecord:
         Mixer input, with the chirp, to measured rate.
     feedback : AxisRecord or None
         Mixer input to what the controller fed back; None where the log cannot part it from the chirp.
-    chirp : Chirp
+    chirp : Chirp or None
+        Where it is in its log; None for signals that are of no log.
     """
 
     plant: AxisRecord
     feedback: AxisRecord | None
-    chirp: Chirp
+    chirp: Chirp | None = None
 
 
 def loop_records(log: FlightLog, axis: str) -> tuple[LoopRecord, ...]:

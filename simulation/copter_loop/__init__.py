@@ -1,0 +1,5 @@
+"""One axis of a craft in ArduCopter's rate and angle controllers, as firmware runs them at 400 Hz, with its known response."""
+
+from simulation.copter_loop.axis import CraftAxis, LoopFlight, LoopGains, fly_chirp, random_axis
+
+__all__ = ["CraftAxis", "LoopFlight", "LoopGains", "fly_chirp", "random_axis"]

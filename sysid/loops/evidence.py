@@ -1,0 +1,230 @@
+"""What a log must show before gains are proposed from it: reasons to refuse, each a sentence and what to fly.
+
+Every check returns None where the evidence is there, else the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from logparse import FlightLog
+from sysid.frequency.axes import axis_of
+from sysid.frequency.excitation import find_chirps
+from sysid.loops.filters import Floats
+from sysid.loops.loop import RateLoop
+from sysid.loops.plant import plant_of
+from sysid.loops.settings import AXES
+
+#: Coherence that counts, the band about crossover in which it must hold (factors of the crossover), and for how much.
+COHERENT, AROUND, MOST_OF = 0.8, (0.4, 1.6), 0.9
+
+#: Part of a chirp during which the mixer or the controller may be at a limit.
+SATURATED = 0.05
+
+#: An oscillation: rms of the mixer input in a narrow band, share of its power above 2 Hz, and part of the windows.
+NARROW_RMS, NARROW_SHARE, NARROW_PART = 0.02, 0.6, 0.1
+_WINDOW, _LOWEST = 4.0, 2.0
+
+#: How far the two ways to the loop's response may be apart around crossover, in gain and phase (deg).
+GAIN_APART, PHASE_APART = 0.12, 8.0
+
+#: Ranges of gains that ArduCopter documents for roll and pitch, and for yaw.
+RANGES = {
+    "roll": {"P": (0.01, 0.5), "I": (0.01, 2.0), "D": (0.0, 0.05)},
+    "pitch": {"P": (0.01, 0.5), "I": (0.01, 2.0), "D": (0.0, 0.05)},
+    "yaw": {"P": (0.1, 2.5), "I": (0.01, 1.0), "D": (0.0, 0.02)},
+}
+
+#: Bits of PIDR.Flags that tell of a limit: mixer at its limit, P and D limited.
+_LIMITED = 1 | 2
+
+
+def unfit_log(log: FlightLog) -> str | None:
+    """Return why nothing of a log can be used: AutoTune, parameters changed in flight, nothing flown."""
+    name = log.path.name
+    if log.flight is None:
+        return f"{name}: the craft did not fly"
+    if _autotuned(log):
+        return f"{name}: AutoTune ran in this log, so that gains changed within it; fly again with the gains it saved"
+    changed = _changed_in_flight(log)
+    if changed:
+        return (
+            f"{name}: {', '.join(changed[:4])}{' ...' if len(changed) > 4 else ''} changed in flight, so that it has "
+            "no one loop; fly again without changing gains or filters in the air"
+        )
+    return None
+
+
+def _autotuned(log: FlightLog) -> bool:
+    modes = log.tables.modes
+    named = modes is not None and modes["mode"].astype(str).str.upper().str.contains("AUTOTUNE").any()
+    return bool(named) or any(log.messages.counts.get(name, 0) > 0 for name in ("ATUN", "ATDE", "ATNP"))
+
+
+def _changed_in_flight(log: FlightLog) -> list[str]:
+    """Return parameters of the loops that take another value after take-off."""
+    if "PARM" not in log.messages or log.flight is None:
+        return []
+    rows = log.messages["PARM"]
+    if not {"Name", "Value"} <= set(rows.columns):
+        return []
+    start, stop = log.flight.start, log.flight.stop
+    before: dict[str, float] = {}
+    changed = []
+    for t, name, value in zip(rows.index, rows["Name"].astype(str), rows["Value"].to_numpy(np.float64), strict=True):
+        ours = name.startswith(("ATC_RAT_", "ATC_ANG_", "INS_GYRO_FILTER", "INS_HNT", "MOT_THST_EXPO", "SCHED_LOOP"))
+        if not ours:
+            continue
+        if start < t < stop and name in before and before[name] != value and name not in changed:
+            changed.append(name)
+        before[name] = value
+    return changed
+
+
+def oscillation(log: FlightLog, axis: str) -> str | None:
+    """Return where an axis oscillates by itself: outside chirps, narrow and strong."""
+    table = log.tables.rates
+    column = axis_of(axis).input
+    if table is None or log.flight is None or column not in table:
+        return None
+    t = table.index.to_numpy(np.float64)
+    quiet = (t > log.flight.start + 2.0) & (t < log.flight.stop - 2.0)
+    for chirp in find_chirps(log):
+        quiet &= ~((t > chirp.start - 0.2) & (t < chirp.stop + 0.5))
+    strength = [_narrow(piece, step) for piece, step in _windows(t, table[column].to_numpy(np.float64), quiet)]
+    strong = [hz for rms, share, hz in strength if rms > NARROW_RMS and share > NARROW_SHARE]
+    if len(strong) < max(NARROW_PART * len(strength), 1.0):
+        return None
+    return (
+        f"{log.path.name}: {axis} oscillates at {float(np.median(strong)):.1f} Hz in {len(strong)} of "
+        f"{len(strength)} windows of {_WINDOW:.0f} s; land, lower P and D of this axis by a quarter, and fly again"
+    )
+
+
+def _windows(t: Floats, values: Floats, keep: NDArray[np.bool_]) -> Iterator[tuple[Floats, float]]:
+    """Yield gapless windows and their step, s."""
+    if keep.sum() < 32:
+        return
+    step = float(np.median(np.diff(t)))
+    size = int(_WINDOW / step)
+    good = np.flatnonzero(keep & np.isfinite(values))
+    if size < 64:
+        return
+    for run in np.split(good, np.flatnonzero((np.diff(good) > 1) | (np.diff(t[good]) > 3.0 * step)) + 1):
+        for first in range(0, len(run) - size + 1, size):
+            yield values[run[first : first + size]], step
+
+
+def _narrow(piece: Floats, step: float) -> tuple[float, float, float]:
+    """Return rms about the strongest frequency, its share of the power above 2 Hz, and the frequency, Hz."""
+    hz, power = welch(piece - piece.mean(), 1.0 / step, nperseg=len(piece) // 2)
+    fast = hz > _LOWEST
+    total = float(power[fast].sum())
+    if not total > 0.0:
+        return 0.0, 0.0, 0.0
+    peak = float(hz[np.argmax(np.where(fast, power, 0.0))])
+    near = fast & (np.abs(hz - peak) < 0.15 * peak + 1.0)
+    return float(np.sqrt(power[near].sum() * hz[1])), float(power[near].sum()) / total, peak
+
+
+def saturation(log: FlightLog, axis: str) -> str | None:
+    """Return where the controller or the mixer was at a limit during the axis' chirps."""
+    message = f"PID{axis_of(axis).letter}"
+    if message not in log.messages:
+        return (
+            f"{log.path.name} has no {message} messages, which show when the controller is at a limit; "
+            "add PID to LOG_BITMASK"
+        )
+    frame = log.messages[message]
+    t = frame.index.to_numpy(np.float64)
+    limited, rows, scaled = 0, 0, 0
+    for chirp in find_chirps(log):
+        if chirp.axis != axis or not chirp.at_mixer:
+            continue
+        inside = (t >= chirp.start) & (t <= chirp.stop)
+        rows += int(inside.sum())
+        if "Flags" in frame:
+            limited += int(np.sum((frame["Flags"].to_numpy()[inside].astype(int) & _LIMITED) > 0))
+        if "Dmod" in frame:
+            scaled += int(np.sum(frame["Dmod"].to_numpy(np.float64)[inside] < 0.99))
+    if rows < 16:
+        return f"{log.path.name} has no {message} messages during the chirp on the {axis} axis"
+    if limited > SATURATED * rows:
+        return (
+            f"{log.path.name}: {axis} is at a limit for {100.0 * limited / rows:.0f} % of its chirp, where the craft "
+            "does not answer as a linear one; fly the chirp with half of SID_MAGNITUDE"
+        )
+    if scaled > SATURATED * rows:
+        return (
+            f"{log.path.name}: the slew limit (SMAX) lowers the gains of {axis} for {100.0 * scaled / rows:.0f} % of "
+            "its chirp; fly the chirp with half of SID_MAGNITUDE"
+        )
+    return None
+
+
+def at_their_limits(loop: RateLoop) -> str | None:
+    """Return which of the flown gains lie at or beyond the range that ArduCopter documents."""
+    letters = AXES[loop.axis]
+    for name, (low, high) in RANGES[loop.axis].items():
+        value = getattr(loop.flown.controller, name)
+        if value >= high or (value <= low and name == "P"):
+            return (
+                f"ATC_RAT_{letters}_{name} = {value:.4g} is at the limit of its range ({low:g} to {high:g}); "
+                "look at the propulsion first: no gain is proposed from there"
+            )
+    return None
+
+
+def weak_band(loop: RateLoop) -> str | None:
+    """Return where the measured band does not carry the margins: coherence, highest frequency, logging rate."""
+    margins = loop.margins
+    axis = loop.axis
+    crossover = margins.crossover_hz.value
+    if crossover is None:
+        return (
+            f"{axis}: no crossover between {loop.hz[0]:.2g} and {loop.hz[-1]:.3g} Hz; let the chirp reach "
+            "from a fifth of the crossover to three times of it"
+        )
+    nyquist = 0.5 / loop.frf.step
+    if loop.hz[-1] < 1.6 * crossover:
+        reason = "RATE is logged too seldom (aliasing)" if nyquist < 2.2 * crossover else "SID_F_STOP_HZ is too low"
+        return f"{axis}: crossover is at {crossover:.1f} Hz and the response ends at {loop.hz[-1]:.1f} Hz: {reason}"
+    near = (loop.hz > AROUND[0] * crossover) & (loop.hz < AROUND[1] * crossover)
+    share = float(np.mean(loop.plant.coherence[near] >= COHERENT))
+    if share < MOST_OF:
+        return (
+            f"{axis}: coherence is below {COHERENT} on {100.0 * (1.0 - share):.0f} % of the band around the crossover "
+            f"at {crossover:.1f} Hz; fly the chirp in calm air, with a larger SID_MAGNITUDE"
+        )
+    return None
+
+
+def two_ways_apart(loop: RateLoop) -> str | None:
+    """Return where the loop computed from the craft's response and that measured directly disagree."""
+    if loop.measured is None:
+        return (
+            f"{loop.axis}: the loop cannot be measured beside the one computed: PID messages are missing or do not "
+            "match RATE; add PID to LOG_BITMASK"
+        )
+    crossover = loop.margins.crossover_hz.value
+    if crossover is None:
+        return f"{loop.axis}: no crossover within the measured band"
+    direct = plant_of(loop.measured)
+    near = (loop.hz > 0.6 * crossover) & (loop.hz < 1.5 * crossover)
+    near &= (loop.hz >= direct.hz[0]) & (loop.hz <= direct.hz[-1])
+    own = loop.with_settings(loop.flown).response[near]
+    x, x_direct = np.log(loop.hz[near]), np.log(direct.hz)
+    gain = np.interp(x, x_direct, np.log(np.abs(direct.response))) - np.log(np.abs(own))
+    phase = np.interp(x, x_direct, np.unwrap(np.angle(direct.response))) - np.unwrap(np.angle(own))
+    phase = (phase + np.pi) % (2.0 * np.pi) - np.pi
+    gain_apart, phase_apart = float(np.median(np.abs(gain))), float(np.degrees(np.median(np.abs(phase))))
+    if gain_apart > GAIN_APART or phase_apart > PHASE_APART:
+        return (
+            f"{loop.axis}: the loop as computed from the parameters and as measured are {100.0 * gain_apart:.0f} % and "
+            f"{phase_apart:.0f} deg apart: something in the loop is not as the parameters say"
+        )
+    return None

@@ -1,0 +1,56 @@
+"""Values as a person types them and as the autopilot then holds them: four digits, single precision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sysid.loops.errors import LoopError
+
+#: Significant digits of a proposed value.
+DIGITS = 4
+
+
+def typed(value: float) -> float:
+    """Round a value to what will be typed."""
+    return float(f"{value:.{DIGITS}g}")
+
+
+def parameter_file(values: Mapping[str, float], comments: tuple[str, ...]) -> str:
+    """Write parameters as ground stations read them: ``NAME,VALUE`` a line, comments with ``#``.
+
+    Raises
+    ------
+    LoopError
+        For a value that would not come back as it is.
+    """
+    lines = [f"# {line}" for comment in comments for line in comment.splitlines()]
+    for name, value in sorted(values.items()):
+        text = f"{value:.9g}"
+        if np.float32(float(text)) != np.float32(value):
+            raise LoopError(f"{name} = {value!r} cannot be written exactly")
+        lines.append(f"{name},{text}")
+    return "\n".join(lines) + "\n"
+
+
+def read_parameter_file(text: str) -> dict[str, float]:
+    """Read parameters as ground stations do: name and value parted by comma, blank or tab.
+
+    Raises
+    ------
+    LoopError
+        For a line that is neither a comment nor a name and a number.
+    """
+    values: dict[str, float] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        bare = line.split("#", 1)[0].strip()
+        if not bare:
+            continue
+        parts = bare.replace(",", " ").split()
+        try:
+            name, value = parts
+            values[name] = float(value)
+        except ValueError as error:
+            raise LoopError(f"line {number} of the parameters is no name and number: {line!r}") from error
+    return values

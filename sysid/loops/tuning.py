@@ -1,0 +1,387 @@
+"""`tune`: gains that reject disturbances best within margins that hold for everything the data leave possible.
+
+Disturbance rejection bandwidth is maximised over P, D, I and the filters of derivative and gyro, subject to gain margin,
+phase margin and peak sensitivity at the worst of the 95 % set, to the noise at the actuators, and to a change of no more
+than a factor of two. Without the evidence (`evidence`) there is a reason and no number.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+import numpy as np
+
+from logparse import FlightLog, RotoridError
+from sysid.loops.errors import LoopError
+from sysid.loops.evidence import (
+    RANGES,
+    at_their_limits,
+    oscillation,
+    saturation,
+    two_ways_apart,
+    unfit_log,
+    weak_band,
+)
+from sysid.loops.filters import Floats
+from sysid.loops.loop import Margins, RateLoop, rate_loop
+from sysid.loops.margins import MarginSet, margins_of
+from sysid.loops.parameter_file import parameter_file, typed
+from sysid.loops.settings import AXES, read_settings
+
+#: Factors of P and D, of I over P's factor, and of the filters of derivative and gyro that are tried.
+_P = np.geomspace(0.5, 2.0, 25)
+_D = np.geomspace(0.5, 2.0, 13)
+_I = (0.7, 1.0, 1.4)
+_FLTD = (1.0, 1.5, 2.0)
+_GYRO = (1.0, 1.25, 1.5, 2.0)
+
+#: Candidates whose margins are computed at once.
+_AT_ONCE = 256
+
+#: Candidates whose worst case is computed, best first.
+_CHECKED = 150
+
+#: Part of the draws on the bad side of a worst case.
+TAIL = 0.025
+
+#: Horizontal vibration, m/s^2, above which the gyro filter is not opened.
+_CALM = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aim:
+    """What a tune must keep, at the worst of the 95 % set.
+
+    `noise` is the largest factor by which rms and slew of the actuators' noise may rise over the flown settings.
+    """
+
+    gain_db: float = 6.0
+    phase_deg: float = 45.0
+    peak_db: float = 6.0
+    noise: float = 1.5
+
+
+#: Aims by name: most rejection, quiet actuators, wide margins.
+AIMS: Mapping[str, Aim] = {
+    "rejection": Aim(),
+    "quiet": Aim(noise=1.0),
+    "margins": Aim(gain_db=8.0, phase_deg=55.0, peak_db=5.0),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisTuning:
+    """One axis: what was flown, what is proposed, or why nothing is.
+
+    Attributes
+    ----------
+    axis : str
+    refused : str or None
+    loop : RateLoop or None
+        As flown.
+    tuned : RateLoop or None
+        With the proposed values.
+    worst : Margins bounds by name, or None
+        Bound of each proposed margin that the 95 % set keeps.
+    noise : float or None
+        Actuator noise over that of the flown settings.
+    """
+
+    axis: str
+    refused: str | None
+    loop: RateLoop | None = None
+    tuned: RateLoop | None = None
+    worst: Mapping[str, float] = field(default_factory=dict)
+    noise: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Tuning:
+    """Proposed parameters, the way back, and the reasons.
+
+    Attributes
+    ----------
+    logs : tuple of str
+    proposed, rollback : dict of str to float
+        By parameter name: exactly as written to the files; empty where refused.
+    refused : str or None
+        Why nothing is proposed.
+    axes : tuple of AxisTuning
+    remarks : tuple of str
+    made : str
+        UTC.
+    """
+
+    logs: tuple[str, ...]
+    aim: Aim
+    proposed: dict[str, float]
+    rollback: dict[str, float]
+    refused: str | None
+    axes: tuple[AxisTuning, ...]
+    remarks: tuple[str, ...]
+    made: str
+
+    def proposed_file(self) -> str:
+        """Return the text of ``proposed.param``.
+
+        Raises
+        ------
+        LoopError
+            Where nothing is proposed.
+        """
+        if self.refused is not None:
+            raise LoopError(f"nothing is proposed: {self.refused}")
+        return parameter_file(self.proposed, (*self._provenance("proposed"), *self._promises()))
+
+    def rollback_file(self) -> str:
+        """Return the text of ``rollback.param``: the values as flown.
+
+        Raises
+        ------
+        LoopError
+            Where nothing is proposed.
+        """
+        if self.refused is not None:
+            raise LoopError(f"nothing is proposed: {self.refused}")
+        return parameter_file(self.rollback, self._provenance("as flown: load this to go back"))
+
+    def _provenance(self, what: str) -> tuple[str, ...]:
+        return (f"rotorid tune: {what}", f"from {', '.join(self.logs)}, made {self.made}")
+
+    def _promises(self) -> tuple[str, ...]:
+        lines = []
+        for axis in self.axes:
+            if axis.tuned is None:
+                lines.append(f"{axis.axis}: unchanged: {axis.refused}")
+                continue
+            bounds = ", ".join(f"{name} {value:.3g}" for name, value in axis.worst.items())
+            lines.append(f"{axis.axis}: worst of the 95 % set: {bounds}")
+        return (
+            *lines,
+            *self.remarks,
+            "first flight: hover low, be ready to load rollback.param; then `rotorid prove`",
+        )
+
+    def __repr__(self) -> str:
+        if self.refused is not None:
+            return f"<Tuning refused: {self.refused}>"
+        values = ", ".join(f"{name} {self.rollback[name]:.4g} -> {value:.4g}" for name, value in self.proposed.items())
+        return f"<Tuning of {', '.join(self.logs)}: {values}>"
+
+
+def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") -> Tuning:
+    """Propose gains for the axes whose logs support it.
+
+    Parameters
+    ----------
+    logs : FlightLog or sequence of FlightLog
+        Flights of one craft with the same settings and chirps at the mixer.
+    aim : Aim or {"rejection", "quiet", "margins"}
+
+    Raises
+    ------
+    LoopError
+        For an aim that there is not.
+    """
+    if isinstance(aim, str):
+        if aim not in AIMS:
+            raise LoopError(f"there is no aim {aim!r}; the aims are {', '.join(AIMS)}")
+        aim = AIMS[aim]
+    flights = [logs] if isinstance(logs, FlightLog) else list(logs)
+    names = tuple(log.path.name for log in flights)
+    made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+    def refuse(reason: str, axes: tuple[AxisTuning, ...] = ()) -> Tuning:
+        return Tuning(names, aim, {}, {}, reason, axes, (), made)
+
+    if not flights:
+        return refuse("no log was given")
+    for log in flights:
+        try:
+            read_settings(log, "roll")
+            reason = unfit_log(log) or next((r for a in AXES if (r := oscillation(log, a))), None)
+        except RotoridError as error:
+            reason = str(error)
+        if reason is not None:
+            return refuse(reason)
+    found = [_examined(flights, axis) for axis in AXES]
+    loops = {item.axis: item.loop for item in found if item.loop is not None and item.refused is None}
+    if not loops:
+        reasons = list(dict.fromkeys(item.refused for item in found if item.refused))
+        return refuse("; ".join(reasons), tuple(found))
+    vibration = _vibration(flights)
+    open_gyro = len(loops) == len(AXES) and vibration is not None and vibration < _CALM
+    options = _GYRO if open_gyro else (1.0,)
+    best, best_score = None, -np.inf
+    for factor in options:
+        tuned = {axis: _tune_axis(loop, aim, factor) for axis, loop in loops.items()}
+        if any(item.tuned is None for item in tuned.values()) and factor != 1.0:
+            continue
+        score = sum(_score(item) for item in tuned.values())
+        if best is None or score > best_score + 0.02:
+            best, best_score = tuned, score
+    assert best is not None
+    axes = tuple(best.get(item.axis, item) for item in found)
+    proposed, rollback = _differences(axes)
+    remarks = [remark for item in axes if item.loop is not None for remark in item.loop.flown.remarks]
+    if not open_gyro:
+        remarks.append(
+            "INS_GYRO_FILTER stays: it serves all axes, so it is changed only where roll, pitch and yaw are identified "
+            "and vibration is known to be low"
+        )
+    if not proposed:
+        reasons = [item.refused or f"{item.axis}: the flown gains are the best that were found" for item in axes]
+        return refuse("; ".join(dict.fromkeys(reasons)), axes)
+    return Tuning(names, aim, proposed, rollback, None, axes, tuple(dict.fromkeys(remarks)), made)
+
+
+def _examined(logs: Sequence[FlightLog], axis: str) -> AxisTuning:
+    """Identify an axis and look at the evidence."""
+    try:
+        loop = rate_loop(logs, axis)
+    except RotoridError as error:
+        return AxisTuning(axis, str(error))
+    reason = (
+        at_their_limits(loop)
+        or next((r for log in logs if (r := saturation(log, axis))), None)
+        or weak_band(loop)
+        or two_ways_apart(loop)
+    )
+    return AxisTuning(axis, reason, loop)
+
+
+def _vibration(logs: Sequence[FlightLog]) -> float | None:
+    """Return the largest median of horizontal vibration, m/s^2; None where it is not logged."""
+    levels = []
+    for log in logs:
+        if "VIBE" not in log.messages:
+            return None
+        frame = log.messages["VIBE"]
+        if not {"VibeX", "VibeY"} <= set(frame.columns) or not len(frame):
+            return None
+        levels += [float(np.nanmedian(frame[name].to_numpy(np.float64))) for name in ("VibeX", "VibeY")]
+    return max(levels) if levels and np.all(np.isfinite(levels)) else None
+
+
+def _score(item: AxisTuning) -> float:
+    """Return the logarithm of the worst-case rejection bandwidth over that of the flown gains."""
+    assert item.loop is not None
+    if item.tuned is None:
+        return 0.0
+    flown = item.loop.margins.rejection_hz.value
+    return float(np.log(item.worst["rejection_hz"] / flown)) if flown else 0.0
+
+
+def _tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float) -> AxisTuning:
+    """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim."""
+    flown = loop.flown.controller
+    ranges = RANGES[loop.axis]
+    gyro = float(round(loop.flown.gyro.low_pass * gyro_factor)) if gyro_factor != 1.0 else loop.flown.gyro.low_pass
+    rows, candidates = [], []
+    reference = loop.with_settings(loop.flown)
+    noise_flown = _actuator_noise(reference)
+    for p, d, i, fltd in itertools.product(_P, _D if flown.D > 0.0 else (1.0,), _I, _FLTD if flown.FLTD > 0.0 else (1.0,)):
+        values = {
+            "P": typed(flown.P * p),
+            "I": typed(flown.I * min(max(p * i, 0.5), 2.0)),
+            "D": typed(flown.D * d),
+            "FLTD": typed(flown.FLTD * fltd),
+        }
+        if any(not low <= values[name] <= high for name, (low, high) in ranges.items() if getattr(flown, name) > 0.0):
+            continue
+        candidates.append(values)
+    settings = [loop.flown.changed(**values, gyro_filter=gyro) for values in candidates]
+    through = loop.with_settings(settings[0]).gyro_change * loop.plant.response
+    for first in range(0, len(settings), _AT_ONCE):
+        chunk = settings[first : first + _AT_ONCE]
+        rows.append(margins_of(loop.hz, np.stack([through * one.feedback(loop.hz) for one in chunk])))
+    nominal = _stack(rows)
+    good = nominal.stable & _keeps(nominal, aim) & np.isfinite(nominal.rejection_hz)
+    order = np.flatnonzero(good)[np.argsort(-nominal.rejection_hz[good], kind="stable")]
+    for k in order[:_CHECKED]:
+        tuned = loop.with_settings(settings[k])
+        noise = max(_actuator_noise(tuned) / noise_flown)
+        if noise > aim.noise:
+            continue
+        bounds = worst_case(tuned)
+        if bounds is not None and _bounds_keep(bounds, aim):
+            return AxisTuning(loop.axis, None, loop, tuned, bounds, float(noise))
+    return AxisTuning(
+        loop.axis,
+        f"{loop.axis}: no gains within a factor of two keep {aim.gain_db:g} dB, {aim.phase_deg:g} deg and a peak of "
+        f"{aim.peak_db:g} dB for everything that the data leave possible",
+        loop,
+    )
+
+
+def worst_case(loop: RateLoop) -> dict[str, float] | None:
+    """Return the bound of each margin that the 95 % set keeps; None where a draw is unstable.
+
+    A gain margin that the band does not show is bounded by the gain at the band's end.
+    """
+    draws = margins_of(loop.hz, loop.draws)
+    if not draws.stable.all():
+        return None
+    at_end = -20.0 * np.log10(np.abs(loop.draws[:, -1]))
+    gain = np.where(np.isfinite(draws.gain_db), draws.gain_db, at_end)
+    phase = np.where(np.isfinite(draws.phase_deg), draws.phase_deg, 0.0)
+    rejection = np.where(np.isfinite(draws.rejection_hz), draws.rejection_hz, loop.hz[0])
+    return {
+        "gain_db": float(np.quantile(gain, TAIL)),
+        "phase_deg": float(np.quantile(phase, TAIL)),
+        "peak_db": float(np.quantile(draws.peak_db, 1.0 - TAIL)),
+        "rejection_hz": float(np.quantile(rejection, TAIL)),
+    }
+
+
+def _keeps(margins: MarginSet, aim: Aim) -> Floats:
+    gain = np.where(np.isfinite(margins.gain_db), margins.gain_db, np.inf)
+    return np.asarray(
+        (gain >= aim.gain_db) & (margins.phase_deg >= aim.phase_deg) & (margins.peak_db <= aim.peak_db), np.bool_
+    )
+
+
+def _bounds_keep(bounds: Mapping[str, float], aim: Aim) -> bool:
+    return (
+        bounds["gain_db"] >= aim.gain_db
+        and bounds["phase_deg"] >= aim.phase_deg
+        and bounds["peak_db"] <= aim.peak_db
+    )
+
+
+def _stack(rows: Sequence[MarginSet]) -> MarginSet:
+    names = ("gain_db", "phase_deg", "crossover_hz", "rejection_hz", "peak_db", "stable")
+    return MarginSet(*(np.concatenate([getattr(row, name) for row in rows]) for name in names))
+
+
+def _actuator_noise(loop: RateLoop) -> Floats:
+    """Compute rms and slew of what white noise of the gyro makes at the mixer, to a common factor, shape (2,).
+
+    From 2 Hz to half the loop rate; beyond the measured band the loop is taken as open.
+    """
+    settings = loop.settings
+    hz = np.linspace(2.0, 0.499 * settings.controller.loop_rate, 400)
+    response = settings.controller.error_response(hz) * settings.gyro.response(hz)
+    inside = hz <= loop.hz[-1]
+    broken = loop.response
+    closed = np.ones(len(hz), np.complex128)
+    closed[inside] = 1.0 / (1.0 + np.interp(hz[inside], loop.hz, broken.real) + 1j * np.interp(hz[inside], loop.hz, broken.imag))
+    power = np.abs(response * closed) ** 2
+    return np.sqrt(np.array([power.sum(), (power * hz**2).sum()]))
+
+
+def _differences(axes: Sequence[AxisTuning]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the parameters that differ from the flown ones, and their flown values."""
+    proposed: dict[str, float] = {}
+    rollback: dict[str, float] = {}
+    for item in axes:
+        if item.tuned is None or item.loop is None:
+            continue
+        before, after = item.loop.flown.parameters(), item.tuned.settings.parameters()
+        for name, value in after.items():
+            if np.float32(value) != np.float32(before[name]):
+                proposed[name], rollback[name] = value, before[name]
+    return proposed, rollback
