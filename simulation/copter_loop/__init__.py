@@ -1,4 +1,4 @@
-"""One axis of a craft in ArduCopter's rate and angle controllers, as firmware runs them at 400 Hz, with its known response."""
+"""One axis of known response in ArduCopter's rate and angle controllers, as firmware runs them at 400 Hz."""
 
 from simulation.copter_loop.axis import CraftAxis, LoopFlight, LoopGains, fly_chirp, random_axis
 

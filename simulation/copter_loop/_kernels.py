@@ -43,7 +43,14 @@ class ControllerNumbers(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def fly_axis(
-    c: AxisNumbers, g: ControllerNumbers, h: float, substeps: int, chirp: Floats, wanted: Floats, gust: Floats, noise: Floats
+    c: AxisNumbers,
+    g: ControllerNumbers,
+    h: float,
+    substeps: int,
+    chirp: Floats,
+    wanted: Floats,
+    gust: Floats,
+    noise: Floats,
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Fly one axis.
 

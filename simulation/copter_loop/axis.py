@@ -77,7 +77,7 @@ class LoopGains:
     FLTE: float = 0.0
     FLTD: float = 20.0
     IMAX: float = 0.5
-    angle_P: float = 4.5
+    angle_P: float = 4.5  # noqa: N815 -- spelled as the parameter
     gyro_filter: float = 20.0
 
 

@@ -1,11 +1,14 @@
-"""The autopilot's own loops: controllers and filters as firmware runs them, margins, tuning, proof and the next flight."""
+"""The autopilot's own loops: controllers and filters as firmware runs them, margins, tuning, proof, next flights."""
 
 from sysid.loops.controller import AngleController, PidTerms, RateController
 from sysid.loops.errors import LoopError
 from sysid.loops.loop import Margins, RateLoop, rate_loop
 from sysid.loops.settings import GyroPath, LoopSettings, read_settings
+from sysid.loops.tuning import AIMS, Aim, Tuning, tune
 
 __all__ = [
+    "AIMS",
+    "Aim",
     "AngleController",
     "GyroPath",
     "LoopError",
@@ -14,6 +17,8 @@ __all__ = [
     "PidTerms",
     "RateController",
     "RateLoop",
+    "Tuning",
     "rate_loop",
     "read_settings",
+    "tune",
 ]

@@ -1,9 +1,9 @@
 """ArduCopter's rate controller (AC_PID as of 4.0) and angle controller, with their discrete filters at the loop rate.
 
 Per loop of length T: the target passes a first-order low-pass (FLTT), the error e = target - rate another (FLTE);
-u = P e + I sum(e T) + D low-pass_FLTD((e - e_before) / T) + FF target + D_FF (target - target_before) / T. P and D together
-are scaled by Dmod where their slew exceeds SMAX, and are limited to PDMX; the integral is limited to IMAX and may only
-shrink while the mixer is at a limit. Source: ArduPilot libraries/AC_PID/AC_PID.cpp (formulae only).
+u = P e + I sum(e T) + D low-pass_FLTD((e - e_before) / T) + FF target + D_FF (target - target_before) / T. P and D
+together are scaled by Dmod where their slew exceeds SMAX, and are limited to PDMX; the integral is limited to IMAX and
+may only shrink while the mixer is at a limit. Source: ArduPilot libraries/AC_PID/AC_PID.cpp (formulae only).
 """
 
 from __future__ import annotations

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from logparse import FlightLog
-from sysid.statistics.estimate import Estimate
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Complexes, Floats
@@ -16,6 +15,7 @@ from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.plant import Plant, plant_of
 from sysid.loops.settings import LoopSettings, read_settings
 from sysid.loops.signals import LoopRecord, loop_records, loop_response, plant_response
+from sysid.statistics.estimate import Estimate
 
 #: Part of the draws that an interval holds.
 CONFIDENCE = 0.95
@@ -123,7 +123,9 @@ class RateLoop:
             Where the log does not part feedback from chirp.
         """
         if self.measured is None:
-            raise LoopError(f"{self.name}: without PID messages the chirp cannot be parted from the controller's output")
+            raise LoopError(
+                f"{self.name}: without PID messages the chirp cannot be parted from the controller's output"
+            )
         direct = plant_of(self.measured)
         return summarise(margins_of(direct.hz, direct.response), margins_of(direct.hz, direct.draws))
 

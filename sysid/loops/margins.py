@@ -1,7 +1,7 @@
 """Margins of a loop from its broken-loop response, for one response or many draws of it at once.
 
 Signs: `loop` L is the negative of what comes back when one goes in, so that the loop closes as 1 / (1 + L). Source:
-Åström and Murray (2021), chapters 10 and 12; disturbance-rejection bandwidth and peak of ADS-33E practice (Berger et al. 2016).
+Åström and Murray (2021), chapters 10 and 12; disturbance-rejection bandwidth and peak as in Berger et al. (2016).
 """
 
 from __future__ import annotations

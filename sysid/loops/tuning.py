@@ -1,8 +1,8 @@
 """`tune`: gains that reject disturbances best within margins that hold for everything the data leave possible.
 
-Disturbance rejection bandwidth is maximised over P, D, I and the filters of derivative and gyro, subject to gain margin,
-phase margin and peak sensitivity at the worst of the 95 % set, to the noise at the actuators, and to a change of no more
-than a factor of two. Without the evidence (`evidence`) there is a reason and no number.
+Disturbance rejection bandwidth is maximised over P, D, I and the filters of derivative and gyro, subject to gain
+margin, phase margin and peak sensitivity at the worst of the 95 % set, to the noise at the actuators, and to a change
+of no more than a factor of two. Without the evidence (`evidence`) there is a reason and no number.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 import numpy as np
+from numpy.typing import NDArray
 
 from logparse import FlightLog, RotoridError
 from sysid.loops.errors import LoopError
@@ -25,24 +26,37 @@ from sysid.loops.evidence import (
     unfit_log,
     weak_band,
 )
-from sysid.loops.filters import Floats
-from sysid.loops.loop import Margins, RateLoop, rate_loop
+from sysid.loops.filters import Complexes, Floats
+from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import parameter_file, typed
 from sysid.loops.settings import AXES, read_settings
 
 #: Factors of P and D, of I over P's factor, and of the filters of derivative and gyro that are tried.
-_P = np.geomspace(0.5, 2.0, 25)
-_D = np.geomspace(0.5, 2.0, 13)
+_P = np.geomspace(0.501, 1.996, 13)
+_D = np.geomspace(0.501, 1.996, 11)
 _I = (0.7, 1.0, 1.4)
 _FLTD = (1.0, 1.5, 2.0)
 _GYRO = (1.0, 1.25, 1.5, 2.0)
 
-#: Candidates whose margins are computed at once.
-_AT_ONCE = 256
+#: Candidates whose margins are computed at once, and of how many frequencies one is taken in this first look.
+_AT_ONCE, _EVERY = 256, 2
+
+#: What a worse answer to gusts [logarithm of rms attitude] costs of the logarithm of the rejection bandwidth: of nearly
+#: equal bandwidths the stiffer loop is taken.
+_GUST_WEIGHT = 0.15
+
+#: Corner [Hz] of the gusts' spectrum in that.
+_GUST_HZ = 1.0
+
+#: Least gain, dB, and phase, deg, that another filter of the gyro may take from an axis whose gains stay.
+_BYSTANDER_GAIN, _BYSTANDER_PHASE = 0.5, 3.0
 
 #: Candidates whose worst case is computed, best first.
 _CHECKED = 150
+
+#: Part of that loss which the next candidate must have in hand to be looked at.
+_SAME_SPARE = 0.8
 
 #: Part of the draws on the bad side of a worst case.
 TAIL = 0.025
@@ -213,8 +227,9 @@ def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") ->
         reasons = list(dict.fromkeys(item.refused for item in found if item.refused))
         return refuse("; ".join(reasons), tuple(found))
     vibration = _vibration(flights)
-    open_gyro = len(loops) == len(AXES) and vibration is not None and vibration < _CALM
-    options = _GYRO if open_gyro else (1.0,)
+    known = all(item.loop is not None and weak_band(item.loop) is None for item in found)
+    open_gyro = known and vibration is not None and vibration < _CALM
+    options = [f for f in _GYRO if f == 1.0 or (open_gyro and _others_keep(found, loops, f))]
     best, best_score = None, -np.inf
     for factor in options:
         tuned = {axis: _tune_axis(loop, aim, factor) for axis, loop in loops.items()}
@@ -253,6 +268,26 @@ def _examined(logs: Sequence[FlightLog], axis: str) -> AxisTuning:
     return AxisTuning(axis, reason, loop)
 
 
+def _others_keep(found: Sequence[AxisTuning], loops: Mapping[str, RateLoop], factor: float) -> bool:
+    """Return whether axes whose gains stay keep their margins with another gyro filter."""
+    for item in found:
+        if item.axis in loops or item.loop is None:
+            continue
+        flown = margins_of(item.loop.hz, item.loop.response).row(0)
+        other = item.loop.with_gains(gyro_filter=_gyro_filter(item.loop, factor))
+        new = margins_of(item.loop.hz, other.response).row(0)
+        if not new["stable"] or new["phase_deg"] < flown["phase_deg"] - _BYSTANDER_PHASE:
+            return False
+        if new["gain_db"] < flown["gain_db"] - _BYSTANDER_GAIN:
+            return False
+    return True
+
+
+def _gyro_filter(loop: RateLoop, factor: float) -> float:
+    flown = loop.flown.gyro.low_pass
+    return flown if factor == 1.0 else float(round(flown * factor))
+
+
 def _vibration(logs: Sequence[FlightLog]) -> float | None:
     """Return the largest median of horizontal vibration, m/s^2; None where it is not logged."""
     levels = []
@@ -279,14 +314,16 @@ def _tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float) -> AxisTuning:
     """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim."""
     flown = loop.flown.controller
     ranges = RANGES[loop.axis]
-    gyro = float(round(loop.flown.gyro.low_pass * gyro_factor)) if gyro_factor != 1.0 else loop.flown.gyro.low_pass
+    gyro = _gyro_filter(loop, gyro_factor)
     rows, candidates = [], []
     reference = loop.with_settings(loop.flown)
     noise_flown = _actuator_noise(reference)
-    for p, d, i, fltd in itertools.product(_P, _D if flown.D > 0.0 else (1.0,), _I, _FLTD if flown.FLTD > 0.0 else (1.0,)):
+    for p, d, i, fltd in itertools.product(
+        _P, _D if flown.D > 0.0 else (1.0,), _I, _FLTD if flown.FLTD > 0.0 else (1.0,)
+    ):
         values = {
             "P": typed(flown.P * p),
-            "I": typed(flown.I * min(max(p * i, 0.5), 2.0)),
+            "I": typed(flown.I * min(max(p * i, _P[0]), _P[-1])),
             "D": typed(flown.D * d),
             "FLTD": typed(flown.FLTD * fltd),
         }
@@ -294,26 +331,62 @@ def _tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float) -> AxisTuning:
             continue
         candidates.append(values)
     settings = [loop.flown.changed(**values, gyro_filter=gyro) for values in candidates]
-    through = loop.with_settings(settings[0]).gyro_change * loop.plant.response
+    hz = loop.hz[::_EVERY]
+    through = (loop.with_settings(settings[0]).gyro_change * loop.plant.response)[::_EVERY]
+    true_plant = through / settings[0].gyro.response(hz)
+    gusts = np.empty(len(settings))
     for first in range(0, len(settings), _AT_ONCE):
-        chunk = settings[first : first + _AT_ONCE]
-        rows.append(margins_of(loop.hz, np.stack([through * one.feedback(loop.hz) for one in chunk])))
+        broken = np.stack([through * one.feedback(hz) for one in settings[first : first + _AT_ONCE]])
+        rows.append(margins_of(hz, broken))
+        gusts[first : first + _AT_ONCE] = _gust_response(hz, true_plant, broken)
     nominal = _stack(rows)
     good = nominal.stable & _keeps(nominal, aim) & np.isfinite(nominal.rejection_hz)
-    order = np.flatnonzero(good)[np.argsort(-nominal.rejection_hz[good], kind="stable")]
-    for k in order[:_CHECKED]:
+    with np.errstate(invalid="ignore"):
+        score = np.log(nominal.rejection_hz) - _GUST_WEIGHT * np.log(gusts)
+    order = np.flatnonzero(good)[np.argsort(-score[good], kind="stable")]
+    # How far below its nominal margins a candidate's worst case lay: those with less in hand need no look.
+    spare = {"gain_db": 0.0, "phase_deg": 0.0, "peak_db": 0.0}
+    checked = 0
+    for k in order:
+        if not _in_hand(nominal, int(k), aim, spare):
+            continue
+        checked += 1
+        if checked > _CHECKED:
+            break
         tuned = loop.with_settings(settings[k])
         noise = max(_actuator_noise(tuned) / noise_flown)
         if noise > aim.noise:
             continue
         bounds = worst_case(tuned)
-        if bounds is not None and _bounds_keep(bounds, aim):
+        if bounds is None:
+            continue
+        if _bounds_keep(bounds, aim):
             return AxisTuning(loop.axis, None, loop, tuned, bounds, float(noise))
+        for name in spare:
+            short = abs(bounds[name] - float(getattr(nominal, name)[k]))
+            if np.isfinite(short):
+                spare[name] = max(spare[name], _SAME_SPARE * short)
     return AxisTuning(
         loop.axis,
         f"{loop.axis}: no gains within a factor of two keep {aim.gain_db:g} dB, {aim.phase_deg:g} deg and a peak of "
         f"{aim.peak_db:g} dB for everything that the data leave possible",
         loop,
+    )
+
+
+def _gust_response(hz: Floats, plant: Complexes, broken: Complexes) -> Floats:
+    """Compute rms attitude under gusts, to a common factor, shape (K,)."""
+    spectrum = plant / (2j * np.pi * hz) / (1.0 + 1j * hz / _GUST_HZ)
+    return np.asarray(np.sqrt(np.sum(np.abs(spectrum / (1.0 + broken)) ** 2 * np.gradient(hz), axis=1)))
+
+
+def _in_hand(nominal: MarginSet, k: int, aim: Aim, spare: Mapping[str, float]) -> bool:
+    """Return whether a candidate's nominal margins leave what others lost in their worst case."""
+    gain = float(nominal.gain_db[k])
+    return (
+        (not np.isfinite(gain) or gain >= aim.gain_db + spare["gain_db"])
+        and float(nominal.phase_deg[k]) >= aim.phase_deg + spare["phase_deg"]
+        and float(nominal.peak_db[k]) <= aim.peak_db - spare["peak_db"]
     )
 
 
@@ -337,7 +410,7 @@ def worst_case(loop: RateLoop) -> dict[str, float] | None:
     }
 
 
-def _keeps(margins: MarginSet, aim: Aim) -> Floats:
+def _keeps(margins: MarginSet, aim: Aim) -> NDArray[np.bool_]:
     gain = np.where(np.isfinite(margins.gain_db), margins.gain_db, np.inf)
     return np.asarray(
         (gain >= aim.gain_db) & (margins.phase_deg >= aim.phase_deg) & (margins.peak_db <= aim.peak_db), np.bool_
@@ -346,9 +419,7 @@ def _keeps(margins: MarginSet, aim: Aim) -> Floats:
 
 def _bounds_keep(bounds: Mapping[str, float], aim: Aim) -> bool:
     return (
-        bounds["gain_db"] >= aim.gain_db
-        and bounds["phase_deg"] >= aim.phase_deg
-        and bounds["peak_db"] <= aim.peak_db
+        bounds["gain_db"] >= aim.gain_db and bounds["phase_deg"] >= aim.phase_deg and bounds["peak_db"] <= aim.peak_db
     )
 
 
@@ -368,9 +439,10 @@ def _actuator_noise(loop: RateLoop) -> Floats:
     inside = hz <= loop.hz[-1]
     broken = loop.response
     closed = np.ones(len(hz), np.complex128)
-    closed[inside] = 1.0 / (1.0 + np.interp(hz[inside], loop.hz, broken.real) + 1j * np.interp(hz[inside], loop.hz, broken.imag))
+    back = np.interp(hz[inside], loop.hz, broken.real) + 1j * np.interp(hz[inside], loop.hz, broken.imag)
+    closed[inside] = 1.0 / (1.0 + back)
     power = np.abs(response * closed) ** 2
-    return np.sqrt(np.array([power.sum(), (power * hz**2).sum()]))
+    return np.asarray(np.sqrt([power.sum(), (power * hz**2).sum()]), np.float64)
 
 
 def _differences(axes: Sequence[AxisTuning]) -> tuple[dict[str, float], dict[str, float]]:
