@@ -1,5 +1,6 @@
 """The result of estimation: where the craft was, how fast, how turned, and how sure we are."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -7,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding, Geodetic
+from logparse.summary import Summarised, listed
 
 #: Columns that every trajectory has in `Trajectory.states`, with unit and meaning. Bias columns follow where estimated.
 STATE_COLUMNS: Mapping[str, str] = {
@@ -42,8 +44,8 @@ SIGMA_COLUMNS: Mapping[str, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Trajectory:
+@dataclass(frozen=True, slots=True, repr=False)
+class Trajectory(Summarised):
     """A flight as the estimator sees it.
 
     Attributes
@@ -70,3 +72,14 @@ class Trajectory:
     method: str
     diagnostics: Mapping[str, object] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        t = self.states.index
+        return {
+            "time": f"{t[0]:.1f} to {t[-1]:.1f} s, {len(t)} samples" if len(t) else "empty",
+            "method": self.method,
+            "origin": f"{math.degrees(self.origin.lat):.6f} deg N, {math.degrees(self.origin.lon):.6f} deg E",
+            "states": listed(list(self.states.columns), 8),
+            "findings": listed([finding.id for finding in self.findings]) or "none",
+        }

@@ -7,7 +7,7 @@ from functools import cached_property
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, TypeVar, overload, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,8 @@ from logparse.containers import Buffer, open_buffer
 from logparse.errors import LogError, RotoridError
 from logparse.findings import Finding, Severity
 from logparse.source import LONG, Boot, MessageSource
+from logparse.summary import Summarised, listed
+from logparse.tables import COLUMNS
 from logparse.timebase import utc_from_gps
 
 if TYPE_CHECKING:
@@ -159,7 +161,7 @@ class _Passing(Mapping[str, pd.DataFrame]):
         return len(self._messages)
 
 
-class FlightLog:
+class FlightLog(Summarised):
     """One boot of a flight log.
 
     Attributes
@@ -265,11 +267,33 @@ class FlightLog:
         """Seconds from the first to the last message of this boot."""
         return self.boot.t_end - self.boot.t_start
 
-    def __repr__(self) -> str:
-        return f"<FlightLog {self.path.name}: {self.format}, {self.duration:.1f} s, {len(self.messages)} message types>"
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this log."""
+        craft = (self.vehicle.autopilot, self.vehicle.frame_class, self.vehicle.frame_type)
+        flights = [f"{flight.start:.0f} to {flight.stop:.0f} s" for flight in self.flights]
+        return {
+            "file": f"{self.path.name} ({self.format})",
+            "start": "not known" if self.start_utc is None else f"{self.start_utc:%Y-%m-%d %H:%M:%S} UTC",
+            "duration": f"{self.duration:.1f} s" + (f", {len(self.boots)} power-ups" if len(self.boots) > 1 else ""),
+            "craft": " ".join(word for word in craft if word) or "not known",
+            "flights": listed(flights, 4) or "none",
+            "messages": f"{len(self.messages)} types, {len(self.parameters)} parameters",
+            "tables": listed([name for name in COLUMNS if self.tables.has(name)], 8) or "none",
+        }
 
 
-def read_log(path: str | Path, boot: int | None = None) -> FlightLog:
+Log = TypeVar("Log", bound=FlightLog)
+
+
+@overload
+def read_log(path: str | Path, boot: int | None = None) -> FlightLog: ...
+
+
+@overload
+def read_log(path: str | Path, boot: int | None = None, *, kind: type[Log]) -> Log: ...
+
+
+def read_log(path: str | Path, boot: int | None = None, *, kind: type[FlightLog] = FlightLog) -> FlightLog:
     """Read a flight log of any known format, recognised by its content.
 
     Parameters
@@ -278,6 +302,8 @@ def read_log(path: str | Path, boot: int | None = None) -> FlightLog:
         DataFlash binary or text, MAVLink telemetry or PX4 ulog; also inside a gzip or zip archive.
     boot : int, optional
         Which power-up of the autopilot to show, an index into ``log.boots``; default the one with the longest flight.
+    kind : type of FlightLog
+        Subclass to return.
 
     Raises
     ------
@@ -298,11 +324,11 @@ def read_log(path: str | Path, boot: int | None = None) -> FlightLog:
     if boot is not None:
         if not -len(boots) <= boot < len(boots):
             raise LogError(f"{path.name} holds {len(boots)} power-up{'s' if len(boots) > 1 else ''}, not {boot + 1}")
-        return FlightLog(path, source, boots[boot], findings)
+        return kind(path, source, boots[boot], findings)
     if len(boots) == 1:
-        return FlightLog(path, source, boots[0], findings)
+        return kind(path, source, boots[0], findings)
     longest = sorted(boots, key=lambda b: b.t_start - b.t_end)[:_MOST_BOOTS]
-    return max((FlightLog(path, source, b, findings) for b in longest), key=_flown)
+    return max((kind(path, source, b, findings) for b in longest), key=_flown)
 
 
 def _flown(log: FlightLog) -> tuple[float, float]:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any
 
+from logparse.quantity import number, uncertain
 from reports.figure import Figure, Trace, layout_of
 from reports.html import render
-from reports.quantity import number, uncertain
 from sysid.bench.stand import Bench
 from sysid.bench.table import BenchError
 

@@ -16,9 +16,9 @@ from importlib.metadata import version
 import numpy as np
 from scipy import stats
 
+from logparse.quantity import number, uncertain
 from pipeline.fleet.meta_analysis import holm, meta_regression
 from reports.numbers import plain
-from reports.quantity import number, uncertain
 from reports.rows import Numbers, average, held_out
 
 #: Chance of calling any parameter of a pair changed when none did.

@@ -9,12 +9,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from logparse.quantity import number, uncertain
 from reports import summary
 from reports.comparison import change
 from reports.figure import Figure, layout_of
 from reports.html import render
 from reports.markdown import escaped, markdown_table
-from reports.quantity import number, uncertain
 from reports.rows import Numbers
 
 _WORDS = {True: "changed", False: "no change seen"}

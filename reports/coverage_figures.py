@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from logparse.quantity import per_degree
 from reports.figure import Figure, Trace, layout_of, plotly_text
-from reports.quantity import per_degree
 from reports.rows import Numbers
 
 #: Parts of the flights and how they are drawn, the same in every plot.

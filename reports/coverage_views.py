@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from reports.quantity import alike, number, per_degree
+from logparse.quantity import alike, number, per_degree
 from reports.rows import Numbers
 
 View = dict[str, Any]

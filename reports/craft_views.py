@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from logparse.quantity import column, number
 from reports import summary, views
 from reports.coverage_views import coverage_table, outside
 from reports.drift_views import drift_sentences, drift_table
 from reports.model_views import identified, judgements, thrust_coefficients
 from reports.parameter_views import coherence, parameters
-from reports.quantity import column, number
 from reports.rows import PAPER_AVERAGE, Numbers, average, held_out
 from reports.views import rmse_lines
 

@@ -2,8 +2,8 @@
 
 import math
 
+from logparse.quantity import duration, number, size
 from reports import summary
-from reports.quantity import duration, number, size
 from reports.rows import Numbers
 
 Row = tuple[str, str]

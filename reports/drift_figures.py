@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from logparse.quantity import per_degree, with_unit
 from reports.figure import Figure, Trace, layout_of, plotly_text
 from reports.model_figures import INPUT_COLORS
-from reports.quantity import per_degree, with_unit
 from reports.rows import Numbers
 
 #: Parameters that one figure holds, a small plot for each.

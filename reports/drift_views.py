@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from logparse.quantity import number, per_degree, uncertain, with_unit
 from reports import summary
 from reports.drift_figures import changes
-from reports.quantity import number, per_degree, uncertain, with_unit
 from reports.rows import Numbers
 
 View = dict[str, Any]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from logparse.quantity import counted, uncertain
 from reports import fleet_views, summary
 from reports.craft_views import average_table
 from reports.drift_views import drift_sentences
 from reports.markdown import escaped, markdown_table
-from reports.quantity import counted, uncertain
 from reports.rows import Numbers
 
 _MARKS = {"yes": "✅", "limited": "⚠️", "no": "❌", "unknown": "❔"}

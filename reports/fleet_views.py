@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 from urllib.parse import quote
 
+from logparse.quantity import counted, duration, number
 from reports import summary
-from reports.quantity import counted, duration, number
 from reports.rows import Numbers, held_out
 from reports.views import rmse_lines
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from markupsafe import Markup, escape
 
-from reports.quantity import MINUS, number
+from logparse.quantity import MINUS, number
 from sysid.transfer_functions.transfer_function import DETERMINED
 
 #: Significant digits at most; the paper's table A1 has four.

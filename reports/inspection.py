@@ -4,8 +4,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from logparse.quantity import duration, number
 from reports import summary
-from reports.quantity import duration, number
 from reports.rows import Numbers
 
 _STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}

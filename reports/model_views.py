@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from logparse.quantity import MINUS, column, complex_numbers, number, uncertain
 from reports import summary
 from reports.formula import transfer_function
-from reports.quantity import MINUS, column, complex_numbers, number, uncertain
 from reports.rows import Numbers
 
 View = dict[str, Any]

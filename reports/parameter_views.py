@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from logparse.quantity import column, number, uncertain
 from reports import summary
-from reports.quantity import column, number, uncertain
 from reports.rows import Numbers
 
 View = dict[str, Any]

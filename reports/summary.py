@@ -2,7 +2,7 @@
 
 import math
 
-from reports.quantity import duration, number, size, uncertain
+from logparse.quantity import duration, number, size, uncertain
 from reports.rows import Numbers, held_out
 
 FORMATS = {

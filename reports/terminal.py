@@ -8,8 +8,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from logparse.quantity import column, number
 from reports import summary
-from reports.quantity import column, number
 from reports.rows import Numbers, average, held_out
 
 _STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}

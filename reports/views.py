@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from logparse.quantity import column, duration, number
 from reports import summary
 from reports.model_views import PLACES
-from reports.quantity import column, duration, number
 from reports.rows import Numbers
 
 View = dict[str, Any]

@@ -25,7 +25,7 @@ from sysid.transfer_functions.arx import ArxModel, fit_arx
 from sysid.transfer_functions.closed_loop import ClosedLoopModel, fit_closed_loop
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.transfer_function import FitReport, TransferFunction, TransferFunctionModel
-from sysid.validation.assessment import Model, Validation, validate
+from sysid.validation.assessment import Model, Predictor, Validation, validate
 from sysid.validation.order import OrderScan, scan_orders
 
 __all__ = [
@@ -44,6 +44,7 @@ __all__ = [
     "Model",
     "OrderScan",
     "PhysicalParameters",
+    "Predictor",
     "Refinement2020Model",
     "RigidBodyModel",
     "RotorModel",

@@ -19,7 +19,7 @@ from pipeline.flight.excitation import Excitation, excitation_of
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.flight.log_health import LogHealth, log_health
 from sysid.records.context import resample_frame, shared_context
-from sysid.records.thrust_curve import curve, motor_commands
+from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
 
 if TYPE_CHECKING:

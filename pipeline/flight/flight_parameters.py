@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline.flight.kinds import THRUST_KEY
-from sysid.records.thrust_curve import curve, motor_commands
+from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rigid_body.physical import METHODS
 from sysid.rotors.thrust_regression import BLOCK_SECONDS, regress, vehicle_of
 

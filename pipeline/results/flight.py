@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from logparse.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
 from pipeline.names import file_name
 
@@ -114,8 +115,8 @@ class Prediction:
         return Span(float(self.experiment.t[0]), float(self.experiment.t[-1]))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ModelResult:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class ModelResult(Summarised):
     """One of several models of the same motion, and what it is worth.
 
     Attributes
@@ -150,6 +151,22 @@ class ModelResult:
     coherence: Coherence | str | None = None
     missing: str = ""
 
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "model": self.title,
+            "is": self.missing or ("fitted" if self.validation is None else "fitted and validated"),
+            **(
+                {}
+                if self.validation is None
+                else {
+                    "free-run RMSE": ", ".join(
+                        f"{output} {value:.3g}" for output, value in self.validation.average.items()
+                    )
+                }
+            ),
+        }
+
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the fit, the coherence of what it was fitted to, and the scan of orders had to say."""
@@ -161,8 +178,8 @@ class ModelResult:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FlightResult:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class FlightResult(Summarised):
     """One log, analysed as far as its content allows.
 
     A stage that could not be done leaves None here and its reason in `missing` under the stage's name:
@@ -218,6 +235,18 @@ class FlightResult:
     missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)
 
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        flown = "none" if self.flight is None else f"{self.flight.duration:.0f} s"
+        return {
+            "log": f"{self.name} ({self.log.format}, {self.log.duration:.0f} s)",
+            "flight": flown,
+            "trajectory": "none" if self.trajectory is None else self.trajectory.method,
+            "models": listed([each.title for each in self.models if each.model is not None]) or "none",
+            "findings": listed(list(dict.fromkeys(finding.id for finding in self.findings))) or "none",
+            "missing": "; ".join(f"{stage}: {reason}" for stage, reason in self.missing.items()) or "nothing",
+        }
+
     @property
     def experiment(self) -> Experiment | None:
         """The airborne segment, with the inputs of the first kind of model that it can serve."""
@@ -270,8 +299,8 @@ class Failure:
         return file_name(self.source)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GroupResult:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class GroupResult(Summarised):
     """All flights of one craft, identified jointly.
 
     Attributes
@@ -316,9 +345,18 @@ class GroupResult:
     missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)
 
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "craft": self.name,
+            "training": listed(self.training),
+            "held out": listed(self.held_out),
+            "models": listed([each.title for each in self.models if each.model is not None]) or "none",
+        }
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FleetResult:
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class FleetResult(Summarised):
     """Several logs: every flight for itself, every craft jointly, and the files that gave nothing.
 
     Attributes
@@ -356,6 +394,14 @@ class FleetResult:
     reused: int = 0
     manifest: Manifest | None = None
     timings: Mapping[str, float] = field(default_factory=dict)
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "flights": f"{len(self.flights)}: {listed([flight.name for flight in self.flights])}",
+            "craft with several flights": listed([group.name for group in self.groups]) or "none",
+            "failures": listed([failure.file for failure in self.failures]) or "none",
+        }
 
     @property
     def reported(self) -> bool:

@@ -12,6 +12,7 @@ import typer
 from pipeline.config import AnalysisConfig
 from rotorid.cli.exits import INTERRUPTED, OK, SOME_FAILED, fail
 from rotorid.cli.output import console, prepare
+from rotorid.workers import PRELOAD
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
     from reports.rows import Numbers
 
 _DEFAULT = AnalysisConfig()
-
-#: What workers import once for all: analyses and the writing of their products.
-PRELOAD = ("pipeline.execution.executors", "pipeline.fleet.job", "pipeline.fleet.joint", "reports.folder")
 
 
 def analyze(

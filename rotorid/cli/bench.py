@@ -67,7 +67,7 @@ def bench(
 
 
 def _summary(numbers: dict[str, Any]) -> str:
-    from reports.quantity import uncertain
+    from logparse.quantity import uncertain
 
     lines = []
     for row in numbers["coefficients"]:

@@ -39,7 +39,7 @@ def bifilar(
 
     Example: rotorid bifilar 21.32 21.29 21.35 --mass 1.24 --length 1.5 --distance 0.21 --axis xx
     """
-    from reports.quantity import number, uncertain
+    from logparse.quantity import number, uncertain
     from sysid.bench.pendulum import Threads, check_thread
     from sysid.bench.pendulum import bifilar as weigh
 

@@ -80,7 +80,7 @@ def craft(
 def _overview(table: pd.DataFrame) -> Table:
     from rich.table import Table
 
-    from reports.quantity import uncertain
+    from logparse.quantity import uncertain
 
     shown = Table(title="Physical parameters, every method on the same flights")
     for name in ("parameter", "method", "value", "unit", "in SI", "note"):

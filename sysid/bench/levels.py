@@ -11,7 +11,7 @@ import pandas as pd
 from logparse import Finding, Severity
 from sysid.bench.table import NOISE
 from sysid.records.experiment import Floats
-from sysid.statistics.estimate import Estimate
+from sysid.statistics.parameter import Parameter
 
 #: Voltages closer than this are one, V: what a pack sags by along a sweep is part of the test, not another test.
 APART = 0.5
@@ -23,12 +23,12 @@ class Coefficients:
 
     Attributes
     ----------
-    thrust, torque : Estimate
+    thrust, torque : Parameter
         k [N s^2] and b [N m s^2].
     """
 
-    thrust: Estimate
-    torque: Estimate
+    thrust: Parameter
+    torque: Parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,16 +57,16 @@ class CommandCurve:
 
     Attributes
     ----------
-    full_thrust : Estimate
+    full_thrust : Parameter
         N at full command and `voltage`, in sea-level air.
-    expo : Estimate
+    expo : Parameter
         MOT_THST_EXPO that makes thrust linear in what the autopilot asks for.
     voltage : float
         V.
     """
 
-    full_thrust: Estimate
-    expo: Estimate
+    full_thrust: Parameter
+    expo: Parameter
     voltage: float
 
 
@@ -115,19 +115,19 @@ def least_squares(rows: Floats, y: Floats) -> tuple[Floats, Floats]:
     return np.asarray(values, dtype=np.float64), np.asarray(variance * np.linalg.inv(rows.T @ rows), dtype=np.float64)
 
 
-def through_origin(speed: pd.Series[float], force: pd.Series[float], unit: str) -> Estimate:
+def through_origin(speed: pd.Series[float], force: pd.Series[float], unit: str) -> Parameter:
     """Fit ``force = coefficient speed^2``."""
     w, y = np.asarray(speed, dtype=np.float64), np.asarray(force, dtype=np.float64)
     known = np.isfinite(w) & np.isfinite(y) & (w > 0.0)
     if np.count_nonzero(known) < 3:
         if np.isfinite(w).any() and not np.nanmax(w) > 0.0:
-            return Estimate(None, None, unit, "the rotor never turned")
+            return Parameter(None, None, unit, "the rotor never turned")
         missing = "rotor speed" if not np.isfinite(w).any() else "thrust" if unit == "N s^2" else "torque"
-        return Estimate(None, None, unit, f"{missing} was not measured")
+        return Parameter(None, None, unit, f"{missing} was not measured")
     values, covariance = least_squares(w[known, None] ** 2, y[known])
     if not values[0] > 0.0:
-        return Estimate(None, None, unit, "the fit is not positive: check the sign and the speeds")
-    return Estimate(float(values[0]), float(np.sqrt(covariance[0, 0])), unit)
+        return Parameter(None, None, unit, "the fit is not positive: check the sign and the speeds")
+    return Parameter(float(values[0]), float(np.sqrt(covariance[0, 0])), unit)
 
 
 def weak_motors(levels: Mapping[str, tuple[Level, ...]]) -> list[Finding]:

@@ -32,8 +32,9 @@ from sysid.bench.levels import (
     weak_motors,
 )
 from sysid.bench.table import BenchError, BenchTable
-from sysid.records.thrust_curve import REFERENCE_DENSITY, motor_commands
-from sysid.statistics.estimate import Estimate
+from sysid.records.motor_scaling import motor_commands
+from sysid.records.thrust_curve import REFERENCE_DENSITY
+from sysid.statistics.parameter import Parameter
 
 #: How far outside the tested voltages lines are followed, in parts of the voltage.
 BEYOND = 0.02
@@ -193,8 +194,8 @@ class Bench:
         full, expo = linear + square, square / (linear + square)
         spread = np.array([-square, linear]) / full**2
         return CommandCurve(
-            Estimate(float(full), float(np.sqrt(covariance.sum())), "N at full command"),
-            Estimate(float(expo), float(np.sqrt(spread @ covariance @ spread)), "1"),
+            Parameter(float(full), float(np.sqrt(covariance.sum())), "N at full command"),
+            Parameter(float(expo), float(np.sqrt(spread @ covariance @ spread)), "1"),
             float(volts) if volts is not None else float("nan"),
         )
 

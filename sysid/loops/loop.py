@@ -15,7 +15,7 @@ from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.plant import Plant, plant_of
 from sysid.loops.settings import LoopSettings, read_settings
 from sysid.loops.signals import LoopRecord, loop_records, loop_response, plant_response
-from sysid.statistics.estimate import Estimate
+from sysid.statistics.parameter import Parameter
 
 #: Part of the draws that an interval holds.
 CONFIDENCE = 0.95
@@ -38,11 +38,11 @@ class Margins:
     leave possible for which the closed loop is unstable.
     """
 
-    gain_db: Estimate
-    phase_deg: Estimate
-    crossover_hz: Estimate
-    rejection_hz: Estimate
-    peak_db: Estimate
+    gain_db: Parameter
+    phase_deg: Parameter
+    crossover_hz: Parameter
+    rejection_hz: Parameter
+    peak_db: Parameter
     intervals: dict[str, tuple[float, float]]
     stable: bool
     unstable: float
@@ -200,12 +200,12 @@ def summarise(best: MarginSet, draws: MarginSet) -> Margins:
         drawn = getattr(draws, name)
         drawn = drawn[np.isfinite(drawn)]
         if not np.isfinite(value) or len(drawn) < 0.5 * len(draws.stable):
-            estimates[name] = Estimate(None, None, unit, reason)
+            estimates[name] = Parameter(None, None, unit, reason)
             continue
         half = 0.5 * (1.0 - CONFIDENCE)
         low, high = (float(q) for q in np.quantile(drawn, [half, 1.0 - half]))
         intervals[name] = (min(low, value), max(high, value))
-        estimates[name] = Estimate(value, float(0.5 * (high - low) / 1.96), unit)
+        estimates[name] = Parameter(value, float(0.5 * (high - low) / 1.96), unit)
     return Margins(
         **estimates,
         intervals=intervals,

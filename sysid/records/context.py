@@ -19,13 +19,13 @@ Columns of `Experiment.context`, all on the experiment's `t`:
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import pandas as pd
 
 from logparse import Tables
-from sysid.records.experiment import Experiment, Floats
+from sysid.records.arrays import Floats
 from sysid.records.resampling import resample
 
 if TYPE_CHECKING:
@@ -44,6 +44,18 @@ RATE_COLUMNS = {
 
 #: International standard atmosphere, sea level.
 _PRESSURE_0, _TEMPERATURE_0, _LAPSE, _GAS, _EXPONENT = 101325.0, 288.15, 0.0065, 287.053, 5.25588
+
+
+class Clocked(Protocol):
+    """What has a clock, and perhaps a context: an experiment."""
+
+    @property
+    def t(self) -> Floats:
+        """Seconds, shape (N,)."""
+
+    @property
+    def context(self) -> pd.DataFrame | None:
+        """What physical models read, on the same clock."""
 
 
 def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
@@ -94,9 +106,7 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
     return pd.DataFrame(columns, index=pd.Index(t, name="t"), copy=False)
 
 
-def shared_context(
-    experiments: Iterable[Experiment], trajectory: Trajectory, tables: Tables, t: Floats
-) -> pd.DataFrame:
+def shared_context(experiments: Iterable[Clocked], trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
     """Give the context of that of the same flight's experiments that has the clock `t`; else a new one."""
     same = (each.context for each in experiments if each.context is not None and np.array_equal(each.t, t))
     found = next(same, None)

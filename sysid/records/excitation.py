@@ -13,7 +13,7 @@ from scipy.stats import f as f_distribution
 
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, Floats
-from sysid.records.thrust_curve import motor_pwm
+from sysid.records.motor_scaling import motor_pwm
 
 #: Above this correlation two inputs are one for every practical purpose.
 IDENTICAL = 0.9999

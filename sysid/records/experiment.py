@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from logparse import Finding, RotoridError, Vehicle
+from logparse.summary import Summarised, listed
+from sysid.records.arrays import MIN_SAMPLES as MIN_SAMPLES
+from sysid.records.arrays import Floats as Floats
+from sysid.records.flight_record import record_flight
+from sysid.records.resampling import resample as resample_columns
 
 if TYPE_CHECKING:
     from estimation import Trajectory
     from logparse import FlightLog
-
-Floats = NDArray[np.float64]
-
-#: Fewest samples that make a record.
-MIN_SAMPLES = 8
 
 
 class ExperimentError(RotoridError):
@@ -50,8 +50,8 @@ def horizon_steps(horizon: float, dt: float) -> int:
     return max(round(horizon / dt), 1)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Experiment:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Experiment(Summarised):
     """Inputs and outputs of one flight, or one part of it, sampled uniformly.
 
     Attributes
@@ -94,6 +94,17 @@ class Experiment:
     context: pd.DataFrame | None = None
     vehicle: Vehicle | None = None
     findings: tuple[Finding, ...] = ()
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "name": self.name,
+            "time": f"{self.t[0]:.1f} to {self.t[-1]:.1f} s, {len(self.t)} samples at {self.rate:.4g} Hz",
+            "inputs": listed(self.input_names, 8),
+            "outputs": listed(self.output_names, 8),
+            "context": "none" if self.context is None else listed(list(self.context.columns), 8),
+            "findings": listed([finding.id for finding in self.findings]) or "none",
+        }
 
     @classmethod
     def from_arrays(
@@ -218,9 +229,19 @@ class Experiment:
         MissingDataError
             Without these inputs, without a flight, or when the trajectory does not cover it.
         """
-        from sysid.records.flight_record import record_flight
-
-        return record_flight(log, trajectory, rate, inputs, outputs, frame, name, beside)
+        piece = record_flight(log, trajectory, rate, inputs, outputs, frame, name, beside)
+        return cls.from_arrays(
+            piece.t,
+            piece.u,
+            piece.y,
+            name=piece.name,
+            input_names=piece.input_names,
+            output_names=piece.output_names,
+            units=piece.units,
+            context=piece.context,
+            vehicle=log.vehicle,
+            findings=piece.findings,
+        )
 
     @property
     def dt(self) -> float:
@@ -237,6 +258,22 @@ class Experiment:
         """Length of the record, s."""
         return float(self.t[-1] - self.t[0])
 
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t)
+
+    def __getitem__(self, samples: slice) -> Experiment:
+        """Cut samples by number, such as ``record[100:200]``, into a record of their own.
+
+        Raises
+        ------
+        ExperimentError
+            When the step is not 1, or too few samples are left; use `resample` for another rate.
+        """
+        if not isinstance(samples, slice) or samples.step not in (None, 1):
+            raise ExperimentError(f"{self.name}: cut samples as record[first:last]; for another rate use resample")
+        return self._cut(samples)
+
     def window(self, t0: float, t1: float) -> Experiment:
         """Cut the samples with t0 <= t < t1 into a record of their own, with trims of its own."""
         return self._cut(slice(int(np.searchsorted(self.t, t0)), int(np.searchsorted(self.t, t1))))
@@ -247,6 +284,31 @@ class Experiment:
             raise ValueError(f"fraction must be between 0 and 1, not {fraction}")
         at = round(fraction * len(self.t))
         return self._cut(slice(0, at)), self._cut(slice(at, len(self.t)))
+
+    def resample(self, rate: float) -> Experiment:
+        """Bring the record to another rate; what is too fast for it is filtered out first, without phase.
+
+        Parameters
+        ----------
+        rate : float
+            Samples per second.
+
+        Raises
+        ------
+        ExperimentError
+            The rate is not positive, or leaves too few samples.
+        """
+        if not rate > 0.0:
+            raise ExperimentError(f"{self.name}: a rate of {rate:g} Hz; choose more than 0")
+        t = self.t[0] + np.arange(int(self.duration * rate * (1.0 + 1e-9)) + 1) / rate
+        if len(t) < MIN_SAMPLES:
+            raise ExperimentError(f"{self.name}: {rate:g} Hz leave {len(t)} samples; a record needs {MIN_SAMPLES}")
+        context = self.context
+        if context is not None:
+            values = resample_columns(self.t, context.to_numpy(np.float64), t)
+            context = pd.DataFrame(values, index=pd.Index(t, name=context.index.name), columns=context.columns)
+        u, y = resample_columns(self.t, self.u, t), resample_columns(self.t, self.y, t)
+        return replace(self, t=t, u=u, y=y, context=context)
 
     def select(self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> Experiment:
         """Keep some of the inputs and outputs, in the order given; all of them where nothing is given.
@@ -296,15 +358,15 @@ class Experiment:
         )
 
 
-def require_alike(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
-    """Check that records can be fitted jointly: same inputs, outputs and rate.
+def require_alike(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment, ...]:
+    """Check that records can be fitted jointly: same inputs, outputs and rate. One record counts as a list of one.
 
     Raises
     ------
     ExperimentError
         Without any record, or when one differs from the first.
     """
-    records = tuple(experiments)
+    records = (experiments,) if isinstance(experiments, Experiment) else tuple(experiments)
     if not records:
         raise ExperimentError("no experiments given")
     first = records[0]

@@ -1,16 +1,17 @@
-"""From a log and its trajectory to an `Experiment`: the airborne segment on one clock."""
+"""From a log and its trajectory to the airborne segment on one clock, of which an `Experiment` is made."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from logparse import Finding, MissingDataError, Severity, Vehicle
-from sysid.records.context import has_pressure, resample_frame, shared_context
-from sysid.records.experiment import MIN_SAMPLES, Experiment, Floats
+from sysid.records.arrays import MIN_SAMPLES, Floats
+from sysid.records.context import Clocked, has_pressure, resample_frame, shared_context
 from sysid.records.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
 from sysid.records.mixer import project, rounding
 from sysid.records.resampling import resample
@@ -35,6 +36,21 @@ OUTPUTS = ("position", "velocity")
 FRAMES = ("earth", "heading")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightPiece:
+    """A piece of a flight on one clock; attributes as those of `sysid.records.experiment.Experiment`."""
+
+    name: str
+    t: Floats
+    u: Floats
+    y: Floats
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    units: Mapping[str, str]
+    context: pd.DataFrame
+    findings: tuple[Finding, ...]
+
+
 def record_flight(
     log: FlightLog,
     trajectory: Trajectory,
@@ -43,9 +59,9 @@ def record_flight(
     outputs: str,
     frame: str,
     name: str | None,
-    beside: Iterable[Experiment] = (),
-) -> Experiment:
-    """Do the work of `Experiment.from_flight`."""
+    beside: Iterable[Clocked] = (),
+) -> FlightPiece:
+    """Cut the piece; parameters and errors are those of `Experiment.from_flight`."""
     for kind, value, known in (("inputs", inputs, INPUT_SETS), ("outputs", outputs, OUTPUTS), ("frame", frame, FRAMES)):
         if value not in known:
             raise ValueError(f"{kind} must be one of {', '.join(known)}, not {value!r}")
@@ -89,16 +105,15 @@ def record_flight(
             # Counted from where the craft was, as positions are, so that their difference is the loop's error.
             u = u - y[0]
         y = y - y[0]
-    return Experiment.from_arrays(
-        t,
-        u,
-        y,
+    return FlightPiece(
         name=label,
-        input_names=[str(column) for column in piece.columns],
-        output_names=[str(column) for column in motion.columns],
+        t=t,
+        u=u,
+        y=y,
+        input_names=tuple(map(str, piece.columns)),
+        output_names=tuple(map(str, motion.columns)),
         units={**source.units, **dict.fromkeys(map(str, motion.columns), unit)},
         context=context,
-        vehicle=log.vehicle,
         findings=(*source.findings, *findings, *more),
     )
 

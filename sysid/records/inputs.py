@@ -34,7 +34,7 @@ import pandas as pd
 import pymap3d
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
-from sysid.records.experiment import Floats
+from sysid.records.arrays import Floats
 from sysid.records.mixer import project
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 
 from logparse import MissingDataError, Vehicle
-from sysid.records.experiment import Floats
-from sysid.records.thrust_curve import curve, motor_commands
+from sysid.records.arrays import Floats
+from sysid.records.motor_scaling import curve, motor_commands
 
 #: Singular values of the factors below this part of the largest mean that a command has no effect of its own.
 INDEPENDENT = 1e-6

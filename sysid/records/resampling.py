@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import firwin
 
 from sysid.records._resampling_kernels import filtered_at
-from sysid.records.experiment import Floats
+from sysid.records.arrays import Floats
 
 #: Pass band of the anti-aliasing filter in parts of the new sampling rate; the stop band starts at half of it.
 PASS = 0.4

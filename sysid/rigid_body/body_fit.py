@@ -11,7 +11,8 @@ import numpy as np
 
 from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
-from sysid.records.thrust_curve import REFERENCE_DENSITY, motor_commands, reference_voltage
+from sysid.records.motor_scaling import motor_commands
+from sysid.records.thrust_curve import REFERENCE_DENSITY, reference_voltage
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
 from sysid.rigid_body.airspeed import AirDoubt, doubt_of_air
 from sysid.rigid_body.body_motion import SHARED, THETA, Motion, motion
@@ -106,7 +107,7 @@ ADVICE = {
 
 
 def fit_rigid_body(
-    experiments: Sequence[Experiment],
+    experiments: Experiment | Sequence[Experiment],
     mass: float | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     *,
@@ -118,7 +119,7 @@ def fit_rigid_body(
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         Inputs PWM of the motors, outputs x, y, z, with context; best at 50 samples a second.
     mass : float, optional
         kg; without it everything is per unit of mass.

@@ -8,7 +8,8 @@ import numpy as np
 
 from logparse import MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
-from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged, motor_commands
+from sysid.records.motor_scaling import motor_commands
+from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
 from sysid.rigid_body._rigid_kernels import GRAVITY, SIGNALS, path
 
 #: Parameters of translation in the order of the kernels; then thrust scale and wind of the flight.

@@ -25,7 +25,7 @@ from pathlib import Path
 from scipy.optimize import brentq
 
 from logparse import MissingDataError
-from sysid.records.thrust_curve import command_for
+from sysid.records.motor_scaling import command_for
 from sysid.rigid_body.model import RigidBodyModel
 
 _GRAVITY, _SEA_LEVEL = 9.80665, 1.225

@@ -7,15 +7,16 @@ rigid body adds its rate damping.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from logparse import MissingDataError
+from logparse.summary import Summarised, listed
 from sysid.records.experiment import Floats
-from sysid.records.thrust_curve import command_for
+from sysid.records.motor_scaling import command_for
 from sysid.rigid_body.model import RigidBodyModel
 
 STATES = ("roll", "pitch", "p", "q", "r")
@@ -23,8 +24,8 @@ STATES = ("roll", "pitch", "p", "q", "r")
 _GRAVITY = 9.80665
 
 
-@dataclass(frozen=True, slots=True)
-class HoverModel:
+@dataclass(frozen=True, slots=True, repr=False)
+class HoverModel(Summarised):
     """A linear model ``dx/dt = A x + B u``.
 
     Attributes
@@ -47,6 +48,10 @@ class HoverModel:
     input_unit: str
     trim: Floats
     pwm_per_command: float | None
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {"inputs": f"{listed(self.inputs, 8)} ({self.input_unit})", "states": "roll, pitch, p, q, r"}
 
     @property
     def eigenvalues(self) -> list[complex]:

@@ -28,6 +28,8 @@ from typing import Any
 import numpy as np
 
 from logparse import Finding, MissingDataError, Vehicle
+from logparse.quantity import uncertain
+from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
 from sysid.rigid_body.body_motion import LAG, THETA, Motion, motion
@@ -106,8 +108,8 @@ class BodyParameter:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RigidBodyModel:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class RigidBodyModel(Summarised):
     """A craft as physics sees it.
 
     Attributes
@@ -162,6 +164,19 @@ class RigidBodyModel:
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
     motors: Mapping[str, MotorEffect] = field(default_factory=dict)
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        known = [f"{name} {uncertain(p.value, p.sigma)}" for name, p in self.parameters.items() if p.determined]
+        unknown = [name for name, p in self.parameters.items() if not p.determined]
+        return {
+            "name": self.name,
+            "determined": listed(known, 3),
+            "not determined": listed(unknown, 5) or "none",
+            "mass": "not given" if self.mass is None else f"{self.mass:.4g} kg",
+            "training": listed(self.training),
+            "findings": listed([finding.id for finding in self.findings]) or "none",
+        }
 
     @property
     def law(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import RotoridError
+from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment
 from sysid.records.motor_signals import unexplained
 from sysid.records.thrust_curve import Law
@@ -40,8 +41,8 @@ UNITS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class PhysicalParameters:
+@dataclass(frozen=True, slots=True, repr=False)
+class PhysicalParameters(Summarised):
     """What every method found.
 
     Attributes
@@ -60,9 +61,20 @@ class PhysicalParameters:
     refinement2020: Refinement2020Model | None
     rigid_body: RigidBodyModel | None
 
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        known = self.table["value"].notna()
+        return {
+            "parameters": listed(
+                list(dict.fromkeys(str(name) for name in self.table.index.get_level_values(0)[known])), 4
+            ),
+            "methods": listed(list(dict.fromkeys(str(name) for name in self.table.index.get_level_values(1)[known]))),
+            "determined": f"{int(known.sum())} of {len(known)} numbers; see .table",
+        }
+
 
 def physical_parameters(
-    experiments: Sequence[Experiment],
+    experiments: Experiment | Sequence[Experiment],
     mass: float | None = None,
     *,
     arm: float | None = None,
@@ -73,7 +85,7 @@ def physical_parameters(
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         PWM inputs, position outputs, with context; 50 Hz where logs allow, or rotation is aliased.
     mass : float, optional
         kg.

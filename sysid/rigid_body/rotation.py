@@ -24,7 +24,8 @@ from scipy.signal import lfilter
 
 from logparse import Motor, Vehicle
 from sysid.records.experiment import Experiment, Floats
-from sysid.records.thrust_curve import REFERENCE_DENSITY, curve, lagged, motor_commands
+from sysid.records.motor_scaling import curve, motor_commands
+from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
 
 AXES = ("roll", "pitch", "yaw")
 

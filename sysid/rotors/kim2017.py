@@ -26,6 +26,8 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding, Severity
+from logparse.quantity import uncertain
+from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_geometry import MotorGeometry, motor_geometry
 from sysid.records.motor_signals import too_slow, unexplained
@@ -58,8 +60,8 @@ SEPARABLE = 3e3
 _GRAVITY = 9.80665
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kim2017Model:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Kim2017Model(Summarised):
     """Thrust coefficient of each motor and the mean torque coefficient.
 
     Attributes
@@ -121,6 +123,15 @@ class Kim2017Model:
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
     bench: Mapping[str, float] = field(default_factory=dict)
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "name": self.name,
+            "thrust over mass of one motor": uncertain(self.common.per_mass, self.common.sigma),
+            "training": listed(self.training),
+            "findings": listed([finding.id for finding in self.findings]) or "none",
+        }
 
     @property
     def torque(self) -> tuple[float, float] | None:
@@ -238,7 +249,7 @@ class Kim2017Model:
 
 
 def fit_kim2017(
-    experiments: Sequence[Experiment],
+    experiments: Experiment | Sequence[Experiment],
     mass: float | None = None,
     *,
     inertia: tuple[float, float, float] | None = None,
@@ -251,7 +262,7 @@ def fit_kim2017(
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         With outputs that include ``z``, PWM inputs and context.
     mass : float, optional
         kg.

@@ -31,6 +31,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from logparse import Finding, Severity
+from logparse.quantity import uncertain
+from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, require_alike
 from sysid.records.motor_geometry import motor_geometry
 from sysid.records.motor_signals import motor_signals, too_slow
@@ -52,8 +54,8 @@ from sysid.rotors.thrust_regression import (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Refinement2020Model:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Refinement2020Model(Summarised):
     """Both ways side by side; every number per unit of mass, and J and b over the arm besides.
 
     Attributes
@@ -83,6 +85,14 @@ class Refinement2020Model:
     time_constant: float
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "name": self.name,
+            **{name: uncertain(found.value, found.sigma) for name, found in self.stacked.items()},
+            "training": listed(self.training),
+        }
 
     @property
     def units(self) -> dict[str, str]:
@@ -116,7 +126,7 @@ class Refinement2020Model:
 
 
 def fit_refinement2020(
-    experiments: Sequence[Experiment],
+    experiments: Experiment | Sequence[Experiment],
     mass: float | None = None,
     *,
     time_constant: float | None = 0.0,
@@ -126,7 +136,7 @@ def fit_refinement2020(
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         PWM inputs, with context; 50 Hz or more for rotation (slower records alias it).
     mass : float, optional
         kg; not used for the estimates, which are per unit of mass.

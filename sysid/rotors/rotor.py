@@ -17,16 +17,12 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
 from logparse import Finding, Severity, Vehicle
+from logparse.quantity import uncertain
+from logparse.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
-from sysid.records.thrust_curve import (
-    Law,
-    column,
-    lagged,
-    motor_commands,
-    rotor_speeds,
-    thrust_signals,
-)
+from sysid.records.motor_scaling import motor_commands
+from sysid.records.thrust_curve import Law, column, lagged, rotor_speeds, thrust_signals
 from sysid.rotors.thrust_regression import (
     Blocks,
     Regression,
@@ -45,7 +41,7 @@ from sysid.rotors.thrust_regression import (
     uneven_motors,
     weak_motors,
 )
-from sysid.statistics.estimate import Estimate
+from sysid.statistics.parameter import Parameter
 
 #: ESC speeds must leave this many times the command's residual, or more, to be no rotor speeds.
 WORSE = 1.2
@@ -70,8 +66,8 @@ LAG_RATE, LONGEST_LAG = 20.0, 0.5
 SEPARABLE = 1e4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RotorModel:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class RotorModel(Summarised):
     """Thrust of the rotors against what is logged of them.
 
     Attributes
@@ -84,9 +80,9 @@ class RotorModel:
     per_motor : mapping
     thrust_expo : float
         Curvature in use: the autopilot's, unless the flights clearly show another.
-    expo : Estimate
+    expo : Parameter
         Curvature as identified.
-    time_constant : Estimate
+    time_constant : Parameter
         First-order lag from signal to thrust, s, with every delay of the log's in it.
     damping : float
         Loss of thrust per mass with climbing speed along body z, 1/s.
@@ -105,14 +101,25 @@ class RotorModel:
     common: ThrustCoefficient
     per_motor: Mapping[str, ThrustCoefficient]
     thrust_expo: float
-    expo: Estimate
-    time_constant: Estimate
+    expo: Parameter
+    time_constant: Parameter
     damping: float
     mass: float | None
     reference_voltage: float | None
     rmse: Mapping[str, float]
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "name": self.name,
+            "thrust over mass of one motor": uncertain(self.common.per_mass, self.common.sigma),
+            "thrust curve": str(self.expo),
+            "motor lag": str(self.time_constant),
+            "training": listed(self.training),
+            "findings": listed([finding.id for finding in self.findings]) or "none",
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """Give the model as numbers and text for JSON."""
@@ -135,12 +142,12 @@ class RotorModel:
         }
 
 
-def fit_rotor(experiments: Sequence[Experiment], mass: float | None = None) -> RotorModel:
+def fit_rotor(experiments: Experiment | Sequence[Experiment], mass: float | None = None) -> RotorModel:
     """Identify the rotors from accelerometer, motor outputs, ESC speeds, voltage and density.
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         Inputs are PWM in us; with context. Sampled at 20 Hz or more, the lag is looked for too.
     mass : float, optional
         kg; without it thrust is known per unit of mass only.
@@ -171,7 +178,7 @@ def fit_rotor(experiments: Sequence[Experiment], mass: float | None = None) -> R
     def blocks_at(value: float) -> list[Blocks]:
         return [blocks_of(record, vehicle, voltage, law, value) for record in records]
 
-    thrust_expo, expo = vehicle.thrust_expo, Estimate(None, None, "1", "thrust follows rotor speed")
+    thrust_expo, expo = vehicle.thrust_expo, Parameter(None, None, "1", "thrust follows rotor speed")
     if law is Law.COMMAND:
         expo = _curvature(blocks_at, vehicle.thrust_expo)
         other = _other_curve(expo, vehicle)
@@ -302,7 +309,7 @@ def _slow(records: Sequence[Experiment], vehicle: Vehicle, law: Law) -> list[Fin
     ]
 
 
-def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Estimate:
+def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Parameter:
     """Find the curvature by variable projection, with its standard error from the full linearisation."""
     # Unlike motors would bend a common curve: each has its own thrust where signals tell them apart.
     apart = _condition(blocks_at(start)) < SEPARABLE
@@ -324,11 +331,11 @@ def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Esti
     sigma = float(np.sqrt(max(covariance_of(regressors, residuals)[-1, -1], 0.0)))
     if not np.isfinite(sigma) or sigma > EXPO_DETERMINED or not -0.45 < expo < 1.45:
         told = f"the standard error is {sigma:.2f}" if np.isfinite(sigma) and sigma < 10.0 else "thrust hardly varies"
-        return Estimate(None, None, "1", f"{told}, so that the autopilot's curve ({start:g}) is used")
-    return Estimate(expo, sigma, "1")
+        return Parameter(None, None, "1", f"{told}, so that the autopilot's curve ({start:g}) is used")
+    return Parameter(expo, sigma, "1")
 
 
-def _other_curve(found: Estimate, vehicle: Vehicle) -> list[Finding]:
+def _other_curve(found: Parameter, vehicle: Vehicle) -> list[Finding]:
     """Say when thrust clearly follows another curve than the one that the autopilot inverts."""
     if found.value is None or found.sigma is None:
         return []
@@ -367,10 +374,10 @@ def _per_motor(
     }
 
 
-def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, law: Law, expo: float) -> Estimate:
+def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, law: Law, expo: float) -> Parameter:
     """Find the first-order lag from signal to specific force."""
     if records[0].rate < LAG_RATE:
-        return Estimate(
+        return Parameter(
             None, None, "s", f"records at {records[0].rate:.3g} Hz do not show it; {LAG_RATE:g} Hz or more would"
         )
     signals = [thrust_signals(r, law, vehicle, voltage, expo).sum(axis=1, keepdims=True) for r in records]
@@ -397,5 +404,5 @@ def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None,
     sigma = float(np.sqrt(max(covariance_of(full, left, round(1.0 / dt))[2, 2], 0.0)))
     if not np.isfinite(sigma) or sigma > 0.5 * tau or tau > 0.98 * LONGEST_LAG:
         most = f"below {tau + 2.0 * sigma:.2f} s" if np.isfinite(sigma) and sigma < LONGEST_LAG else "unknown"
-        return Estimate(None, None, "s", f"the flights do not show it ({most})")
-    return Estimate(tau, sigma, "s")
+        return Parameter(None, None, "s", f"the flights do not show it ({most})")
+    return Parameter(tau, sigma, "s")

@@ -20,9 +20,12 @@ from typing import Any
 import numpy as np
 
 from logparse import Finding, Severity
+from logparse.quantity import uncertain
+from logparse.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
-from sysid.records.thrust_curve import REFERENCE_DENSITY, command_for, motor_pwm
+from sysid.records.motor_scaling import command_for, motor_pwm
+from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rotors.thrust_regression import (
     AIR_SIGMA,
     BLOCK_SECONDS,
@@ -47,8 +50,8 @@ CLIMBING = 0.2
 _GRAVITY = 9.80665
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ThrustModel:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ThrustModel(Summarised):
     """Thrust against command.
 
     Attributes
@@ -102,6 +105,18 @@ class ThrustModel:
     findings: tuple[Finding, ...]
     air_sigma: float = AIR_SIGMA
 
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "name": self.name,
+            "thrust over mass of one motor": uncertain(
+                self.common.per_mass, self.common.sigma, "m/s^2 at full command"
+            ),
+            "hover command": f"{self.hover_command:.3f} ({self.hover_pwm:.0f} us)",
+            "training": listed(self.training),
+            "findings": listed([finding.id for finding in self.findings]) or "none",
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """Give the model as numbers and text for JSON."""
         plain = {
@@ -133,12 +148,12 @@ class ThrustModel:
         }
 
 
-def fit_thrust(experiments: Sequence[Experiment], mass: float | None = None) -> ThrustModel:
+def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | None = None) -> ThrustModel:
     """Estimate thrust per command, common and per motor, from accelerometer and PWM.
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         With context (`f_z` at least); inputs are PWM in us.
     mass : float, optional
         kg; without it thrust is known per unit of mass only.

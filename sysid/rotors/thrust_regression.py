@@ -10,7 +10,8 @@ import numpy as np
 
 from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
-from sysid.records.thrust_curve import Law, column, motor_commands, reference_voltage, relative_density, thrust_signals
+from sysid.records.motor_scaling import motor_commands
+from sysid.records.thrust_curve import Law, column, reference_voltage, relative_density, thrust_signals
 from sysid.statistics.covariance import autocovariance, coloured_information
 
 #: Averaging time, s: longer than the motor outputs' aliasing, shorter than manoeuvres.

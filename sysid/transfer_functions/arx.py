@@ -17,6 +17,7 @@ from scipy.linalg import lstsq
 from scipy.signal import lfilter, lfiltic
 
 from logparse import Finding, Severity
+from logparse.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import (
     Experiment,
@@ -67,8 +68,8 @@ class Difference:
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArxModel:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ArxModel(Summarised):
     """ARX models of all outputs; see `fit_arx`.
 
     Attributes
@@ -96,6 +97,17 @@ class ArxModel:
     rate: float
     training: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "name": self.name,
+            "inputs": listed(self.input_names, 8),
+            "outputs": listed(self.output_names),
+            "rate": f"{self.rate:.4g} Hz, delay {self.delay} samples",
+            "training": listed(self.training),
+            "findings": listed([finding.id for finding in self.findings]) or "none",
+        }
 
     def simulate(self, experiment: Experiment) -> Floats:
         """Run freely: the first `INITIAL_SECONDS` are as measured, then only the inputs are looked at.
@@ -180,12 +192,12 @@ class ArxModel:
             )
 
 
-def fit_arx(experiments: Sequence[Experiment], na: int = 5, nb: int = 5, delay: int = 1) -> ArxModel:
+def fit_arx(experiments: Experiment | Sequence[Experiment], na: int = 5, nb: int = 5, delay: int = 1) -> ArxModel:
     """Fit ARX models of all outputs, jointly over records.
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         Each keeps its own constant.
     na, nb : int
         Past outputs, and values of each input.

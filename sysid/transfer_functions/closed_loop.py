@@ -32,6 +32,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from logparse import Finding, Severity
+from logparse.summary import Summarised, listed
 from sysid.records.experiment import (
     Experiment,
     ExperimentError,
@@ -53,8 +54,8 @@ from sysid.transfer_functions.transfer_function import FitReport, TransferFuncti
 _SHARED = {"x": "horizontal", "y": "horizontal", "z": "vertical"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClosedLoopModel:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ClosedLoopModel(Summarised):
     """Response of position (or velocity) to its reference, axis by axis.
 
     Attributes
@@ -101,6 +102,19 @@ class ClosedLoopModel:
     following: Mapping[str, float]
     training: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "name": self.name,
+            "inputs": listed(self.input_names, 8),
+            "outputs": listed(self.output_names),
+            "order": f"{self.poles} poles, {self.zeros} zeros",
+            "rate": f"{self.rate:.4g} Hz",
+            "fit on training": ", ".join(f"{name} {report.fit_percent:.1f} %" for name, report in self.reports.items()),
+            "training": listed(self.training),
+            "findings": listed([finding.id for finding in self.findings]) or "none",
+        }
 
     def simulate(self, experiment: Experiment) -> Floats:
         """Run freely from the references and the mean error of the first three seconds; shape (N, p)."""
@@ -176,7 +190,7 @@ class ClosedLoopModel:
 
 
 def fit_closed_loop(
-    experiments: Sequence[Experiment],
+    experiments: Experiment | Sequence[Experiment],
     poles: int = 3,
     zeros: int = 2,
     *,
@@ -191,7 +205,7 @@ def fit_closed_loop(
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         Of ``inputs="reference"``, or ``"velocity_reference"`` with velocities as outputs: inputs and outputs have the
         same names.
     poles, zeros : int

@@ -38,7 +38,7 @@ CHANCE = 0.001
 
 
 def fit_transfer_functions(
-    experiments: Sequence[Experiment],
+    experiments: Experiment | Sequence[Experiment],
     poles: ArrayLike = 5,
     zeros: ArrayLike = 3,
     structure: str = "per_input",
@@ -58,7 +58,7 @@ def fit_transfer_functions(
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         Each keeps its own offset and initial state.
     poles, zeros : int, or array_like of shape (m,) or (p, m)
         Of each transfer function, of every input, or of every output and input; 0 <= zeros < poles. Poles are stable

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from logparse import Finding
+from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps, require_signals
 from sysid.transfer_functions.disturbance import Disturbance
 from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
@@ -19,8 +20,8 @@ from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
 DETERMINED = 0.5
 
 
-@dataclass(frozen=True)
-class TransferFunction:
+@dataclass(frozen=True, repr=False)
+class TransferFunction(Summarised):
     """``G(s) = num(s) / den(s)``.
 
     Attributes
@@ -42,6 +43,15 @@ class TransferFunction:
     covariance: Floats | None = None
     delay: float = 0.0
     delay_std: float = 0.0
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "numerator": " ".join(f"{value:.4g}" for value in self.num),
+            "denominator": " ".join(f"{value:.4g}" for value in self.den),
+            "delay": f"{self.delay:.4g} s",
+            "uncertainty": "not known" if self.covariance is None else "covariance known",
+        }
 
     @cached_property
     def poles(self) -> NDArray[np.complex128]:
@@ -171,8 +181,8 @@ class FitReport:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TransferFunctionModel:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class TransferFunctionModel(Summarised):
     """Sum over the inputs of one transfer function each, for every output: ``y_i = c_i + sum_j G_ij (u_j - trim_j)``.
 
     Attributes
@@ -222,6 +232,29 @@ class TransferFunctionModel:
     training: tuple[str, ...]
     input_trim: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "name": self.name,
+            "inputs": listed(self.input_names, 8),
+            "outputs": listed(self.output_names),
+            "order": f"{self.poles} poles, {self.zeros} zeros, {self.structure.replace('_', ' ')} denominators",
+            "rate": f"{self.rate:.4g} Hz",
+            "fit on training": ", ".join(f"{name} {report.fit_percent:.1f} %" for name, report in self.reports.items()),
+            "training": listed(self.training),
+            "findings": listed([finding.id for finding in self.findings]) or "none",
+        }
+
+    def __getitem__(self, names: tuple[str, str]) -> TransferFunction:
+        """Return the function from an input to an output: ``model["z", "m1"]``."""
+        output, source = names
+        if output not in self.output_names or source not in self.input_names:
+            raise KeyError(
+                f"no function to {output!r} from {source!r}; outputs are {', '.join(self.output_names)}, inputs "
+                f"{', '.join(self.input_names)}"
+            )
+        return self.transfer_functions[output][source]
 
     def simulate(self, experiment: Experiment) -> Floats:
         """Run freely from the initial state, with nothing of the outputs after the first three seconds.

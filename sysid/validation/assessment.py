@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding
+from logparse.summary import Summarised
 from sysid.records.experiment import MIN_SAMPLES, Experiment, ExperimentError, Floats, horizon_steps, require_alike
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.statistics.residuals import ResidualTest, examine_residuals
@@ -35,20 +36,12 @@ VELOCITY_SECONDS = 1.0
 MARGIN = 0.05
 
 
-class Model(Protocol):
-    """What every model of this room offers."""
-
-    @property
-    def name(self) -> str:
-        """What it is, for tables."""
+class Predictor(Protocol):
+    """What a model must offer to be validated; a user's own class will do."""
 
     @property
     def training(self) -> tuple[str, ...]:
         """Names of the records it was fitted to."""
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What the fit had to say."""
 
     def simulate(self, experiment: Experiment) -> Floats:
         """Run freely from the initial state; shape (N, p)."""
@@ -56,12 +49,24 @@ class Model(Protocol):
     def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
         """Predict every sample from measurements up to `horizon` seconds before it; shape (N, p)."""
 
+
+class Model(Predictor, Protocol):
+    """What every model of this package offers beyond that, for reports."""
+
+    @property
+    def name(self) -> str:
+        """What it is, for tables."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings of the fit."""
+
     def to_dict(self) -> dict[str, Any]:
-        """Give the model as numbers and text for JSON, its ``kind`` among them."""
+        """Return the model as plain values for JSON, its ``kind`` among them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Validation:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Validation(Summarised):
     """What a model is worth on given records.
 
     Attributes
@@ -109,6 +114,15 @@ class Validation:
     predictions: Mapping[str, Floats]
     own_trim: bool = False
 
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "model": self.model,
+            "held-out flights": str(self.table.loc[~self.table["trained"], "flight"].nunique()),
+            "free-run RMSE": ", ".join(f"{output} {value:.3g}" for output, value in self.average.items()),
+            **dict(zip((f"verdict on {output}" for output in self.average), self.verdicts, strict=False)),
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """Give tables, averages and verdicts for JSON."""
         return {
@@ -124,13 +138,16 @@ class Validation:
         }
 
 
-def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence[float] = HORIZONS) -> Validation:
+def validate(
+    model: Predictor, experiments: Experiment | Sequence[Experiment], horizons: Sequence[float] = HORIZONS
+) -> Validation:
     """Judge a model on records, those it has not seen above all.
 
     Parameters
     ----------
-    model : Model
-    experiments : sequence of Experiment
+    model : Predictor
+        It is called by its attribute ``name``, or else by its class.
+    experiments : Experiment or sequence of Experiment
         Of the model's kind; which of them it was fitted to is known from their names.
     horizons : sequence of float
         s.
@@ -186,7 +203,7 @@ def validate(model: Model, experiments: Sequence[Experiment], horizons: Sequence
         verdicts.append(sentence)
         trusted[output] = good and unseen
     return Validation(
-        model=model.name,
+        model=str(getattr(model, "name", type(model).__name__)),
         table=table,
         horizons=curve,
         residuals=_examine(judges, errors, start),
@@ -210,7 +227,7 @@ _HORIZON_COLUMNS = [
 ]
 
 
-def _ahead(model: Model, record: Experiment, horizon: float, steps: int, simulated: Floats) -> tuple[Floats, int]:
+def _ahead(model: Predictor, record: Experiment, horizon: float, steps: int, simulated: Floats) -> tuple[Floats, int]:
     """Predict so far ahead; a model that integrates anew from every restart does so as often as is worth it.
 
     Returns
@@ -228,7 +245,7 @@ def _ahead(model: Model, record: Experiment, horizon: float, steps: int, simulat
     return model.predict(record, horizon), 1
 
 
-def _scored_from(model: Model, record: Experiment) -> int:
+def _scored_from(model: Predictor, record: Experiment) -> int:
     """First sample that is scored: what a model has looked at judges nothing."""
     looks_at = getattr(model, "initial_seconds", None)
     seconds = INITIAL_SECONDS if looks_at is None else max(INITIAL_SECONDS, float(looks_at(record)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding, Severity
+from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS
@@ -33,8 +34,8 @@ SEEN = 0.7
 Progress = Callable[[str, float], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OrderScan:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class OrderScan(Summarised):
     """What each order achieves.
 
     Attributes
@@ -58,6 +59,14 @@ class OrderScan:
     held_out: tuple[str, ...]
     findings: tuple[Finding, ...] = field(default=())
 
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "recommended": "none" if self.recommended is None else "{} poles, {} zeros".format(*self.recommended),
+            "why": self.reason,
+            "held out": listed(self.held_out),
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """Give the table and the recommendation for JSON."""
         return {
@@ -71,7 +80,7 @@ class OrderScan:
 
 
 def scan_orders(
-    experiments: Sequence[Experiment],
+    experiments: Experiment | Sequence[Experiment],
     orders: Sequence[tuple[int, int]] = ORDERS,
     structure: str = "per_input",
     *,
@@ -84,7 +93,7 @@ def scan_orders(
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         With three or more every third is held back, otherwise the last 30 % of each.
     orders : sequence of (int, int)
         Poles and zeros, in the order in which they are tried.

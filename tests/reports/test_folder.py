@@ -19,11 +19,11 @@ from scipy.io import loadmat
 
 import reports
 from logparse import Finding, Severity
+from logparse.quantity import column
 from pipeline.names import folder_names
 from reports import html, summary
 from reports.numbers import flight_numbers, plain
 from reports.packing import unpack
-from reports.quantity import column
 from tests.reports.conftest import composed
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>\u2028"

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from reports.quantity import (
+from logparse.quantity import (
     NOT_DETERMINED,
     alike,
     column,

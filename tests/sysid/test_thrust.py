@@ -13,7 +13,7 @@ from logparse.frames import motor_table
 from reports import summary
 from reports.model_views import thrust_coefficients
 from sysid import Experiment, ExperimentError, fit_thrust
-from sysid.records.thrust_curve import motor_commands
+from sysid.records.motor_scaling import motor_commands
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 CRAFT = Vehicle(pwm_min=1000.0, pwm_max=2000.0, spin_min=0.15, spin_max=0.95, thrust_expo=0.6)

@@ -1,0 +1,68 @@
+"""A flight log with its trajectory and experiments at hand."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+import estimation
+import logparse
+from sysid.records.experiment import Experiment
+
+
+class FlightLog(logparse.FlightLog):
+    """One boot of a flight log, from which experiments are cut.
+
+    Beside the attributes of `logparse.FlightLog` (``format messages tables parameters vehicle flights findings``) it
+    has the `trajectory`, which is estimated when it is first asked for.
+    """
+
+    @cached_property
+    def trajectory(self) -> estimation.Trajectory:
+        """Smoothed position, velocity and attitude with their standard deviations."""
+        return estimation.estimate(self.tables, date=self.start_utc)
+
+    def experiment(
+        self, rate: float = 10.0, inputs: str = "motors", outputs: str = "position", frame: str = "earth"
+    ) -> Experiment:
+        """Cut the longest usable piece of the longest flight and bring it to one clock.
+
+        Parameters
+        ----------
+        rate : float
+            Samples per second; 50 for physical models, 10 for transfer functions from motor PWM.
+        inputs, outputs, frame : str
+            As `sysid.Experiment.from_flight` takes them.
+
+        Returns
+        -------
+        Experiment
+
+        Raises
+        ------
+        MissingDataError
+            Without these inputs, without a flight, or when the trajectory does not cover it.
+        """
+        name = self.path.name
+        return Experiment.from_flight(self, self.trajectory, rate, inputs, outputs, frame, name=name)
+
+
+def load(path: str | Path, boot: int | None = None) -> FlightLog:
+    """Read a flight log of any format: DataFlash, telemetry or PX4.
+
+    Parameters
+    ----------
+    path : path-like
+    boot : int, optional
+        Which power-up of the autopilot to show; default the one with the longest flight.
+
+    Returns
+    -------
+    FlightLog
+
+    Raises
+    ------
+    LogError
+        The file is missing, empty, of an unknown format, or holds no intact message.
+    """
+    return logparse.read_log(path, boot, kind=FlightLog)

@@ -1,0 +1,83 @@
+"""Several models on the same held-out records, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from logparse.summary import Summarised
+from sysid.records.experiment import Experiment
+from sysid.validation.assessment import HORIZONS, Predictor, Validation
+from sysid.validation.assessment import validate as validate_model
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Comparison(Summarised):
+    """What several models are worth on the same records.
+
+    Attributes
+    ----------
+    validations : tuple of Validation
+        One for each model, in the order given.
+    """
+
+    validations: tuple[Validation, ...]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """RMSE of the free run by model and output, averaged over the held-out flights, beside the best baseline."""
+        rows = []
+        for each in self.validations:
+            held_out = each.table[~each.table["trained"]] if each.unseen else each.table
+            for output, rmse in each.average.items():
+                baselines = held_out[held_out["output"] == output][_BASELINES].mean()
+                rows.append(
+                    {
+                        "model": each.model,
+                        "output": output,
+                        "rmse": rmse,
+                        "best_baseline": float(baselines.min()),
+                        "trusted": each.trusted[output],
+                    }
+                )
+        return pd.DataFrame(rows).set_index(["model", "output"])
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            each.model: ", ".join(f"{output} {rmse:.3g}" for output, rmse in each.average.items())
+            + (" (RMSE on held-out flight)" if each.unseen else " (RMSE on the training flight: nothing is held out)")
+            for each in self.validations
+        }
+
+    def _repr_html_(self) -> str:
+        return self.table.to_html(float_format=lambda value: f"{value:.3g}")
+
+
+_BASELINES = ["rmse_mean", "rmse_constant_position", "rmse_constant_velocity"]
+
+
+def validate(
+    models: Predictor | Sequence[Predictor],
+    experiments: Experiment | Sequence[Experiment],
+    horizons: Sequence[float] = HORIZONS,
+) -> Comparison:
+    """Validate models on records, held-out ones above all.
+
+    Parameters
+    ----------
+    models : Predictor or sequence of Predictor
+        Anything that offers ``simulate(experiment)``, ``predict(experiment, horizon)`` and ``training``.
+    experiments : Experiment or sequence of Experiment
+        Which of them a model was fitted to is known from their names.
+    horizons : sequence of float
+        Seconds ahead.
+
+    Returns
+    -------
+    Comparison
+    """
+    several = models if isinstance(models, Sequence) else (models,)
+    return Comparison(tuple(validate_model(model, experiments, horizons) for model in several))

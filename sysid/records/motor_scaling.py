@@ -1,0 +1,41 @@
+"""The autopilot's output scaling: PWM to command and command to thrust (ArduPilot AP_MotorsMulticopter)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from logparse import Vehicle
+from sysid.records.arrays import Floats
+
+
+def motor_commands(pwm: Floats, vehicle: Vehicle) -> Floats:
+    """Invert the autopilot's output scaling: command c between idle and full spin, 0 to 1, not clipped.
+
+    Parameters
+    ----------
+    pwm : ndarray
+        us.
+    vehicle : Vehicle
+    """
+    width = vehicle.pwm_max - vehicle.pwm_min
+    idle = vehicle.pwm_min + vehicle.spin_min * width
+    full = vehicle.pwm_min + vehicle.spin_max * width
+    return np.asarray((pwm - idle) / (full - idle))
+
+
+def motor_pwm(command: float, vehicle: Vehicle) -> float:
+    """Give the PWM [us] of a command: the inverse of `motor_commands`."""
+    width = vehicle.pwm_max - vehicle.pwm_min
+    return vehicle.pwm_min + width * (vehicle.spin_min + command * (vehicle.spin_max - vehicle.spin_min))
+
+
+def curve(command: Floats, expo: float) -> Floats:
+    """Thrust over full thrust, ``(1 - e) c + e c^2``."""
+    return np.asarray((1.0 - expo) * command + expo * command**2)
+
+
+def command_for(thrust: float, expo: float) -> float:
+    """Solve ``(1 - e) c + e c^2 = thrust`` for the command."""
+    if abs(expo) < 1e-6:
+        return thrust
+    return float((expo - 1.0 + np.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust)) / (2.0 * expo))

@@ -1,0 +1,41 @@
+"""A number that a fit found, with its standard deviation, or why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from logparse.quantity import NOT_DETERMINED, uncertain
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """An estimated number.
+
+    Attributes
+    ----------
+    value, sigma : float or None
+        Estimate and standard deviation; `value` is None when the data do not determine it.
+    unit : str
+    reason : str
+        Why not determined, or what limits it; empty where there is nothing to add.
+    """
+
+    value: float | None
+    sigma: float | None
+    unit: str
+    reason: str = ""
+
+    @property
+    def determined(self) -> bool:
+        """Whether there is a value."""
+        return self.value is not None
+
+    def __str__(self) -> str:
+        if self.value is None:
+            return f"{NOT_DETERMINED} ({self.reason})" if self.reason else NOT_DETERMINED
+        return uncertain(self.value, self.sigma, self.unit)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {name: getattr(self, name) for name in self.__slots__}

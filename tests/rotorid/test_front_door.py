@@ -1,0 +1,152 @@
+"""``import rotorid as ro``: quick to import, every name there, results that show themselves, the README's example."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+import rotorid as ro
+from pipeline.errors import ConfigError
+from sysid.records.experiment import Experiment, ExperimentError
+
+ROOT = Path(__file__).parents[2]
+LOG = ROOT / "sample_logs" / "octa08_denver_square.bin"
+#: What a notebook or a terminal should not be asked to scroll.
+MOST_LINES = 10
+
+
+@pytest.fixture(scope="module")
+def log():
+    return ro.load(LOG)
+
+
+@pytest.fixture(scope="module")
+def halves(log):
+    return log.experiment(rate=25.0).split(0.45)
+
+
+@pytest.fixture(scope="module")
+def body(halves):
+    return ro.fit.rigid_body(halves[0], mass=4.3)
+
+
+class Still:
+    """A user's own model: nothing moves."""
+
+    training = ()
+
+    def simulate(self, experiment):
+        return np.repeat(experiment.y[:1], len(experiment), axis=0)
+
+    def predict(self, experiment, horizon=1.0):
+        lag = round(horizon / experiment.dt)
+        return np.vstack([np.repeat(experiment.y[:1], lag, axis=0), experiment.y])[: len(experiment)]
+
+
+def test_importing_waits_for_nothing_numerical():
+    """`import rotorid` is below 0.15 s on any machine as long as it imports none of these."""
+    script = (
+        "import sys, rotorid; print([m for m in ('numpy', 'pandas', 'scipy', 'numba', 'plotly') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_name_is_there():
+    assert all(getattr(ro, name) is not None for name in ro.__all__)
+    assert set(ro.__all__) <= set(dir(ro))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = ro.nothing
+
+
+def test_the_example_of_the_readme_runs(tmp_path):
+    """The README's Python lines, with a sample log in the place of the reader's own."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    [example] = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    example = example.replace('"FLIGHT.bin"', repr(str(LOG))).replace('"LOGS/"', repr(str(LOG))).replace("0.7", "0.45")
+    example = example.replace('out="out"', f"out={str(tmp_path)!r}")
+    exec(compile(example, "README.md", "exec"), {})
+
+
+def test_results_show_themselves_in_a_few_lines(log, halves, body):
+    found = (log, log.trajectory, halves[0], body, ro.validate(body, halves[1]))
+    for result in found:
+        assert len(repr(result).splitlines()) < MOST_LINES
+        assert len(repr(result)) < 1500
+        assert result._repr_html_().startswith("<table")
+    assert "octa plus" in repr(log)
+
+
+def test_one_record_counts_as_a_list_of_one(halves):
+    alone, listed = (ro.fit.thrust(each) for each in (halves[0], [halves[0]]))
+    assert alone.common == listed.common
+
+
+def test_a_users_own_model_is_validated_beside_ours(halves, body):
+    comparison = ro.validate([body, Still()], halves[1])
+    still = comparison.table.loc["Still"]
+    # To hold the position is one of the baselines, so that it cannot beat the best of them.
+    assert (still["rmse"] >= still["best_baseline"] - 1e-9).all()
+    assert not still["trusted"].any()
+
+
+def test_records_have_a_length_and_can_be_cut(halves):
+    record = halves[0]
+    assert len(record[100:150]) == 50
+    np.testing.assert_array_equal(record[100:150].y, record.y[100:150])
+    with pytest.raises(ExperimentError, match="use resample"):
+        _ = record[::2]
+
+
+def test_resampling_keeps_what_is_slow():
+    """A sine far below both Nyquist frequencies comes out as itself."""
+    t = np.arange(0.0, 20.0, 0.01)
+    record = Experiment.from_arrays(t, np.sin(t), np.cos(t))
+    slow = record.resample(20.0)
+    assert slow.rate == pytest.approx(20.0)
+    inner = slice(20, -20)
+    np.testing.assert_allclose(slow.u[inner, 0], np.sin(slow.t[inner]), atol=2e-3)
+    with pytest.raises(ExperimentError, match="rate"):
+        record.resample(0.0)
+
+
+def test_plots_come_in_one_line(log, halves, body):
+    figures = (
+        ro.plot.prediction([body, Still()], halves[1], horizon=1.0),
+        ro.plot.track(log),
+        ro.plot.fields(log, "ATT.Roll", "ATT.DesRoll"),
+    )
+    for figure in figures:
+        assert isinstance(figure, go.Figure)
+        assert figure.layout.xaxis.title.text or figure.layout.xaxis2.title.text or len(figure.data) > 2
+    with pytest.raises(ExperimentError, match="no message NONE"):
+        ro.plot.fields(log, "NONE.Roll")
+    with pytest.raises(ExperimentError, match="no field 'Rol'"):
+        ro.plot.fields(log, "ATT.Rol")
+
+
+def test_a_setting_that_does_not_exist_is_named():
+    with pytest.raises(ConfigError, match=r"masss.*mass"):
+        ro.analyze(LOG, masss=3.0)
+
+
+@pytest.mark.slow
+def test_a_folder_gives_its_craft_with_their_parameters(tmp_path):
+    logs = [ROOT / "sample_logs" / f"{name}.bin" for name in ("octa01_zurich_calm", "quad01_davos_esc")]
+    fleet = ro.analyze(logs, out=tmp_path, poles=2, zeros=1)
+    assert not fleet.failures
+    assert len(fleet.crafts) == 2
+    table = fleet.crafts[0].parameters
+    assert list(table.columns) == ["value", "sigma", "unit", "method", "reason"]
+    assert "thrust over mass" in table.index
+    assert (tmp_path / "report.html").is_file()
+    assert len(repr(fleet).splitlines()) < MOST_LINES
+
+
+def test_a_simulated_flight_by_name():
+    outcome = ro.simulate("motion-vertical")
+    assert outcome.history.index.name == "t" or len(outcome.history)
