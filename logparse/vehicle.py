@@ -369,7 +369,8 @@ def _frame(
         return _MAV_TYPES[beat], frame_type, "MAV_TYPE"
     if "FRAME" in parameters and frame_type in ("y6b", "y6f"):
         return "y6", frame_type, "message"
-    if "FRAME" in parameters and four_motors(messages):
+    helicopter = any(name.startswith(("H_SV", "H_SWASH", "H_RSC")) for name in parameters)
+    if "FRAME" in parameters and not helicopter and four_motors(messages):
         return "quad", frame_type, "outputs"
     return None, None, None
 
@@ -402,7 +403,7 @@ def four_motors(messages: Mapping[str, pd.DataFrame]) -> bool:
     like = {
         k: bool(values.std() > 0.0 and np.corrcoef(values, mean)[0, 1] > _LIKE_A_MOTOR) for k, values in pulses.items()
     }
-    return all(like[k] for k in range(1, 5)) and not any(like[k] for k in like if k > 4)
+    return all(pulses[k].std() > 0.0 for k in range(1, 5)) and not any(like[k] for k in like if k > 4)
 
 
 def _channels(

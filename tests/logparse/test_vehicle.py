@@ -66,6 +66,17 @@ def test_firmware_before_3_2_does_not_say_but_four_outputs_do(rest):
     assert len(vehicle.motors) == 4
 
 
+def test_motors_that_fight_each_other_are_four_all_the_same():
+    """On an oscillating quad of 2014 single outputs hardly follow the mean of all; no other output is there."""
+    messages = texts("ArduCopter V3.3-dev (681dafcf)") | outputs(1.0, -0.6, 0.9, -0.4, None, None, None, None)
+    assert describe(messages, format="dataflash", parameters={"FRAME": 1}).frame_class == "quad"
+
+
+def test_a_helicopter_of_old_firmware_is_no_quad():
+    parameters = {"FRAME": 1, "H_SV1_POS": -60.0, "SYSID_SW_TYPE": 10}
+    assert describe(outputs(*QUAD), format="dataflash", parameters=parameters).frame_class is None
+
+
 @pytest.mark.parametrize(
     "messages",
     [{}, outputs(*QUAD, *QUAD), outputs(*QUAD, 1.0, 1.0, None, None), outputs(1.0, 1.0, None, 1.0, 0.0, 0.0, 0.0, 0.0)],
