@@ -231,7 +231,9 @@ def _from_refinement(sheet: _Sheet, model: Refinement2020Model | None, notes: di
         mean = model.instants.get("Jx" if name == "Jy" else name)
         if mean is not None:
             note = mean.reason or f"spread of {mean.used} instants; median {mean.median:.4g}"
-            sheet.put(parameter, METHODS[3], mean.mean, mean.spread, note)
+            if name in ("Jx", "Jy") and mean.mean is not None:
+                note += "; one value for roll and pitch, as the paper takes them"
+            sheet.put(parameter, METHODS[3], mean.mean, mean.sigma, note)
         stacked = model.stacked[name]
         sheet.put(parameter, METHODS[4], stacked.value, stacked.sigma, stacked.reason)
 

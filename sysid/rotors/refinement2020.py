@@ -35,7 +35,7 @@ from logparse.quantity import uncertain
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, require_alike
 from sysid.records.motor_geometry import motor_geometry
-from sysid.records.motor_signals import motor_signals, too_slow
+from sysid.records.motor_signals import motor_signals, too_slow, unexplained
 from sysid.records.thrust_curve import Law, lagged, rotor_speeds
 from sysid.rotors.refinement_instants import (
     PARAMETERS,
@@ -44,6 +44,7 @@ from sysid.rotors.refinement_instants import (
     StackedEstimate,
     best_lag,
     fit_stacked,
+    motors_explain,
     solve_instants,
 )
 from sysid.rotors.thrust_regression import (
@@ -179,6 +180,8 @@ def fit_refinement2020(
         why = "motor signals are logged too slowly for rotation"
         stacked |= {name: StackedEstimate(None, None, None, why) for name in PARAMETERS[2:]}
         instants |= {name: InstantMean(None, None, None, 0, 0, why) for name in PARAMETERS[2:]}
+    else:
+        instants = _believed(instants, motors_explain(motion))
     if mass is None:
         findings.append(mass_unknown())
     findings += _remarks(stacked)
@@ -193,6 +196,15 @@ def fit_refinement2020(
         training=tuple(record.name for record in records),
         findings=tuple(findings),
     )
+
+
+def _believed(instants: Mapping[str, InstantMean], explained: Mapping[str, float]) -> dict[str, InstantMean]:
+    """Take back what instants say of rotation where the motors do not explain it: a lag or wind is no inertia."""
+    worst = min(("roll", "pitch"), key=lambda axis: explained[axis])
+    turning = unexplained(explained[worst], f"angular acceleration in {worst}")
+    yawing = unexplained(explained["yaw"], "angular acceleration in yaw")
+    doubts = {"Jx": turning, "Jz": turning, "b": turning, "b/Jz": yawing}
+    return {name: each if each.mean is None else each.doubted(doubts.get(name, "")) for name, each in instants.items()}
 
 
 def _remarks(stacked: Mapping[str, StackedEstimate]) -> list[Finding]:

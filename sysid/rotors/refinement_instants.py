@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
@@ -21,7 +23,8 @@ from sysid.rotors.thrust_regression import DETERMINED, covariance_of
 #: degenerate.
 DEGENERATE = 10.0
 
-#: Fewest instants that make a mean; the paper asks for three with different control inputs.
+#: Fewest instants that make a mean; the paper asks for three with different control inputs. Instants within
+#: `CORRELATED` of each other are one: four samples of one turn are one turn.
 FEWEST = 3
 
 #: Huber's constant: 95 % efficiency for normal residuals.
@@ -49,6 +52,10 @@ class InstantMean:
     used, dropped : int
         Instants.
     reason : str
+    events : int
+        Stretches of `CORRELATED` seconds in which the instants kept lie: so many of them are independent.
+    event_spread : float or None
+        Standard deviation of the means of these stretches.
     """
 
     mean: float | None
@@ -57,6 +64,20 @@ class InstantMean:
     used: int
     dropped: int
     reason: str = ""
+    events: int = 0
+    event_spread: float | None = None
+
+    @property
+    def sigma(self) -> float | None:
+        """Spread that holds 68 % with so few events: Student's, not the normal distribution's."""
+        if self.spread is None or self.event_spread is None:
+            return None
+        factor = float(student.ppf(norm.cdf(1.0), max(self.events - 1, 1)))
+        return max(self.spread, self.event_spread) * factor
+
+    def doubted(self, reason: str) -> InstantMean:
+        """Return the same without its numbers, where there is a reason not to believe them."""
+        return replace(self, mean=None, spread=None, median=None, event_spread=None, reason=reason) if reason else self
 
     def to_dict(self) -> dict[str, Any]:
         """Give numbers for JSON."""
@@ -168,21 +189,26 @@ def solve_instants(motion: Sequence[Motion]) -> dict[str, InstantMean]:
     force = np.concatenate([m.force for m in motion])
     speed = np.concatenate([m.speed for m in motion])
     lift = np.concatenate([m.lift for m in motion])
+    t = _clock(motion)
     drag = -np.abs(speed) * speed
     thrust = np.column_stack([np.zeros_like(lift), np.zeros_like(lift), -lift])
     first, kept = _solve_each(np.stack([thrust, drag], axis=2), force)
     result = {
-        name: _mean(first[:, k], kept, "the craft hardly moves through the air" if name == "C" else "it hardly lifts")
+        name: _mean(
+            t, first[:, k], kept, "the craft hardly moves through the air" if name == "C" else "it hardly lifts"
+        )
         for k, name in enumerate(("k", "C"))
     }
     # Thrust is known at every instant with the speed at rest too: only drag needs motion.
     lifting = lift > 0.1 * np.median(lift)
     alone = np.where(lifting, -force[:, 2] / np.where(lifting, lift, 1.0), np.nan)
     if result["k"].mean is None:
-        result["k"] = _mean(alone, lifting, "it hardly lifts")
+        result["k"] = _mean(t, alone, lifting, "it hardly lifts")
     k = result["k"].mean
     if k is None:
-        return result | {name: _mean(alone, np.zeros(len(alone), bool), "thrust is not") for name in ("Jx", "Jz", "b")}
+        return result | {
+            name: _mean(t, alone, np.zeros(len(alone), bool), "thrust is not") for name in ("Jx", "Jz", "b")
+        }
     accel = np.concatenate([m.acceleration for m in motion])
     qr, pr, _ = (np.concatenate(parts) for parts in zip(*[_products(m) for m in motion], strict=True))
     roll, pitch, yaw = (np.concatenate([getattr(m, name) for m in motion]) for name in ("roll", "pitch", "yaw"))
@@ -193,10 +219,10 @@ def solve_instants(motion: Sequence[Motion]) -> dict[str, InstantMean]:
     aim = np.column_stack([k * roll, k * pitch, zero])
     second, kept = _solve_each(np.stack([jx, jz, b], axis=2), aim)
     why = "the craft hardly turns about two axes at once"
-    result |= {name: _mean(second[:, j], kept, why) for j, name in enumerate(("Jx", "Jz", "b"))}
+    result |= {name: _mean(t, second[:, j], kept, why) for j, name in enumerate(("Jx", "Jz", "b"))}
     moving = np.abs(yaw) > np.median(np.abs(yaw))
     ratio = np.where(moving, accel[:, 2] / np.where(moving, yaw, 1.0), np.nan)
-    result["b/Jz"] = _mean(ratio, moving, "the craft hardly yaws")
+    result["b/Jz"] = _mean(t, ratio, moving, "the craft hardly yaws")
     return result
 
 
@@ -214,15 +240,65 @@ def _solve_each(matrices: Floats, aims: Floats) -> tuple[Floats, NDArray[np.bool
     return solved, kept
 
 
-def _mean(values: Floats, kept: NDArray[np.bool_], reason: str) -> InstantMean:
+def _clock(motion: Sequence[Motion]) -> Floats:
+    """Return a time for each instant, s, with records far apart."""
+    pause, start, parts = 2.0 * CORRELATED, 0.0, []
+    for each in motion:
+        parts.append(start + each.dt * np.arange(len(each.lift)))
+        start = float(parts[-1][-1]) + pause
+    return np.concatenate(parts)
+
+
+def _events(t: Floats) -> NDArray[np.intp]:
+    """Return the number of the stretch of `CORRELATED` seconds, each begun by an instant, that each time lies in."""
+    number = np.zeros(len(t), dtype=np.intp)
+    at = 0
+    while at < len(t):
+        stop = int(np.searchsorted(t, t[at] + CORRELATED))
+        number[stop:] += 1
+        at = stop
+    return number
+
+
+def _mean(t: Floats, values: Floats, kept: NDArray[np.bool_], reason: str) -> InstantMean:
     used = values[kept]
-    if len(used) < FEWEST:
-        return InstantMean(
-            None, None, None, len(used), len(values) - len(used), f"every instant is degenerate: {reason}"
+    number = _events(t[kept])
+    events = int(number[-1]) + 1 if len(number) else 0
+    if events < FEWEST:
+        why = (
+            f"only {len(used)} instants in {events} stretch{'es' if events > 1 else ''} of {CORRELATED:g} s are not "
+            "degenerate"
+            if len(used)
+            else "every instant is degenerate"
         )
+        return InstantMean(None, None, None, len(used), len(values) - len(used), f"{why}: {reason}", events=events)
+    means = np.bincount(number, used) / np.bincount(number)
     return InstantMean(
-        float(used.mean()), float(used.std(ddof=1)), float(np.median(used)), len(used), len(values) - len(used)
+        float(used.mean()),
+        float(used.std(ddof=1)),
+        float(np.median(used)),
+        len(used),
+        len(values) - len(used),
+        events=events,
+        event_spread=float(means.std(ddof=1)),
     )
+
+
+def motors_explain(motion: Sequence[Motion]) -> dict[str, float]:
+    """Return which part of the angular acceleration in roll, pitch and yaw the motors' moments explain.
+
+    By least squares on the axis's own moment, thrust, and the other moments, as in `fit_stacked`.
+    """
+    parts = {}
+    for axis, name in enumerate(("roll", "pitch", "yaw")):
+        rows = np.vstack([np.column_stack([m.roll, m.pitch, m.yaw, m.lift, _products(m)[axis]]) for m in motion])
+        aim = np.concatenate([m.acceleration[:, axis] for m in motion])
+        power = float(aim @ aim)
+        size = np.linalg.norm(rows, axis=0)
+        rows = rows / np.where(size > 0.0, size, 1.0)
+        left = aim - rows @ np.linalg.lstsq(rows, aim, rcond=1e-10)[0]
+        parts[name] = 1.0 - float(left @ left) / power if power > 0.0 else 0.0
+    return parts
 
 
 def fit_stacked(motion: Sequence[Motion], air: float, measured: bool) -> dict[str, StackedEstimate]:

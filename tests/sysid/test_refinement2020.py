@@ -9,6 +9,7 @@ from logparse import MissingDataError
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.papers.kim2017 import quadcopter
 from sysid.rotors.refinement2020 import fit_refinement2020
+from sysid.rotors.refinement_instants import _mean
 from tests.sysid.simulated_craft import disturbed, flight, without
 
 #: The paper's drag: C |v| v on each axis, here 0.0306 N s^2/m^2.
@@ -107,3 +108,39 @@ def test_slow_outputs_and_missing_columns(record):
     assert model.stacked["k"].value is not None
     with pytest.raises(MissingDataError, match="velocity not known"):
         fit_refinement2020([without(record, "v_n")])
+
+
+def test_samples_of_one_turn_are_one_instant():
+    """Four samples within 0.08 s made an inertia three times too large with a tenth of it as its error."""
+    t, kept = np.arange(1000) * 0.02, np.zeros(1000, dtype=bool)
+    kept[[500, 501, 502, 504]] = True
+    values = np.full(1000, np.nan)
+    values[kept] = (0.07, 0.06, 0.075, 0.065)
+    found = _mean(t, values, kept, "the craft hardly turns")
+    assert (found.mean, found.used, found.events) == (None, 4, 1)
+    assert "4 instants in 1 stretch of 2 s" in found.reason
+
+
+def test_the_spread_of_few_turns_is_student_s():
+    """Of three normal values 68 % lie within 1.32 of their standard deviations."""
+    t, kept = np.arange(1000) * 0.02, np.zeros(1000, dtype=bool)
+    kept[[100, 400, 800]] = True
+    values = np.full(1000, np.nan)
+    values[kept] = (1.0, 2.0, 3.0)
+    found = _mean(t, values, kept, "")
+    assert (found.mean, found.events, found.event_spread) == (2.0, 3, 1.0)
+    assert found.sigma == pytest.approx(1.32, abs=0.01)
+
+
+def test_what_motors_do_not_explain_gives_no_inertia():
+    """Rates that the motors did not make, as wind and slow logs leave them: the paper's mean has no way to tell."""
+    clean = flight(octo(), 1, wander=8.0)
+    rng = np.random.default_rng(3)
+    context = clean.context.copy()
+    for name in ("w_x", "w_y", "w_z"):
+        shake = np.convolve(rng.standard_normal(len(context)), np.ones(5) / 5.0, "same")
+        context[name] += 0.5 * float(context[name].std()) * shake
+    model = fit_refinement2020([replace(clean, context=context)])
+    for name in ("Jx", "Jz", "b"):
+        assert model.instants[name].mean is None, name
+        assert "motors explain only" in model.instants[name].reason or "degenerate" in model.instants[name].reason
