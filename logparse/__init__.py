@@ -10,6 +10,8 @@ from logparse.errors import LogError, MissingDataError, RotoridError
 from logparse.findings import Finding, Severity
 
 if TYPE_CHECKING:
+    from logparse.events import FlightEvent, flight_events
+    from logparse.flights import Flight
     from logparse.log import FlightLog, Messages, read_log
     from logparse.source import Boot, MessageSource
     from logparse.tables import COLUMNS, Geodetic, Tables
@@ -19,6 +21,8 @@ __all__ = [
     "COLUMNS",
     "Boot",
     "Finding",
+    "Flight",
+    "FlightEvent",
     "FlightLog",
     "Geodetic",
     "LogError",
@@ -30,12 +34,15 @@ __all__ = [
     "Severity",
     "Tables",
     "Vehicle",
+    "flight_events",
     "read_log",
 ]
 
 _HOME = {
     "COLUMNS": "logparse.tables",
     "Boot": "logparse.source",
+    "Flight": "logparse.flights",
+    "FlightEvent": "logparse.events",
     "FlightLog": "logparse.log",
     "Geodetic": "logparse.tables",
     "MessageSource": "logparse.source",
@@ -43,6 +50,7 @@ _HOME = {
     "Motor": "logparse.vehicle",
     "Tables": "logparse.tables",
     "Vehicle": "logparse.vehicle",
+    "flight_events": "logparse.events",
     "read_log": "logparse.log",
 }
 

@@ -59,7 +59,7 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
     tuple of Flight
         Empty for a bench log.
     """
-    height = _height(tables)
+    height = height_above_ground(tables)
     if tables.motors is not None and len(tables.motors) > 1:
         candidates = _powered(tables.motors, tables.parameters)
     elif height is not None:
@@ -114,8 +114,8 @@ def _intervals(t: Array, on: npt.NDArray[np.bool_]) -> list[tuple[float, float]]
     return result
 
 
-def _height(tables: Tables) -> "pd.Series[float] | None":
-    """Height above some ground [m, up]: the autopilot's estimate, the barometer or GPS.
+def height_above_ground(tables: Tables) -> "pd.Series[float] | None":
+    """Return the height above some ground [m, up]: the autopilot's estimate, the barometer or GPS.
 
     The estimate is smoother than the barometer, which feels the propellers, but can run away with a bad GPS.
     """
@@ -135,6 +135,18 @@ def _height(tables: Tables) -> "pd.Series[float] | None":
         if float(np.median(np.abs(difference - np.median(difference)))) > _DISAGREEMENT:
             return barometer
     return next((height for height in (estimate, barometer, fixes) if height is not None), None)
+
+
+def speed_down(tables: Tables) -> "pd.Series[float] | None":
+    """Return the autopilot's speed down [m/s]; None without one, or where its height runs away from the barometer's."""
+    if tables.ekf is None:
+        return None
+    speed, height = tables.ekf["v_d"].dropna(), height_above_ground(tables)
+    if len(speed) < 3 or height is None or not (speed != 0.0).any():
+        return None
+    if tables.baro is not None and height.index.equals(tables.baro["alt"].dropna().index):
+        return None
+    return speed
 
 
 def _risen(height: "pd.Series[float]", tables: Tables) -> list[tuple[float, float]]:

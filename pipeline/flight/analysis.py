@@ -13,6 +13,7 @@ from pipeline.execution.stages import Progress, Stages, silent
 from pipeline.flight.comparison import compare_parameters
 from pipeline.flight.coverage import measure
 from pipeline.flight.craft import fingerprint, tune_of
+from pipeline.flight.flight_health import assess_health, health_findings
 from pipeline.flight.identification import identify
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.log_health import logged_rates
@@ -60,6 +61,8 @@ def analyze(
     checked = stages.run("health", lambda _: health.check(log)) or ()
     flight = stages.run("flight", lambda _: _longest_flight(log, checked))
     rates = None if flight is None else stages.run("health", lambda _: logged_rates(tables, flight))
+    timeline = stages.run("health", lambda _: assess_health(log, flight))
+    sound = flight if timeline is None else timeline.sound
     trajectory = stages.run(
         "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
     )
@@ -71,12 +74,12 @@ def analyze(
     thrust, parameters = None, None
     experiments: dict[str, sysid.Experiment] = {}
     models: list[ModelResult] = []
-    if flight is None or trajectory is None:
+    if flight is None or trajectory is None or sound is None:
         stages.missing["experiment"] = stages.missing["flight" if flight is None else "trajectory"]
     else:
         unfit = _unknown_position(trajectory, flight)
         for kind in KINDS:
-            record = _record(kind, log, trajectory, config, name, experiments.values(), stages)
+            record = _record(kind, log, trajectory, sound, config, name, experiments.values(), stages)
             tables.release()
             reason = stages.missing.pop("experiment", unfit)
             if record is not None:
@@ -123,7 +126,14 @@ def analyze(
         thrust=thrust,
         parameters=parameters,
         coverage=coverage,
-        findings=(*log.findings, *checked, *(finding for part in later for finding in part), *stages.findings),
+        health=timeline,
+        findings=(
+            *log.findings,
+            *checked,
+            *(() if timeline is None else health_findings(timeline)),
+            *(finding for part in later for finding in part),
+            *stages.findings,
+        ),
         missing=stages.missing,
         timings=stages.timings,
     )
@@ -141,6 +151,7 @@ def _record(
     kind: Kind,
     log: FlightLog,
     trajectory: estimation.Trajectory,
+    sound: Span,
     config: AnalysisConfig,
     name: str,
     beside: Iterable[sysid.Experiment],
@@ -158,6 +169,7 @@ def _record(
             frame=kind.frame,
             name=name,
             beside=beside,
+            within=(sound.start, sound.stop),
         )
         if whole.duration < SHORTEST_EXPERIMENT:
             raise MissingDataError(

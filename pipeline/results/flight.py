@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pipeline.flight.coverage import Coverage
     from pipeline.results.advice import Advice
     from pipeline.results.entry import FlightEntry, GroupEntry
+    from pipeline.results.health import FlightHealth
     from pipeline.storage.manifest import Manifest
     from pipeline.storage.store import Store
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
@@ -208,6 +209,8 @@ class FlightResult(Summarised):
         By every method, from the first part of the flight.
     coverage : Coverage or None
         How fast, how high, in which wind it flew, how it moved and how well that was logged.
+    health : FlightHealth or None
+        What happened, by time, and which part of the flight serves models.
     findings : tuple of Finding
         Of every stage, in the order of the work.
     missing : mapping of str to str
@@ -231,6 +234,7 @@ class FlightResult(Summarised):
     thrust: ThrustModel | None = None
     parameters: PhysicalParameters | None = None
     coverage: Coverage | None = None
+    health: FlightHealth | None = None
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)

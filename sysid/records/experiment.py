@@ -197,6 +197,7 @@ class Experiment(Summarised):
         *,
         name: str | None = None,
         beside: Iterable[Experiment] = (),
+        within: tuple[float, float] | None = None,
     ) -> Experiment:
         """Cut the longest usable piece of a log's longest flight and bring it to one clock.
 
@@ -223,13 +224,15 @@ class Experiment(Summarised):
             Defaults to the file's name.
         beside : iterable of Experiment
             Others of the same log and trajectory: one with the same clock shares its context.
+        within : tuple of float, optional
+            First and last time to use, s; default the whole flight.
 
         Raises
         ------
         MissingDataError
             Without these inputs, without a flight, or when the trajectory does not cover it.
         """
-        piece = record_flight(log, trajectory, rate, inputs, outputs, frame, name, beside)
+        piece = record_flight(log, trajectory, rate, inputs, outputs, frame, name, beside, within)
         return cls.from_arrays(
             piece.t,
             piece.u,

@@ -60,6 +60,7 @@ def record_flight(
     frame: str,
     name: str | None,
     beside: Iterable[Clocked] = (),
+    within: tuple[float, float] | None = None,
 ) -> FlightPiece:
     """Cut the piece; parameters and errors are those of `Experiment.from_flight`."""
     for kind, value, known in (("inputs", inputs, INPUT_SETS), ("outputs", outputs, OUTPUTS), ("frame", frame, FRAMES)):
@@ -71,8 +72,11 @@ def record_flight(
     try:
         source = read_inputs(log.tables, log.vehicle, trajectory, inputs, frame)
         states = trajectory.states
-        first = max(log.flight.start, float(states.index[0]))
-        last = min(log.flight.stop, float(states.index[-1]))
+        earliest, latest = within or (log.flight.start, log.flight.stop)
+        first = max(log.flight.start, earliest, float(states.index[0]))
+        last = min(log.flight.stop, latest, float(states.index[-1]))
+        if last <= first:
+            raise MissingDataError(f"nothing of the flight lies between {earliest:.1f} and {latest:.1f} s")
         signals, more = _usable(source, inputs, first, last)
         piece, start, stop, findings = _longest_piece(source, signals, first, last)
     except MissingDataError as error:

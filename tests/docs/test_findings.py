@@ -8,6 +8,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("logparse", "estimation", "sysid", "pipeline", "reports", "api")
+#: Classes whose `id` is such a name.
+GIVERS = ("Finding", "FlightEvent")
 NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)+")
 
 #: Hyphenated words in files that compute the names of findings, but no such names.
@@ -32,7 +34,7 @@ def given() -> tuple[set[str], set[str]]:
     patterns: set[str] = set()
     for module in sources():
         for node in ast.walk(module):
-            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding"):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in GIVERS):
                 continue
             keywords = {keyword.arg: keyword.value for keyword in node.keywords}
             if None in keywords and not node.args:

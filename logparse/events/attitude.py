@@ -1,0 +1,264 @@
+"""Whether the craft held the attitude that was asked of it: deviations, loss of control, loss of yaw, oscillation."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from logparse.events.event import FlightEvent
+from logparse.events.stretches import Array, stretches, within
+from logparse.findings import Severity
+from logparse.flights import Flight
+from logparse.tables import Tables
+
+#: Angle between the thrust axes asked for and flown [rad] that counts as lost, and as deviating.
+LOST, DEVIATING = np.radians(30.0), np.radians(15.0)
+_LOST_SOURCE = "ArduCopter crash_check.cpp, CRASH_CHECK_ANGLE_DEVIATION_DEG 30"
+_DEVIATING_SOURCE = "ArduCopter crash_check.cpp, THRUST_LOSS_CHECK_ANGLE_DEVIATION 15 deg"
+
+#: Time [s] for which no craft flies while leaning that far from its target.
+_NO_FLIGHT = 15.0
+
+#: Modes that tumble on purpose, or fly without an attitude target.
+_AEROBATIC = {"ACRO", "FLIP", "THROW", "TURTLE", "AUTOROTATE", "MANUAL", "STABILIZED_ACRO", "RATE"}
+
+#: Rate [rad/s] by which a craft turns faster than asked, or against it, and for how long [s], when yaw is lost: a yaw
+#: stick let go leaves a craft turning for about a second.
+_YAW_EXCESS, _YAW_TIME = 1.5, 1.2
+
+#: Oscillation: windows [s], lowest frequency [Hz], amplitude of the rate [rad/s] (20 deg/s), part of the power above
+#: that frequency in one line, ratio to the same line in the rate asked for, and shortest duration [s].
+_WINDOW, _LOWEST, _AMPLITUDE, _PURITY, _UNASKED, _LASTING = 2.0, 2.0, np.radians(20.0), 0.6, 1.5, 1.9
+
+#: Slowest rates [Hz] in which an oscillation is looked for.
+_SLOWEST = 20.0
+
+
+def attitude_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
+    """Yield what went wrong with the attitude in flight.
+
+    Parameters
+    ----------
+    tables : Tables
+    flights : tuple of Flight
+    """
+    error = attitude_error(tables)
+    if error is not None:
+        yield from _deviations(error, tables, flights)
+    yield from _yaw(tables, flights)
+    yield from _oscillations(tables, flights)
+
+
+def attitude_error(tables: Tables) -> "pd.Series[float] | None":
+    """Compute the angle between the thrust axis asked for and that flown, rad; NaN in modes that tumble on purpose.
+
+    Heading does not count. None where the log lacks attitude or its target.
+    """
+    if tables.attitude is None or tables.setpoints is None:
+        return None
+    wanted = tables.setpoints[["roll", "pitch"]].dropna()
+    flown = tables.attitude[["roll", "pitch"]].dropna()
+    if len(wanted) < 2 or len(flown) < 2:
+        return None
+    t = wanted.index.to_numpy(np.float64)
+    inside = (t >= flown.index[0]) & (t <= flown.index[-1])
+    wanted, t = wanted[inside], t[inside]
+    at = flown.index.to_numpy(np.float64)
+    axes = [
+        np.column_stack([np.interp(t, at, column) for column in _axis(flown).T]),
+        _axis(wanted),
+    ]
+    cosine = np.sum(axes[0] * axes[1], axis=1) / np.maximum(np.linalg.norm(axes[0], axis=1), 1e-9)
+    error = pd.Series(np.arccos(np.clip(cosine, -1.0, 1.0)), index=wanted.index)
+    if tables.modes is not None and len(tables.modes):
+        position = np.searchsorted(tables.modes.index.to_numpy(np.float64), t, side="right") - 1
+        aerobatic = tables.modes["mode"].isin(_AEROBATIC).to_numpy()
+        error[(position >= 0) & aerobatic[position.clip(0)]] = np.nan
+    return error
+
+
+def _axis(attitude: pd.DataFrame) -> Array:
+    """Direction of the thrust axis in a frame that turns with the heading, shape (n, 3)."""
+    roll, pitch = attitude["roll"].to_numpy(np.float64), attitude["pitch"].to_numpy(np.float64)
+    return np.column_stack([np.sin(pitch) * np.cos(roll), -np.sin(roll), np.cos(pitch) * np.cos(roll)])
+
+
+def _deviations(error: "pd.Series[float]", tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
+    t, values = error.index.to_numpy(np.float64), error.to_numpy(np.float64)
+    flying = within(t, [(flight.start + 0.5, flight.stop) for flight in flights])
+    attitude = tables.attitude
+    for first, last in stretches(t, flying & (values > DEVIATING), join=1.5):
+        piece = values[(t >= first) & (t <= last)]
+        if len(piece) < 2:
+            continue  # one sample alone may be a step of the target
+        worst = float(np.nanmax(piece))
+        if last - first > _NO_FLIGHT and float(np.nanmedian(piece)) > DEVIATING:
+            yield _disagreement(first, last, worst)
+            continue
+        when = float(t[(t >= first) & (t <= last)][int(np.nanargmax(piece))])
+        lost = worst > LOST
+        nearest = (
+            attitude.iloc[[int(np.argmin(np.abs(attitude.index.to_numpy() - when)))]] if attitude is not None else None
+        )
+        lean = (
+            ""
+            if nearest is None
+            else (
+                f" (roll {np.degrees(nearest['roll'].iloc[0]):.0f}°, pitch {np.degrees(nearest['pitch'].iloc[0]):.0f}°)"
+            )
+        )
+        yield FlightEvent(
+            id="loss-of-control" if lost else "attitude-deviation",
+            t=first,
+            end=last,
+            severity=Severity.ERROR if lost else Severity.WARNING,
+            reason=f"The craft leaned up to {np.degrees(worst):.0f}° away from what was asked{lean}.",
+            advice="Look for a motor, ESC, propeller or solder joint that failed, and for motors at their limit then.",
+            evidence={"worst_rad": worst, "t_worst": when},
+            source=_LOST_SOURCE if lost else _DEVIATING_SOURCE,
+        )
+
+
+def _disagreement(first: float, last: float, worst: float) -> FlightEvent:
+    return FlightEvent(
+        id="attitude-not-held",
+        t=first,
+        end=last,
+        severity=Severity.WARNING,
+        reason=f"Attitude and its target disagree by up to {np.degrees(worst):.0f}° for {last - first:.0f} s, which no "
+        "flying craft does.",
+        advice="One of both is wrong, or the log is of a test bench: do not trust attitude here.",
+        evidence={"worst_rad": worst, "seconds": last - first},
+    )
+
+
+def _yaw(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
+    """Find times in which the craft turned faster than asked, or against it, for longer than a stick needs."""
+    if tables.rates is None:
+        return
+    rates = tables.rates[["w_z", "w_z_ref"]].dropna()
+    if len(rates) < 3:
+        return
+    t = rates.index.to_numpy(np.float64)
+    flown, asked = rates["w_z"].to_numpy(np.float64), rates["w_z_ref"].to_numpy(np.float64)
+    excess = np.where(flown * asked >= 0.0, np.abs(flown) - np.abs(asked), np.abs(flown - asked))
+    flying = within(t, [(flight.start + 0.5, flight.stop) for flight in flights])
+    for first, last in stretches(t, flying & (excess > _YAW_EXCESS), join=0.3, shortest=_YAW_TIME):
+        inside = (t >= first) & (t <= last)
+        worst = float(np.max(excess[inside]))
+        yield FlightEvent(
+            id="loss-of-yaw-authority",
+            t=first,
+            end=last,
+            severity=Severity.ERROR,
+            reason=f"The craft turned up to {np.degrees(worst):.0f}°/s faster than asked for {last - first:.1f} s.",
+            advice="Look for a failed motor, tilted motor mounts and motors at their limit.",
+            evidence={"excess_rad_s": worst, "turned_rad": float(np.trapezoid(flown[inside], t[inside]))},
+        )
+
+
+def _oscillations(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
+    """Find stretches in which a rate swings at one frequency without being asked to."""
+    measured = _swinging(tables)
+    if measured is None:
+        return
+    chirps = [] if tables.systemid is None else stretches(_times(tables.systemid), _moving(tables.systemid), join=2.0)
+    for axis, name in (("x", "roll"), ("y", "pitch"), ("z", "yaw")):
+        if f"w_{axis}" not in measured:
+            continue
+        flown = measured[f"w_{axis}"]
+        asked = measured.get(f"w_{axis}_ref")
+        rows = []
+        for flight in flights:
+            rows += _lines(flown, asked, flight.start + 1.0, flight.stop - 0.5)
+        lines = np.array(rows).reshape(-1, 4)
+        if not len(lines):
+            continue
+        t, hz, amplitude, purity = lines.T
+        chirped = within(t, [(first - 1.0, last + 1.0) for first, last in chirps])
+        on = (amplitude > _AMPLITUDE) & (purity > _PURITY) & ~chirped
+        for first, last in stretches(t, on, join=1.1 * _WINDOW, shortest=_LASTING):
+            inside = on & (t >= first) & (t <= last)
+            strength, frequency = float(np.median(amplitude[inside])), float(np.median(hz[inside]))
+            yield FlightEvent(
+                id="oscillation",
+                t=first - 0.5 * _WINDOW,
+                end=last + 0.5 * _WINDOW,
+                severity=Severity.WARNING,
+                reason=f"The craft oscillated in {name} at {frequency:.1f} Hz with {np.degrees(strength):.0f}°/s.",
+                advice=f"Lower the gains of {name} (ATC_RAT_*), or look for loose arms and props; do not raise gains.",
+                evidence={"axis": name, "frequency_hz": frequency, "amplitude_rad_s": strength},
+            )
+
+
+def _times(table: pd.DataFrame) -> Array:
+    return table.index.to_numpy(np.float64)
+
+
+def _moving(chirp: pd.DataFrame) -> npt.NDArray[np.bool_]:
+    return np.asarray(np.isfinite(chirp["target"].to_numpy(np.float64)))
+
+
+def _swinging(tables: Tables) -> "dict[str, pd.Series[float]] | None":
+    """Angular rates by the fastest table that has them, with their targets where known."""
+    for table, names in (("rates", None), ("imu", {"gyro_x": "w_x", "gyro_y": "w_y", "gyro_z": "w_z"})):
+        times = tables.times(table)
+        if times is None or len(times) < 10 or 1.0 / float(np.median(np.diff(times))) < _SLOWEST:
+            continue
+        wanted = tuple(names) if names else ("w_x", "w_y", "w_z", "w_x_ref", "w_y_ref", "w_z_ref")
+        columns = zip(wanted, tables.columns(table, wanted), strict=True)
+        found = {(names[name] if names else name): column.dropna() for name, column in columns}
+        found = {name: column for name, column in found.items() if len(column) > 10}
+        if found:
+            return found
+    return None
+
+
+def _lines(
+    flown: "pd.Series[float]", asked: "pd.Series[float] | None", start: float, stop: float
+) -> list[tuple[float, float, float, float]]:
+    """Strongest line of each window: (middle [s], frequency [Hz], amplitude [rad/s], part of the power in it).
+
+    The amplitude is zero where the line was asked for.
+    """
+    inside = flown.loc[start:stop]
+    t = inside.index.to_numpy(np.float64)
+    if len(t) < 10:
+        return []
+    dt = float(np.median(np.diff(t)))
+    size = round(_WINDOW / dt)
+    if size < 8 or stop - start < _WINDOW:
+        return []
+    grid = np.arange(t[0], t[-1], dt)
+    count = 1 + (len(grid) - size) // (size // 2) if len(grid) >= size else 0
+    if count < 1:
+        return []
+    spectra = [_spectra(np.interp(grid, t, inside.to_numpy(np.float64)), size, count)]
+    if asked is not None:
+        spectra.append(_spectra(np.interp(grid, asked.index, asked.to_numpy(np.float64)), size, count))
+    hz = np.fft.rfftfreq(size, dt)
+    band = (hz >= _LOWEST) & (hz <= 0.8 * hz[-1])
+    if np.count_nonzero(band) < 4:
+        return []
+    power = np.where(band, spectra[0], 0.0)
+    peak = np.argmax(power, axis=1)
+    near = np.abs(hz[None, :] - hz[peak][:, None]) <= np.maximum(1.6 / _WINDOW, 0.15 * hz[peak])[:, None]
+    line = np.sum(np.where(near, power, 0.0), axis=1)
+    total = np.maximum(np.sum(power, axis=1), 1e-30)
+    amplitude = np.sqrt(2.0 * line)
+    if len(spectra) > 1:
+        wanted = np.sum(np.where(near & band, spectra[1], 0.0), axis=1)
+        amplitude[line < _UNASKED**2 * wanted] = 0.0
+    middle = grid[np.arange(count) * (size // 2)] + 0.5 * _WINDOW
+    return list(zip(middle.tolist(), hz[peak].tolist(), amplitude.tolist(), (line / total).tolist(), strict=True))
+
+
+def _spectra(values: Array, size: int, count: int) -> Array:
+    """Power of each line in each window such that the sum is the variance, shape (count, lines)."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, size)[:: size // 2][:count]
+    hann = np.hanning(size + 1)[:-1]
+    linear = np.linspace(-1.0, 1.0, size)
+    flat = windows - windows.mean(axis=1, keepdims=True)
+    flat = flat - (flat @ linear / (linear @ linear))[:, None] * linear
+    return np.asarray(2.0 * np.abs(np.fft.rfft(flat * hann, axis=1)) ** 2 / (size * np.sum(hann**2)))

@@ -1,0 +1,48 @@
+"""`FlightEvent`: one thing that happened in a flight, with its time, its evidence and what to do."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from logparse.findings import Severity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightEvent:
+    """One entry of a flight's timeline.
+
+    Attributes
+    ----------
+    id : str
+        Stable kebab-case name, such as ``"gps-lost"``; docs/findings.md explains each.
+    t, end : float
+        First and last moment, s on the log's boot clock; equal for what has no duration.
+    severity : Severity
+        INFO for what belongs to a healthy flight, WARNING for what should be looked into, ERROR for what endangers.
+    reason : str
+        What happened, in a sentence.
+    advice : str
+        What to do about it; empty when there is nothing to do.
+    evidence : mapping of str to (str, int, float or bool)
+        Numbers behind the reason, SI units unless the name says otherwise.
+    source : str
+        Where the limit comes from; empty when no limit is involved.
+    """
+
+    id: str
+    t: float
+    end: float
+    severity: Severity
+    reason: str
+    advice: str = ""
+    evidence: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+    source: str = ""
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last moment."""
+        return self.end - self.t
+
+    @property
+    def notable(self) -> bool:
+        """Whether a healthy flight has no such event."""
+        return self.severity is not Severity.INFO

@@ -1,0 +1,213 @@
+"""Falls, crashes and hard landings, by specific force, attitude and height."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from logparse.events.attitude import LOST, attitude_error
+from logparse.events.event import FlightEvent
+from logparse.events.reported import airborne
+from logparse.events.stretches import Array, stretches
+from logparse.findings import Severity
+from logparse.flights import Flight, height_above_ground, speed_down
+from logparse.tables import Tables
+
+_G = 9.80665
+
+#: Specific force [m/s^2] of a blow that no manoeuvre makes: 4 g. ArduPilot names no limit for landings.
+BLOW = 4.0 * _G
+#: Speed down [m/s] before a blow, and lean [rad] around it, that make it a crash; LAND_SPEED_HIGH and a landing by
+#: hand stay below the first, ANGLE_MAX below the second.
+_FAST, _OVER = 3.0, np.radians(60.0)
+#: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent.
+_FREE, _FALLING = 0.3 * _G, 0.3
+#: Height lost [m] after disarming, within `_AFTER` seconds, that shows that the craft was in the air.
+_DROP, _AFTER = 1.5, 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Blow:
+    t: float
+    force: float
+
+
+def impact_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
+    """Yield falls, disarming in the air, crashes and hard landings.
+
+    Parameters
+    ----------
+    tables : Tables
+    flights : tuple of Flight
+    """
+    height = height_above_ground(tables)
+    force = _force(tables)
+    falls = list(_falls(force, flights))
+    dropped = list(_disarmed(tables, height, flights, falls))
+    yield from dropped
+    yield from falls
+    for flight in flights:
+        yield from _blows(force, tables, height, flight, [event.t for event in dropped])
+
+
+def _force(tables: Tables) -> "pd.Series[float] | None":
+    """Magnitude of the specific force, m/s^2."""
+    if tables.imu is None:
+        return None
+    axes = tables.imu[["accel_x", "accel_y", "accel_z"]].dropna()
+    return pd.Series(np.linalg.norm(axes.to_numpy(np.float64), axis=1), index=axes.index) if len(axes) > 2 else None
+
+
+def _falls(force: "pd.Series[float] | None", flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
+    if force is None:
+        return
+    t, values = force.index.to_numpy(np.float64), force.to_numpy(np.float64)
+    if 1.0 / float(np.median(np.diff(t))) < 5.0:
+        return
+    for first, last in stretches(t, values < _FREE, join=0.1, shortest=_FALLING):
+        if not airborne(first, flights, margin=1.0):
+            continue
+        yield FlightEvent(
+            id="free-fall",
+            t=first,
+            end=last,
+            severity=Severity.ERROR,
+            reason=f"The craft fell for {last - first:.1f} s: nothing carried it.",
+            advice="Look for what stopped the motors: disarming, power, a closed throttle.",
+            evidence={"least_force_m_s2": float(np.min(values[(t >= first) & (t <= last)]))},
+        )
+
+
+def _disarmed(
+    tables: Tables, height: "pd.Series[float] | None", flights: tuple[Flight, ...], falls: list[FlightEvent]
+) -> Iterator[FlightEvent]:
+    if tables.events is None:
+        return
+    names = tables.events
+    off = names.index[(names["event"] == "DISARMED") | names["detail"].str.startswith("Disarming motors")]
+    last = -np.inf
+    for t in off.to_numpy(np.float64):
+        repeated, last = t - last < 1.0, t
+        if repeated or not airborne(t, flights, margin=1.5):
+            continue
+        drop = _drop(height, t)
+        fell = any(-0.2 <= fall.t - t <= 1.0 for fall in falls)
+        if not (drop > _DROP or (fell and not drop <= 0.5)):
+            continue
+        evidence: dict[str, str | int | float | bool] = {"fell": fell}
+        if np.isfinite(drop):
+            evidence["height_m"] = drop
+        above = f" {drop:.0f} m above the ground" if np.isfinite(drop) else ""
+        yield FlightEvent(
+            id="disarmed-in-air",
+            t=t,
+            end=t,
+            severity=Severity.ERROR,
+            reason=f"The motors were disarmed in the air{above}.",
+            advice="Find who disarmed: a switch, a stick gesture, a failsafe or the ground station.",
+            evidence=evidence,
+        )
+
+
+def _drop(height: "pd.Series[float] | None", t: float) -> float:
+    """Height lost in the seconds after a moment, m; NaN where not known."""
+    if height is None:
+        return float("nan")
+    before, after = height.loc[t - 1.0 : t + 0.2], height.loc[t : t + _AFTER]
+    if not len(before) or len(after) < 2:
+        return float("nan")
+    return float(before.iloc[-1] - np.percentile(after, 5.0))
+
+
+def _blows(
+    force: "pd.Series[float] | None",
+    tables: Tables,
+    height: "pd.Series[float] | None",
+    flight: Flight,
+    dropped: list[float],
+) -> Iterator[FlightEvent]:
+    if force is None:
+        return
+    inside = force.loc[flight.start : flight.stop + _AFTER]
+    t, values = inside.index.to_numpy(np.float64), inside.to_numpy(np.float64)
+    if not len(t):
+        return
+    crashed = False
+    for first, last in stretches(t, values > BLOW, join=2.0):
+        piece = (t >= first) & (t <= last)
+        blow = _Blow(first, float(values[piece].max()))
+        crash, evidence = _how_bad(blow, tables, height, dropped)
+        if crash and not crashed:
+            crashed = True
+            yield FlightEvent(
+                id="crash",
+                t=first,
+                end=last,
+                severity=Severity.ERROR,
+                reason=f"The craft crashed: {_told(blow, evidence)}.",
+                advice="Inspect frame, propellers, motors and the autopilot's mount before the next flight.",
+                evidence=evidence,
+            )
+        elif not crashed:
+            landing = first > flight.stop - 3.0
+            yield FlightEvent(
+                id="hard-landing" if landing else "blow-in-flight",
+                t=first,
+                end=last,
+                severity=Severity.WARNING,
+                reason=("The landing was hard: " if landing else "The craft was hit: ") + _told(blow, evidence) + ".",
+                advice="Inspect legs, arms and propellers." if landing else "Look for contact with ground or objects.",
+                evidence=evidence,
+            )
+
+
+def _told(blow: _Blow, evidence: dict[str, str | int | float | bool]) -> str:
+    parts = [f"a blow of {blow.force / _G:.0f} g"]
+    if "descent_m_s" in evidence:
+        parts.append(f"{float(evidence['descent_m_s']):.1f} m/s down before it")
+    if float(evidence.get("lean_rad", 0.0)) > _OVER:
+        parts.append(f"leaning {np.degrees(float(evidence['lean_rad'])):.0f}° around it")
+    return ", ".join(parts)
+
+
+def _how_bad(
+    blow: _Blow, tables: Tables, height: "pd.Series[float] | None", dropped: list[float]
+) -> tuple[bool, dict[str, str | int | float | bool]]:
+    """Return whether a blow was a crash, and the evidence."""
+    evidence: dict[str, str | int | float | bool] = {"force_m_s2": blow.force}
+    descent = _descent(tables, height, blow.t)
+    if np.isfinite(descent):
+        evidence["descent_m_s"] = descent
+    lean = 0.0
+    if tables.attitude is not None:
+        near = tables.attitude.loc[blow.t - 1.0 : blow.t + 2.0, ["roll", "pitch"]].dropna()
+        if len(near):
+            lean = float(np.max(np.arccos(np.cos(near["roll"]) * np.cos(near["pitch"]))))
+            evidence["lean_rad"] = lean
+    error = attitude_error(tables)
+    lost = False
+    if error is not None:
+        near_error = error.loc[blow.t - 1.5 : blow.t].dropna()
+        lost = bool(len(near_error)) and float(near_error.max()) > LOST
+    declared = False
+    if tables.events is not None:
+        said = tables.events.loc[blow.t - 1.0 : blow.t + 5.0]
+        declared = bool((said["detail"].str.startswith("CRASH_CHECK") & ~said["detail"].str.endswith(" 0")).any())
+    fell = any(0.0 <= blow.t - t <= _AFTER for t in dropped)
+    return descent > _FAST or lean > _OVER or lost or declared or fell, evidence
+
+
+def _descent(tables: Tables, height: "pd.Series[float] | None", t: float) -> float:
+    """Speed down just before a moment, m/s: the estimate's, or the slope of the height; NaN where not known."""
+    down = speed_down(tables)
+    if down is not None:
+        speed = down.loc[t - 0.6 : t - 0.02]
+        return float(np.percentile(speed, 80.0)) if len(speed) else float("nan")
+    if height is None:
+        return float("nan")
+    before = height.loc[t - 1.0 : t].dropna()
+    if len(before) < 3 or before.index[-1] - before.index[0] < 0.4:
+        return float("nan")
+    times: Array = before.index.to_numpy(np.float64)
+    return -float(np.polyfit(times - times[0], before.to_numpy(np.float64), 1)[0])

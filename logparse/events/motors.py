@@ -1,0 +1,141 @@
+"""Motors at their limits, and lift that does not suffice."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from logparse.events.event import FlightEvent
+from logparse.events.stretches import stretches, within
+from logparse.findings import Severity
+from logparse.flights import Flight, speed_down
+from logparse.tables import Tables
+from logparse.vehicle import pwm_range
+
+#: Part of the PWM range below the upper limit that counts as being at it, longest pause within one stretch [s], and
+#: time at the limit [s] from which it is a warning: a step of a stick drives motors there for a tenth of a second.
+_NEAR, _PAUSE, _LASTING = 0.01, 2.0, 0.5
+
+#: Throttle and time [s] of a loss of lift: ArduCopter's own check.
+_THROTTLE, _SINKING_TIME = 0.9, 1.0
+_LIFT_SOURCE = "ArduCopter crash_check.cpp, THRUST_LOSS_CHECK: throttle 0.9 and descending for 1 s"
+#: Speed down [m/s] that is more than noise of the estimate.
+_SINKING = 0.3
+
+#: Part of the full thrust that hovering may take: above, thrust is less than twice the weight.
+_RESERVE, _POOR = 0.5, 0.6
+_RESERVE_SOURCE = "ArduPilot wiki, Setting Hover Throttle: usually 0.2 to 0.6; twice the weight is advised"
+#: Time [s] over which hovering is averaged.
+_HOVER_TIME = 2.0
+
+
+def motor_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
+    """Yield motors at their upper limit, loss of lift and a lack of thrust in reserve.
+
+    Parameters
+    ----------
+    tables : Tables
+    flights : tuple of Flight
+    """
+    if tables.motors is not None and len(tables.motors) > 2:
+        for flight in flights:
+            yield from _saturation(tables.motors, tables, flight)
+    if tables.setpoints is not None and tables.setpoints["throttle"].notna().any():
+        throttle = tables.setpoints["throttle"].dropna()
+        for flight in flights:
+            yield from _lift(throttle, tables, flight)
+            yield from _reserve(throttle, flight, linear="MOT_SPIN_MAX" in tables.parameters)
+
+
+def _saturation(motors: pd.DataFrame, tables: Tables, flight: Flight) -> Iterator[FlightEvent]:
+    inside = motors.loc[flight.start : flight.stop]
+    if len(inside) < 3:
+        return
+    levels = pwm_range(tables.parameters)
+    top = levels.pwm(levels.spin_max)
+    limit = top - _NEAR * (levels.pwm_max - levels.pwm_min)
+    t, values = inside.index.to_numpy(np.float64), inside.to_numpy(np.float64)
+    with np.errstate(invalid="ignore"):
+        at_limit = values >= limit
+    step = float(np.median(np.diff(t)))
+    for first, last in stretches(t, np.asarray(at_limit.any(axis=1)), join=max(_PAUSE, 2.5 * step)):
+        rows = (t >= first) & (t <= last)
+        counts = at_limit[rows].sum(axis=0)
+        seconds = float(at_limit[rows].any(axis=1).sum()) * step
+        names = ", ".join(
+            str(name).removeprefix("m") for name, count in zip(inside.columns, counts, strict=True) if count
+        )
+        plural = "s" if np.count_nonzero(counts) > 1 else ""
+        lasting = seconds >= _LASTING
+        yield FlightEvent(
+            id="motor-at-limit",
+            t=first,
+            end=last,
+            severity=Severity.WARNING if lasting else Severity.INFO,
+            reason=f"Motor{plural} {names} at the upper limit ({top:.0f} us) for {seconds:.1f} s.",
+            advice="The craft cannot do what is asked then: fly less aggressively, lighter, or with a fuller battery."
+            if lasting
+            else "",
+            evidence={"motors": names, "seconds": seconds, "limit_us": top},
+            source="MOT_SPIN_MAX",
+        )
+
+
+def _lift(throttle: "pd.Series[float]", tables: Tables, flight: Flight) -> Iterator[FlightEvent]:
+    """Find full throttle while sinking."""
+    speed = speed_down(tables)
+    if speed is None:
+        return
+    inside = throttle.loc[flight.start + 1.0 : flight.stop]
+    if len(inside) < 3:
+        return
+    t = inside.index.to_numpy(np.float64)
+    down = np.interp(t, speed.index.to_numpy(np.float64), speed.to_numpy(np.float64))
+    on = (inside.to_numpy(np.float64) >= _THROTTLE) & (down > _SINKING)
+    for first, last in stretches(t, on, join=0.4, shortest=_SINKING_TIME):
+        worst = float(np.max(down[(t >= first) & (t <= last)]))
+        yield FlightEvent(
+            id="loss-of-lift",
+            t=first,
+            end=last,
+            severity=Severity.ERROR,
+            reason=f"The craft sank at up to {worst:.1f} m/s under full throttle.",
+            advice="Look for a failed motor or propeller, an empty battery, or too much weight.",
+            evidence={"descent_m_s": worst, "seconds": last - first},
+            source=_LIFT_SOURCE,
+        )
+
+
+def _reserve(throttle: "pd.Series[float]", flight: Flight, *, linear: bool) -> Iterator[FlightEvent]:
+    """Find out whether hovering takes more than half of the thrust, and since when.
+
+    With `linear` the throttle is a part of the full thrust (Copter 3.4 and later), otherwise of the PWM range.
+    """
+    inside = throttle.loc[flight.start : flight.stop]
+    if len(inside) < 10 or flight.duration < 2.0 * _HOVER_TIME:
+        return
+    median = float(inside.median())
+    if not median > (_RESERVE if linear else _POOR):
+        return
+    t = inside.index.to_numpy(np.float64)
+    above = inside.to_numpy(np.float64) > _RESERVE
+    spans = stretches(t, above, join=_HOVER_TIME, shortest=_HOVER_TIME)
+    first, last = (spans[0][0], spans[-1][1]) if spans else (flight.start, flight.stop)
+    share = float(within(t, spans).mean())
+    yield FlightEvent(
+        id="low-thrust-reserve",
+        t=first,
+        end=last,
+        severity=Severity.WARNING,
+        reason=(
+            f"Thrust is lacking: flying takes {100.0 * median:.0f} % of it in the median, so full thrust is only "
+            f"{1.0 / median:.1f} times the weight."
+            if linear
+            else f"Thrust is lacking: flying takes {100.0 * median:.0f} % throttle in the median."
+        ),
+        advice="Fly lighter, with larger propellers or more cells; check that MOT_SPIN_MAX does not limit without need."
+        + (" Do not fly in wind like this." if median > _POOR else ""),
+        evidence={"median_throttle": median, "part_above_half": share}
+        | ({"thrust_to_weight": 1.0 / median} if linear else {}),
+        source=_RESERVE_SOURCE,
+    )

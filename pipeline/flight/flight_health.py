@@ -1,0 +1,112 @@
+"""From a log to the timeline of its events, and to the part of a flight that can serve models."""
+
+from __future__ import annotations
+
+from logparse import Finding, Flight, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
+from pipeline.results.flight import Span
+from pipeline.results.health import FlightHealth
+from sysid.rotors.motor_loss import MotorLoss, find_motor_losses
+
+#: Events after which the craft is no longer the one to model.
+_ENDING = ("crash", "disarmed-in-air", "motor-loss")
+#: Time before such an event that is left out with it, s: a change is timed to a few tenths of a second.
+_MARGIN = 0.3
+#: Time between the end of a loss of control and the crash that it led to, s.
+_LED_TO = 2.0
+
+
+def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
+    """Compose the timeline of a log, failing motors included.
+
+    Parameters
+    ----------
+    log : FlightLog
+    flight : Span or None
+        The flight that is analysed.
+    """
+    events = list(flight_events(log.tables, log.messages, log.flights))
+    missing = ""
+    try:
+        for each in log.flights:
+            stop = _undisturbed(each, events)
+            losses = find_motor_losses(log.tables, log.vehicle, each.start, stop)
+            events += [_motor_event(loss, losses) for loss in losses]
+    except MissingDataError as error:
+        missing = str(error)
+    events.sort(key=lambda event: event.t)
+    cause = None if flight is None else _ending(flight, events)
+    return FlightHealth(
+        events=tuple(events),
+        sound=flight
+        if flight is None or cause is None
+        else Span(flight.start, max(flight.start, _begin(cause, events))),
+        cause=cause,
+        motors_missing=missing,
+    )
+
+
+def health_findings(health: FlightHealth) -> tuple[Finding, ...]:
+    """Explain which part of the flight trains and judges no models, and why."""
+    if health.cause is None or health.sound is None:
+        return ()
+    cause = health.cause
+    return (
+        Finding(
+            "unsound-flight-excluded",
+            Severity.WARNING,
+            f"From {health.sound.stop:.1f} s on nothing trains or judges models. {cause.reason}",
+            cause.advice,
+            {"from_s": health.sound.stop, "event": cause.id, "event_s": cause.t},
+        ),
+    )
+
+
+def _undisturbed(flight: Flight, events: list[FlightEvent]) -> float:
+    """Last moment of a flight at which its motors can be compared, s: before the blow of a crash, and the landing."""
+    blows = [
+        event.t - 0.1
+        for event in events
+        if event.id in ("crash", "disarmed-in-air") and flight.start < event.t < flight.stop + 2.0
+    ]
+    return min([*blows, flight.stop - 2.0])
+
+
+def _motor_event(loss: MotorLoss, losses: tuple[MotorLoss, ...]) -> FlightEvent:
+    others = f" (or {', '.join(map(str, loss.alternatives))})" if loss.alternatives else ""
+    points = 100.0 * (1.0 - loss.output)
+    gone = loss.loss > 0.9
+    together = any(one is not loss and abs(one.t - loss.t) < 1.0 for one in losses)
+    what = "lost all its thrust" if gone else f"lost {points:.0f} % of its output"
+    missing = "" if gone else f": {100.0 * loss.loss:.0f} ± {100.0 * loss.sigma:.1f} % of its thrust is missing"
+    return FlightEvent(
+        id="motor-loss",
+        t=loss.t,
+        end=loss.end,
+        severity=Severity.ERROR,
+        reason=f"Motor {loss.motor}{others} {what} from {loss.t:.1f} s on{missing}.",
+        advice="Several motors changed at once: look for what moved, such as an arm or the battery, and at the wiring."
+        if together
+        else f"Inspect motor {loss.motor}, its propeller, ESC, plugs and solder joints.",
+        evidence={
+            "motor": loss.motor,
+            "thrust_loss": loss.loss,
+            "thrust_loss_sigma": loss.sigma,
+            "output_loss": 1.0 - loss.output,
+            "score": loss.score,
+        },
+    )
+
+
+def _ending(flight: Span, events: list[FlightEvent]) -> FlightEvent | None:
+    """Return the first event of a flight after which the craft is no longer the same."""
+    inside = [event for event in events if event.id in _ENDING and flight.start <= event.t <= flight.stop + 2.0]
+    return inside[0] if inside else None
+
+
+def _begin(cause: FlightEvent, events: list[FlightEvent]) -> float:
+    """Return when what led to an event began, s: a crash begins with the loss of control before it."""
+    begin = cause.t
+    for event in events:
+        if event.id == "loss-of-control" and event.t < cause.t <= event.end + _LED_TO:
+            begin = min(begin, event.t)
+    return begin - _MARGIN
