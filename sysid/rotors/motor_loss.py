@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 
 from logparse import MissingDataError, Tables, Vehicle
 from sysid.records.experiment import Floats
-from sysid.records.thrust_curve import curve, motor_commands
+from sysid.records.motor_scaling import curve, motor_commands
 
 #: Slowest motor outputs and rates [Hz] in which a change is looked for.
 _SLOWEST = 4.0
