@@ -55,7 +55,12 @@ def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Flo
     target, attitude = np.zeros(n), np.zeros(n)
     pending = np.zeros(c.delay_steps + 1)
     motor = rate = angle = flex = flex_rate = 0.0
-    low = low_rate = 0.0
+    low = first = second = 0.0
+    # Bilinear biquad of the second-order Butterworth low-pass.
+    warp = np.tan(0.5 * c.filter_omega * h)
+    scale = 1.0 / (1.0 + 1.4142135623730951 * warp + warp**2)
+    ahead, back1, back2 = warp**2 * scale, 2.0 * (warp**2 - 1.0) * scale, (1.0 - 1.4142135623730951 * warp + warp**2)
+    back2 *= scale
     integral = filtered_target = error_before = derivative = 0.0
     decay = np.exp(-h / c.lag) if c.lag > 0.0 else 0.0
     fall = np.exp(-c.damping * h)
@@ -94,9 +99,9 @@ def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Flo
                 flex += h * flex_rate
                 moving += flex_rate
             if c.filter_omega > 0.0:
-                pull = c.filter_omega**2 * (moving - low) - 1.4142135623730951 * c.filter_omega * low_rate
-                low_rate += h * pull
-                low += h * low_rate
+                low = ahead * moving + first
+                first = 2.0 * ahead * moving - back1 * low + second
+                second = ahead * moving - back2 * low
             else:
                 low = moving
     return output, measured, target, attitude

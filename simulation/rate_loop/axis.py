@@ -78,8 +78,8 @@ class AxisPlant:
             omega = 2.0 * np.pi * self.flex_hz
             moving = moving + push * h * self.flex_share * z / _oscillator(z, h, omega, self.flex_damping)
         if self.filter_hz > 0.0:
-            omega = 2.0 * np.pi * self.filter_hz
-            moving = moving * (h * omega * z) ** 2 / (z - 1.0) / _oscillator(z, h, omega, np.sqrt(0.5))
+            warp = (z - 1.0) / (z + 1.0) / np.tan(np.pi * self.filter_hz * h)
+            moving = moving / (warp**2 + np.sqrt(2.0) * warp + 1.0)
         return np.asarray(moving)
 
 

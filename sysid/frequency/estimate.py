@@ -11,8 +11,9 @@ from logparse import Finding, FlightLog, Severity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of
 from sysid.frequency.composite import merge
 from sysid.frequency.excitation import find_chirps
+from sysid.frequency.fit import FrequencyFit, fit, refit
 from sysid.frequency.records import AxisRecord, chirp_record, experiment_record, flight_record, rate_signals
-from sysid.frequency.response import FrequencyResponse
+from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.smoothness import roughness
 from sysid.frequency.spectra import band_of_window, estimate, sum_spectra, window_lengths
 from sysid.records.experiment import Experiment
@@ -28,6 +29,13 @@ _BELOW_NYQUIST = 0.45
 
 #: Cycles of the lowest frequency in the longest record.
 _FEWEST = 3.0
+
+#: Standard deviation of ln |G| that all frequencies of a flight have in common: outputs are rounded to 1 us, and thrust is
+#: linear in the command only to a few percent between one trim and another.
+_ROUNDED = 0.015
+
+#: Most times that the model is taken out again.
+_PASSES = 7
 
 #: Roughness of a response, in its stated errors, above which they are too small: random errors that are correlated over
 #: a spectral window leave 0.37 (40 simulated flights, closed loop, three kinds of noise), independent ones 0.9.
@@ -92,7 +100,8 @@ def response(data: Data | Sequence[Data], axis: str) -> FrequencyResponse:
     if not records:
         raise FrequencyError("; ".join(reasons) or f"no excitation of the {axis} axis")
     frf = response_of_records(records, which, gyro_filter_hz=gyro or None)
-    return replace(frf, findings=tuple(findings))
+    rounded = any(log.tables.has("motors") for log in logs)
+    return replace(frf, findings=tuple(findings), systematic=_ROUNDED if rounded else 0.0)
 
 
 def _chirped(log: FlightLog, axis: Axis, findings: list[Finding], reasons: list[str]) -> list[AxisRecord]:
@@ -156,19 +165,49 @@ def response_of_records(
             "a chirp should last 20 s at least, ordinary flying a minute"
         )
     hz = np.geomspace(low, high, max(round(PER_DECADE * np.log10(high / low)), 8))
+    first = _composite(records, axis, hz, longest, gyro_filter_hz, None)
+    try:
+        model = fit(first)
+    except FrequencyError:
+        return first
+    # What windows bend is the steep and the resonant; of the remainder to a model that has it, little is left to bend.
+    # A resonance that windows have flattened is found sharper each time.
+    found = _composite(records, axis, hz, longest, gyro_filter_hz, model)
+    for _ in range(_PASSES):
+        if np.max(np.abs(np.log(found.response / first.response)) / found.sigma, where=found.usable, initial=0.0) < 0.3:
+            break
+        try:
+            model = refit(model, found)
+        except FrequencyError:
+            break
+        first, found = found, _composite(records, axis, hz, longest, gyro_filter_hz, model)
+    return found
+
+
+def _composite(
+    records: Sequence[AxisRecord],
+    axis: Axis,
+    hz: Floats,
+    longest: float,
+    gyro_filter_hz: float | None,
+    model: FrequencyFit | None,
+) -> FrequencyResponse:
+    """Merge windows of several lengths, of the records as they are or of what a first model leaves of them."""
+    lengths = window_lengths(longest, float(hz[0]), float(hz[-1]))
+    known = None if model is None else model.response(hz)
+    remains = records if model is None else [record.without(model.response) for record in records]
     parts = []
-    lengths = window_lengths(longest, low, high)
     for length in lengths:
         mask = band_of_window(float(length), lengths, hz)
-        sums = sum_spectra(records, hz[mask], float(length)) if mask.any() else None
-        part = None if sums is None else estimate(sums, float(length))
+        sums = sum_spectra(remains, hz[mask], float(length)) if mask.any() else None
+        part = None if sums is None else estimate(sums, float(length), None if known is None else known[mask])
         if part is not None:
             parts.append((mask, part))
     if not parts:
         raise FrequencyError(f"records of {longest:.1f} s are too short for windows on the {axis.name} axis")
     merged = merge(hz, parts, 0)
-    integral = 2j * np.pi * hz if axis.attitude else 1.0
-    excess = max(1.0, roughness(hz, merged.response * integral, merged.sigma, merged.coherence) / _ROUGH)
+    smooth = merged.response * (2j * np.pi * hz if axis.attitude else 1.0) if known is None else merged.response / known
+    excess = max(1.0, roughness(hz, smooth, merged.sigma, merged.coherence) / _ROUGH)
     sigma = merged.sigma * excess
     gamma = np.clip(merged.coherence, 1e-6, 1.0 - 1e-12)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -190,7 +229,7 @@ def response_of_records(
         method="instrument" if instruments else "direct",
         instrument=", ".join(instruments),
         direct=merged.direct,
-        step=step,
+        step=max(record.dt for record in records),
         gyro_filter_hz=gyro_filter_hz,
         records=tuple(record.name for record in records),
         duration=float(sum(record.duration for record in records)),

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.interpolate import make_interp_spline
 
 from logparse import FlightLog
@@ -90,6 +91,24 @@ class AxisRecord:
             usable=self.usable[2:] & self.usable[1:-1] & self.usable[:-2],
             differenced=True,
         )
+
+    def without(self, model: Callable[[Floats], Complex]) -> AxisRecord:
+        """Return the record without the answer of a model to its first input.
+
+        Parameters
+        ----------
+        model : callable
+            From frequencies above zero, Hz, to the response of what was measured, before any difference.
+        """
+        size = next_fast_len(2 * len(self.output))
+        hz = np.fft.rfftfreq(size, self.dt)
+        answer = np.zeros(len(hz), dtype=np.complex128)
+        answer[1:] = model(hz[1:])
+        if self.differenced:
+            answer *= self.difference_response(hz)
+        driving = self.inputs[:, 0] - np.mean(self.inputs[:, 0])
+        modelled = np.fft.irfft(np.fft.rfft(driving, size) * answer, size)[: len(self.output)]
+        return replace(self, output=self.output - modelled)
 
     def difference_response(self, hz: Floats) -> Complex:
         """Return the frequency response of the central difference, shape (F,)."""

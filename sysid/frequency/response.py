@@ -73,6 +73,8 @@ class FrequencyResponse:
         The records that were summed.
     duration : float
         Their length together, s.
+    systematic : float
+        Standard deviation of ln |G| that all frequencies have in common, beside `sigma`.
     findings : tuple of Finding
     """
 
@@ -95,6 +97,7 @@ class FrequencyResponse:
     gyro_filter_hz: float | None = None
     records: tuple[str, ...] = ()
     duration: float = 0.0
+    systematic: float = 0.0
     findings: tuple[Finding, ...] = field(default=())
 
     @property

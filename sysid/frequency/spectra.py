@@ -173,12 +173,20 @@ def _overlap(taper: Floats, starts: NDArray[np.intp]) -> Floats:
     return np.asarray(np.where(lags < size, product[np.minimum(lags, size - 1)] / product[0], 0.0))
 
 
-def estimate(sums: SpectralSums, length: float) -> WindowEstimate | None:
+def estimate(sums: SpectralSums, length: float, known: Complex | None = None) -> WindowEstimate | None:
     """Estimate responses from summed spectra; None where there are too few windows to know their error.
 
     With instruments Z, inputs X and output Y the response is ``G = (Z^H X)^-1 Z^H Y``, which is regression where Z is
     X; its covariance ``(Z^H X)^-1 Z^H C Z (Z^H X)^-H S_ee`` with the spectrum S_ee of the remainder ``Y - X G``
     (Söderström and Stoica 1989, section 8.2; for joint input-output spectra Tischler and Remple 2012, section 8.2).
+
+    Parameters
+    ----------
+    sums : SpectralSums
+    length : float
+        Of the windows, s.
+    known : ndarray of complex, shape (F,), optional
+        Response to the first input that was taken out of the output beforehand.
     """
     m = sums.zx.shape[1]
     spare = sums.independent - m
@@ -192,6 +200,10 @@ def estimate(sums: SpectralSums, length: float) -> WindowEstimate | None:
     rest = np.maximum(rest, 1e-14 * sums.yy)
     noise = _smooth(rest / sums.windows) * sums.independent / spare
     covariance = inverse @ sums.noise_gain @ np.conj(np.swapaxes(inverse, 1, 2))
+    if known is not None:
+        response[:, 0] += known
+        direct[:, 0] += known
+        explained = np.einsum("fi,fij,fj->f", response.conj(), sums.xx, response).real
     spread = np.einsum("fii->fi", covariance).real * noise[:, None]
     power = np.abs(response) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,0 +1,385 @@
+"""`fit`: parameters of an axis from its frequency response, with what they are worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from sysid.frequency.axes import FrequencyError
+from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, cost
+from sysid.frequency.response import Complex, Floats, FrequencyResponse
+from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low_pass
+from sysid.statistics.estimate import Estimate
+from sysid.transfer_functions.transfer_function import TransferFunction
+
+#: Errors of the response below which no structure is right: 1 % of gain, 0.6 deg of phase.
+_FLOOR = 0.01
+
+#: Independent frequencies that a fit needs for each parameter.
+_PER_PARAMETER = 1.0
+
+#: Lags and leads beyond this [s] are no part of the response any more; modes more damped than this are none.
+_LARGEST_LAG, _MODE_DAMPED = 0.5, 0.4
+
+#: Standard deviations by which a lag, a lead or a mode must stand out; a delay that is more negative than this [s] shows
+#: that a lag has taken its place.
+_SIGNIFICANT, _MOST_NEGATIVE_DELAY = 3.0, -0.003
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrequencyFit:
+    """Parameters fitted to one or several frequency responses.
+
+    Attributes
+    ----------
+    axes : tuple of str
+    structure : tuple of Structure
+        One for each response.
+    parameters : mapping of str to Estimate
+        By name; with several responses by ``"roll.gain"`` and so on, shared ones without the axis. A parameter that the
+        data do not determine has no value, and a reason.
+    values : ndarray, shape (k,)
+        Of the search, in the order of `names`, determined or not.
+    covariance : ndarray, shape (k, k)
+        Of `values`: Cramer-Rao's, widened where the response does not fit within its errors.
+    insensitivity : ndarray, shape (k,)
+        Smallest change of each parameter alone that shows, as a part of its value (Tischler and Remple 2012, eq. 11.33).
+    cost : float
+        J, the largest of the responses; up to 100 is good, up to 50 excellent.
+    costs : tuple of float
+        J of each response.
+    excess : float
+        Root mean square of the remainder in its own errors; 1 where the structure is right.
+    responses : tuple of FrequencyResponse
+    """
+
+    axes: tuple[str, ...]
+    structure: tuple[Structure, ...]
+    parameters: Mapping[str, Estimate]
+    names: tuple[str, ...]
+    values: Floats
+    covariance: Floats
+    insensitivity: Floats
+    cost: float
+    costs: tuple[float, ...]
+    excess: float
+    responses: tuple[FrequencyResponse, ...] = field(repr=False)
+    columns: tuple[tuple[int, ...], ...] = field(repr=False)
+
+    @property
+    def correlation(self) -> Floats:
+        """Return the correlation of the parameters, shape (k, k)."""
+        deviation = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+        return np.asarray(self.covariance / np.outer(deviation, deviation))
+
+    @property
+    def verdict(self) -> str:
+        """Return in a word what the fit is good for."""
+        if self.cost <= EXCELLENT:
+            return "excellent: within what flight tests can tell apart"
+        return "good" if self.cost <= ACCEPTABLE else "poor: the structure misses part of the response"
+
+    def response(self, hz: Floats, which: int = 0) -> Complex:
+        """Evaluate the model of one response, with the filter of its measurement, shape (n,)."""
+        hz = np.asarray(hz, dtype=np.float64)
+        own = self.values[list(self.columns[which])]
+        return self.structure[which].response(own, hz) * low_pass(hz, self.responses[which].gyro_filter_hz)
+
+    def transfer_function(self, which: int = 0) -> TransferFunction:
+        """Return the model of one response as polynomials with their covariance, without the measurement's filter."""
+        columns = list(self.columns[which])
+        own, structure = self.values[columns], self.structure[which]
+        covariance = self.covariance[np.ix_(columns, columns)]
+
+        def coefficients(values: Floats) -> Floats:
+            num, den = structure.polynomials(values)
+            return np.concatenate([num / den[0], den[1:] / den[0]])
+
+        centre = coefficients(own)
+        slope = np.empty((len(centre), len(own)))
+        for k in range(len(own)):
+            step = 1e-5 * max(abs(own[k]), structure.specs[k].scale * 1e-2)
+            moved = own.copy()
+            moved[k] += step
+            slope[:, k] = (coefficients(moved) - centre) / step
+        num, den = structure.polynomials(own)
+        return TransferFunction(
+            num=num / den[0],
+            den=den / den[0],
+            covariance=slope @ covariance @ slope.T,
+            delay=float(own[-1]),
+            delay_std=float(np.sqrt(max(covariance[-1, -1], 0.0))),
+        )
+
+    def __repr__(self) -> str:
+        parts = []
+        for name, value in self.parameters.items():
+            known = value.value is not None and value.sigma is not None
+            parts.append(f"{name} {value.value:.4g} ± {value.sigma:.2g} {value.unit}" if known else f"{name} unknown")
+        kinds = "; ".join(dict.fromkeys(structure.name for structure in self.structure))
+        return f"<FrequencyFit {', '.join(self.axes)} ({kinds}), J {self.cost:.1f}: {', '.join(parts)}>"
+
+
+def fit(
+    frf: FrequencyResponse | Sequence[FrequencyResponse],
+    structure: Structure | str | None = None,
+    *,
+    shared: Sequence[str] = ("lag", "delay"),
+    band: tuple[float, float] | None = None,
+) -> FrequencyFit:
+    """Fit the parameters of an axis, or of several with shared lag and delay, to measured frequency responses.
+
+    Errors are those of the logarithm of the response, weighted by what each frequency is worth; only frequencies with a
+    coherence of 0.6 or more count.
+
+    Parameters
+    ----------
+    frf : FrequencyResponse or sequence of FrequencyResponse
+    structure : Structure or str, optional
+        One of `STRUCTURES` or its name; by default the one that explains the response with fewest parameters
+        (Bayesian information criterion).
+    shared : sequence of str
+        Parameters that several responses have in common.
+    band : tuple of float, optional
+        Frequencies, Hz, outside of which nothing counts.
+
+    Raises
+    ------
+    FrequencyError
+        When too few frequencies are coherent, or the structure is unknown.
+    """
+    responses = (frf,) if isinstance(frf, FrequencyResponse) else tuple(frf)
+    if not responses:
+        raise FrequencyError("no frequency responses given")
+    if band is not None:
+        responses = tuple(response.between(*band) for response in responses)
+    chosen = tuple(_choose(response, structure) for response in responses)
+    if len(responses) == 1:
+        return chosen[0]
+    return _search(responses, tuple(part.structure[0] for part in chosen), chosen, tuple(shared))
+
+
+def refit(found: FrequencyFit, response: FrequencyResponse) -> FrequencyFit:
+    """Fit the structure of an earlier fit to one response, from the values found before.
+
+    Raises
+    ------
+    FrequencyError
+        When too little of the response is coherent.
+    """
+    if np.count_nonzero(_good(response)) < len(found.values) + 2:
+        raise FrequencyError(f"{response.axis}: too few coherent frequencies are left")
+    return _search((response,), found.structure, None, (), found.values)
+
+
+def _choose(response: FrequencyResponse, structure: Structure | str | None) -> FrequencyFit:
+    """Fit one response with the structure asked for, or with the best of those of its axis."""
+    kind = "closed" if response.unit == "rad/rad" else response.axis
+    candidates = STRUCTURES[kind]
+    if isinstance(structure, Structure):
+        candidates = (structure,)
+    elif structure is not None:
+        candidates = tuple(s for group in STRUCTURES.values() for s in group if s.name == structure)[:1]
+        if not candidates:
+            known = sorted({s.name for group in STRUCTURES.values() for s in group})
+            raise FrequencyError(f"there is no structure {structure!r}; there are {', '.join(known)}")
+    good = response.usable & np.isfinite(response.sigma)
+    worth = float(np.sum(response.weight_of_points[good])) * 2.0
+    found: list[tuple[float, int, FrequencyFit]] = []
+    for candidate in candidates:
+        if worth < _PER_PARAMETER * len(candidate.specs) or np.count_nonzero(good) < len(candidate.specs) + 2:
+            continue
+        for start in _starts(response, candidate):
+            attempt = _search((response,), (candidate,), None, (), start)
+            found.append((attempt.excess**2 * worth, len(candidate.specs), attempt))
+    if not found:
+        low, high = (response.hz[good][0], response.hz[good][-1]) if good.any() else (0.0, 0.0)
+        raise FrequencyError(
+            f"{response.axis}: {np.count_nonzero(good)} coherent frequencies"
+            + (f" from {low:.2g} to {high:.2g} Hz" if good.any() else "")
+            + " are too few for a fit; fly a chirp, or a minute of short, sharp stick inputs on this axis"
+        )
+    usual = max(1.0, min(misfit / max(worth - count, 1.0) for misfit, count, _ in found))
+    plausible = [entry for entry in found if _plausible(entry[2])] or found[:1]
+    return min(plausible, key=lambda entry: entry[0] / usual + entry[1] * np.log(max(worth, 2.0)))[2]
+
+
+def _plausible(attempt: FrequencyFit) -> bool:
+    """Return whether lag, lead and mode lie where the response knows of them, and stand out of their errors."""
+    hz = attempt.responses[0].hz[attempt.responses[0].usable]
+    sigma = dict(zip(attempt.names, np.sqrt(np.maximum(np.diag(attempt.covariance), 0.0)), strict=True))
+    values = dict(zip(attempt.names, attempt.values, strict=True))
+    fastest = 2.0 * np.pi * float(hz[-1])
+    for name in ("lag", "lead", "mode_share", "mode_damping"):
+        if name in values and not abs(values[name]) > _SIGNIFICANT * sigma[name]:
+            return False
+    mode = values.get("mode_frequency")
+    return (
+        values.get("lag", 1.0) > 0.1 / fastest
+        and max(values.get("lag", 0.0), abs(values.get("lead", 0.0))) < _LARGEST_LAG
+        and values["delay"] > _MOST_NEGATIVE_DELAY
+        and (mode is None or 2.0 * np.pi * hz[0] < mode < fastest)
+        and values.get("mode_damping", 0.1) < _MODE_DAMPED
+    )
+
+
+def _starts(response: FrequencyResponse, structure: Structure) -> list[Floats]:
+    """Guess parameters: gain from the middle of the band, delay from the phase at its end, modes from a scan."""
+    good = response.usable & np.isfinite(response.sigma)
+    hz, measured = response.hz[good], response.response[good] / low_pass(response.hz[good], response.gyro_filter_hz)
+    omega = 2.0 * np.pi * hz
+    integrates = response.unit == "rad/s"
+    plain = measured * (1j * omega) if integrates else measured
+    middle = len(hz) // 2
+    closed = response.unit == "rad/rad"
+    gain = float(np.abs(measured[0])) if closed else float(np.median(np.abs(plain)))
+    slope = -np.unwrap(np.angle(plain))[middle:] / omega[middle:]
+    delay = float(np.clip(np.median(slope), 0.0, 0.05))
+    sign = float(np.sign(np.median(plain.real))) or 1.0
+    half = np.flatnonzero(np.abs(measured) < 0.7 * np.abs(measured[0]))
+    corner = float(omega[half[0]]) if len(half) else float(omega[-1])
+    guess = {"gain": sign * gain, "damping": 1.0, "lag": 0.03, "lead": 0.02, "delay": delay}
+    guess |= {"natural_frequency": corner, "damping_ratio": 0.7, "corner": corner}
+    guess |= {"mode_damping": 0.04, "mode_share": 0.2, "mode_frequency": corner}
+    if "lag" in structure.names:
+        guess["delay"] = 0.3 * delay
+    start = np.array([guess[name] for name in structure.names])
+    if "mode_frequency" not in structure.names:
+        return [start]
+    at = structure.names.index("mode_frequency")
+    # A mode is where the phase and the gain bend most against a smooth course.
+    bend = np.abs(np.gradient(np.gradient(np.log(np.abs(plain)) + 1j * np.unwrap(np.angle(plain)))))
+    bend[: max(len(bend) // 4, 2)] = 0.0
+    starts = []
+    for k in np.argsort(bend)[::-1][:1]:
+        for share in (0.2, -0.2):
+            one = start.copy()
+            one[at], one[at + 2] = omega[k], share
+            starts.append(one)
+    return starts
+
+
+def _search(
+    responses: tuple[FrequencyResponse, ...],
+    structures: tuple[Structure, ...],
+    single: tuple[FrequencyFit, ...] | None,
+    shared: tuple[str, ...],
+    start: Floats | None = None,
+) -> FrequencyFit:
+    """Search the parameters of all responses together, from those of each for itself."""
+    names: list[str] = []
+    specs: list[ParameterSpec] = []
+    columns: list[tuple[int, ...]] = []
+    initial: list[float] = []
+    for k, structure in enumerate(structures):
+        own = []
+        for j, spec in enumerate(structure.specs):
+            common = sum(spec.name in other.names for other in structures) > 1
+            alone = len(structures) == 1 or (spec.name in shared and common)
+            name = spec.name if alone else f"{responses[k].axis}.{spec.name}"
+            if name not in names:
+                names.append(name)
+                specs.append(spec)
+                initial.append(float(start[j] if start is not None else single[k].values[j]))  # type: ignore[index]
+            own.append(names.index(name))
+        columns.append(tuple(own))
+    guess = np.array(initial)
+    positive = np.array([spec.positive for spec in specs])
+    sign = np.where(positive, np.sign(guess), 1.0)
+    scale = np.array([spec.scale for spec in specs])
+    data = [_usable(response) for response in responses]
+
+    def values_of(x: Floats) -> Floats:
+        return np.asarray(np.where(positive, sign * np.exp(np.clip(x, -40.0, 40.0)), x * scale))
+
+    def remainder(x: Floats) -> Floats:
+        values = values_of(x)
+        parts = []
+        for structure, own, (hz, measured, weight, known) in zip(structures, columns, data, strict=True):
+            with np.errstate(all="ignore"):
+                error = np.log(measured / (structure.response(values[list(own)], hz) * known)) * weight
+            error = np.where(np.isfinite(error), error, 1e3)
+            parts += [error.real, error.imag]
+        return np.concatenate(parts)
+
+    x0 = np.where(positive, np.log(np.maximum(np.abs(guess), 1e-12)), guess / scale)
+    result = least_squares(remainder, x0, method="trf", max_nfev=200, x_scale="jac")
+    values = values_of(result.x)
+    worth = 2.0 * sum(float(np.sum(response.weight_of_points[_good(response)])) for response in responses)
+    squares = 2.0 * float(result.cost)
+    excess = max(1.0, squares / max(worth - len(specs), 1.0))
+    information = result.jac.T @ result.jac
+    turn = np.where(positive, np.abs(values), scale)
+    covariance = np.linalg.pinv(information, hermitian=True) * np.outer(turn, turn) * excess
+    for k, response in enumerate(responses):
+        at = columns[k][0]  # the gain comes first
+        covariance[at, at] += (response.systematic * values[at]) ** 2
+    with np.errstate(divide="ignore"):
+        alone_sigma = turn * np.sqrt(excess / np.maximum(np.diag(information), 1e-300))
+        insensitivity = alone_sigma / np.maximum(np.abs(values), 1e-300)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    parameters = {
+        name: _parameter(spec, float(value), float(deviation), responses)
+        for name, spec, value, deviation in zip(names, specs, values, sigma, strict=True)
+    }
+    parameters |= _effective_delays(names, values, covariance)
+    costs = []
+    for response, structure, own in zip(responses, structures, columns, strict=True):
+        good = _good(response)
+        model = structure.response(values[list(own)], response.hz[good])
+        model = model * low_pass(response.hz[good], response.gyro_filter_hz)
+        costs.append(cost(response.response[good], model, response.coherence[good]))
+    return FrequencyFit(
+        axes=tuple(response.axis for response in responses),
+        structure=structures,
+        parameters=parameters,
+        names=tuple(names),
+        values=values,
+        covariance=covariance,
+        insensitivity=np.asarray(insensitivity),
+        cost=max(costs),
+        costs=tuple(costs),
+        excess=float(np.sqrt(squares / max(worth, 1e-9))),
+        responses=responses,
+        columns=tuple(columns),
+    )
+
+
+def _effective_delays(names: Sequence[str], values: Floats, covariance: Floats) -> dict[str, Estimate]:
+    """Return the sum of delay and lag of each axis that has both: at low frequency only the sum shows."""
+    found = {}
+    for k, name in enumerate(names):
+        if name.rpartition(".")[2] != "lag":
+            continue
+        prefix = name.removesuffix("lag")
+        delay = names.index(f"{prefix}delay") if f"{prefix}delay" in names else names.index("delay")
+        variance = covariance[k, k] + covariance[delay, delay] + 2.0 * covariance[k, delay]
+        both = float(values[k] + values[delay])
+        found[f"{prefix}effective_delay"] = Estimate(both, float(np.sqrt(max(variance, 0.0))), "s")
+    return found
+
+
+def _good(response: FrequencyResponse) -> np.ndarray:
+    return response.usable & np.isfinite(response.sigma) & (np.abs(response.response) > 0.0)
+
+
+def _usable(response: FrequencyResponse) -> tuple[Floats, Complex, Floats, Complex]:
+    """Return frequencies, response, weights of its logarithm and the measurement's filter, where all that counts."""
+    good = _good(response)
+    hz = response.hz[good]
+    weight = np.sqrt(response.weight_of_points[good]) / np.hypot(response.sigma[good], _FLOOR)
+    return hz, response.response[good], np.asarray(weight), low_pass(hz, response.gyro_filter_hz)
+
+
+def _parameter(spec: ParameterSpec, value: float, sigma: float, responses: tuple[FrequencyResponse, ...]) -> Estimate:
+    """Return a parameter with its error, or why it has none."""
+    if np.isfinite(sigma) and (sigma < 0.5 * abs(value) or sigma < spec.absolute):
+        return Estimate(value, sigma, spec.unit)
+    low = min(float(response.hz[_good(response)][0]) for response in responses)
+    high = max(float(response.hz[_good(response)][-1]) for response in responses)
+    return Estimate(
+        None, None, spec.unit, f"not determined by {low:.2g} to {high:.2g} Hz: {value:.3g} ± {sigma:.2g} {spec.unit}"
+    )

@@ -1,0 +1,180 @@
+"""Structures of an axis: what its frequency response may look like, with parameters that mean something.
+
+Every structure is a ratio of polynomials in s with a delay and, where it is known, the low-pass through which the rate
+was measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from sysid.frequency.response import Complex, Floats
+
+#: Numerator and denominator, highest power first.
+Polynomials = tuple[Floats, Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSpec:
+    """A parameter of a structure.
+
+    Attributes
+    ----------
+    name, unit : str
+    positive : bool
+        Whether it keeps its sign; the search then goes over its logarithm.
+    scale : float
+        A change that matters, for those that may change their sign.
+    absolute : float
+        Standard deviation up to which it is determined even where that is more than half of its value.
+    """
+
+    name: str
+    unit: str
+    positive: bool = True
+    scale: float = 1.0
+    absolute: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """A family of responses.
+
+    Attributes
+    ----------
+    name : str
+    specs : tuple of ParameterSpec
+        The last one is the delay.
+    polynomials : callable
+        From values in the order of `specs` to numerator and denominator.
+    """
+
+    name: str
+    specs: tuple[ParameterSpec, ...]
+    polynomials: Callable[[Floats], Polynomials]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the parameters."""
+        return tuple(spec.name for spec in self.specs)
+
+    def response(self, values: Floats, hz: Floats) -> Complex:
+        """Evaluate at frequencies [Hz], without the filter of the measurement, shape (n,)."""
+        s = 2j * np.pi * hz
+        num, den = self.polynomials(values)
+        return np.asarray(np.polyval(num, s) / np.polyval(den, s) * np.exp(-values[-1] * s))
+
+
+def low_pass(hz: Floats, corner: float | None) -> Complex:
+    """Evaluate the second-order Butterworth low-pass of gyro and accelerometer; ones without a corner."""
+    if not corner:
+        return np.ones(len(hz), dtype=np.complex128)
+    s, omega = 2j * np.pi * hz, 2.0 * np.pi * corner
+    return np.asarray(omega**2 / (s**2 + np.sqrt(2.0) * omega * s + omega**2))
+
+
+def _gain(unit: str) -> ParameterSpec:
+    return ParameterSpec("gain", unit)
+
+
+_DAMPING = ParameterSpec("damping", "1/s", positive=False, scale=1.0, absolute=0.5)
+_LAG = ParameterSpec("lag", "s")
+_LEAD = ParameterSpec("lead", "s", positive=False, scale=0.05, absolute=0.02)
+_DELAY = ParameterSpec("delay", "s", positive=False, scale=0.005, absolute=0.01)
+_MODE = (
+    ParameterSpec("mode_frequency", "rad/s"),
+    ParameterSpec("mode_damping", "1"),
+    ParameterSpec("mode_share", "1", positive=False, scale=0.1, absolute=0.1),
+)
+_ANGULAR, _LINEAR = "rad/s^2", "m/s^2"
+
+
+def _rate(p: Floats) -> Polynomials:
+    return np.array([p[0]]), np.array([1.0, p[1]])
+
+
+def _lagged(ratio: Polynomials, lag: float) -> Polynomials:
+    return ratio[0], np.polymul(ratio[1], np.array([lag, 1.0]))
+
+
+def _flexible(p: Floats) -> Polynomials:
+    """Return ``K (1 / (s + a) + c s / (s^2 + 2 z w s + w^2))``: a rigid body with a mode that rides on it."""
+    gain, damping, omega, zeta, share = p[:5]
+    mode = np.array([1.0, 2.0 * zeta * omega, omega**2])
+    num = np.polyadd(mode, share * np.array([1.0, damping, 0.0]))
+    return gain * num, np.polymul(np.array([1.0, damping]), mode)
+
+
+def _yaw(p: Floats) -> Polynomials:
+    """Return ``K (T s + 1) / (s + a)``: the reaction to the rotors' acceleration leads their drag."""
+    return p[0] * np.array([p[2], 1.0]), np.array([1.0, p[1]])
+
+
+def _second_order(p: Floats) -> Polynomials:
+    return p[0] * np.array([p[1] ** 2]), np.array([1.0, 2.0 * p[2] * p[1], p[1] ** 2])
+
+
+def _second_order_zero(p: Floats) -> Polynomials:
+    return p[0] * p[1] ** 2 * np.array([p[3], 1.0]), np.array([1.0, 2.0 * p[2] * p[1], p[1] ** 2])
+
+
+RATE = Structure("rate", (_gain(_ANGULAR), _DAMPING, _DELAY), _rate)
+RATE_LAG = Structure("rate, lag", (_gain(_ANGULAR), _DAMPING, _LAG, _DELAY), lambda p: _lagged(_rate(p), float(p[2])))
+RATE_MODE = Structure("rate, flexible mode", (_gain(_ANGULAR), _DAMPING, *_MODE, _DELAY), _flexible)
+RATE_LAG_MODE = Structure(
+    "rate, lag, flexible mode",
+    (_gain(_ANGULAR), _DAMPING, *_MODE, _LAG, _DELAY),
+    lambda p: _lagged(_flexible(p), float(p[5])),
+)
+YAW_LEAD = Structure("yaw, lead", (_gain(_ANGULAR), _DAMPING, _LEAD, _DELAY), _yaw)
+YAW_LEAD_LAG = Structure(
+    "yaw, lead, lag", (_gain(_ANGULAR), _DAMPING, _LEAD, _LAG, _DELAY), lambda p: _lagged(_yaw(p), float(p[3]))
+)
+VERTICAL = Structure("vertical", (_gain(_LINEAR), _DELAY), lambda p: (np.array([p[0]]), np.array([1.0])))
+VERTICAL_LAG = Structure(
+    "vertical, lag",
+    (_gain(_LINEAR), _LAG, _DELAY),
+    lambda p: (np.array([p[0]]), np.array([p[1], 1.0])),
+)
+VERTICAL_DAMPED = Structure(
+    "vertical, heave damping",
+    (_gain(_LINEAR), _DAMPING, _DELAY),
+    lambda p: (p[0] * np.array([1.0, 0.0]), np.array([1.0, p[1]])),
+)
+VERTICAL_DAMPED_LAG = Structure(
+    "vertical, heave damping, lag",
+    (_gain(_LINEAR), _DAMPING, _LAG, _DELAY),
+    lambda p: _lagged((p[0] * np.array([1.0, 0.0]), np.array([1.0, p[1]])), float(p[2])),
+)
+_CLOSED = (
+    _gain("1"),
+    ParameterSpec("natural_frequency", "rad/s"),
+    ParameterSpec("damping_ratio", "1"),
+)
+_SLOW_DELAY = ParameterSpec("delay", "s", positive=False, scale=0.02, absolute=0.03)
+CLOSED_FIRST = Structure(
+    "closed loop, first order",
+    (_gain("1"), ParameterSpec("corner", "rad/s"), _SLOW_DELAY),
+    lambda p: (np.array([p[0] * p[1]]), np.array([1.0, p[1]])),
+)
+CLOSED = Structure("closed loop, second order", (*_CLOSED, _SLOW_DELAY), _second_order)
+CLOSED_ZERO = Structure(
+    "closed loop, second order with zero",
+    (*_CLOSED, ParameterSpec("lead", "s", positive=False, scale=0.05, absolute=0.02), _SLOW_DELAY),
+    _second_order_zero,
+)
+
+#: Structures that are tried for the output of each unit or axis, simplest first.
+STRUCTURES: Mapping[str, tuple[Structure, ...]] = MappingProxyType(
+    {
+        "roll": (RATE, RATE_LAG, RATE_MODE, RATE_LAG_MODE),
+        "pitch": (RATE, RATE_LAG, RATE_MODE, RATE_LAG_MODE),
+        "yaw": (RATE, RATE_LAG, YAW_LEAD, YAW_LEAD_LAG),
+        "vertical": (VERTICAL, VERTICAL_LAG, VERTICAL_DAMPED, VERTICAL_DAMPED_LAG),
+        "closed": (CLOSED_FIRST, CLOSED, CLOSED_ZERO),
+    }
+)
