@@ -1,8 +1,25 @@
-"""Frequency responses of a flight's axes: spectra, conditioning, composite windows, and fits to them."""
+"""Frequency responses of a flight's axes: spectra, conditioning, composite windows, and fits to them.
+
+``frf = response(data, "roll")`` estimates the response of the body rate to the rate controller's output, ``fit(frf)``
+its parameters, and ``attitude_response(log, "roll")`` how the attitude follows its target (bandwidth and phase delay).
+"""
 
 from sysid.frequency.axes import AXES, FrequencyError
+from sysid.frequency.closed_loop import AttitudeResponse, attitude_response
 from sysid.frequency.estimate import response
 from sysid.frequency.excitation import Chirp, find_chirps
+from sysid.frequency.fit import FrequencyFit, fit
 from sysid.frequency.response import FrequencyResponse
 
-__all__ = ["AXES", "Chirp", "FrequencyError", "FrequencyResponse", "find_chirps", "response"]
+__all__ = [
+    "AXES",
+    "AttitudeResponse",
+    "Chirp",
+    "FrequencyError",
+    "FrequencyFit",
+    "FrequencyResponse",
+    "attitude_response",
+    "find_chirps",
+    "fit",
+    "response",
+]

@@ -12,6 +12,9 @@ PHASE_WEIGHT = 0.01745
 #: Cost up to which a fit is good, and up to which it can hardly be told from a perfect one.
 ACCEPTABLE, EXCELLENT = 100.0, 50.0
 
+#: Cost beyond which the parameters mean nothing.
+POOR = 400.0
+
 
 def coherence_weight(coherence: Floats) -> Floats:
     """Weigh frequencies by coherence: ``(1.58 (1 - exp(-gamma^2)))^2`` (Tischler and Remple 2012, eq. 11.4)."""

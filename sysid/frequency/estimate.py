@@ -30,8 +30,8 @@ _BELOW_NYQUIST = 0.45
 #: Cycles of the lowest frequency in the longest record.
 _FEWEST = 3.0
 
-#: Standard deviation of ln |G| that all frequencies of a flight have in common: outputs are rounded to 1 us, and thrust is
-#: linear in the command only to a few percent between one trim and another.
+#: Standard deviation of ln |G| that all frequencies of a flight have in common: outputs are rounded to 1 us, and thrust
+#: is linear in the command only to a few percent between one trim and another.
 _ROUNDED = 0.015
 
 #: Most times that the model is taken out again.

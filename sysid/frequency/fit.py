@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from sysid.frequency.axes import FrequencyError
-from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, cost
+from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, POOR, cost
 from sysid.frequency.response import Complex, Floats, FrequencyResponse
 from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low_pass
 from sysid.statistics.estimate import Estimate
@@ -24,8 +24,14 @@ _PER_PARAMETER = 1.0
 #: Lags and leads beyond this [s] are no part of the response any more; modes more damped than this are none.
 _LARGEST_LAG, _MODE_DAMPED = 0.5, 0.4
 
-#: Standard deviations by which a lag, a lead or a mode must stand out; a delay that is more negative than this [s] shows
-#: that a lag has taken its place.
+#: Damping [1/s] and delay [s] that a multirotor can have.
+_POSSIBLE: Mapping[str, tuple[float, float]] = {"damping": (-8.0, 40.0), "delay": (-0.06, 0.3)}
+
+#: Damping and share of a mode below which it is a trick of the noise at one frequency.
+_LEAST_MODE = (0.004, 0.02)
+
+#: Standard deviations by which a lag, a lead or a mode must stand out; a delay more negative than this [s] shows that a
+#: lag has taken its place.
 _SIGNIFICANT, _MOST_NEGATIVE_DELAY = 3.0, -0.003
 
 
@@ -46,7 +52,7 @@ class FrequencyFit:
     covariance : ndarray, shape (k, k)
         Of `values`: Cramer-Rao's, widened where the response does not fit within its errors.
     insensitivity : ndarray, shape (k,)
-        Smallest change of each parameter alone that shows, as a part of its value (Tischler and Remple 2012, eq. 11.33).
+        Smallest change of each parameter alone that shows, in parts of its value (Tischler and Remple 2012, 11.3.3).
     cost : float
         J, the largest of the responses; up to 100 is good, up to 50 excellent.
     costs : tuple of float
@@ -81,6 +87,10 @@ class FrequencyFit:
         if self.cost <= EXCELLENT:
             return "excellent: within what flight tests can tell apart"
         return "good" if self.cost <= ACCEPTABLE else "poor: the structure misses part of the response"
+
+    def at(self, values: Floats) -> FrequencyFit:
+        """Return the model at other parameters."""
+        return replace(self, values=values)
 
     def response(self, hz: Floats, which: int = 0) -> Complex:
         """Evaluate the model of one response, with the filter of its measurement, shape (n,)."""
@@ -217,12 +227,13 @@ def _plausible(attempt: FrequencyFit) -> bool:
         if name in values and not abs(values[name]) > _SIGNIFICANT * sigma[name]:
             return False
     mode = values.get("mode_frequency")
-    return (
+    return bool(
         values.get("lag", 1.0) > 0.1 / fastest
         and max(values.get("lag", 0.0), abs(values.get("lead", 0.0))) < _LARGEST_LAG
         and values["delay"] > _MOST_NEGATIVE_DELAY
         and (mode is None or 2.0 * np.pi * hz[0] < mode < fastest)
-        and values.get("mode_damping", 0.1) < _MODE_DAMPED
+        and _LEAST_MODE[0] < values.get("mode_damping", 0.1) < _MODE_DAMPED
+        and abs(values.get("mode_share", 1.0)) > _LEAST_MODE[1]
     )
 
 
@@ -311,7 +322,8 @@ def _search(
     worth = 2.0 * sum(float(np.sum(response.weight_of_points[_good(response)])) for response in responses)
     squares = 2.0 * float(result.cost)
     excess = max(1.0, squares / max(worth - len(specs), 1.0))
-    information = result.jac.T @ result.jac
+    slope = np.asarray(result.jac, dtype=np.float64)
+    information = slope.T @ slope
     turn = np.where(positive, np.abs(values), scale)
     covariance = np.linalg.pinv(information, hermitian=True) * np.outer(turn, turn) * excess
     for k, response in enumerate(responses):
@@ -326,12 +338,15 @@ def _search(
         for name, spec, value, deviation in zip(names, specs, values, sigma, strict=True)
     }
     parameters |= _effective_delays(names, values, covariance)
-    costs = []
-    for response, structure, own in zip(responses, structures, columns, strict=True):
+    costs: list[float] = []
+    for response, structure, places in zip(responses, structures, columns, strict=True):
         good = _good(response)
-        model = structure.response(values[list(own)], response.hz[good])
+        model = structure.response(values[list(places)], response.hz[good])
         model = model * low_pass(response.hz[good], response.gyro_filter_hz)
         costs.append(cost(response.response[good], model, response.coherence[good]))
+    reason = _refusal(parameters, max(costs))
+    if reason:
+        parameters = {name: Estimate(None, None, known.unit, reason) for name, known in parameters.items()}
     return FrequencyFit(
         axes=tuple(response.axis for response in responses),
         structure=structures,
@@ -346,6 +361,17 @@ def _search(
         responses=responses,
         columns=tuple(columns),
     )
+
+
+def _refusal(parameters: Mapping[str, Estimate], worst: float) -> str:
+    """Return why the parameters of a fit mean nothing; empty where they may."""
+    if worst > POOR:
+        return f"the structure misses the response: cost J {worst:.0f}"
+    for name, known in parameters.items():
+        limits = _POSSIBLE.get(name.rpartition(".")[2])
+        if limits is not None and known.value is not None and not limits[0] < known.value < limits[1]:
+            return f"no craft has {name} {known.value:.3g} {known.unit}: the data say something else than the structure"
+    return ""
 
 
 def _effective_delays(names: Sequence[str], values: Floats, covariance: Floats) -> dict[str, Estimate]:

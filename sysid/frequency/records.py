@@ -101,7 +101,7 @@ class AxisRecord:
             From frequencies above zero, Hz, to the response of what was measured, before any difference.
         """
         size = next_fast_len(2 * len(self.output))
-        hz = np.fft.rfftfreq(size, self.dt)
+        hz = np.fft.rfftfreq(size, self.dt).astype(np.float64)
         answer = np.zeros(len(hz), dtype=np.complex128)
         answer[1:] = model(hz[1:])
         if self.differenced:
@@ -241,6 +241,23 @@ def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp)
     )
 
 
+def flight_span(log: FlightLog, first: float, last: float) -> tuple[float, float]:
+    """Return when a flight counts: in the air, without take-off and landing; all of a log that never tells.
+
+    Raises
+    ------
+    FrequencyError
+        When that is shorter than ten seconds.
+    """
+    flight = log.flight
+    start, stop = (flight.start, flight.stop) if flight is not None else (first, last)
+    if not np.isfinite([start, stop]).all() or stop - start < _SHORTEST_FLIGHT:
+        raise FrequencyError(
+            f"{log.path.name}: {max(stop - start, 0.0):.0f} s in the air; {_SHORTEST_FLIGHT:.0f} s are needed"
+        )
+    return start + _TAKEOFF, stop - _TAKEOFF
+
+
 def flight_record(log: FlightLog, signals: RateSignals, axis: Axis) -> AxisRecord:
     """Cut the record of an ordinary flight: the attitude target, which comes from outside the loop, is the instrument.
 
@@ -251,13 +268,8 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis) -> AxisRecor
     FrequencyError
         Without a flight, or without the signals of the axis in it.
     """
-    flight = log.flight
-    start, stop = (flight.start, flight.stop) if flight is not None else (signals.t[0], signals.t[-1])
-    if not np.isfinite([start, stop]).all() or stop - start < _SHORTEST_FLIGHT:
-        raise FrequencyError(
-            f"{log.path.name}: {max(stop - start, 0.0):.0f} s in the air; {_SHORTEST_FLIGHT:.0f} s are needed"
-        )
-    rows = (signals.t >= start + _TAKEOFF) & (signals.t <= stop - _TAKEOFF)
+    start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]))
+    rows = (signals.t >= start) & (signals.t <= stop)
     t = signals.t[rows]
     wanted = [name for name in (axis.input, axis.output, axis.reference) if name in signals.columns]
     known = {name: signals.columns[name][rows] for name in wanted}

@@ -123,7 +123,7 @@ class FrequencyResponse:
         """
         if len(self.hz) < 2:
             return np.ones(len(self.hz))
-        return np.asarray(np.minimum(np.gradient(self.hz) / self.resolution, 1.0))
+        return np.asarray(np.minimum(np.gradient(self.hz) / np.maximum(self.resolution, 1e-9), 1.0))
 
     def at(self, hz: Floats) -> Complex:
         """Interpolate the response: straight lines of log gain and phase over log frequency; NaN outside."""

@@ -1,0 +1,223 @@
+"""How the craft follows its attitude target: closed-loop response, bandwidth and phase delay as ADS-33 defines them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import brentq
+
+from logparse import FlightLog
+from logparse.canonical.series import wrap
+from logparse.canonical.units import quantity
+from sysid.frequency.axes import Axis, FrequencyError, axis_of
+from sysid.frequency.cost import POOR
+from sysid.frequency.estimate import response_of_records
+from sysid.frequency.fit import FrequencyFit, fit
+from sysid.frequency.records import AxisRecord, flight_span, on_uniform_clock
+from sysid.frequency.response import Floats, FrequencyResponse
+from sysid.statistics.estimate import Estimate
+
+#: Frequencies that are looked at, Hz.
+_BAND = (0.1, 20.0)
+
+#: Movement [rad] of target and attitude below which nothing was asked of an axis.
+_STILL = 0.004
+
+#: Names of the targets of roll, pitch and yaw in the messages of firmware of all ages.
+_TARGETS = {"roll": ("DesRoll", "RollIn"), "pitch": ("DesPitch", "PitchIn"), "yaw": ("DesYaw", "NavYaw")}
+
+#: A standard deviation beyond this part of the bandwidth, or this many seconds of delay, leaves it undetermined.
+_BANDWIDTH_KNOWN, _DELAY_KNOWN = 0.3, 0.065
+
+#: Errors by Cramer and Rao are too small where modes, wind and pilot change. Tischler and Remple (2012, 11.3.2)
+#: double them; halves of eleven real flights differ by 1.8 of them.
+_REAL_FLIGHT = 1.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeResponse:
+    """How an axis follows its target.
+
+    Attributes
+    ----------
+    axis : str
+    bandwidth : Estimate
+        Frequency at which the phase leaves 45 deg to -180 deg, rad/s (ADS-33E-PRF, figure 5, attitude command).
+    phase_delay : Estimate
+        Slope of the phase beyond -180 deg, s (same figure).
+    peak : Estimate
+        Largest gain over the gain at low frequency, dB.
+    frf : FrequencyResponse
+    fit : FrequencyFit
+    """
+
+    axis: str
+    bandwidth: Estimate
+    phase_delay: Estimate
+    peak: Estimate
+    frf: FrequencyResponse = field(repr=False)
+    fit: FrequencyFit = field(repr=False)
+
+    @property
+    def determined(self) -> bool:
+        """Return whether bandwidth and delay are known."""
+        return self.bandwidth.value is not None and self.phase_delay.value is not None
+
+
+def attitude_response(
+    data: FlightLog | Sequence[FlightLog], axis: str, *, part: tuple[float, float] = (0.0, 1.0)
+) -> AttitudeResponse:
+    """Estimate how an axis follows its attitude target, from any flight with attitude and target at 8 Hz or more.
+
+    Parameters
+    ----------
+    data : FlightLog or sequence of FlightLog
+    axis : {"roll", "pitch", "yaw"}
+    part : tuple of float
+        From where to where in each flight, in parts of its length.
+
+    Raises
+    ------
+    FrequencyError
+        Where the data cannot give it, with what to fly or log.
+    """
+    which = axis_of(axis)
+    if not which.attitude:
+        raise FrequencyError("the vertical axis has no attitude; ask for roll, pitch or yaw")
+    logs = [data] if isinstance(data, FlightLog) else list(data)
+    records, reasons = [], []
+    for log in logs:
+        try:
+            records.append(_record(log, which, part))
+        except FrequencyError as error:
+            reasons.append(str(error))
+    if not records:
+        raise FrequencyError("; ".join(reasons) or "no logs given")
+    frf = response_of_records(records, _following(which))
+    found = fit(frf)
+    return AttitudeResponse(
+        axis=axis,
+        bandwidth=_known(found, _bandwidth, "rad/s", lambda value, sigma: sigma < _BANDWIDTH_KNOWN * value),
+        phase_delay=_known(found, _phase_delay, "s", lambda _, sigma: sigma < _DELAY_KNOWN),
+        peak=_known(found, _peak, "dB", lambda _, sigma: sigma < 3.0),
+        frf=frf,
+        fit=found,
+    )
+
+
+def _following(axis: Axis) -> Axis:
+    """Return the axis with its target as input and its attitude as output; nothing integrates between them."""
+    return Axis(axis.name, f"{axis.attitude} target", axis.attitude, "rad/rad", "", "", axis.letter)
+
+
+def _record(log: FlightLog, axis: Axis, part: tuple[float, float]) -> AxisRecord:
+    t, target, angle = _target_and_angle(log, axis)
+    start, stop = flight_span(log, float(t[0]), float(t[-1]))
+    start, stop = (start + share * (stop - start) for share in part)
+    rows = (t >= start) & (t <= stop)
+    if np.count_nonzero(rows) < 32:
+        raise FrequencyError(f"{log.path.name}: too few rows of attitude in the air")
+    clock, values, usable = on_uniform_clock(t[rows], [np.unwrap(target[rows]), np.unwrap(angle[rows])])
+    if min(np.std(values[:, 0]), np.std(values[:, 1])) < _STILL:
+        raise FrequencyError(
+            f"{log.path.name}: the {axis.name} target hardly moved; fly two minutes of short stick inputs in STABILIZE"
+        )
+    return AxisRecord(
+        name=f"{log.path.name} [{clock[0]:.1f}-{clock[-1]:.1f} s]",
+        start=float(clock[0]),
+        dt=float(clock[1] - clock[0]),
+        inputs=values[:, :1],
+        output=values[:, 1],
+        instruments=values[:, :1],
+        usable=usable,
+        band=_BAND,
+        instrument="",
+    )
+
+
+def _target_and_angle(log: FlightLog, axis: Axis) -> tuple[Floats, Floats, Floats]:
+    """Return times, targets and angles [rad] of an axis, of the fastest message that has both in its rows."""
+    best = None
+    for name in ("ANG", "ATT"):
+        frame = log.messages.get(name)
+        if frame is None or len(frame) < 32:
+            continue
+        target = next((column for column in _TARGETS[axis.name] if column in frame), None)
+        if target is not None and axis.name.title() in frame and (best is None or len(frame) > len(best[0])):
+            best = (frame, target)
+    if best is not None:
+        frame, name = best
+        t = frame.index.to_numpy(np.float64)
+        both = [wrap(quantity(frame, column, "deg")) for column in (name, axis.name.title())]
+    else:
+        targets, attitude = log.tables.setpoints, log.tables.attitude
+        if targets is None or attitude is None or len(attitude) < 32 or targets[axis.name].isna().all():
+            raise FrequencyError(
+                f"{log.path.name}: no attitude with its target; set LOG_BITMASK to include attitude (fast)"
+            )
+        t = attitude.index.to_numpy(np.float64)
+        wanted = targets[axis.name].dropna()
+        if len(wanted) < 32 or np.median(np.diff(wanted.index)) > 0.13:
+            raise FrequencyError(f"{log.path.name}: the {axis.name} target comes less than 8 times a second")
+        at = np.interp(t, wanted.index.to_numpy(np.float64), np.unwrap(wanted.to_numpy(np.float64)))
+        both = [at, attitude[axis.name].to_numpy(np.float64)]
+    order = np.argsort(t, kind="stable")
+    keep = order[np.concatenate([[True], np.diff(t[order]) > 0.0]) & np.isfinite(both[0] + both[1])[order]]
+    if len(keep) < 32:
+        raise FrequencyError(f"{log.path.name}: too few rows of attitude with its target")
+    return t[keep], both[0][keep], both[1][keep]
+
+
+def _phase(found: FrequencyFit, omega: float) -> float:
+    """Return the model's phase at a frequency, continuous from zero, rad."""
+    hz = np.geomspace(1e-2, max(omega / (2.0 * np.pi), 2e-2), 200)
+    return float(np.unwrap(np.angle(found.response(hz) * np.sign(found.values[0])))[-1])
+
+
+def _crossing(found: FrequencyFit, phase: float) -> float:
+    """Return the frequency at which the model's phase passes a level, rad/s; NaN where it never does below 50 Hz."""
+    top = 2.0 * np.pi * 50.0
+    if _phase(found, top) > phase:
+        return float("nan")
+    return float(brentq(lambda omega: _phase(found, omega) - phase, 0.1, top, xtol=1e-4))
+
+
+def _bandwidth(found: FrequencyFit) -> float:
+    return _crossing(found, -0.75 * np.pi)
+
+
+def _phase_delay(found: FrequencyFit) -> float:
+    at = _crossing(found, -np.pi)
+    return (-_phase(found, 2.0 * at) - np.pi) / (2.0 * at) if np.isfinite(at) else float("nan")
+
+
+def _peak(found: FrequencyFit) -> float:
+    gain = np.abs(found.response(np.geomspace(0.02, 20.0, 300)))
+    return float(20.0 * np.log10(np.max(gain) / gain[0]))
+
+
+def _known(
+    found: FrequencyFit, quantity_of: Callable[[FrequencyFit], float], unit: str, good: Callable[[float, float], bool]
+) -> Estimate:
+    """Return a quantity of a fit with its error (delta method), or why it is not determined."""
+    value = quantity_of(found)
+    if not np.isfinite(value):
+        return Estimate(None, None, unit, "the model's phase never reaches this level below 50 Hz")
+    slope = np.zeros(len(found.values), dtype=np.float64)
+    for k in range(len(found.values)):
+        step = 0.1 * float(np.sqrt(max(found.covariance[k, k], 1e-20)))
+        moved = found.values.copy()
+        moved[k] += step
+        slope[k] = (quantity_of(found.at(moved)) - value) / step
+    variance = float(slope @ found.covariance @ slope)
+    sigma = _REAL_FLIGHT * float(np.sqrt(max(variance, 0.0)))
+    if found.cost > POOR:
+        return Estimate(None, None, unit, f"the structure misses the response: cost J {found.cost:.0f}")
+    if not (np.isfinite(sigma) and good(value, sigma)):
+        return Estimate(None, None, unit, f"{value:.3g} ± {sigma:.2g} {unit}: too uncertain to be of use")
+    beyond = value > 4.0 * np.pi * float(found.responses[0].hz[found.responses[0].usable][-1])
+    if unit == "rad/s" and beyond:
+        return Estimate(None, None, unit, f"{value:.3g} {unit} lies beyond the frequencies that were excited")
+    return Estimate(value, sigma, unit)
