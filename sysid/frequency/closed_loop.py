@@ -17,7 +17,7 @@ from sysid.frequency.estimate import response_of_records
 from sysid.frequency.fit import FrequencyFit, fit
 from sysid.frequency.records import AxisRecord, flight_span, on_uniform_clock
 from sysid.frequency.response import Floats, FrequencyResponse
-from sysid.statistics.estimate import Estimate
+from sysid.statistics.parameter import Parameter
 
 #: Frequencies that are looked at, Hz.
 _BAND = (0.1, 20.0)
@@ -43,20 +43,20 @@ class AttitudeResponse:
     Attributes
     ----------
     axis : str
-    bandwidth : Estimate
+    bandwidth : Parameter
         Frequency at which the phase leaves 45 deg to -180 deg, rad/s (ADS-33E-PRF, figure 5, attitude command).
-    phase_delay : Estimate
+    phase_delay : Parameter
         Slope of the phase beyond -180 deg, s (same figure).
-    peak : Estimate
+    peak : Parameter
         Largest gain over the gain at low frequency, dB.
     frf : FrequencyResponse
     fit : FrequencyFit
     """
 
     axis: str
-    bandwidth: Estimate
-    phase_delay: Estimate
-    peak: Estimate
+    bandwidth: Parameter
+    phase_delay: Parameter
+    peak: Parameter
     frf: FrequencyResponse = field(repr=False)
     fit: FrequencyFit = field(repr=False)
 
@@ -69,7 +69,7 @@ class AttitudeResponse:
 def attitude_response(
     data: FlightLog | Sequence[FlightLog], axis: str, *, part: tuple[float, float] = (0.0, 1.0)
 ) -> AttitudeResponse:
-    """Estimate how an axis follows its attitude target, from any flight with attitude and target at 8 Hz or more.
+    """Parameter how an axis follows its attitude target, from any flight with attitude and target at 8 Hz or more.
 
     Parameters
     ----------
@@ -200,11 +200,11 @@ def _peak(found: FrequencyFit) -> float:
 
 def _known(
     found: FrequencyFit, quantity_of: Callable[[FrequencyFit], float], unit: str, good: Callable[[float, float], bool]
-) -> Estimate:
+) -> Parameter:
     """Return a quantity of a fit with its error (delta method), or why it is not determined."""
     value = quantity_of(found)
     if not np.isfinite(value):
-        return Estimate(None, None, unit, "the model's phase never reaches this level below 50 Hz")
+        return Parameter(None, None, unit, "the model's phase never reaches this level below 50 Hz")
     slope = np.zeros(len(found.values), dtype=np.float64)
     for k in range(len(found.values)):
         step = 0.1 * float(np.sqrt(max(found.covariance[k, k], 1e-20)))
@@ -214,10 +214,10 @@ def _known(
     variance = float(slope @ found.covariance @ slope)
     sigma = _REAL_FLIGHT * float(np.sqrt(max(variance, 0.0)))
     if found.cost > POOR:
-        return Estimate(None, None, unit, f"the structure misses the response: cost J {found.cost:.0f}")
+        return Parameter(None, None, unit, f"the structure misses the response: cost J {found.cost:.0f}")
     if not (np.isfinite(sigma) and good(value, sigma)):
-        return Estimate(None, None, unit, f"{value:.3g} ± {sigma:.2g} {unit}: too uncertain to be of use")
+        return Parameter(None, None, unit, f"{value:.3g} ± {sigma:.2g} {unit}: too uncertain to be of use")
     beyond = value > 4.0 * np.pi * float(found.responses[0].hz[found.responses[0].usable][-1])
     if unit == "rad/s" and beyond:
-        return Estimate(None, None, unit, f"{value:.3g} {unit} lies beyond the frequencies that were excited")
-    return Estimate(value, sigma, unit)
+        return Parameter(None, None, unit, f"{value:.3g} {unit} lies beyond the frequencies that were excited")
+    return Parameter(value, sigma, unit)

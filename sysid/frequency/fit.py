@@ -10,10 +10,10 @@ from scipy.optimize import least_squares
 
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, POOR, cost
+from sysid.frequency.rational import RationalModel
 from sysid.frequency.response import Complex, Floats, FrequencyResponse
 from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low_pass
-from sysid.statistics.estimate import Estimate
-from sysid.transfer_functions.transfer_function import TransferFunction
+from sysid.statistics.parameter import Parameter
 
 #: Errors of the response below which no structure is right: 1 % of gain, 0.6 deg of phase.
 _FLOOR = 0.01
@@ -44,7 +44,7 @@ class FrequencyFit:
     axes : tuple of str
     structure : tuple of Structure
         One for each response.
-    parameters : mapping of str to Estimate
+    parameters : mapping of str to Parameter
         By name; with several responses by ``"roll.gain"`` and so on, shared ones without the axis. A parameter that the
         data do not determine has no value, and a reason.
     values : ndarray, shape (k,)
@@ -64,7 +64,7 @@ class FrequencyFit:
 
     axes: tuple[str, ...]
     structure: tuple[Structure, ...]
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Parameter]
     names: tuple[str, ...]
     values: Floats
     covariance: Floats
@@ -98,15 +98,15 @@ class FrequencyFit:
         own = self.values[list(self.columns[which])]
         return self.structure[which].response(own, hz) * low_pass(hz, self.responses[which].gyro_filter_hz)
 
-    def transfer_function(self, which: int = 0) -> TransferFunction:
-        """Return the model of one response as polynomials with their covariance, without the measurement's filter."""
+    def transfer_function(self, which: int = 0) -> RationalModel:
+        """Return the model of one response as polynomials with their covariance: poles, zeros, state-space form."""
         columns = list(self.columns[which])
         own, structure = self.values[columns], self.structure[which]
         covariance = self.covariance[np.ix_(columns, columns)]
 
         def coefficients(values: Floats) -> Floats:
             num, den = structure.polynomials(values)
-            return np.concatenate([num / den[0], den[1:] / den[0]])
+            return np.concatenate([num / den[0], den[1:] / den[0], values[-1:]])
 
         centre = coefficients(own)
         slope = np.empty((len(centre), len(own)))
@@ -116,12 +116,13 @@ class FrequencyFit:
             moved[k] += step
             slope[:, k] = (coefficients(moved) - centre) / step
         num, den = structure.polynomials(own)
-        return TransferFunction(
+        return RationalModel(
             num=num / den[0],
             den=den / den[0],
-            covariance=slope @ covariance @ slope.T,
             delay=float(own[-1]),
-            delay_std=float(np.sqrt(max(covariance[-1, -1], 0.0))),
+            covariance=np.asarray(slope @ covariance @ slope.T),
+            cost=self.costs[which],
+            gyro_filter_hz=self.responses[which].gyro_filter_hz,
         )
 
     def __repr__(self) -> str:
@@ -346,7 +347,7 @@ def _search(
         costs.append(cost(response.response[good], model, response.coherence[good]))
     reason = _refusal(parameters, max(costs))
     if reason:
-        parameters = {name: Estimate(None, None, known.unit, reason) for name, known in parameters.items()}
+        parameters = {name: Parameter(None, None, known.unit, reason) for name, known in parameters.items()}
     return FrequencyFit(
         axes=tuple(response.axis for response in responses),
         structure=structures,
@@ -363,7 +364,7 @@ def _search(
     )
 
 
-def _refusal(parameters: Mapping[str, Estimate], worst: float) -> str:
+def _refusal(parameters: Mapping[str, Parameter], worst: float) -> str:
     """Return why the parameters of a fit mean nothing; empty where they may."""
     if worst > POOR:
         return f"the structure misses the response: cost J {worst:.0f}"
@@ -374,7 +375,7 @@ def _refusal(parameters: Mapping[str, Estimate], worst: float) -> str:
     return ""
 
 
-def _effective_delays(names: Sequence[str], values: Floats, covariance: Floats) -> dict[str, Estimate]:
+def _effective_delays(names: Sequence[str], values: Floats, covariance: Floats) -> dict[str, Parameter]:
     """Return the sum of delay and lag of each axis that has both: at low frequency only the sum shows."""
     found = {}
     for k, name in enumerate(names):
@@ -384,7 +385,7 @@ def _effective_delays(names: Sequence[str], values: Floats, covariance: Floats) 
         delay = names.index(f"{prefix}delay") if f"{prefix}delay" in names else names.index("delay")
         variance = covariance[k, k] + covariance[delay, delay] + 2.0 * covariance[k, delay]
         both = float(values[k] + values[delay])
-        found[f"{prefix}effective_delay"] = Estimate(both, float(np.sqrt(max(variance, 0.0))), "s")
+        found[f"{prefix}effective_delay"] = Parameter(both, float(np.sqrt(max(variance, 0.0))), "s")
     return found
 
 
@@ -400,12 +401,12 @@ def _usable(response: FrequencyResponse) -> tuple[Floats, Complex, Floats, Compl
     return hz, response.response[good], np.asarray(weight), low_pass(hz, response.gyro_filter_hz)
 
 
-def _parameter(spec: ParameterSpec, value: float, sigma: float, responses: tuple[FrequencyResponse, ...]) -> Estimate:
+def _parameter(spec: ParameterSpec, value: float, sigma: float, responses: tuple[FrequencyResponse, ...]) -> Parameter:
     """Return a parameter with its error, or why it has none."""
     if np.isfinite(sigma) and (sigma < 0.5 * abs(value) or sigma < spec.absolute):
-        return Estimate(value, sigma, spec.unit)
+        return Parameter(value, sigma, spec.unit)
     low = min(float(response.hz[_good(response)][0]) for response in responses)
     high = max(float(response.hz[_good(response)][-1]) for response in responses)
-    return Estimate(
+    return Parameter(
         None, None, spec.unit, f"not determined by {low:.2g} to {high:.2g} Hz: {value:.3g} ± {sigma:.2g} {spec.unit}"
     )
