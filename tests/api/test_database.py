@@ -213,7 +213,10 @@ def test_ordering_and_deleting_at_once_leaves_no_analysis_without_its_log(
         assert session.scalars(select(AnalysisRecord.id)).all() == []
 
 
-def test_the_whole_way_of_a_log(url: str, tmp_path: Path, upload: Callable[..., httpx.Response]) -> None:
+def test_the_whole_way_of_a_log(
+    url: str, database: Database, tmp_path: Path, upload: Callable[..., httpx.Response]
+) -> None:
+    database.close()  # which has left no rows
     with running(create_app(Settings(data=tmp_path, database=url, workers=1), standins.analyze, preload=())) as client:
         done = upload(client, b"good log", "Höhe 🚁.bin")
         assert (done.status_code, done.json()["report"]["name"]) == (201, "Höhe 🚁.bin")

@@ -56,7 +56,7 @@ def test_a_browser_without_scripts_is_led_from_form_to_report(service: httpx.Cli
     assert "<title>report</title>" in service.get(frame["src"] or "").text
 
 
-@pytest.mark.parametrize("content", [b"good log", b"refused"])
+@pytest.mark.parametrize("content", [b"good log with markup", b"refused with markup"])
 def test_names_are_escaped(service: httpx.Client, upload: Upload, content: bytes) -> None:
     log = service.post("/api/v1/logs", files={"file": ('<img src=x onerror="alert(1)">', content)}).json()
     page = service.post("/api/v1/analyses", json={"log": log["id"]}).json()["links"]["page"]
