@@ -15,6 +15,7 @@ from pipeline.fleet.split import choose_split
 from pipeline.results.entry import flight_entry
 from pipeline.storage.dataset import EXPERIMENTS, part, write_experiments
 from pipeline.storage.store import open_store
+from tests.pipeline.test_split import flight as moving
 from tests.reports.conftest import made_flight
 
 CONFIG = AnalysisConfig(poles=2, zeros=1)
@@ -33,7 +34,9 @@ def craft(store):
         flight = made_flight(f"flight0{k}", seed=k, fit=False)
         later = dataclasses.replace(flight.log, start_utc=flight.log.start_utc + timedelta(days=k))
         flight = dataclasses.replace(flight, log=later)
-        entry = flight_entry(flight, folder=flight.name, source=f"{flight.name}.bin", key=str(k))
+        entry = flight_entry(
+            flight, folder=flight.name, source=f"{flight.name}.bin", key=str(k), coverage=moving("any").coverage
+        )
         with store.scratch() as scratch:
             for kind, file in write_experiments(flight, scratch).items():
                 store.put(file, part(EXPERIMENTS, kind, entry.vehicle, entry.folder))
