@@ -22,7 +22,7 @@ from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, validate
 from sysid.records.context import standard_density
 from sysid.rigid_body._rigid_kernels import GRAVITY
-from sysid.rigid_body.body_motion import SHARED, THETA, Motion, motion
+from sysid.rigid_body.body_motion import OWN, SHARED, THETA, Motion, motion
 from sysid.rigid_body.output_error import Prior, fit_output_error
 
 LOGS = Path("../shared/logs/sitl")
@@ -168,10 +168,10 @@ def against_aeroid() -> list[Row]:
 
 
 def _ours(flight: Motion) -> tuple[dict[str, float], float]:
-    count = SHARED + 3
+    count = SHARED + len(OWN) + 2
     start, sigma = np.zeros(count), np.zeros(count)
-    names = [*THETA, "scale", "wind_n", "wind_e"]
-    start[names.index("thrust_expo")], start[names.index("scale")] = 0.65, 1.0
+    names = [*THETA, *OWN, "wind_n", "wind_e"]
+    start[names.index("thrust_expo")], start[names.index("thrust_scale")] = 0.65, 1.0
     for name, value in SHARED_PROBLEM.items():
         start[names.index(name)], sigma[names.index(name)] = value, np.inf
     prior = Prior(start.copy(), sigma, np.full(count, -100.0), np.full(count, 100.0))

@@ -226,12 +226,12 @@ def measure(
         missing["thrust"] = "no motor output was logged"
     else:
         series["thrust"] = thrust
-    trim, exponent = _fitted_wind(models)
+    trim = _fitted_wind(models)
     if trim is None:
         missing["wind"] = missing["airspeed"] = "no rigid body was fitted, and nothing else here tells the wind"
     else:
         height = np.maximum(max(position[0, 2], position[-1, 2]) - position[:, 2], _LOWEST)
-        wind = trim.wind(t) * ((height / WIND_HEIGHT) ** exponent)[:, None]
+        wind = trim.wind(t) * ((height / WIND_HEIGHT) ** trim.wind_exponent)[:, None]
         series["airspeed"] = np.hypot(context["v_n"] - wind[:, 0], context["v_e"] - wind[:, 1]).to_numpy()
     known = {
         name: found for name in QUANTITIES if (found := _distribution(name, series.get(name, np.empty(0)))) is not None
@@ -280,13 +280,12 @@ def _thrust(log: FlightLog, t: Floats) -> Floats | None:
     return np.asarray(curve(command, log.vehicle.thrust_expo).mean(axis=1))
 
 
-def _fitted_wind(models: Sequence[ModelResult]) -> tuple[FlightTrim | None, float]:
-    """Wind that the rigid body was fitted with, and its exponent with height."""
+def _fitted_wind(models: Sequence[ModelResult]) -> FlightTrim | None:
+    """Return the wind that the rigid body was fitted with."""
     body = next((each.model for each in models if each.key == RIGID_BODY_KEY), None)
     if not isinstance(body, sysid.RigidBodyModel):
-        return None, 0.0
-    fitted = next((body.flights[name] for name in body.training if name in body.flights), None)
-    return fitted, body.value("wind_exponent")
+        return None
+    return next((body.flights[name] for name in body.training if name in body.flights), None)
 
 
 def _distribution(name: str, values: Floats) -> Distribution | None:

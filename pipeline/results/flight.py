@@ -170,10 +170,11 @@ class ModelResult(Summarised):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What the fit, the coherence of what it was fitted to, and the scan of orders had to say."""
+        """What the fit, the validation, the coherence of what was fitted, and the scan of orders had to say."""
         coherent = () if self.coherence is None or isinstance(self.coherence, str) else self.coherence.findings
         return (
             *(self.model.findings if self.model else ()),
+            *(self.validation.findings if self.validation else ()),
             *coherent,
             *(self.orders.findings if self.orders else ()),
         )

@@ -1,9 +1,9 @@
 """Translation of a craft whose attitude is known, with the sensitivities of its path to every parameter.
 
 Parameters are numbered as in `THETA` of `sysid.rigid_body.body_motion`: 0 thrust, 1 expo, 2-4 linear drag, 5-7
-quadratic drag,
-8 climb loss, 9-10 tilt, 11 wind exponent, 12 motor lag, 13 thrust scale of the flight; then the wind's coefficients
-towards north and east in turn; then, as columns of sensitivities only, the initial position and velocity.
+quadratic drag, 8 climb loss, 9-10 tilt, 11 motor lag; then of the flight 12 wind exponent, 13 thrust scale and the
+wind's coefficients towards north and east in turn; then, as columns of sensitivities only, the initial position and
+velocity.
 
 Arrays are copied element by element: numba takes seconds to compile the error text of one slice assignment.
 """
@@ -60,7 +60,7 @@ def _wind(theta: Floats, shapes: Floats, k: int, part: float) -> tuple[float, fl
 def _acceleration(
     theta: Floats, s: Floats, north: float, east: float, height: float, v: Floats, law: int, out: Floats
 ) -> None:
-    profile = (max(height, _LOWEST) / 10.0) ** theta[11]
+    profile = (max(height, _LOWEST) / 10.0) ** theta[12]
     rn, re, rd = v[0] - profile * north, v[1] - profile * east, v[2]
     ux = s[0] * rn + s[3] * re + s[6] * rd
     uy = s[1] * rn + s[4] * re + s[7] * rd
@@ -99,7 +99,7 @@ def _derivatives(
     north, east = _wind(theta, shapes, k, part)
     clear = height > _LOWEST
     ratio = max(height, _LOWEST) / 10.0
-    profile = ratio ** theta[11]
+    profile = ratio ** theta[12]
     rn, re, rd = v[0] - profile * north, v[1] - profile * east, v[2]
     u = (
         s[0] * rn + s[3] * re + s[6] * rd,
@@ -139,7 +139,7 @@ def _derivatives(
                     total += rotation[a, i] * body[i, j] * rotation[b, j]
             by_velocity[a, b] = total
     by_log = profile * log(ratio)
-    by_rise = theta[11] * profile / (10.0 * ratio) if clear else 0.0
+    by_rise = theta[12] * profile / (10.0 * ratio) if clear else 0.0
     lag = gain * ((1.0 - theta[1]) * s[12] + theta[1] * s[13])
     for a in range(3):
         r = rotation[a]
@@ -153,8 +153,8 @@ def _derivatives(
         by_theta[a, 9] = r[0] * thrust
         by_theta[a, 10] = r[1] * thrust
         blown = by_velocity[a, 0] * north + by_velocity[a, 1] * east
-        by_theta[a, 11] = -blown * by_log
-        by_theta[a, 12] = pull * lag
+        by_theta[a, 11] = pull * lag
+        by_theta[a, 12] = -blown * by_log
         by_theta[a, 13] = pull * thrust / theta[13]
         by_height[a] = -blown * by_rise
         for i in range(shapes.shape[1]):
@@ -268,7 +268,7 @@ def path(
 
 @njit(cache=True, nogil=True)
 def ahead(
-    theta: Floats,
+    thetas: Floats,
     signals: Floats,
     shapes: Floats,
     dt: float,
@@ -279,12 +279,16 @@ def ahead(
     every: int,
     out: Floats,
 ) -> None:
-    """Positions predicted from the state `steps` samples before; the first `steps` from the first state.
+    """Positions predicted from the state `steps` samples before.
 
     Parameters
     ----------
-    theta, signals, shapes, dt, ground, law
+    thetas : ndarray, shape (R, q)
+        Parameters as they are known at each restart, at samples 0, `every`, 2 `every`, ...
+    signals, dt, ground, law
         As for `path`.
+    shapes : ndarray, shape (steps + 1, w)
+        Of the wind over the time since a restart.
     states : ndarray, shape (N, 6)
         Measured positions and velocities, NED.
     steps : int
@@ -293,17 +297,13 @@ def ahead(
     out : ndarray, shape (N, 3)
         Receives positions, NED; samples that no restart leads to are left alone.
     """
-    work = np.empty((6, SIGNALS))
-    x = states[0].copy()
-    _keep(x, out, 0)
-    for k in range(steps):
-        _step(theta, signals, shapes, k, dt, ground, law, x, work)
-        _keep(x, out, k + 1)
-    for first in range(every, len(states) - steps, every):
+    x, work = np.empty(6), np.empty((6, SIGNALS))
+    for restart in range((len(states) - steps - 1) // every + 1):
+        first = restart * every
         for a in range(6):
             x[a] = states[first, a]
-        for k in range(first, first + steps):
-            _step(theta, signals, shapes, k, dt, ground, law, x, work)
+        for k in range(steps):
+            _step(thetas[restart], signals[first:], shapes, k, dt, ground, law, x, work)
         _keep(x, out, first + steps)
 
 

@@ -22,7 +22,7 @@ from sysid.rigid_body.motor_effects import fit_motor_effects
 from sysid.rigid_body.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice, window_count
 from sysid.rigid_body.rotation import COHERENT, STILL, RotationFit, centre_of_gravity, fit_rotation, logged_motors
 from sysid.rigid_body.trim import trim_from, trim_prior
-from sysid.rigid_body.wind import WIND_EXPONENT, FlightTrim, wind_knots, wind_shapes
+from sysid.rigid_body.wind import FlightTrim, wind_knots, wind_shapes
 from sysid.rotors.thrust_regression import vehicle_of
 from sysid.transfer_functions.search import Progress
 
@@ -40,7 +40,6 @@ PRIORS: Mapping[str, tuple[float, float, float, float]] = {
     "climb_loss": (0.0, 0.05, 0.0, 1.0),
     "tilt_x": (0.0, 0.01, -0.1, 0.1),
     "tilt_y": (0.0, 0.01, -0.1, 0.1),
-    "wind_exponent": (*WIND_EXPONENT, 0.0, 1.0),
     "motor_lag": (0.03, 0.03, 0.0, 0.3),
 }
 
@@ -51,7 +50,6 @@ ABSOLUTE = {
     "climb_loss": 0.02,
     "tilt_x": 0.004,
     "tilt_y": 0.004,
-    "wind_exponent": 0.08,
     "motor_lag": 0.015,
     "roll_damping": 1.0,
     "pitch_damping": 1.0,
@@ -101,7 +99,6 @@ ADVICE = {
     "drag_quadratic": "fly back and forth at several speeds, the highest included, along this axis",
     "climb_loss": "climb fast and descend fast",
     "tilt": "turn in the wind, so that wind and a leaning thrust can be told apart",
-    "wind_exponent": "fly low and high in wind",
     "motor_lag": "log motor outputs faster, and move the throttle briskly",
 }
 
@@ -363,9 +360,9 @@ def _widened(prior: Prior, values: Floats, flights: int, shapes: int) -> tuple[P
     shared = np.array([prior.mean, prior.sigma, prior.low, prior.high])[:, :SHARED]
     parts, start = [shared], [values[:SHARED]]
     for flight in range(flights):
-        scale, north, east = values[flight_slice(flight, 1)]
+        exponent, scale, north, east = values[flight_slice(flight, 1)]
         parts.append(np.array(trim_prior(shapes, float(np.hypot(north, east)))))
-        start.append(np.array([scale, north, east, *np.zeros(2 * (shapes - 1))]))
+        start.append(np.array([exponent, scale, north, east, *np.zeros(2 * (shapes - 1))]))
     return Prior(*np.ascontiguousarray(np.hstack(parts))), np.concatenate(start)
 
 

@@ -12,7 +12,7 @@ from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
 from sysid.rigid_body._rigid_kernels import GRAVITY, SIGNALS, path
 
-#: Parameters of translation in the order of the kernels; then thrust scale and wind of the flight.
+#: Parameters of the craft in the order of the kernels; those of the flight follow: `OWN`, then the wind.
 THETA = (
     "thrust",
     "thrust_expo",
@@ -25,10 +25,12 @@ THETA = (
     "climb_loss",
     "tilt_x",
     "tilt_y",
-    "wind_exponent",
     "motor_lag",
 )
 SHARED = len(THETA)
+
+#: Parameters of a flight before the coefficients of its wind.
+OWN = ("wind_exponent", "thrust_scale")
 LAG = THETA.index("motor_lag")
 
 #: Step by which the derivative by the lag is taken, s; also the shortest lag.

@@ -9,7 +9,7 @@ Translation, with attitude as an input (NED world, FRD body; R from body to worl
 
 with c_k the command of motor k between idle and full spin, and L = sqrt(s t / g) where drag is that of the rotors,
 which goes with their speed, or L = s where it is not; quadratic drag may go with the speed along its axis, |u_i| for
-|u|.
+|u|. Scale, wind and its exponent belong to the flight, all else to the craft.
 
 Rotation, with levers l_k = -sin(angle_k) for roll and cos(angle_k) for pitch, in arms, and l_k = -spin_k for yaw (a
 rotor turning clockwise pushes the craft anticlockwise), and T_k = s (V / V_ref)^2 [(1 - e) c_k + e c_k^2]::
@@ -33,13 +33,18 @@ from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
 from sysid.rigid_body.body_motion import LAG, THETA, Motion, motion
+from sysid.rigid_body.carried import Carried, carry_states
 from sysid.rigid_body.motor_effects import MotorEffect
 from sysid.rigid_body.rotation import AXES, logged_motors, run_rates, torque_commands
-from sysid.rigid_body.trim import fit_trim
+from sysid.rigid_body.trim import early_trim, unusual_thrust, whole_trim
+from sysid.rigid_body.wander import GUST_SECONDS
 from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
 
 #: From how much of a flight that the model has not seen wind and thrust scale are found, s.
 TRIM_SECONDS = 30.0
+
+#: Smallest standard deviations with which exponent, thrust scale and wind of a flight are known when it is predicted.
+KNOWN_AT_BEST = np.array([0.02, 1e-3, 0.02, 0.02])
 
 #: Parameters in the order in which they are estimated, with their units; the first group from translation, the second
 #: from rotation.
@@ -55,7 +60,6 @@ TRANSLATION_UNITS: Mapping[str, str] = {
     "climb_loss": "1/m, thrust per mass lost with the square of the climb through the air, at sea level",
     "tilt_x": "rad, thrust leans forward",
     "tilt_y": "rad, thrust leans right",
-    "wind_exponent": "1",
     "motor_lag": "s",
 }
 ROTATION_UNITS: Mapping[str, str] = {
@@ -145,6 +149,8 @@ class RigidBodyModel(Summarised):
         Each motor's share of thrust and torque, where motors can be told apart.
     training : tuple of str
     findings : tuple of Finding
+    carried : mapping of str to Carried
+        Wind and thrust scale through flights, where they have been followed already.
     """
 
     name: str
@@ -164,6 +170,7 @@ class RigidBodyModel(Summarised):
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
     motors: Mapping[str, MotorEffect] = field(default_factory=dict)
+    carried: Mapping[str, Carried] = field(default_factory=dict, repr=False, compare=False)
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
@@ -198,7 +205,7 @@ class RigidBodyModel(Summarised):
         """Run freely from the measured initial state, with PWM and measured attitude as inputs.
 
         Wind and thrust scale are those in `flights`; of a flight that is not there they are found from its first 30 s
-        (`trim`).
+        (`trim`). What has been looked at need not be foretold: from there on a run starts anew from the measured state.
 
         Parameters
         ----------
@@ -210,12 +217,20 @@ class RigidBodyModel(Summarised):
         ndarray, shape (N, 3)
             x, y, z, m.
         """
-        flight = self._motion(experiment)
-        theta, shapes = self._theta(flight, self._trim_of(experiment))
-        return self._outputs(experiment, flight.run(theta, shapes, self.law)[:, :3])
+        flight, trim = self._motion(experiment), self._trim_of(experiment)
+        theta, shapes = self._theta(flight, trim)
+        start = _free_from(flight, trim)
+        path = flight.run(theta, shapes, self.law, start)
+        if start > 0:
+            path = np.concatenate([flight.run(theta, shapes, self.law, 0, start), path])
+        return self._outputs(experiment, path[:, :3])
 
     def predict(self, experiment: Experiment, horizon: float = 1.0, every: int = 1) -> Floats:
-        """Predict every sample from the state `horizon` seconds before it; wind and thrust scale as in `simulate`.
+        """Predict every sample from the state `horizon` seconds before it.
+
+        Wind and thrust scale are states that a filter carries forward (`sysid.rigid_body.carried`): every prediction
+        uses what the flight has told up to its restart, and lets gusts fade as gusts do. How strong gusts and noise
+        are comes from the first 30 s.
 
         Parameters
         ----------
@@ -231,16 +246,30 @@ class RigidBodyModel(Summarised):
             x, y, z, m; samples before the first horizon are those of the free run; NaN where no restart leads to.
         """
         flight = self._motion(experiment)
-        theta, shapes = self._theta(flight, self._trim_of(experiment))
         steps = min(horizon_steps(horizon, flight.dt), len(flight.t) - 1)
+        carried = self.carried.get(experiment.name) or self._carry(flight, self.flights.get(experiment.name))
+        restarts = np.arange(0, len(flight.t) - steps, every)
+        block = np.searchsorted(carried.edges, restarts, side="right") - 1
+        own, shared = carried.own[block], self._shared
+        own[:, 1] += carried.departure[block]
+        thetas = np.hstack([np.tile(shared, (len(restarts), 1)), own, carried.gust[block]])
+        since = np.arange(steps + 1) * flight.dt
+        shapes = np.column_stack([np.ones(steps + 1), np.exp(-since / GUST_SECONDS)])
         out = np.full((len(flight.t), 3), np.nan)
-        signals, initial = flight.signals(theta[LAG]), np.hstack([flight.position, flight.velocity])
-        ahead(theta, signals, shapes, flight.dt, flight.ground, self.law, initial, steps, every, out)
-        return self._outputs(experiment, out)
+        signals, states = flight.signals(shared[LAG]), np.hstack([flight.position, flight.velocity])
+        ahead(thetas, signals, shapes, flight.dt, flight.ground, self.law, states, steps, every, out)
+        found = self._outputs(experiment, out)
+        found[: steps + 1] = self.simulate(experiment)[: steps + 1]
+        return found
 
     def with_early_trim(self, experiment: Experiment) -> RigidBodyModel:
-        """Give the model with wind and thrust scale found as `simulate` finds them, so that it need not do so again."""
-        return replace(self, flights={**self.flights, experiment.name: self._trim_of(experiment)})
+        """Return the model with what `simulate` and `predict` find of a flight, so that they need not do so again."""
+        flight, name = self._motion(experiment), experiment.name
+        return replace(
+            self,
+            flights={**self.flights, name: self._trim_of(experiment)},
+            carried={**self.carried, name: self._carry(flight, self.flights.get(name))},
+        )
 
     def predict_rates(self, experiment: Experiment, horizon: float = 0.5) -> Floats:
         """Predict angular rates from those `horizon` seconds before and the torque commands since.
@@ -281,26 +310,31 @@ class RigidBodyModel(Summarised):
 
     def initial_seconds(self, experiment: Experiment) -> float:
         """How much of a record's outputs a free run looks at, s: for wind and thrust scale where they are unknown."""
-        return 0.0 if experiment.name in self.flights else TRIM_SECONDS
+        known = self.flights.get(experiment.name)
+        if known is None:
+            return TRIM_SECONDS
+        return 0.0 if known.looked_until is None else max(known.looked_until - float(experiment.t[0]), 0.0)
 
     def trim(
         self, experiment: Experiment, seconds: float | None = None, wind_spacing: float | None = None
     ) -> FlightTrim:
-        """Find wind and thrust scale of a flight, so that the free run from its initial state fits best.
+        """Find wind and thrust scale of a flight.
 
         Parameters
         ----------
         experiment : Experiment
         seconds : float, optional
-            Use the beginning of the flight only, s; default: all of it.
+            Use the beginning of the flight only, s, for what comes after it; default: all of it, so that the free run
+            from its initial state fits best.
         wind_spacing : float, optional
-            Let the wind vary, with this time between the points of a broken line, s; default: constant wind.
+            Let the wind over a whole flight vary, with this time between the points of a broken line, s; default:
+            constant wind.
         """
         flight = self._motion(experiment)
-        source = "whole flight"
         if seconds is not None and seconds < flight.t[-1] - flight.t[0]:
-            flight, source = flight.cut(0, max(round(seconds / flight.dt), 2)), f"first {seconds:g} s"
-        return fit_trim(flight, np.array([self.value(name) for name in THETA]), self.law, source, wind_spacing)
+            beginning = flight.cut(0, max(round(seconds / flight.dt), 2))
+            return early_trim(beginning, self._shared, self.law, f"first {seconds:g} s")
+        return whole_trim(flight, self._shared, self.law, "whole flight", wind_spacing)
 
     def trimmed(
         self, experiments: Sequence[Experiment], seconds: float | None = None, wind_spacing: float | None = None
@@ -312,7 +346,14 @@ class RigidBodyModel(Summarised):
             self,
             name=f"{self.name.split(',')[0]}, wind and thrust scale trimmed on {how}",
             flights={**self.flights, **flights},
+            findings=(*self.findings, *self.unusual_flights(flights)),
         )
+
+    @staticmethod
+    def unusual_flights(flights: Mapping[str, FlightTrim]) -> tuple[Finding, ...]:
+        """Return findings about flights whose thrust scale is not what air temperature explains."""
+        found = (unusual_thrust(name, trim) for name, trim in flights.items())
+        return tuple(finding for finding in found if finding is not None)
 
     def drag(self, axis: str, speed: float) -> tuple[float, float]:
         """Deceleration [m/s^2] by drag at a speed [m/s] along a body axis in sea-level air at hover, and its sigma.
@@ -388,11 +429,31 @@ class RigidBodyModel(Summarised):
         known = self.flights.get(experiment.name)
         return known if known is not None else self.trim(experiment, TRIM_SECONDS)
 
+    @property
+    def _shared(self) -> Floats:
+        """Parameters of translation in the order of the kernels."""
+        return np.array([self.value(name) for name in THETA])
+
+    def _carry(self, flight: Motion, known: FlightTrim | None) -> Carried:
+        """Follow wind and thrust scale through a flight; a trim found on its beginning is found again on the way."""
+        if known is None or known.looked_until is not None:
+            return carry_states(flight, self._shared, self.law)
+        own = np.array([known.wind_exponent, known.thrust_scale, known.wind_n, known.wind_e])
+        sigma = np.array([known.wind_exponent_sigma, known.thrust_scale_sigma, known.wind_sigma, known.wind_sigma])
+        return carry_states(flight, self._shared, self.law, (own, np.maximum(sigma, KNOWN_AT_BEST)))
+
     def _theta(self, flight: Motion, trim: FlightTrim) -> tuple[Floats, Floats]:
         """Parameters and wind for the kernels: the winds north and east are shapes of their own."""
-        shared = [self.value(name) for name in THETA]
-        return np.array([*shared, trim.thrust_scale, 1.0, 0.0, 0.0, 1.0]), np.ascontiguousarray(trim.wind(flight.t))
+        own = (trim.wind_exponent, trim.thrust_scale)
+        return np.array([*self._shared, *own, 1.0, 0.0, 0.0, 1.0]), np.ascontiguousarray(trim.wind(flight.t))
 
     @staticmethod
     def _outputs(experiment: Experiment, position: Floats) -> Floats:
         return np.asarray(position * np.array([1.0, 1.0, -1.0]) + experiment.y[0])
+
+
+def _free_from(flight: Motion, trim: FlightTrim) -> int:
+    """Return the sample from which a free run is free: the last that its trim has looked at."""
+    if trim.looked_until is None:
+        return 0
+    return int(np.clip(np.searchsorted(flight.t, trim.looked_until + 1e-9) - 1, 0, len(flight.t) - 2))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sysid.records.experiment import ExperimentError, Floats
 from sysid.rigid_body._rigid_kernels import path_sensitivities
-from sysid.rigid_body.body_motion import LAG, SHARED, Motion
+from sysid.rigid_body.body_motion import LAG, OWN, SHARED, Motion
 
 #: Length of a window, s: long against the sampling of the motor outputs, short against a flight.
 WINDOW_SECONDS = 10.0
@@ -79,7 +79,7 @@ class OutputErrorFit:
     Attributes
     ----------
     values : ndarray, shape (n,)
-        Shared parameters (`body_motion.THETA`), then thrust scale and wind coefficients of each flight.
+        Shared parameters (`body_motion.THETA`), then wind exponent, thrust scale and wind coefficients of each flight.
     covariance : ndarray, shape (n, n)
         For coloured residuals, prior knowledge included; zero for what is held.
     information : ndarray, shape (n, n)
@@ -155,8 +155,8 @@ class _Linearised:
 
 
 def flight_slice(flight: int, shapes: int) -> slice:
-    """Where scale and wind coefficients of a flight stand among the parameters."""
-    width = 1 + 2 * shapes
+    """Return where exponent, scale and wind coefficients of a flight stand among the parameters."""
+    width = len(OWN) + 2 * shapes
     return slice(SHARED + flight * width, SHARED + (flight + 1) * width)
 
 
@@ -182,7 +182,7 @@ def fit_output_error(
     shapes : sequence of ndarray, shape (N, w)
         How the wind of each flight may vary with time; w alike for all.
     start : ndarray, shape (n,)
-        Shared parameters, then thrust scale and wind of each flight.
+        Shared parameters, then wind exponent, thrust scale and wind of each flight.
     prior : Prior
     law : int
         Of drag (`_rigid_kernels`).
@@ -300,8 +300,8 @@ def _windows(
             initial = np.concatenate([motion.position[start], motion.velocity[start]])
             active = np.flatnonzero(np.any(shapes[flight][start:stop] != 0.0, axis=0))
             first = flight_slice(flight, shapes[flight].shape[1]).start
-            winds = (first + 1 + 2 * active[:, None] + np.arange(2)).ravel()
-            places = np.concatenate([np.arange(SHARED), [first], winds])
+            winds = (first + len(OWN) + 2 * active[:, None] + np.arange(2)).ravel()
+            places = np.concatenate([np.arange(SHARED), np.arange(first, first + len(OWN)), winds])
             own = np.ascontiguousarray(shapes[flight][start:stop, active])
             moves = np.isin(places, free)
             among = np.searchsorted(free, places[moves])

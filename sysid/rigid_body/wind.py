@@ -1,4 +1,8 @@
-"""Wind of a flight: a mean at the meteorologists' height, a power law with height, and what varies slowly with time."""
+"""Wind of a flight: a mean at the meteorologists' height, a power law with height, and what varies slowly with time.
+
+How the wind grows with height is the weather of a day and belongs to the flight, not to the craft: by day over grass
+the exponent is near 0.1, in the evening 0.4.
+"""
 
 from __future__ import annotations
 
@@ -35,8 +39,13 @@ class FlightTrim:
         Standard error of each, m/s.
     thrust_scale, thrust_scale_sigma : float
         Thrust of this flight over the model's: temperature of the air, battery, mass taken on.
+    wind_exponent, wind_exponent_sigma : float
+        Of the power law of the wind with height; what is known of any day where the flight does not tell.
     source : str
         From what: ``"fit"``, ``"whole flight"``, ``"first 30 s"``.
+    looked_until : float or None
+        Time until which the flight's own motion was looked at, s; from there on a free run is free. None where all of
+        it was, or none.
     variation : tuple of (t, n, e)
         Departures from the mean wind [m/s] at times t [s], straight lines between them; empty for constant wind.
     """
@@ -47,6 +56,9 @@ class FlightTrim:
     thrust_scale: float
     thrust_scale_sigma: float
     source: str
+    wind_exponent: float = WIND_EXPONENT[0]
+    wind_exponent_sigma: float = WIND_EXPONENT[1]
+    looked_until: float | None = None
     variation: tuple[tuple[float, float, float], ...] = ()
 
     def wind(self, t: Floats) -> Floats:

@@ -101,6 +101,8 @@ class Validation(Summarised):
     own_trim : bool
         The model works about each record's own mean inputs, known only afterwards: about the trim of the records
         fitted it errs by far more where hovering takes another thrust.
+    findings : tuple of Finding
+        What the model had to say about single records.
     """
 
     model: str
@@ -113,6 +115,7 @@ class Validation(Summarised):
     unseen: bool
     predictions: Mapping[str, Floats]
     own_trim: bool = False
+    findings: tuple[Finding, ...] = ()
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
@@ -158,9 +161,12 @@ def validate(
     predictions: dict[str, Floats] = {}
     errors: dict[str, Floats] = {}
     start = {record.name: _scored_from(model, record) for record in records}
+    found: list[Finding] = []
     for record in records:
         # The wind of a flight is found once, not for every horizon.
         told = model.with_early_trim(record) if isinstance(model, RigidBodyModel) else model
+        if isinstance(told, RigidBodyModel) and record.name not in model.training:
+            found += told.unusual_flights({record.name: told.flights[record.name]})
         simulated = told.simulate(record)
         predictions[record.name] = simulated
         first = start[record.name]
@@ -213,6 +219,7 @@ def validate(
         unseen=unseen,
         predictions=predictions,
         own_trim=own_trim,
+        findings=tuple(found),
     )
 
 

@@ -15,7 +15,7 @@ from sysid import Experiment, ExperimentError, fit_rigid_body, validate
 from sysid.records.thrust_curve import lagged
 from sysid.rigid_body import body_fit
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG, accelerations, path, path_sensitivities
-from sysid.rigid_body.body_motion import Motion, rotation_matrices
+from sysid.rigid_body.body_motion import LAG, Motion, rotation_matrices
 from sysid.rigid_body.output_error import _within
 from tests.sysid.flown_craft import HOVER, flown, record
 
@@ -82,8 +82,8 @@ def parameters(**given):
         "climb",
         "tx",
         "ty",
-        "exponent",
         "lag",
+        "exponent",
         "scale",
         "n",
         "e",
@@ -142,15 +142,15 @@ def test_sensitivities_are_the_derivatives_of_the_path(law):
         else:
             state[column - len(theta)] += step
         result = np.empty((samples, 6))
-        path(values, flight.signals(values[12]), shapes, 0.04, 0.0, law, 0, state, result)
+        path(values, flight.signals(values[LAG]), shapes, 0.04, 0.0, law, 0, state, result)
         return result[:, :3]
 
     np.testing.assert_allclose(out, moved(0, 0.0), atol=1e-12)
     for column in range(len(theta) + 6):
-        step = 1e-4 if column == 12 else 1e-5
+        step = 1e-4 if column == LAG else 1e-5
         difference = (moved(column, step) - moved(column, -step)) / (2.0 * step)
         # The lag's derivative is itself a one-sided difference of the filtered commands.
-        allowed = (3e-2 if column == 12 else 1e-6) * max(np.abs(difference).max(), 1e-3)
+        allowed = (3e-2 if column == LAG else 1e-6) * max(np.abs(difference).max(), 1e-3)
         np.testing.assert_allclose(jacobian[:, :, column], difference, atol=allowed, err_msg=f"column {column}")
 
 
@@ -329,7 +329,7 @@ def test_hover_alone_gives_thrust_and_says_what_it_does_not_give():
     expected = truth(octocopter(), model.reference_voltage)["thrust"]
     # The curve is not determined, so that thrust at full command extrapolates by the autopilot's.
     assert model.parameters["thrust"].value == pytest.approx(expected, rel=0.1)
-    for name in ("drag_quadratic_x", "drag_quadratic_y", "wind_exponent", "roll_gain"):
+    for name in ("drag_quadratic_x", "drag_quadratic_y", "roll_gain"):
         parameter = model.parameters[name]
         assert not parameter.determined, name
         assert parameter.value is None

@@ -1,0 +1,142 @@
+"""What belongs to a flight and not to the craft: its thrust scale, its wind and how that grows with height."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sysid import validate
+from sysid.records.motor_scaling import curve, motor_commands, motor_pwm
+from sysid.rigid_body._rigid_kernels import path
+from sysid.rigid_body.body_motion import LAG, motion
+from tests.sysid.flown_craft import flown, record
+from tests.sysid.test_rigid_body import RATE, Wind, fitted, octocopter
+
+#: Commands that the same lift takes with another payload or battery, over those of the flights fitted.
+LOADS = (0.85, 0.93, 1.05, 1.10)
+
+
+def other(name="other", seed=3):
+    return record(
+        flown(octocopter(), wind=Wind(speed=3.0, from_deg=80.0, gusts=0.3), altitude=1500.0, seed=seed, rate=RATE),
+        np.random.default_rng(seed),
+        name=name,
+    )
+
+
+def with_commands(seen, factor):
+    """Scale the commands by which a flight was flown, and give the thrust scale that makes up for it."""
+    vehicle, expo = seen.vehicle, fitted().value("thrust_expo")
+    command = motor_commands(seen.u, vehicle)
+    scale = float(np.mean(curve(command, expo)) / np.mean(curve(factor * command, expo)))
+    return replace(seen, u=np.asarray(motor_pwm(factor * command, vehicle)), name=f"load {factor}"), scale
+
+
+@pytest.mark.parametrize("factor", LOADS)
+def test_the_thrust_scale_of_another_load_is_found(factor):
+    """Within 1 %, a second ahead within 2 cm, and named where it is beyond what air temperature explains.
+
+    Prior knowledge of +- 3.5 % outvoted the data before: commands 7 % lower left the scale at 0.9994 instead of 1.115.
+    """
+    seen, scale = with_commands(other(), factor)
+    model = fitted()
+    for seconds in (30.0, None):
+        found = model.trim(seen, seconds)
+        assert found.thrust_scale == pytest.approx(scale, rel=0.01)
+    result = validate(model, [seen], horizons=(1.0,))
+    vertical = result.horizons.set_index("output").loc["z", "rmse"]
+    assert vertical < 0.02
+    unusual = [finding for finding in result.findings if finding.id == "thrust-scale-unusual"]
+    # Air at 1500 m and the payload count together: 3.5 % is one standard deviation.
+    assert bool(unusual) == (abs(found.thrust_scale - 1.0) > 2.5 * 0.0347)
+    assert not validate(model, [other()], horizons=()).findings
+
+
+def sheared(exponent, seed, speed=5.0):
+    """Return a flight whose path follows the equations of motion, in wind that grows with height by a power law."""
+    seen, model = other(f"exponent {exponent}, {seed}", seed), fitted()
+    flight = motion(seen, seen.vehicle, model.reference_voltage)
+    theta, shapes = model._theta(flight, model.flights["flight"])
+    theta[LAG + 1], rng = exponent, np.random.default_rng(seed)
+    towards = rng.uniform(0.0, 2.0 * np.pi)
+    shapes = np.ascontiguousarray(np.tile([speed * np.cos(towards), speed * np.sin(towards)], (len(flight.t), 1)))
+    states = np.empty((len(flight.t), 6))
+    initial = np.concatenate([flight.position[0], flight.velocity[0]])
+    ground = flight.ground
+    for _ in range(4):  # where the ground is follows from the path
+        path(theta, flight.signals(theta[LAG]), shapes, flight.dt, ground, model.law, 0, initial, states)
+        ground = max(states[0, 2], states[-1, 2])
+    context = seen.context.assign(
+        **{f"v_{axis}": states[:, 3 + k] + 0.01 * rng.standard_normal(len(states)) for k, axis in enumerate("ned")}
+    )
+    y = states[:, :3] * [1.0, 1.0, -1.0] + 0.005 * rng.standard_normal((len(states), 3))
+    return replace(seen, y=y - y[0], context=context)
+
+
+def test_every_flight_has_its_own_wind_profile():
+    """The exponent is found of a day with shear and of one without, by a model of either's craft.
+
+    Shared among the flights of a craft, an exponent of 0.45 made the next day's free run err by tens of metres.
+    """
+    model = fitted()
+    assert "wind_exponent" not in model.parameters
+    for exponent, seed in ((0.45, 5), (0.0, 6), (0.25, 7)):
+        seen = sheared(exponent, seed)
+        found = model.trim(seen)
+        assert abs(found.wind_exponent - exponent) < max(3.0 * found.wind_exponent_sigma, 0.05)
+        assert max(validate(model.trimmed([seen]), [seen], horizons=()).average.values()) < 1.0
+
+
+def test_a_free_run_is_free_from_where_its_trim_has_looked_at():
+    """The first 30 s tell the wind; from there on nothing measured is used, and the score begins there."""
+    seen, model = other(), fitted()
+    told = model.trimmed([seen], seconds=30.0)
+    assert told.initial_seconds(seen) == pytest.approx(30.0, abs=0.1) == model.initial_seconds(seen)
+    at = int(np.searchsorted(seen.t, told.flights["other"].looked_until))
+    run = told.simulate(seen)
+    np.testing.assert_allclose(run[at], seen.y[at], atol=1e-9)
+    changed = replace(seen, y=np.where(np.arange(len(seen.t))[:, None] > at, seen.y + 100.0, seen.y))
+    np.testing.assert_array_equal(told.simulate(changed), run)
+
+
+def test_predictions_use_nothing_of_what_comes_after():
+    """Wind and thrust scale are carried forward causally: what follows a restart does not change its prediction."""
+    seen, model = other(), fitted()
+    whole = model.predict(seen, 2.0, every=10)
+    # All but the last sample, which tells where the ground is.
+    later = (seen.t > seen.t[0] + 50.0) & (seen.t < seen.t[-1])
+    changed = replace(
+        seen,
+        name="changed",
+        y=seen.y + np.where(later, 30.0, 0.0)[:, None],
+        context=seen.context.assign(v_n=seen.context["v_n"] + np.where(later, 4.0, 0.0)),
+    )
+    found = model.predict(changed, 2.0, every=10)
+    steps = round(2.0 / seen.dt)
+    restarts = np.arange(10, np.flatnonzero(later)[0], 10)
+    np.testing.assert_allclose(found[restarts + steps], whole[restarts + steps], atol=1e-9)
+
+
+def test_gusts_are_followed():
+    """In gusts, 1 to 5 s ahead, carried states err at least 10 % less than the mean wind of the beginning."""
+    model = fitted()
+    errors = []
+    for seed in (11, 12, 13):
+        gusty = record(
+            flown(octocopter(), wind=Wind(speed=6.0, from_deg=30.0 * seed, gusts=1.0), seed=seed, rate=RATE),
+            np.random.default_rng(seed),
+            name=f"gusty {seed}",
+        )
+        flight, trim = motion(gusty, gusty.vehicle, model.reference_voltage), model.trim(gusty, 30.0)
+        theta, shapes = model._theta(flight, trim)
+        for horizon in (1.0, 2.0, 5.0):
+            steps = round(horizon / gusty.dt)
+            carried = model.predict(gusty, horizon, every=10) - gusty.y
+            starts = np.arange(round(30.0 / gusty.dt) // 10 * 10, len(gusty.t) - steps, 10)
+            held = [
+                flight.run(theta, shapes, model.law, int(k), int(k) + steps + 1)[-1, :3] - flight.position[k + steps]
+                for k in starts
+            ]
+            errors.append((np.sqrt(np.mean(carried[starts + steps] ** 2)), np.sqrt(np.mean(np.square(held)))))
+    ratio = np.array(errors).T[0] / np.array(errors).T[1]
+    assert np.exp(np.mean(np.log(ratio))) < 0.9
