@@ -10,15 +10,16 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from logparse import Finding, Severity
-from pipeline.fleet.history import ALPHA, History, Point, Trend, history, sentence_of
+from pipeline.fleet.history import ALPHA, history, sentence_of
 from pipeline.fleet.meta_analysis import holm
-from pipeline.fleet.motor_drift import MotorDrift, motor_drift, trims
+from pipeline.fleet.motor_drift import motor_drift, trims
 from pipeline.flight.craft import in_order, took_off
 from pipeline.flight.flight_parameters import SHARES
+from pipeline.results.drift import Drift, History, Point, Trend
 
 if TYPE_CHECKING:
     from pipeline.results.entry import FlightEntry
@@ -34,39 +35,6 @@ _CAUSES: Mapping[str, str] = {
     "linear drag over mass": "check propellers and what was mounted outside",
     "quadratic drag over mass": "check what was mounted outside",
 }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Drift:
-    """Everything that was followed over the flights of one craft.
-
-    Attributes
-    ----------
-    order : str
-        ``"date"``, or ``"name"`` where a log does not tell its date.
-    flights : tuple of str
-        In that order.
-    parameters : tuple of History
-    motors : MotorDrift or None
-        None where no flight tells the motors' shares.
-    findings : tuple of Finding
-    """
-
-    order: str
-    flights: tuple[str, ...]
-    parameters: tuple[History, ...]
-    motors: MotorDrift | None
-    findings: tuple[Finding, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
-        return {
-            "order": self.order,
-            "flights": list(self.flights),
-            "parameters": [each.to_dict() for each in self.parameters],
-            "motors": None if self.motors is None else self.motors.to_dict(),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
 
 
 def follow(entries: Iterable[FlightEntry]) -> Drift | None:

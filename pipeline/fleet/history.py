@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.fleet.meta_analysis import MetaRegression, meta_regression
+from pipeline.results.drift import History, Point, Step, Trend
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 Floats = NDArray[np.float64]
@@ -20,116 +19,6 @@ ALPHA = 0.05
 
 #: Fewest flights for a slope or a step, and on either side of a step: with fewer, one strange flight makes either.
 FEWEST, FEWEST_ASIDE = 4, 2
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Point:
-    """A flight's own value of a parameter with its standard error; `number` counts the craft's flights from 1."""
-
-    flight: str
-    number: int
-    start_utc: str | None
-    value: float
-    sigma: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Trend:
-    """Steady change: slope per flight (and per day, where dates tell), with its standard error and probability."""
-
-    per_flight: float
-    per_flight_sigma: float
-    per_day: float | None
-    p: float
-    p_adjusted: float = 1.0
-    significant: bool = False
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
-    """Change at once between two flights (`number` is that of the later), with standard error and probability."""
-
-    before: str
-    after: str
-    number: int
-    change: float
-    sigma: float
-    p: float
-    p_adjusted: float = 1.0
-    significant: bool = False
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class History:
-    """One parameter over the flights of a craft.
-
-    Attributes
-    ----------
-    parameter, unit, method : str
-    points : tuple of Point
-        In the order of the flights.
-    mean, mean_sigma : float
-        Over flights, with its standard error.
-    between : float
-        Standard deviation between flights beyond their own standard errors.
-    q, q_p, i2 : float
-        Cochran's Q, its probability, and the part of the scatter that is not the flights' own errors.
-    trend : Trend or None
-    step : Step or None
-    others : mapping of str to tuple of Point
-        What other methods say, by method.
-    sentence : str
-    """
-
-    parameter: str
-    unit: str
-    method: str
-    points: tuple[Point, ...]
-    mean: float
-    mean_sigma: float
-    between: float
-    q: float
-    q_p: float
-    i2: float
-    trend: Trend | None = None
-    step: Step | None = None
-    others: Mapping[str, tuple[Point, ...]] = field(default_factory=dict)
-    sentence: str = ""
-
-    @property
-    def change(self) -> Trend | Step | None:
-        """The significant change, the likelier where slope and step both are; None without one."""
-        found = [each for each in (self.trend, self.step) if each is not None and each.significant]
-        return min(found, key=lambda each: each.p, default=None)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
-        return {
-            "parameter": self.parameter,
-            "unit": self.unit,
-            "method": self.method,
-            "flights": [point.to_dict() for point in self.points],
-            "mean": self.mean,
-            "mean_sigma": self.mean_sigma,
-            "between": self.between,
-            "heterogeneity": {"q": self.q, "p": self.q_p, "i2": self.i2},
-            "trend": None if self.trend is None else self.trend.to_dict(),
-            "step": None if self.step is None else self.step.to_dict(),
-            "others": {method: [point.to_dict() for point in points] for method, points in self.others.items()},
-            "sentence": self.sentence,
-        }
 
 
 def history(parameter: str, unit: str, methods: Mapping[str, Sequence[Point]]) -> History:

@@ -10,16 +10,16 @@ shift of the centre of gravity leads to roll and pitch only; a twist of motors a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import chi2
 
 from logparse import Finding, Severity
-from pipeline.fleet.history import History, Step, Trend, design_of
+from pipeline.fleet.history import design_of
 from pipeline.fleet.meta_analysis import meta_regression
 from pipeline.flight.flight_parameters import SHARES
+from pipeline.results.drift import History, MotorDrift, Step, Trend
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,40 +36,6 @@ STANDS = 0.05
 
 #: Column of the mixer below this part of the largest is none.
 _NONE = 1e-6
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotorDrift:
-    """The motors' shares over flights.
-
-    Attributes
-    ----------
-    points : tuple of mapping
-        ``flight start_utc shares``, these by motor: value and standard error, mean of all motors 1.
-    weakening : str or None
-        The motor that alone explains a change of the trims by losing thrust.
-    loss, loss_sigma : float or None
-        Part of its thrust that it lost: per flight, or at once.
-    sentence : str
-    findings : tuple of Finding
-    """
-
-    points: tuple[Mapping[str, Any], ...]
-    weakening: str | None
-    loss: float | None
-    loss_sigma: float | None
-    sentence: str
-    findings: tuple[Finding, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
-        return {
-            "points": [dict(point) for point in self.points],
-            "weakening": self.weakening,
-            "loss": self.loss,
-            "loss_sigma": self.loss_sigma,
-            "sentence": self.sentence,
-        }
 
 
 def trims(flight: FlightEntry) -> list[dict[str, Any]]:

@@ -8,16 +8,16 @@ grids that are the same for all flights, so that those of several flights add up
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from math import atan2, isfinite, pi
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import sysid
-from pipeline.flight.excitation import Excitation, excitation_of
+from pipeline.flight.excitation import excitation_of
 from pipeline.flight.kinds import RIGID_BODY_KEY
-from pipeline.flight.log_health import LogHealth, log_health
+from pipeline.flight.log_health import log_health
+from pipeline.results.coverage import MAP, QUANTITIES, Coverage, Distribution, Wind
 from sysid.records.context import resample_frame, shared_context
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
@@ -36,149 +36,6 @@ RATE = 10.0
 
 #: Height below which the wind is that of this height, m, as in the equations of motion.
 _LOWEST = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """What is counted out: name for people, unit and width of its bins; bins begin at multiples of the width."""
-
-    title: str
-    unit: str
-    step: float
-
-
-#: In the order of reports.
-QUANTITIES: Mapping[str, Quantity] = {
-    "ground_speed": Quantity("ground speed", "m/s", 1.0),
-    "airspeed": Quantity("horizontal airspeed", "m/s", 1.0),
-    "climb_rate": Quantity("climb rate", "m/s", 0.5),
-    "altitude": Quantity("altitude above the start", "m", 5.0),
-    "density": Quantity("air density", "kg/m^3", 0.02),
-    "thrust": Quantity("mean thrust command", "part of full thrust", 0.025),
-    "tilt": Quantity("tilt", "rad", pi / 72),
-    "yaw_rate": Quantity("yaw rate", "rad/s", pi / 36),
-}
-
-#: The two quantities of the map.
-MAP = ("ground_speed", "altitude")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Distribution:
-    """How much time a flight spent at which values of a quantity.
-
-    Attributes
-    ----------
-    minimum, p05, median, p95, maximum, mean, std : float
-        In the quantity's unit.
-    first : int
-        Number of the first bin: it begins at ``first * step`` of the quantity.
-    seconds : tuple of float
-        Time in each bin from there on.
-    """
-
-    minimum: float
-    p05: float
-    median: float
-    p95: float
-    maximum: float
-    mean: float
-    std: float
-    first: int
-    seconds: tuple[float, ...]
-
-    def to_dict(self, quantity: Quantity) -> dict[str, Any]:
-        """Give numbers for JSON."""
-        return {
-            "title": quantity.title,
-            "unit": quantity.unit,
-            "min": self.minimum,
-            "p05": self.p05,
-            "median": self.median,
-            "p95": self.p95,
-            "max": self.maximum,
-            "mean": self.mean,
-            "std": self.std,
-            "step": quantity.step,
-            "first": self.first,
-            "seconds": list(self.seconds),
-        }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wind:
-    """Mean wind of a flight as the rigid body found it.
-
-    Attributes
-    ----------
-    north, east : float
-        Where the air goes, 10 m above the start, m/s.
-    sigma : float
-        Standard error of each, m/s.
-    source : str
-    """
-
-    north: float
-    east: float
-    sigma: float
-    source: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON; ``from`` is where the wind comes from, rad clockwise from north."""
-        return {
-            "speed": float(np.hypot(self.north, self.east)),
-            "from": atan2(-self.east, -self.north) % (2.0 * pi),
-            "north": self.north,
-            "east": self.east,
-            "sigma": self.sigma,
-            "source": self.source,
-        }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Coverage:
-    """What one flight covered.
-
-    Attributes
-    ----------
-    seconds : float
-        Of flight that were counted.
-    quantities : mapping of str to Distribution
-        Of those of `QUANTITIES` that are known.
-    cells : tuple of (int, int, float)
-        Bin of ground speed, bin of altitude, seconds; cells without time are left out.
-    wind : Wind or None
-    excitation : Excitation
-    health : LogHealth
-    missing : mapping of str to str
-        Why a quantity, or the wind, is not known.
-    """
-
-    seconds: float
-    quantities: Mapping[str, Distribution]
-    cells: tuple[tuple[int, int, float], ...]
-    wind: Wind | None
-    excitation: Excitation
-    health: LogHealth
-    missing: Mapping[str, str] = field(default_factory=dict)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
-        return {
-            "seconds": self.seconds,
-            "quantities": {name: each.to_dict(QUANTITIES[name]) for name, each in self.quantities.items()},
-            "map": {
-                "x": MAP[0],
-                "y": MAP[1],
-                "x_step": QUANTITIES[MAP[0]].step,
-                "y_step": QUANTITIES[MAP[1]].step,
-                "cells": [list(cell) for cell in self.cells],
-            },
-            "wind": None if self.wind is None else self.wind.to_dict(),
-            "excitation": self.excitation.to_dict(),
-            "health": self.health.to_dict(),
-            "missing": dict(self.missing),
-        }
 
 
 def measure(

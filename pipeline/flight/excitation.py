@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import pi
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from logparse import MissingDataError
+from pipeline.results.coverage import AxisExcitation, Excitation
 from sysid.records.context import resample_frame
 from sysid.records.excitation import Coherence
 from sysid.records.mixer import project
@@ -42,73 +42,6 @@ IN_SECTOR = 3.0
 _WORDS = ((0.5, "none"), (1.0, "weak"), (4.0, "fair"), (float("inf"), "strong"))
 
 _GRAVITY = 9.80665
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AxisExcitation:
-    """Movement in one axis.
-
-    Attributes
-    ----------
-    rms : float
-        About the mean: of the angular rate [rad/s], or for thrust of the specific force along body z [m/s^2] in
-        one-second means.
-    unit : str
-    command_std : float or None
-        Standard deviation of the mixer's command, in parts of a motor's full thrust.
-    word : str
-        ``"none"``, ``"weak"``, ``"fair"`` or ``"strong"``; weak ends where identification begins to believe an axis
-        (`sysid.rigid_body.rotation.STILL`, `sysid.rotors.rotor.VARYING`).
-    """
-
-    rms: float
-    unit: str
-    command_std: float | None
-    word: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Excitation:
-    """Movement of one flight.
-
-    Attributes
-    ----------
-    acceleration_rms : float
-        Of changes of velocity over one second, m/s^2: the motion that models are to explain.
-    acceleration_noise : float or None
-        The same that the estimate's own uncertainty would make, m/s^2; None where that is not known.
-    speed_std : tuple of 2 float
-        Standard deviation of the velocity over the ground along and across the nose, about the flight's mean velocity,
-        m/s: what tells drag from wind.
-    headings : int
-        Sectors of 45 degrees in which the nose pointed for three seconds or more.
-    axes : mapping of str to AxisExcitation
-        ``roll pitch yaw thrust``.
-    coherence : mapping or None
-        By output: median multiple coherence with the inputs and the part of frequencies above chance.
-    """
-
-    acceleration_rms: float
-    acceleration_noise: float | None
-    speed_std: tuple[float, float]
-    headings: int
-    axes: Mapping[str, AxisExcitation]
-    coherence: Mapping[str, Mapping[str, float]] | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
-        return {
-            "acceleration_rms": self.acceleration_rms,
-            "acceleration_noise": self.acceleration_noise,
-            "speed_std": list(self.speed_std),
-            "headings": self.headings,
-            "axes": {name: axis.to_dict() for name, axis in self.axes.items()},
-            "coherence": None if self.coherence is None else {name: dict(c) for name, c in self.coherence.items()},
-        }
 
 
 def excitation_of(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from logparse import health
+from pipeline.results.coverage import LogHealth
 
 if TYPE_CHECKING:
     from estimation import Trajectory
@@ -34,50 +34,6 @@ _SETTINGS = (
     "SERVO_BLH_BDMASK",
     "SDLOG_PROFILE",
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LogHealth:
-    """How well a flight was logged.
-
-    Attributes
-    ----------
-    rates : mapping
-        By table: ``rate`` [Hz], ``gaps`` and ``longest_gap`` [s] in flight.
-    gps : mapping or None
-        ``fix_part`` of the flight with a 3-D fix; medians of ``satellites``, ``hdop``, ``h_acc`` [m], ``s_acc`` [m/s],
-        None where not reported.
-    vibration : mapping or None
-        ``p95`` of the worst axis [m/s^2], ``clips`` of the accelerometer.
-    battery : mapping or None
-        Voltage ``first``, ``last``, ``min`` [V], ``mean_current`` [A] or None.
-    position_sigma : mapping
-        ``median`` and ``max`` of the horizontal 1-sigma [m].
-    settings : mapping of str to float
-        Parameters of the autopilot that decide what is logged.
-    format : str
-        Of the log.
-    """
-
-    rates: Mapping[str, Mapping[str, float]]
-    gps: Mapping[str, float | None] | None
-    vibration: Mapping[str, float] | None
-    battery: Mapping[str, float | None] | None
-    position_sigma: Mapping[str, float]
-    settings: Mapping[str, float]
-    format: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
-        return {
-            "rates": {name: dict(rate) for name, rate in self.rates.items()},
-            "gps": None if self.gps is None else dict(self.gps),
-            "vibration": None if self.vibration is None else dict(self.vibration),
-            "battery": None if self.battery is None else dict(self.battery),
-            "position_sigma": dict(self.position_sigma),
-            "settings": dict(self.settings),
-            "format": self.format,
-        }
 
 
 def log_health(

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
     from estimation import Trajectory
     from logparse import Finding, Tables, Vehicle
-    from pipeline.fleet.drift import Drift
-    from pipeline.fleet.envelope import Envelope
-    from pipeline.flight.coverage import Coverage
     from pipeline.results.advice import Advice
+    from pipeline.results.coverage import Coverage
+    from pipeline.results.drift import Drift
     from pipeline.results.entry import FlightEntry, GroupEntry
+    from pipeline.results.envelope import Envelope
     from pipeline.results.health import FlightHealth
     from pipeline.storage.manifest import Manifest
     from pipeline.storage.store import Store

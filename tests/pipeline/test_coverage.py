@@ -9,8 +9,9 @@ import pytest
 
 import estimation
 import logparse
-from pipeline.flight.coverage import QUANTITIES, measure, summarise
+from pipeline.flight.coverage import measure, summarise
 from pipeline.flight.excitation import _word
+from pipeline.results.coverage import QUANTITIES
 from pipeline.results.flight import FlightResult, Span
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
@@ -109,7 +110,7 @@ def test_an_entry_keeps_it_as_small_json(flight):
 
 
 def test_where_the_wind_comes_from():
-    from pipeline.flight.coverage import Wind as Found
+    from pipeline.results.coverage import Wind as Found
 
     assert Found(north=-1.0, east=0.0, sigma=0.1, source="").to_dict()["from"] == 0.0
     assert Found(north=0.0, east=-2.0, sigma=0.1, source="").to_dict()["from"] == pytest.approx(math.pi / 2)

@@ -9,8 +9,9 @@ import pytest
 
 from logparse.frames import motor_table
 from pipeline.fleet.drift import follow
-from pipeline.fleet.history import ALPHA, Step, Trend
+from pipeline.fleet.history import ALPHA
 from pipeline.flight.flight_parameters import SHARES
+from pipeline.results.drift import Step, Trend
 from tests.pipeline.test_craft import flown
 
 START = datetime(2025, 6, 1, 8, tzinfo=UTC)

@@ -7,7 +7,8 @@ from math import pi
 import numpy as np
 
 from pipeline.fleet.envelope import envelope, shown
-from pipeline.flight.coverage import MAP, QUANTITIES, _distribution
+from pipeline.flight.coverage import _distribution
+from pipeline.results.coverage import MAP, QUANTITIES
 from tests.pipeline.test_craft import flown
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
-from pipeline.flight.coverage import MAP, QUANTITIES
 from pipeline.flight.flight_parameters import SHARES
+from pipeline.results.coverage import MAP, QUANTITIES
 from pipeline.results.entry import FlightEntry
 from reports.coverage_figures import coverage_figures
 from reports.coverage_views import coverage_table, outside

@@ -14,8 +14,8 @@ from pipeline.results.advice import Advice, having, names_of
 from sysid.rigid_body.wind import LIGHT, TURBULENCE
 
 if TYPE_CHECKING:
-    from pipeline.fleet.envelope import Envelope
     from pipeline.results.entry import FlightEntry
+    from pipeline.results.envelope import Envelope
 
 #: Relative error at which drag is worth having; the speeds that give it follow from the gusts.
 DRAG_ERROR = 0.15

@@ -16,9 +16,9 @@ from pipeline.flight.flight_parameters import WIND_AS_DRAG
 from pipeline.results.advice import Advice, having
 
 if TYPE_CHECKING:
-    from pipeline.fleet.drift import Drift
-    from pipeline.fleet.envelope import Envelope
+    from pipeline.results.drift import Drift
     from pipeline.results.entry import FlightEntry
+    from pipeline.results.envelope import Envelope
     from pipeline.results.flight import FlightResult
     from sysid import PhysicalParameters
 
