@@ -51,6 +51,15 @@ def uncertain(value: float | None, sigma: float | None, unit: str = "") -> str:
     return f"({value / scale:.{places}f} ± {sigma / scale:.{places}f}) × {power}".replace("-", MINUS) + tail
 
 
+def readable(unit: str, value: float) -> str:
+    """Return a value as people read it: angles in degrees, parts in per cent."""
+    if unit.startswith("part of"):
+        return f"{100.0 * value:.0f} % of {unit.removeprefix('part of ')}"
+    if unit.startswith("rad"):
+        return f"{math.degrees(value):.3g}°{unit.removeprefix('rad')}"
+    return f"{value:.3g} {unit}" if unit else f"{value:.3g}"
+
+
 def column(values: Sequence[float | None], digits: int = 3, places: int = 3) -> list[str]:
     """Write the numbers of a table column so that their decimal points stand below each other when right-aligned.
 

@@ -10,17 +10,10 @@ if TYPE_CHECKING:
     from pipeline.config import AnalysisConfig
     from pipeline.errors import ConfigError
     from pipeline.fleet.analysis import analyze_fleet
+    from pipeline.fleet.result import FleetResult
     from pipeline.flight.analysis import analyze
-    from pipeline.results.flight import (
-        Failure,
-        FleetResult,
-        FlightResult,
-        GroupResult,
-        LogFacts,
-        ModelResult,
-        Prediction,
-        Span,
-    )
+    from pipeline.results.fleet import Failure, GroupResult
+    from pipeline.results.flight import FlightResult, LogFacts, ModelResult, Prediction, Span
 
 __all__ = [
     "AnalysisConfig",
@@ -38,6 +31,9 @@ __all__ = [
 ]
 
 _HOME = {
+    "Failure": "pipeline.results.fleet",
+    "FleetResult": "pipeline.fleet.result",
+    "GroupResult": "pipeline.results.fleet",
     "analyze": "pipeline.flight.analysis",
     "analyze_fleet": "pipeline.fleet.analysis",
     "AnalysisConfig": "pipeline.config",

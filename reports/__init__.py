@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from pipeline.results.flight import FlightResult, GroupResult
+    from pipeline.results.fleet import GroupResult
+    from pipeline.results.flight import FlightResult
     from reports.fleet import write_fleet
     from reports.folder import write
     from reports.replay import write_replay

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from pipeline.results.flight import FlightResult, GroupResult
+from pipeline.results.fleet import GroupResult
+from pipeline.results.flight import FlightResult
 from sysid.transfer_functions.export import TransferMatrix, coefficients, write_mat
 
 _COLUMNS = ["owner", "model", "output", "input", "part", "power", "value", "std", "relative", "determined"]

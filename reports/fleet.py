@@ -11,8 +11,9 @@ from typing import Any, Protocol
 
 from scipy.io import loadmat, savemat
 
+from pipeline.fleet.result import FleetResult
 from pipeline.names import printable
-from pipeline.results.flight import Failure, FleetResult
+from pipeline.results.fleet import Failure
 from reports import html
 from reports.figure import Figure
 from reports.fleet_markdown import fleet_markdown

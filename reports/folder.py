@@ -9,7 +9,8 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from pipeline.results.flight import FlightResult, GroupResult
+from pipeline.results.fleet import GroupResult
+from pipeline.results.flight import FlightResult
 from reports import html
 from reports.exports import write_exports
 from reports.model_figures import response_figures

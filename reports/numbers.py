@@ -12,7 +12,8 @@ import numpy as np
 from pipeline.flight.excitation import BAND, in_band
 from pipeline.flight.verdict import Trust, Verdict, judge, summarise
 from pipeline.names import printable
-from pipeline.results.flight import FlightResult, GroupResult, ModelResult, Span
+from pipeline.results.fleet import GroupResult
+from pipeline.results.flight import FlightResult, ModelResult, Span
 from reports.rows import Numbers, average, held_out
 
 if TYPE_CHECKING:

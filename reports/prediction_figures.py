@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.results.flight import FlightResult, GroupResult, ModelResult, Prediction, Span
+from pipeline.results.fleet import GroupResult
+from pipeline.results.flight import FlightResult, ModelResult, Prediction, Span
 from reports.figure import (
     MOST_POINTS,
     Figure,

@@ -20,9 +20,11 @@ from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
 from pipeline.execution.executors import processes
 from pipeline.execution.stages import Progress
+from pipeline.fleet.result import FleetResult
 from pipeline.names import is_url
 from pipeline.results.entry import FlightEntry
-from pipeline.results.flight import Failure, FleetResult, FlightResult
+from pipeline.results.fleet import Failure
+from pipeline.results.flight import FlightResult
 from pipeline.storage.sources import find
 from pipeline.storage.store import Store
 from reports.comparison import compare_reports

@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING
 from pipeline.config import AnalysisConfig
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
+from pipeline.fleet.result import FleetResult
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.flight import Failure, FleetResult, Publish
+from pipeline.results.fleet import Failure, Publish
 from pipeline.storage.inventory import READERS, take_stock
 from pipeline.storage.manifest import FLIGHTS, LogRecord, Manifest, configuration, read_manifest, software
 from pipeline.storage.removed import bring_back, set_aside

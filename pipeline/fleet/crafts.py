@@ -12,7 +12,7 @@ from pipeline.execution.stages import Progress, overall
 from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.flight import Failure, GroupResult, Publish
+from pipeline.results.fleet import Failure, GroupResult, Publish
 from pipeline.storage.manifest import CRAFTS, craft_key
 from pipeline.storage.store import ENTRY, Store
 

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from logparse import Finding, Severity
-from pipeline.fleet.split import excitation, position_good
+from logparse.quantity import readable
+from pipeline.flight.training import excitation, position_good
 from pipeline.results.envelope import Envelope, Excursion, RangeFlown
 
 if TYPE_CHECKING:
@@ -75,15 +76,6 @@ def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: 
         flights=tuple(_facts(entry, part) for part, flights in parts.items() for entry in flights),
         findings=tuple(_findings(outside, quantities)),
     )
-
-
-def shown(unit: str, value: float) -> str:
-    """Write a value for people: angles in degrees, parts in per cent."""
-    if unit.startswith("part of"):
-        return f"{100.0 * value:.0f} % of {unit.removeprefix('part of ')}"
-    if unit.startswith("rad"):
-        return f"{math.degrees(value):.3g}°{unit.removeprefix('rad')}"
-    return f"{value:.3g} {unit}" if unit else f"{value:.3g}"
 
 
 def _range(name: str, fitted: Sequence[FlightEntry], judges: Sequence[FlightEntry]) -> RangeFlown:
@@ -175,8 +167,8 @@ def _findings(outside: Sequence[Excursion], quantities: Mapping[str, RangeFlown]
             flown = quantities[each.quantity]
             above = each.reach > each.fitted[1]
             told.append(
-                f"{flown.title} {'up to' if above else 'down to'} {shown(flown.unit, each.reach)} "
-                f"(fitted {'to' if above else 'from'} {shown(flown.unit, each.fitted[1 if above else 0])}) "
+                f"{flown.title} {'up to' if above else 'down to'} {readable(flown.unit, each.reach)} "
+                f"(fitted {'to' if above else 'from'} {readable(flown.unit, each.fitted[1 if above else 0])}) "
                 f"for {100.0 * each.part:.0f} % of its time"
             )
         yield Finding(

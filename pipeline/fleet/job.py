@@ -13,9 +13,10 @@ from logparse import LogError, RotoridError
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress
 from pipeline.flight.analysis import analyze
-from pipeline.flight.coverage import summarise
-from pipeline.results.entry import FlightEntry, flight_entry
-from pipeline.results.flight import Failure, FlightResult, Publish
+from pipeline.flight.summary import flight_entry
+from pipeline.results.entry import FlightEntry
+from pipeline.results.fleet import Failure, Publish
+from pipeline.results.flight import FlightResult
 from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, write_experiments, write_tables
 from pipeline.storage.manifest import FLIGHTS
 from pipeline.storage.sources import Source, fetched
@@ -92,7 +93,7 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
     store = open_store(job.store)
     # The report calls the log as its user does, not as it was fetched.
     result = replace(result, log=replace(result.log, path=Path(job.source.file)))
-    entry = flight_entry(result, folder=job.folder, source=job.source.url, key=job.key, coverage=summarise(result))
+    entry = flight_entry(result, folder=job.folder, source=job.source.url, key=job.key)
     place = f"{FLIGHTS}/{job.folder}"
     with store.scratch() as scratch:
         product = scratch / "product"

@@ -19,13 +19,14 @@ from pipeline.execution.executors import busy
 from pipeline.execution.stages import Progress, Stages, silent
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
-from pipeline.fleet.split import Split
 from pipeline.flight.advice.next_flights import for_craft
 from pipeline.flight.comparison import compare_parameters
 from pipeline.flight.identification import identify
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Fit, Kind
 from pipeline.results.entry import FlightEntry
-from pipeline.results.flight import GroupResult, ModelResult, Prediction
+from pipeline.results.fleet import GroupResult
+from pipeline.results.flight import ModelResult, Prediction
+from pipeline.results.split import Split
 from pipeline.storage.dataset import EXPERIMENTS, part, read_experiment
 from pipeline.storage.store import open_store
 from sysid.transfer_functions.reduction import Spread

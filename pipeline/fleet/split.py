@@ -21,14 +21,17 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import timedelta
-from enum import StrEnum
 from fnmatch import fnmatch
 from itertools import accumulate
 from typing import TYPE_CHECKING
 
 from pipeline.flight.craft import took_off
+from pipeline.flight.training import (
+    excitation,
+    exclusion_of,
+)
+from pipeline.results.split import Split, TrainingExclusion
 
 if TYPE_CHECKING:
     from pipeline.config import AnalysisConfig
@@ -37,55 +40,11 @@ if TYPE_CHECKING:
 #: Most flights that train where the user names none.
 MOST_TRAINING = 20
 
-#: Horizontal 1-sigma beyond which a flight does not train, m: good models err by this much over whole flights.
-POOR_POSITION = 5.0
-
-#: Acceleration over what the estimate's own noise makes of it, below which there is too little excitation.
-LEAST_EXCITATION = 2.0
 
 #: Flights that begin within this distance of each other are at one place, m.
 ONE_PLACE = 2000.0
 
 _EARTH_RADIUS = 6.371e6
-
-
-class Exclusion(StrEnum):
-    """Why a flight is excluded from training."""
-
-    POSITION_UNKNOWN = "position-unknown"
-    POSITION_POOR = "position-poor"
-    EXCITATION_UNKNOWN = "excitation-unknown"
-    LITTLE_EXCITATION = "little-excitation"
-
-
-@dataclass(frozen=True, slots=True)
-class Unfit:
-    """A flight that must not train: the kind of reason, and the reason with its numbers, as a clause."""
-
-    exclusion: Exclusion
-    reason: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Split:
-    """Names of flights that train and that judge, in order of name.
-
-    Attributes
-    ----------
-    training, held_out : tuple of str
-    unused : mapping of str to str
-        Flights that do neither, and why.
-    never_train : mapping of str to Unfit
-        Flights that judge only, and why.
-    sentence : str
-        How the two were chosen, with the numbers.
-    """
-
-    training: tuple[str, ...]
-    held_out: tuple[str, ...]
-    unused: Mapping[str, str] = field(default_factory=dict)
-    never_train: Mapping[str, Unfit] = field(default_factory=dict)
-    sentence: str = ""
 
 
 def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
@@ -101,7 +60,7 @@ def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Spli
     flights = sorted(entries, key=lambda flight: flight.name)
     if config.training or config.validation:
         return _by_user(flights, config)
-    never = {flight.name: reason for flight in flights if (reason := unfit(flight))}
+    never = {flight.name: reason for flight in flights if (reason := exclusion_of(flight))}
     usable = [flight for flight in flights if flight.name not in never]
     half = _half(usable)
     chosen = _thinned(half)
@@ -118,26 +77,6 @@ def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Spli
 def named(name: str, patterns: Iterable[str]) -> bool:
     """Tell whether one of the user's patterns means a flight."""
     return any(fnmatch(name.casefold(), pattern.casefold()) for pattern in patterns)
-
-
-def excitation(flight: FlightEntry) -> float | None:
-    """Return the RMS of a flight's changes of velocity over a second, m/s^2; None where that was not measured."""
-    return _measured(flight.coverage.get("excitation", {}).get("acceleration_rms"))
-
-
-def position_sigma(flight: FlightEntry) -> float | None:
-    """Return the largest horizontal 1-sigma of a flight's position, m; None where that was not measured."""
-    return _measured(flight.coverage.get("health", {}).get("position_sigma", {}).get("max"))
-
-
-def position_good(flight: FlightEntry) -> bool:
-    """Return whether a flight's position is known to be good enough to train."""
-    sigma = position_sigma(flight)
-    return sigma is not None and sigma <= POOR_POSITION
-
-
-def _measured(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def day_of(flight: FlightEntry) -> str:
@@ -185,35 +124,12 @@ def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
         for flight in flights
         if flight.name not in (*training, *judges)
     }
-    poor = {flight.name: reason for flight in flights if flight.name in training and (reason := unfit(flight))}
+    poor = {flight.name: reason for flight in flights if flight.name in training and (reason := exclusion_of(flight))}
     if poor:
         sentence += "; of those that train, " + ", ".join(
             f"{name} teaches little ({why.reason})" for name, why in poor.items()
         )
     return Split(training=tuple(training), held_out=tuple(judges), unused=neither, sentence=sentence)
-
-
-def unfit(flight: FlightEntry) -> Unfit | None:
-    """Return why a flight must not train; None when it may. What was not measured is no reason to trust it."""
-    sigma, moved = position_sigma(flight), excitation(flight)
-    if sigma is None:
-        why = flight.missing.get("coverage", "")
-        return Unfit(
-            Exclusion.POSITION_UNKNOWN,
-            "how accurate its position is was not determined" + (f" ({why})" if why else ""),
-        )
-    if sigma > POOR_POSITION:
-        return Unfit(Exclusion.POSITION_POOR, f"its position is poor: the horizontal 1-sigma grows to {sigma:.1f} m")
-    noise = _measured(flight.coverage.get("excitation", {}).get("acceleration_noise"))
-    if moved is None or noise is None:
-        return Unfit(Exclusion.EXCITATION_UNKNOWN, "how much it moves was not determined")
-    if moved < LEAST_EXCITATION * noise:
-        return Unfit(
-            Exclusion.LITTLE_EXCITATION,
-            f"it hardly moves: its acceleration of {moved:.2g} m/s² (RMS) is less than "
-            f"{LEAST_EXCITATION:g} times what the estimate's noise makes, {noise:.2g} m/s²",
-        )
-    return None
 
 
 def _rank(flight: FlightEntry) -> tuple[float, str]:
@@ -320,7 +236,7 @@ def _sentence(
     usable: Sequence[FlightEntry],
     chosen: Sequence[FlightEntry],
     judges: Sequence[FlightEntry],
-    unable: Mapping[str, Unfit],
+    unable: Mapping[str, TrainingExclusion],
     *,
     capped: bool,
 ) -> str:

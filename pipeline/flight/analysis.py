@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import estimation
@@ -10,6 +11,7 @@ import sysid
 from logparse import Finding, FlightLog, MissingDataError, health
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, Stages, silent
+from pipeline.flight.advice.next_flights import for_flight
 from pipeline.flight.comparison import compare_parameters
 from pipeline.flight.coverage import measure
 from pipeline.flight.craft import fingerprint, tune_of
@@ -110,7 +112,8 @@ def analyze(
 
     # Findings about the fits stay with their models; those of the experiments are about the log.
     later = (part.findings for part in (trajectory, thrust, *experiments.values()) if part is not None)
-    return FlightResult(
+    told = len(stages.findings)
+    result = FlightResult(
         name=name,
         log=_facts(log, path),
         config=config,
@@ -137,6 +140,8 @@ def analyze(
         missing=stages.missing,
         timings=stages.timings,
     )
+    advice = stages.run("advice", lambda _: for_flight(result))
+    return replace(result, advice=advice or (), findings=(*result.findings, *stages.findings[told:]))
 
 
 def _longest_flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:

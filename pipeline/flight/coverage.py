@@ -1,8 +1,8 @@
 """What a flight covered: how fast, how high, in which air and wind, how it moved, and how well that was logged.
 
-Numbers here decide which flights train (`pipeline.fleet.split`), where a model has been fitted and judged
-(`pipeline.fleet.envelope`) and what to fly and log better (`pipeline.advice`). Distributions are seconds per bin of
-grids that are the same for all flights, so that those of several flights add up.
+Numbers here decide which flights train (`pipeline.flight.training`), where a model has been fitted and validated
+(`pipeline.fleet.envelope`), and what to fly and log better (`pipeline.flight.advice`). Distributions are seconds per
+bin of grids that are the same for all flights, so that those of several flights add up.
 """
 
 from __future__ import annotations

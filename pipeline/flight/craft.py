@@ -8,14 +8,16 @@ from bisect import insort
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime, timedelta
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from logparse import Finding, Vehicle
-    from pipeline.results.entry import FlightEntry
+    from pipeline.results.entry import FlightEntry, FlightSummary
+
+Flown = TypeVar("Flown", bound="FlightSummary")
 
 # Numerical libraries are imported where they are needed: grouping a folder that did not change needs none of them.
 
@@ -206,7 +208,7 @@ def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Findi
     return found
 
 
-def in_order(flights: Iterable[FlightEntry]) -> list[FlightEntry]:
+def in_order(flights: Iterable[Flown]) -> list[Flown]:
     """Sort flights by when they began; by name, where one of them does not tell."""
     flights = list(flights)
     if any(flight.start_utc is None for flight in flights):
@@ -214,7 +216,7 @@ def in_order(flights: Iterable[FlightEntry]) -> list[FlightEntry]:
     return sorted(flights, key=lambda flight: (str(took_off(flight)), flight.name))
 
 
-def took_off(flight: FlightEntry) -> datetime | None:
+def took_off(flight: FlightSummary) -> datetime | None:
     """Tell when the flight began, UTC."""
     if flight.start_utc is None:
         return None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pipeline.results.entry import FlightEntry
+    from pipeline.results.entry import FlightSummary
 
 #: Flights that a sentence names.
 _MOST_NAMED = 4
@@ -57,7 +57,7 @@ class Advice:
         }
 
 
-def names_of(flights: Sequence[FlightEntry], total: int) -> str:
+def names_of(flights: Sequence[FlightSummary], total: int) -> str:
     """Name flights in a sentence; all of several are not listed."""
     if len(flights) == total > 1:
         return f"all {total} flights"
@@ -66,6 +66,6 @@ def names_of(flights: Sequence[FlightEntry], total: int) -> str:
     return ", ".join(names) + (f" and {more} more" if more else "")
 
 
-def having(flights: Sequence[FlightEntry], *findings: str) -> list[FlightEntry]:
+def having(flights: Sequence[FlightSummary], *findings: str) -> list[FlightSummary]:
     """Choose the flights with one of these findings."""
     return [flight for flight in flights if any(finding["id"] in findings for finding in flight.findings)]

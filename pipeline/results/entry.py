@@ -6,34 +6,24 @@ products, where they also say that the folder is whole: an entry is written last
 
 from __future__ import annotations
 
-import hashlib
 import math
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from datetime import datetime
 from typing import Any
 
-from pipeline.results.flight import FlightResult, GroupResult, Span
-
-#: Most rows of a track: they tell whether two logs recorded the same flight, and draw a small map.
-TRACK_ROWS = 200
+from pipeline.results.fleet import GroupResult
+from pipeline.results.flight import Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlightEntry:
-    """One analysed log, in short.
+class FlightSummary:
+    """One analysed flight, in short: what advice and the split into training and held-out flights are computed from.
 
     Attributes
     ----------
     name : str
         Of the flight, unique among the logs analysed together.
-    folder : str
-        Where its products lie, below ``flights/`` of the store and as partition ``flight=`` of the datasets.
-    source : str
-        Path or URL of the log.
-    key : str
-        Equal for equal content of the log, name, configuration and software: then the products are the same too.
     sha256, size, format, boots, start_utc, duration
         Of the log, as in `pipeline.LogFacts`.
     craft : str
@@ -75,9 +65,6 @@ class FlightEntry:
     """
 
     name: str
-    folder: str
-    source: str
-    key: str
     sha256: str
     size: int
     format: str
@@ -103,6 +90,25 @@ class FlightEntry:
     parameters: tuple[Mapping[str, Any], ...] = ()
     findings: tuple[Mapping[str, Any], ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightEntry(FlightSummary):
+    """A flight's summary, and where its products are.
+
+    Attributes
+    ----------
+    folder : str
+        Where its products lie, below ``flights/`` of the store and as partition ``flight=`` of the datasets.
+    source : str
+        Path or URL of the log.
+    key : str
+        Equal for equal content of the log, name, configuration and software: then the products are the same too.
+    """
+
+    folder: str
+    source: str
+    key: str
 
     def to_dict(self) -> dict[str, Any]:
         """Give what JSON can say."""
@@ -166,56 +172,6 @@ class GroupEntry:
         return cls(**{**entry, "training": tuple(entry["training"]), "held_out": tuple(entry["held_out"])})
 
 
-def flight_entry(
-    result: FlightResult, *, folder: str, source: str, key: str, coverage: Mapping[str, Any] | None = None
-) -> FlightEntry:
-    """Sum a flight up.
-
-    Parameters
-    ----------
-    result : FlightResult
-    folder, source, key : str
-        As the attributes of `FlightEntry`.
-    coverage : mapping, optional
-    """
-    from pipeline.flight.craft import build_of, craft_name
-    from pipeline.flight.flight_parameters import flight_parameters
-
-    log = result.log
-    models = {each.key: each.missing for each in result.models if each.missing}
-    return FlightEntry(
-        name=result.name,
-        folder=folder,
-        source=source,
-        key=key,
-        sha256=log.sha256,
-        size=log.size,
-        format=log.format,
-        boots=log.boots,
-        start_utc=log.start_utc,
-        duration=float(log.duration),
-        craft=log.craft,
-        craft_name=craft_name(log.vehicle),
-        frame_class=log.vehicle.frame_class,
-        vehicle=partition(log.craft, log.vehicle.frame_class),
-        flight=result.flight and Span(float(result.flight.start), float(result.flight.stop)),
-        origin=_origin(result),
-        track=_track(result),
-        position_known=result.position_known,
-        experiments=tuple(result.experiments),
-        modelled=result.thrust is not None or any(each.model is not None for each in result.models),
-        missing={**models, **result.missing},
-        coverage=coverage or {},
-        board=log.board,
-        build=build_of(log.vehicle),
-        tune=dict(log.tune),
-        mixer={f"m{motor.number}": [motor.roll, motor.pitch, motor.yaw] for motor in log.vehicle.motors},
-        parameters=tuple(flight_parameters(result)),
-        findings=tuple(_findings(result)),
-        timings=dict(result.timings),
-    )
-
-
 def _plain(value: Any) -> Any:
     """Reduce to what strict JSON can say: None for what is not finite."""
     if isinstance(value, Mapping):
@@ -225,36 +181,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     return value
-
-
-def _findings(result: FlightResult) -> Iterator[dict[str, Any]]:
-    """List what the log and the fits had to say, each once."""
-    fits = (finding for model in result.models for finding in model.findings)
-    once = {(finding.id, finding.reason): finding for finding in (*result.findings, *fits)}
-    for finding in once.values():
-        told = finding.to_dict()
-        yield {name: told[name] for name in ("id", "severity", "evidence")}
-
-
-def partition(craft: str, frame_class: str | None) -> str:
-    """Name a craft so that folders and query engines take it: its frame and a short digest of its fingerprint."""
-    frame = re.sub(r"[^a-z0-9-]+", "-", (frame_class or "craft").lower())
-    return f"{frame}-{hashlib.sha256(craft.encode()).hexdigest()[:10]}"
-
-
-def _origin(result: FlightResult) -> tuple[float, float, float] | None:
-    if result.trajectory is None:
-        return None
-    origin = result.trajectory.origin
-    place = (float(origin.lat), float(origin.lon), float(origin.alt))
-    return place if all(map(math.isfinite, place)) else None
-
-
-def _track(result: FlightResult) -> tuple[tuple[float, float, float, float], ...]:
-    """Thin the trajectory of the flight."""
-    if result.trajectory is None or result.flight is None:
-        return ()
-    states = result.trajectory.states.loc[result.flight.start : result.flight.stop, ["p_n", "p_e", "p_d"]]
-    step = max(1, -(-len(states) // TRACK_ROWS))
-    chosen = states.iloc[::step].reset_index().to_numpy(float)
-    return tuple((t, *ned) for t, *ned in chosen.tolist() if all(map(math.isfinite, (t, *ned))))

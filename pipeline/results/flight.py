@@ -1,16 +1,15 @@
-"""What an analysis found, as values: of one flight, of one craft over several flights, of a whole folder."""
+"""Result of one log: facts of the file, trajectory, models and what they are worth."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from logparse.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
-from pipeline.names import file_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,12 +20,7 @@ if TYPE_CHECKING:
     from logparse import Finding, Tables, Vehicle
     from pipeline.results.advice import Advice
     from pipeline.results.coverage import Coverage
-    from pipeline.results.drift import Drift
-    from pipeline.results.entry import FlightEntry, GroupEntry
-    from pipeline.results.envelope import Envelope
     from pipeline.results.health import FlightHealth
-    from pipeline.storage.manifest import Manifest
-    from pipeline.storage.store import Store
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.records.excitation import Coherence
 
@@ -212,6 +206,8 @@ class FlightResult(Summarised):
         How fast, how high, in which wind it flew, how it moved and how well that was logged.
     health : FlightHealth or None
         What happened, by time, and which part of the flight serves models.
+    advice : tuple of Advice
+        How to log and fly better next time, most useful first.
     findings : tuple of Finding
         Of every stage, in the order of the work.
     missing : mapping of str to str
@@ -236,6 +232,7 @@ class FlightResult(Summarised):
     parameters: PhysicalParameters | None = None
     coverage: Coverage | None = None
     health: FlightHealth | None = None
+    advice: tuple[Advice, ...] = ()
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)
@@ -258,13 +255,6 @@ class FlightResult(Summarised):
         return next(iter(self.experiments.values()), None)
 
     @property
-    def advice(self) -> tuple[Advice, ...]:
-        """How to log and fly better next time, most useful first."""
-        from pipeline.flight.advice.next_flights import for_flight
-
-        return for_flight(self)
-
-    @property
     def position_known(self) -> bool:
         """Whether there is a horizontal position, and not only what inertial navigation without GPS drifted to."""
         if self.trajectory is None:
@@ -276,150 +266,3 @@ def horizontal_sigma(trajectory: Trajectory, span: Span | None) -> float:
     """Give the largest horizontal 1-sigma of position in a stretch of time, m."""
     sigma = trajectory.sigma if span is None else trajectory.sigma.loc[span.start : span.stop]
     return float((sigma["p_n"] ** 2 + sigma["p_e"] ** 2).max() ** 0.5)
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """A log that gave nothing, and why, in a sentence for the person who has the log.
-
-    Attributes
-    ----------
-    source : str
-        Path or URL.
-    reason : str
-    lasting : bool
-        It would be the same again with the same log, settings and software.
-    full : bool
-        Nothing more can be stored.
-    """
-
-    source: str
-    reason: str
-    lasting: bool = False
-    full: bool = False
-
-    @property
-    def file(self) -> str:
-        """The file's name, without its folder, as text that can be shown."""
-        return file_name(self.source)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class GroupResult(Summarised):
-    """All flights of one craft, identified jointly.
-
-    Attributes
-    ----------
-    name : str
-        The craft in words, such as ``"octa x, ArduCopter"``.
-    vehicle : Vehicle
-    training, held_out : tuple of str
-        Names of the flights fitted and of those kept to judge.
-    split : str
-        How the two were chosen, in a sentence.
-    models : tuple of ModelResult
-        Side by side, fitted to the training flights and judged on the others.
-    thrust : ThrustModel or None
-    parameters : PhysicalParameters or None
-        By every method, from the training flights.
-    findings : tuple of Finding
-    coverage : Envelope or None
-        What the flights covered, and where those that judge leave the range of those fitted.
-    drift : Drift or None
-        The craft's parameters from flight to flight.
-    advice : tuple of Advice
-        How to log and fly better next time, most useful first.
-    missing : mapping of str to str
-        Why there is no ``"thrust"`` and there are no ``"parameters"``.
-    timings : mapping of str to float
-        Seconds spent in each stage.
-    """
-
-    name: str
-    vehicle: Vehicle
-    training: tuple[str, ...]
-    held_out: tuple[str, ...]
-    split: str
-    models: tuple[ModelResult, ...] = ()
-    thrust: ThrustModel | None = None
-    parameters: PhysicalParameters | None = None
-    coverage: Envelope | None = None
-    drift: Drift | None = None
-    advice: tuple[Advice, ...] = ()
-    findings: tuple[Finding, ...] = ()
-    missing: Mapping[str, str] = field(default_factory=dict)
-    timings: Mapping[str, float] = field(default_factory=dict)
-
-    def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
-        return {
-            "craft": self.name,
-            "training": listed(self.training),
-            "held out": listed(self.held_out),
-            "models": listed([each.title for each in self.models if each.model is not None]) or "none",
-        }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class FleetResult(Summarised):
-    """Several logs: every flight for itself, every craft jointly, and the files that gave nothing.
-
-    Attributes
-    ----------
-    flights : tuple of FlightEntry
-        In the order in which the logs were found. Their products are in the store.
-    groups : tuple of GroupEntry
-        Crafts with several flights, those with most first.
-    failures : tuple of Failure
-        Logs that gave nothing.
-    config : AnalysisConfig
-    store : Store
-        What has all products.
-    passed_over : tuple of Failure
-        What was found but not used, such as files that are no logs and second recordings of a flight.
-    duplicates : tuple of Failure
-        Copies of logs that were analysed.
-    removed : tuple of Failure
-        Logs of earlier runs that are no longer there; their products are still in the store.
-    reused : int
-        Logs whose products, or whose reason to have none, were in the store already.
-    manifest : Manifest or None
-    timings : mapping of str to float
-        Seconds spent on logs and on crafts in this run.
-    """
-
-    flights: tuple[FlightEntry, ...]
-    groups: tuple[GroupEntry, ...]
-    failures: tuple[Failure, ...]
-    config: AnalysisConfig
-    store: Store
-    passed_over: tuple[Failure, ...] = ()
-    duplicates: tuple[Failure, ...] = ()
-    removed: tuple[Failure, ...] = ()
-    reused: int = 0
-    manifest: Manifest | None = None
-    timings: Mapping[str, float] = field(default_factory=dict)
-
-    def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
-        return {
-            "flights": f"{len(self.flights)}: {listed([flight.name for flight in self.flights])}",
-            "craft with several flights": listed([group.name for group in self.groups]) or "none",
-            "failures": listed([failure.file for failure in self.failures]) or "none",
-        }
-
-    @property
-    def reported(self) -> bool:
-        """Whether the report in the store is of these very products."""
-        if self.manifest is None or self.manifest.reported != self.manifest.identity:
-            return False
-        return {"report.html", "report.json"} <= set(self.store.names(""))
-
-    def confirm_report(self) -> None:
-        """Note in the store that the report was written; OSError where nothing can be written."""
-        if self.manifest is not None:
-            replace(self.manifest, reported=self.manifest.identity).write(self.store)
-
-
-#: ``publish(result, folder)`` writes what people and programs read of a result, as `reports.write` does.
-Publish = Callable[[FlightResult | GroupResult, Path], object]

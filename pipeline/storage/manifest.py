@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline.config import AnalysisConfig
-from pipeline.results.flight import Failure
+from pipeline.results.fleet import Failure
 from pipeline.storage.store import Store
 
 if TYPE_CHECKING:
     from logparse import Finding
-    from pipeline.fleet.split import Split
     from pipeline.results.entry import FlightEntry
+    from pipeline.results.split import Split
 
 MANIFEST = "manifest.json"
 

@@ -14,7 +14,7 @@ from typing import IO, Any
 from urllib.parse import urlsplit
 
 from pipeline.names import file_name, is_url
-from pipeline.results.flight import Failure
+from pipeline.results.fleet import Failure
 from pipeline.storage.store import as_os_error
 
 #: Endings that promise a flight log: a file found in a folder is reported as failed only if it has one of them.

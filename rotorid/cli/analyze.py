@@ -17,7 +17,7 @@ from rotorid.workers import PRELOAD
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from pipeline.results.flight import Failure
+    from pipeline.results.fleet import Failure
     from pipeline.storage.sources import Found, Source
     from reports.rows import Numbers
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from logparse import LogError, Vehicle
 from pipeline import AnalysisConfig, Failure, FlightResult, GroupResult
 from pipeline.fleet import job
-from pipeline.fleet.split import Split
 from pipeline.results.entry import FlightEntry
+from pipeline.results.split import Split
 from tests.reports.conftest import made_flight
 
 #: Names of the flights that were analysed in this process.

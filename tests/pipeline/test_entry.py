@@ -5,14 +5,15 @@ import json
 
 import numpy as np
 
-from pipeline.results.entry import TRACK_ROWS, FlightEntry, GroupEntry, flight_entry, partition
+from pipeline.flight.summary import TRACK_ROWS, flight_entry, partition
+from pipeline.results.entry import FlightEntry, GroupEntry
 from tests.reports.conftest import made_flight
 
 FLIGHT = made_flight("day 1/flight01", fit=False)
 
 
 def test_a_flight_survives_json():
-    entry = flight_entry(FLIGHT, folder="day_1_flight01", source="s3://logs/flight01.BIN", key="k", coverage={"x": 1.5})
+    entry = flight_entry(FLIGHT, folder="day_1_flight01", source="s3://logs/flight01.BIN", key="k")
     assert FlightEntry.from_dict(json.loads(json.dumps(entry.to_dict(), allow_nan=False))) == entry
     assert entry.start_utc == FLIGHT.log.start_utc
     assert entry.flight == FLIGHT.flight
@@ -23,8 +24,9 @@ def test_a_flight_survives_json():
 
 
 def test_what_is_not_finite_is_none_and_costs_nothing():
-    entry = flight_entry(
-        FLIGHT, folder="a", source="a.bin", key="k", coverage={"x": [float("nan"), np.float64(1.5), 2]}
+    entry = dataclasses.replace(
+        flight_entry(FLIGHT, folder="a", source="a.bin", key="k"),
+        coverage={"x": [float("nan"), np.float64(1.5), 2]},
     )
     assert json.loads(json.dumps(entry.to_dict(), allow_nan=False))["coverage"] == {"x": [None, 1.5, 2]}
 

@@ -6,7 +6,8 @@ from math import pi
 
 import numpy as np
 
-from pipeline.fleet.envelope import envelope, shown
+from logparse.quantity import readable
+from pipeline.fleet.envelope import envelope
 from pipeline.flight.coverage import _distribution
 from pipeline.results.coverage import MAP, QUANTITIES
 from tests.pipeline.test_craft import flown
@@ -89,7 +90,7 @@ def test_ranges_below_are_left_too_and_angles_are_told_in_degrees():
         "air density down to 0.9 kg/m^3 (fitted from 1.2 kg/m^3)" in found.findings[0].reason
     )
     assert "tilt up to 17.2° (fitted to 5°)" in found.findings[0].reason
-    assert shown("rad/s", pi / 6) == "30°/s"
+    assert readable("rad/s", pi / 6) == "30°/s"
 
 
 def test_where_the_position_is_poor_nothing_is_called_extrapolation():
@@ -102,7 +103,7 @@ def test_how_far_is_told_by_what_was_flown_and_not_by_a_blip():
     mostly = np.concatenate([np.full(980, 12.5), np.full(20, 30.0)])
     found = envelope([covering("a", ground_speed=SLOW), covering("b", ground_speed=mostly)], ["a"], ["b"])
     assert found.outside[0].reach == 12.5
-    assert shown("part of full thrust", 0.65) == "65 % of full thrust"
+    assert readable("part of full thrust", 0.65) == "65 % of full thrust"
 
 
 def test_flights_without_coverage_leave_no_trace_and_no_error():

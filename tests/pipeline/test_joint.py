@@ -12,7 +12,7 @@ from pipeline import AnalysisConfig
 from pipeline.execution.stages import silent
 from pipeline.fleet import joint
 from pipeline.fleet.split import choose_split
-from pipeline.results.entry import flight_entry
+from pipeline.flight.summary import flight_entry
 from pipeline.storage.dataset import EXPERIMENTS, part, write_experiments
 from pipeline.storage.store import open_store
 from tests.pipeline.test_split import flight as moving

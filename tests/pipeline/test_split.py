@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline import AnalysisConfig
-from pipeline.fleet.split import MOST_TRAINING, Exclusion, choose_split, day_of, excitation, places_of, position_sigma
+from pipeline.fleet.split import MOST_TRAINING, choose_split, day_of, places_of
+from pipeline.flight.training import excitation, position_sigma
+from pipeline.results.split import Exclusion
 from tests.pipeline.test_craft import flown
 
 DAY = datetime(2024, 5, 2, 9, 30, tzinfo=UTC)

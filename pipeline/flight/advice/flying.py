@@ -8,13 +8,14 @@ import statistics
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from pipeline.fleet.envelope import shown
-from pipeline.fleet.split import Exclusion, position_good, position_sigma, unfit
+from logparse.quantity import readable
+from pipeline.flight.training import exclusion_of, position_good, position_sigma
 from pipeline.results.advice import Advice, having, names_of
+from pipeline.results.split import Exclusion
 from sysid.rigid_body.wind import LIGHT, TURBULENCE
 
 if TYPE_CHECKING:
-    from pipeline.results.entry import FlightEntry
+    from pipeline.results.entry import FlightSummary
     from pipeline.results.envelope import Envelope
 
 #: Relative error at which drag is worth having; the speeds that give it follow from the gusts.
@@ -48,12 +49,12 @@ _TELLS = {
 }
 
 
-def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, told: Collection[str]) -> Iterator[Advice]:
+def flying(flights: Sequence[FlightSummary], envelope: Envelope | None, told: Collection[str]) -> Iterator[Advice]:
     """Advise on flying.
 
     Parameters
     ----------
-    flights : sequence of FlightEntry
+    flights : sequence of FlightSummary
         Of one craft, in order of date.
     envelope : Envelope or None
         What the flights that train and those that judge covered.
@@ -72,14 +73,14 @@ def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, told: Coll
         yield from _more(envelope)
 
 
-def _lost(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
+def _lost(flights: Sequence[FlightSummary]) -> list[FlightSummary]:
     """Choose the flights whose position is too uncertain to say anything of their speeds."""
     return [
         flight for flight in flights if flight.coverage and (not flight.position_known or not position_good(flight))
     ]
 
 
-def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iterator[Advice]:
+def _repeat(flights: Sequence[FlightSummary], lost: Sequence[FlightSummary]) -> Iterator[Advice]:
     """Name the flights that gave no position or hardly moved."""
     if lost:
         sigmas = [sigma for flight in lost if (sigma := position_sigma(flight)) is not None]
@@ -100,7 +101,7 @@ def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iter
     still = [
         flight
         for flight in flights
-        if flight not in lost and (found := unfit(flight)) and found.exclusion is Exclusion.LITTLE_EXCITATION
+        if flight not in lost and (found := exclusion_of(flight)) and found.exclusion is Exclusion.LITTLE_EXCITATION
     ]
     if still:
         yield Advice(
@@ -113,7 +114,7 @@ def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iter
         )
 
 
-def _conditions(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
+def _conditions(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     """Advise on vibration, saturation and battery."""
     total = len(flights)
     shaken = having(flights, "vibration", "accelerometer-clipping")
@@ -142,7 +143,7 @@ def _conditions(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
         )
 
 
-def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
+def _drag(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -> Iterator[Advice]:
     """Recommend a speed at which drag stands out from unmeasured wind (see `sysid.rigid_body.airspeed`)."""
     if not flights or _DRAG & set(told):
         return
@@ -169,7 +170,7 @@ def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> 
     )
 
 
-def _turns(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
+def _turns(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -> Iterator[Advice]:
     """Ask for turns on the spot where wind stays uncertain, though drag is known, and the nose pointed one way."""
     if not _DRAG & set(told):
         return
@@ -194,7 +195,7 @@ def _turns(flights: Sequence[FlightEntry], total: int, told: Collection[str]) ->
     )
 
 
-def _axes(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
+def _axes(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -> Iterator[Advice]:
     """Name axes that no flight moves enough for what they tell."""
     if not flights:
         return
@@ -221,14 +222,14 @@ def _axes(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> 
             + "), or quick stick doublets for half a minute"
         ),
         why="the craft hardly moves there: at most "
-        + _and([f"{shown(units[axis], moved[axis])} RMS in {axis}" for axis in quiet])
+        + _and([f"{readable(units[axis], moved[axis])} RMS in {axis}" for axis in quiet])
         + f" in {'this flight' if total == 1 else f'{len(flights)} flights'}",
         gain=f"{_and([_TELLS[axis] for axis in quiet])}, not determined now",
         settings={} if not chirps else {"SID_AXIS": _SID_AXIS[quiet[0]]} | _CHIRP,
     )
 
 
-def _has_chirps(flight: FlightEntry) -> bool:
+def _has_chirps(flight: FlightSummary) -> bool:
     """Tell whether the firmware may have SYSTEMID mode: ArduCopter since 4.0; logs do not always tell their version."""
     version = re.search(r"(\d+)\.", str(flight.tune.get("firmware", "")))
     return flight.format != "ulog" and (version is None or int(version[1]) >= 4)
@@ -247,8 +248,8 @@ def _extrapolated(envelope: Envelope) -> Iterator[Advice]:
         flights += [each.flight for each in out]
         low, high = furthest.fitted
         told.append(
-            f"{flown.title} {shown(flown.unit, furthest.reach)} (fitted {shown(flown.unit, low)} to "
-            f"{shown(flown.unit, high)})"
+            f"{flown.title} {readable(flown.unit, furthest.reach)} (fitted {readable(flown.unit, low)} to "
+            f"{readable(flown.unit, high)})"
         )
     flights = list(dict.fromkeys(flights))
     named = ", ".join(flights[:4]) + (f" and {len(flights) - 4} more" if len(flights) > 4 else "")
@@ -281,15 +282,15 @@ def _and(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + f" and {parts[-1]}"
 
 
-def _health(flight: FlightEntry, part: str, name: str) -> float | None:
+def _health(flight: FlightSummary, part: str, name: str) -> float | None:
     value: Any = (flight.coverage.get("health", {}).get(part) or {}).get(name)
     return None if value is None else float(value)
 
 
-def _severity(flight: FlightEntry, *names: str) -> str:
+def _severity(flight: FlightSummary, *names: str) -> str:
     found = {str(finding["severity"]) for finding in flight.findings if finding["id"] in names}
     return next((each for each in ("error", "warning", "info") if each in found), "")
 
 
-def _evidence(flight: FlightEntry, name: str, key: str) -> float:
+def _evidence(flight: FlightSummary, name: str, key: str) -> float:
     return max((float(f["evidence"].get(key) or 0.0) for f in flight.findings if f["id"] == name), default=0.0)

@@ -9,7 +9,7 @@ from logparse.log_settings import TELEMETRY, Bit, LogSetting, mask
 from pipeline.results.advice import Advice, having, names_of
 
 if TYPE_CHECKING:
-    from pipeline.results.entry import FlightEntry
+    from pipeline.results.entry import FlightSummary
 
 #: What log findings with a setting as their cure cost a flight.
 _BRINGS = {
@@ -38,12 +38,12 @@ _TABLES = {"imu": "the IMU", "attitude": "attitude"}
 _GAPS = ("gap-in-motors", "gap-in-imu", "gap-in-gps", "gap-in-attitude", "imu-hole")
 
 
-def logging(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[Advice]:
+def logging(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterator[Advice]:
     """Advise on logging.
 
     Parameters
     ----------
-    flights : sequence of FlightEntry
+    flights : sequence of FlightSummary
         Of one craft, in order of date.
     told : collection of str
         Physical parameters that are determined.
@@ -54,7 +54,7 @@ def logging(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[A
     yield from _esc(flights)
 
 
-def _on_board(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
+def _on_board(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     """Ask for the autopilot's own log where there is only telemetry."""
     radio = [flight for flight in flights if flight.format in TELEMETRY]
     if not radio:
@@ -75,12 +75,12 @@ def _on_board(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     )
 
 
-def _settings(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[Advice]:
+def _settings(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterator[Advice]:
     """Put all that was lacking into one value of the parameter that the autopilot has for it.
 
     `logparse.log_settings` has decided which bits log it, and the findings carry them.
     """
-    asked: dict[str, dict[int, tuple[Bit, list[tuple[str, FlightEntry]]]]] = {}
+    asked: dict[str, dict[int, tuple[Bit, list[tuple[str, FlightSummary]]]]] = {}
     for flight in flights:
         for finding in flight.findings:
             evidence = finding["evidence"]
@@ -108,7 +108,7 @@ def _settings(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator
         )
 
 
-def _present(flights: Sequence[FlightEntry], parameter: str) -> int | None:
+def _present(flights: Sequence[FlightSummary], parameter: str) -> int | None:
     """Return a parameter's value in the latest flight that tells it."""
     for flight in reversed(flights):
         value = mask(_setting(flight, parameter))
@@ -120,7 +120,7 @@ def _present(flights: Sequence[FlightEntry], parameter: str) -> int | None:
     return None
 
 
-def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
+def _lost(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     """Ask for a faster card where the autopilot's own log has gaps in flight."""
     gaps = [flight for flight in having(flights, *_GAPS) if flight.format not in TELEMETRY]
     if not gaps:
@@ -148,7 +148,7 @@ def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     )
 
 
-def _esc(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
+def _esc(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     """Ask for rotor speeds where motors work unlike and nothing tells why."""
     uneven = having(flights, "uneven-motor")
     if not uneven or any(_rate(flight, "esc") is not None for flight in flights):
@@ -166,14 +166,14 @@ def _esc(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     )
 
 
-def _rates(flight: FlightEntry) -> dict[str, dict[str, float]]:
+def _rates(flight: FlightSummary) -> dict[str, dict[str, float]]:
     return dict(flight.coverage.get("health", {}).get("rates", {}))
 
 
-def _rate(flight: FlightEntry, table: str) -> float | None:
+def _rate(flight: FlightSummary, table: str) -> float | None:
     return _rates(flight).get(table, {}).get("rate")
 
 
-def _setting(flight: FlightEntry, name: str) -> float | None:
+def _setting(flight: FlightSummary, name: str) -> float | None:
     value = flight.coverage.get("health", {}).get("settings", {}).get(name)
     return None if value is None else float(value)

@@ -13,11 +13,12 @@ from pipeline.flight.advice.flying import flying
 from pipeline.flight.advice.log_settings import logging
 from pipeline.flight.craft import in_order
 from pipeline.flight.flight_parameters import WIND_AS_DRAG
+from pipeline.flight.summary import summarise_flight
 from pipeline.results.advice import Advice, having
 
 if TYPE_CHECKING:
     from pipeline.results.drift import Drift
-    from pipeline.results.entry import FlightEntry
+    from pipeline.results.entry import FlightSummary
     from pipeline.results.envelope import Envelope
     from pipeline.results.flight import FlightResult
     from sysid import PhysicalParameters
@@ -27,7 +28,7 @@ MOST = 8
 
 
 def for_craft(
-    entries: Sequence[FlightEntry],
+    entries: Sequence[FlightSummary],
     envelope: Envelope | None = None,
     drift: Drift | None = None,
     parameters: PhysicalParameters | None = None,
@@ -36,7 +37,7 @@ def for_craft(
 
     Parameters
     ----------
-    entries : sequence of FlightEntry
+    entries : sequence of FlightSummary
         Of one craft.
     envelope : Envelope, optional
         What its training and judging flights covered.
@@ -60,10 +61,7 @@ def for_craft(
 
 def for_flight(result: FlightResult) -> tuple[Advice, ...]:
     """Advise on repeating one flight better."""
-    from pipeline.flight.coverage import summarise
-    from pipeline.results.entry import flight_entry
-
-    return for_craft([flight_entry(result, folder="", source="", key="", coverage=summarise(result))])
+    return for_craft([summarise_flight(result)])
 
 
 def _determined(parameters: PhysicalParameters) -> set[str]:
@@ -72,7 +70,7 @@ def _determined(parameters: PhysicalParameters) -> set[str]:
     return {str(name) for name, method in table.index if (name, method) != WIND_AS_DRAG}
 
 
-def _craft(flights: Sequence[FlightEntry], drift: Drift | None) -> Iterator[Advice]:
+def _craft(flights: Sequence[FlightSummary], drift: Drift | None) -> Iterator[Advice]:
     """Advise on the craft itself: what changed about it, and its mass."""
     for finding in drift.findings if drift is not None else ():
         yield Advice(

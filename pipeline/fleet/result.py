@@ -1,0 +1,74 @@
+"""Result of a folder of logs: its flights, its craft, and the store that holds their products."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from logparse.summary import Summarised, listed
+from pipeline.config import AnalysisConfig
+from pipeline.results.entry import FlightEntry, GroupEntry
+from pipeline.results.fleet import Failure
+from pipeline.storage.manifest import Manifest
+from pipeline.storage.store import Store
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class FleetResult(Summarised):
+    """Several logs: every flight for itself, every craft jointly, and the files that gave nothing.
+
+    Attributes
+    ----------
+    flights : tuple of FlightEntry
+        In the order in which the logs were found. Their products are in the store.
+    groups : tuple of GroupEntry
+        Crafts with several flights, those with most first.
+    failures : tuple of Failure
+        Logs that gave nothing.
+    config : AnalysisConfig
+    store : Store
+        What has all products.
+    passed_over : tuple of Failure
+        What was found but not used, such as files that are no logs and second recordings of a flight.
+    duplicates : tuple of Failure
+        Copies of logs that were analysed.
+    removed : tuple of Failure
+        Logs of earlier runs that are no longer there; their products are still in the store.
+    reused : int
+        Logs whose products, or whose reason to have none, were in the store already.
+    manifest : Manifest or None
+    timings : mapping of str to float
+        Seconds spent on logs and on crafts in this run.
+    """
+
+    flights: tuple[FlightEntry, ...]
+    groups: tuple[GroupEntry, ...]
+    failures: tuple[Failure, ...]
+    config: AnalysisConfig
+    store: Store
+    passed_over: tuple[Failure, ...] = ()
+    duplicates: tuple[Failure, ...] = ()
+    removed: tuple[Failure, ...] = ()
+    reused: int = 0
+    manifest: Manifest | None = None
+    timings: Mapping[str, float] = field(default_factory=dict)
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "flights": f"{len(self.flights)}: {listed([flight.name for flight in self.flights])}",
+            "craft with several flights": listed([group.name for group in self.groups]) or "none",
+            "failures": listed([failure.file for failure in self.failures]) or "none",
+        }
+
+    @property
+    def reported(self) -> bool:
+        """Whether the report in the store is of these very products."""
+        if self.manifest is None or self.manifest.reported != self.manifest.identity:
+            return False
+        return {"report.html", "report.json"} <= set(self.store.names(""))
+
+    def confirm_report(self) -> None:
+        """Note in the store that the report was written; OSError where nothing can be written."""
+        if self.manifest is not None:
+            replace(self.manifest, reported=self.manifest.identity).write(self.store)

@@ -1,0 +1,93 @@
+"""A flight in short: what the coordinator of a folder keeps of it, and what advice is computed from."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
+
+from pipeline.flight.coverage import summarise
+from pipeline.flight.craft import build_of, craft_name
+from pipeline.flight.flight_parameters import flight_parameters
+from pipeline.results.entry import FlightEntry, FlightSummary
+from pipeline.results.flight import FlightResult, Span
+
+#: Most rows of a track: they tell whether two logs recorded the same flight, and draw a small map.
+TRACK_ROWS = 200
+
+
+def summarise_flight(result: FlightResult) -> FlightSummary:
+    """Return a flight in short."""
+    log = result.log
+    models = {each.key: each.missing for each in result.models if each.missing}
+    return FlightSummary(
+        name=result.name,
+        sha256=log.sha256,
+        size=log.size,
+        format=log.format,
+        boots=log.boots,
+        start_utc=log.start_utc,
+        duration=float(log.duration),
+        craft=log.craft,
+        craft_name=craft_name(log.vehicle),
+        frame_class=log.vehicle.frame_class,
+        vehicle=partition(log.craft, log.vehicle.frame_class),
+        flight=result.flight and Span(float(result.flight.start), float(result.flight.stop)),
+        origin=_origin(result),
+        track=_track(result),
+        position_known=result.position_known,
+        experiments=tuple(result.experiments),
+        modelled=result.thrust is not None or any(each.model is not None for each in result.models),
+        missing={**models, **result.missing},
+        coverage=summarise(result),
+        board=log.board,
+        build=build_of(log.vehicle),
+        tune=dict(log.tune),
+        mixer={f"m{motor.number}": [motor.roll, motor.pitch, motor.yaw] for motor in log.vehicle.motors},
+        parameters=tuple(flight_parameters(result)),
+        findings=tuple(_findings(result)),
+        timings=dict(result.timings),
+    )
+
+
+def flight_entry(result: FlightResult, *, folder: str, source: str, key: str) -> FlightEntry:
+    """Return a flight in short, with where its products are; parameters as the attributes of `FlightEntry`."""
+    summary = summarise_flight(result)
+    kept = {each.name: getattr(summary, each.name) for each in fields(summary)}
+    return FlightEntry(**kept, folder=folder, source=source, key=key)
+
+
+def _findings(result: FlightResult) -> Iterator[dict[str, Any]]:
+    """List what the log and the fits had to say, each once."""
+    fits = (finding for model in result.models for finding in model.findings)
+    once = {(finding.id, finding.reason): finding for finding in (*result.findings, *fits)}
+    for finding in once.values():
+        told = finding.to_dict()
+        yield {name: told[name] for name in ("id", "severity", "evidence")}
+
+
+def partition(craft: str, frame_class: str | None) -> str:
+    """Name a craft so that folders and query engines take it: its frame and a short digest of its fingerprint."""
+    frame = re.sub(r"[^a-z0-9-]+", "-", (frame_class or "craft").lower())
+    return f"{frame}-{hashlib.sha256(craft.encode()).hexdigest()[:10]}"
+
+
+def _origin(result: FlightResult) -> tuple[float, float, float] | None:
+    if result.trajectory is None:
+        return None
+    origin = result.trajectory.origin
+    place = (float(origin.lat), float(origin.lon), float(origin.alt))
+    return place if all(map(math.isfinite, place)) else None
+
+
+def _track(result: FlightResult) -> tuple[tuple[float, float, float, float], ...]:
+    """Thin the trajectory of the flight."""
+    if result.trajectory is None or result.flight is None:
+        return ()
+    states = result.trajectory.states.loc[result.flight.start : result.flight.stop, ["p_n", "p_e", "p_d"]]
+    step = max(1, -(-len(states) // TRACK_ROWS))
+    chosen = states.iloc[::step].reset_index().to_numpy(float)
+    return tuple((t, *ned) for t, *ned in chosen.tolist() if all(map(math.isfinite, (t, *ned))))

@@ -1,0 +1,105 @@
+"""Results over several logs: a craft identified jointly, and logs that gave nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from logparse.summary import Summarised, listed
+from pipeline.names import file_name
+
+if TYPE_CHECKING:
+    from logparse import Finding, Vehicle
+    from pipeline.results.advice import Advice
+    from pipeline.results.drift import Drift
+    from pipeline.results.envelope import Envelope
+    from pipeline.results.flight import FlightResult, ModelResult
+    from sysid import PhysicalParameters, ThrustModel
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A log that gave nothing, and why, in a sentence for the person who has the log.
+
+    Attributes
+    ----------
+    source : str
+        Path or URL.
+    reason : str
+    lasting : bool
+        It would be the same again with the same log, settings and software.
+    full : bool
+        Nothing more can be stored.
+    """
+
+    source: str
+    reason: str
+    lasting: bool = False
+    full: bool = False
+
+    @property
+    def file(self) -> str:
+        """The file's name, without its folder, as text that can be shown."""
+        return file_name(self.source)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class GroupResult(Summarised):
+    """All flights of one craft, identified jointly.
+
+    Attributes
+    ----------
+    name : str
+        The craft in words, such as ``"octa x, ArduCopter"``.
+    vehicle : Vehicle
+    training, held_out : tuple of str
+        Names of the flights fitted and of those kept to judge.
+    split : str
+        How the two were chosen, in a sentence.
+    models : tuple of ModelResult
+        Side by side, fitted to the training flights and judged on the others.
+    thrust : ThrustModel or None
+    parameters : PhysicalParameters or None
+        By every method, from the training flights.
+    findings : tuple of Finding
+    coverage : Envelope or None
+        What the flights covered, and where those that judge leave the range of those fitted.
+    drift : Drift or None
+        The craft's parameters from flight to flight.
+    advice : tuple of Advice
+        How to log and fly better next time, most useful first.
+    missing : mapping of str to str
+        Why there is no ``"thrust"`` and there are no ``"parameters"``.
+    timings : mapping of str to float
+        Seconds spent in each stage.
+    """
+
+    name: str
+    vehicle: Vehicle
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    split: str
+    models: tuple[ModelResult, ...] = ()
+    thrust: ThrustModel | None = None
+    parameters: PhysicalParameters | None = None
+    coverage: Envelope | None = None
+    drift: Drift | None = None
+    advice: tuple[Advice, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
+    timings: Mapping[str, float] = field(default_factory=dict)
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "craft": self.name,
+            "training": listed(self.training),
+            "held out": listed(self.held_out),
+            "models": listed([each.title for each in self.models if each.model is not None]) or "none",
+        }
+
+
+#: ``publish(result, folder)`` writes what people and programs read of a result, as `reports.write` does.
+Publish = Callable[["FlightResult | GroupResult", Path], object]

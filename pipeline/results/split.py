@@ -1,0 +1,46 @@
+"""Split of a craft's flights into training and held-out ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+class Exclusion(StrEnum):
+    """Why a flight is excluded from training."""
+
+    POSITION_UNKNOWN = "position-unknown"
+    POSITION_POOR = "position-poor"
+    EXCITATION_UNKNOWN = "excitation-unknown"
+    LITTLE_EXCITATION = "little-excitation"
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingExclusion:
+    """A flight that must not train: the kind of reason, and the reason with its numbers, as a clause."""
+
+    exclusion: Exclusion
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Split:
+    """Names of flights that train and that judge, in order of name.
+
+    Attributes
+    ----------
+    training, held_out : tuple of str
+    unused : mapping of str to str
+        Flights that do neither, and why.
+    never_train : mapping of str to TrainingExclusion
+        Flights that judge only, and why.
+    sentence : str
+        How the two were chosen, with the numbers.
+    """
+
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    unused: Mapping[str, str] = field(default_factory=dict)
+    never_train: Mapping[str, TrainingExclusion] = field(default_factory=dict)
+    sentence: str = ""
