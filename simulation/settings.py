@@ -97,6 +97,11 @@ def _converted(name: str, value: object, kind: Any) -> object:
     if kind is str:
         return str(value)
     if kind == Vector:
+        if name == "wind" and (
+            not isinstance(value, str | list | tuple) or (isinstance(value, str) and "," not in value)
+        ):
+            # The papers' wind blows along x, and is given by its speed.
+            return _number(name, value), 0.0, 0.0
         return _vector(name, value)
     points = value.split(";") if isinstance(value, str) else value
     if not isinstance(points, list | tuple):

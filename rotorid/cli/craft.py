@@ -58,7 +58,7 @@ def craft(
         for number, path in enumerate(logs):
             progress(f"reading {path.name}", number / (len(logs) + 1))
             log = logparse.read_log(path)
-            records.append(sysid.Experiment.from_flight(log, estimate(log.tables), rate=RATE))
+            records.append(sysid.Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), rate=RATE))
         progress("fitting", len(logs) / (len(logs) + 1))
         priors = None
         if bench and mass is not None:

@@ -24,6 +24,7 @@ from rotorid.cli.inspect import inspect
 from rotorid.cli.serve import serve
 from rotorid.cli.simulate import simulate
 from rotorid.cli.token import tokens
+from rotorid.cli.wording import in_words
 
 
 class Group(TyperGroup):
@@ -39,6 +40,14 @@ class Group(TyperGroup):
         if option is not None:
             option.default = False
         return option
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; what is wrong with a value is said in words of the field."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            error.message = in_words(error) or error.message
+            raise
 
 
 app = typer.Typer(

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from logparse import read_log
 from pipeline.errors import ConfigError
 from rotorid.cli.main import app
 
@@ -42,3 +43,33 @@ def test_a_stand_needs_the_mass(tmp_path):
     done = RUN.invoke(app, ["craft", LOG, "--bench", str(stand), "--out", str(tmp_path / "o")])
     assert isinstance(done.exception, ConfigError)
     assert "give --mass with --bench" in str(done.exception)
+
+
+def test_the_estimate_knows_the_date_of_the_log(tmp_path, monkeypatch):
+    """Without it the magnetic declination is that of another year than `analyze` takes."""
+    dates = []
+
+    def estimate(tables, *, date=None):
+        dates.append(date)
+        raise ConfigError("far enough")
+
+    monkeypatch.setattr("estimation.estimate", estimate)
+    RUN.invoke(app, ["craft", LOG, "--out", str(tmp_path)])
+    assert dates == [read_log(LOG).start_utc]
+    assert dates[0] is not None
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("3kg", "'3kg' is not a number: leave 'kg' out (3)"),
+        ("2,5", "'2,5' is not a number: write it with a point (2.5)"),
+        ("heavy", "'heavy' is not a number."),
+        ("-1", "-1 is too small: choose 0 or more."),
+    ],
+)
+def test_a_mass_that_is_none_is_refused_in_plain_words(value, words):
+    done = RUN.invoke(app, ["craft", LOG, f"--mass={value}"])
+    assert done.exit_code == 2
+    assert words in " ".join(done.output.split())
+    assert "Input should" not in done.output

@@ -27,6 +27,13 @@ def test_list_names_every_case_with_its_settings():
         assert "elhesasy" in listing.stdout
 
 
+def test_the_help_s_own_example_runs(tmp_path):
+    (example,) = re.findall(r"Example: rotorid simulate (.*?) --out", " ".join(run("--help").stdout.split()))
+    done = run(*example.split(), "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "time of arrival" in done.stdout
+
+
 def test_a_case_writes_page_text_history_log_and_truth(tmp_path):
     """Characteristics and the names of the files on stdout; the page opens offline and holds its figures."""
     done = run("motion-vertical", "--out", tmp_path)

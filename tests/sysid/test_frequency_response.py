@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sysid import TransferFunction
-from sysid.transfer_functions.frequency_response import frequency_response, poles, zeros
+from sysid import TransferFunction, frequency_response, poles, zeros
 
 OMEGA = np.logspace(-1.5, 1.0, 40)
 
