@@ -22,13 +22,20 @@ SLOW_EVERY = 8  # their smoothed values are worked out for every eighth output r
 ENTRIES = 7  # most entries that a row of H has
 FARTHEST = 0.3  # rad; headings further than this from the first one are a new first one
 
-# What the filter remembers from node to node besides state and covariance: how long each kind was refused, the heading
-# since the first one, the field at the start, rate and acceleration now.
-REFUSED, HEADING, FIELD, RATE, ACCELERATION, MEMORY = 0, 7, 8, 11, 14, 17
+# What the filter remembers from node to node besides state and covariance: how long each kind has not been believed,
+# whether its last reading was beyond the gate, the heading since the first one, the field at the start, rate and
+# acceleration now.
+DOUBTED, BEYOND, HEADING, FIELD, RATE, ACCELERATION, MEMORY = 0, 7, 14, 15, 18, 21, 24
 
 # Kinds of measurement groups.
 GPS_POSITION, GPS_VELOCITY, BARO, MAG, GPS2_POSITION, GPS2_VELOCITY, RANGE = range(7)
 KINDS = 7
+# The receiver or sensor that each kind comes from: what one of them measures may be wrong together.
+SOURCES = np.array([0, 0, 1, 2, 3, 3, 4])
+# Innovations beyond so many sigma pull less the further out they are, s.d.
+BOUND = 3.0
+# What attitude is widened by when several sensors speak against the state, rad^2.
+DOUBTED_TILT = 0.03
 
 _FLAGS = {"reassoc", "contract", "nsz"}
 
@@ -293,8 +300,13 @@ def _advance(
 
 
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
-def _fuse(x: Array, P: Array, nu: float, variance: float, index: Array, value: Array, count: int, gain: Array) -> float:
-    """Fuse one scalar innovation in place; fills the gain and gives the inverse variance of the innovation."""
+def _fuse(
+    x: Array, P: Array, nu: float, variance: float, index: Array, value: Array, count: int, gain: Array
+) -> tuple[float, float]:
+    """Fuse one scalar innovation in place and fill the gain.
+
+    Returns the inverse variance that the innovation was given, and its variance by the filter's own account.
+    """
     PH = np.empty(N)
     dx = np.empty(N)
     for i in range(N):
@@ -304,8 +316,8 @@ def _fuse(x: Array, P: Array, nu: float, variance: float, index: Array, value: A
             PH[i] += value[j] * P[index[j], i]
     for j in range(count):
         variance += value[j] * PH[index[j]]
-    # Beyond three sigma the variance grows with the innovation: its pull stays bounded (Huber's weights).
-    inv = 1.0 / max(variance, nu * nu / 9.0)
+    # Beyond three sigma the variance grows with the innovation, so its pull falls (see `_log_density`).
+    inv = 1.0 / max(variance, nu * nu / (BOUND * BOUND))
     for i in range(N):
         gain[i] = PH[i] * inv
         dx[i] = gain[i] * nu
@@ -314,15 +326,66 @@ def _fuse(x: Array, P: Array, nu: float, variance: float, index: Array, value: A
         for j in range(N):
             P[i, j] -= g * PH[j]
     _inject(x, dx)
-    return inv
+    return inv, variance
+
+
+@njit(cache=True, nogil=True)
+def _gain_unused(P: Array, variance: float, index: Array, value: Array, count: int, gain: Array) -> None:
+    """Fill the gain that a measurement with this innovation variance would have."""
+    for i in range(N):
+        total = 0.0
+        for j in range(count):
+            total += value[j] * P[index[j], i]
+        gain[i] = total / variance
+
+
+@njit(cache=True, nogil=True)
+def _keep_scalar(
+    m: int,
+    count: int,
+    gain: Array,
+    index: Array,
+    value: Array,
+    scalar_K: Array,
+    scalar_index: Array,
+    scalar_value: Array,
+) -> None:
+    """Keep gain and row of H of one scalar for the smoother."""
+    for i in range(N):
+        scalar_K[m, i] = gain[i]
+    for j in range(ENTRIES):
+        scalar_index[m, j] = index[j]
+        scalar_value[m, j] = value[j] if j < count else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _log_density(nu: float, variance: float) -> float:
+    """Return the log-density of an innovation, without the constant.
+
+    Normal within three sigma; beyond, the tail falls with the ninth power, whose influence function is that of the
+    weights in `_fuse`. So an outlier pulls little, but each one costs more the smaller a setting makes its sigma.
+    """
+    z2 = nu * nu / variance
+    if z2 > BOUND * BOUND:
+        z2 = BOUND * BOUND * (1.0 + np.log(z2 / (BOUND * BOUND)))
+    return float(-0.5 * (np.log(variance) + z2))
+
+
+@njit(cache=True, nogil=True)
+def _joined_doubt(kind: int, doubted: Array, beyond: Array, together: float) -> bool:
+    """Return whether another sensor than that of `kind` has been beyond the gate for long enough, too."""
+    for other in range(KINDS):
+        if SOURCES[other] != SOURCES[kind] and beyond[other] > 0.0 and doubted[other] > together:
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)
 def _doubt_state(P: Array, kind: int, axis: int, nu: float) -> None:
     """Widen what a scalar measures by its innovation, so that it can pull the state back.
 
-    It was refused for so long that the state is the likelier culprit. Unmodelled movement is process noise, which the
-    smoother need not be told.
+    It was beyond the gate for so long, or together with another sensor, that the state is the likelier culprit.
+    Unmodelled movement is process noise, which the smoother need not be told.
     """
     if kind == MAG:
         for i in range(6, 9):
@@ -373,7 +436,10 @@ def forward(
     scale: Array,
     jitter: Array,
     gate: float,
+    hard: bool,
     patience: float,
+    together: float,
+    admitted: Array,
     moves: bool,
     memory: Array,
     keep: bool,
@@ -382,6 +448,7 @@ def forward(
     node_C: Array,
     scalar_nu: Array,
     scalar_inv: Array,
+    scalar_S: Array,
     scalar_K: Array,
     scalar_index: Array,
     scalar_value: Array,
@@ -392,14 +459,18 @@ def forward(
     """Run the filter over all nodes; x (27,) and P (26, 26) are the start and are left at the end.
 
     Parameters are the arrays that `filter.Problem` documents. ``sub_noise[k]`` holds the variance that the attitude and
-    velocity errors gain in sub-step k. ``moves`` tells whether the craft can learn its heading. ``memory`` (17,) is
+    velocity errors gain in sub-step k. ``moves`` tells whether the craft can learn its heading. ``memory`` (24,) is
     what else the filter knows at the start, and is left at the end, so that a long segment can be filtered in pieces.
-    ``keep`` tells whether the history for the smoother is written.
+    ``keep`` tells whether the history for the smoother is written. ``admitted`` (g,) tells which groups may be fused;
+    ``hard`` refuses those beyond the gate as well, for who cannot look back over the whole log.
+
+    A sensor beyond the gate for ``patience`` seconds is believed and the state is not; two sensors are after
+    ``together`` seconds.
 
     Returns
     -------
     log_likelihood : float
-        Of the measurements, without the constant; what is refused counts as if it lay at the gate.
+        Of the measurements, without the constant; what is refused counts too (`_log_density`).
     """
     R = np.empty((3, 3))
     S = np.empty(3)
@@ -407,7 +478,8 @@ def forward(
     gain = np.empty(N)
     index = np.zeros(ENTRIES, np.int64)
     value = np.zeros(ENTRIES)
-    refused = memory[REFUSED:HEADING]
+    doubted = memory[DOUBTED:BEYOND]
+    beyond = memory[BEYOND:HEADING]
     field = memory[FIELD:RATE]
     rate = memory[RATE:ACCELERATION]
     acceleration = memory[ACCELERATION:MEMORY]
@@ -440,7 +512,7 @@ def forward(
             # The ground changes as the craft moves over it.
             P[25, 25] += T * walk[25] * np.sqrt(x[3] * x[3] + x[4] * x[4])
             for kind in range(KINDS):
-                refused[kind] += T
+                doubted[kind] += T
         if keep:
             node_T[node] = T
             for i in range(3):
@@ -451,46 +523,62 @@ def forward(
             kind = group_kind[group]
             first, last = group_start[group], group_start[group + 1]
             worst = 0.0
-            spread = 0.0
+            loss = 0.0
             for m in range(first, last):
                 z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, heading, field, index, value)
                 nu = scalar_z[m] - z
                 s = scale[kind] * scalar_var[m] + (jitter[kind] * speed) ** 2
-                for i in range(count):
-                    for j in range(count):
+                for j in range(count):
+                    for i in range(count):
                         s += value[i] * value[j] * P[index[i], index[j]]
-                spread += np.log(s)
+                loss += _log_density(nu, s)
+                scalar_nu[m] = nu
+                scalar_inv[m] = 0.0
+                scalar_S[m] = s
                 # What the sensor's class may do is never refused, however quiet this one is.
                 s += scalar_var[m]
                 if nu * nu > worst * s:
                     worst = nu * nu / s
-                scalar_nu[m] = nu
-                scalar_inv[m] = 0.0
-            if worst > gate * gate:
-                if refused[kind] < patience:
-                    likelihood -= 0.5 * (spread + gate * gate)
+            if worst > gate * gate and admitted[group]:
+                beyond[kind] = 1.0
+                joined = _joined_doubt(kind, doubted, beyond, together)
+                if doubted[kind] > patience or (joined and doubted[kind] > together):
+                    for m in range(first, last):
+                        _doubt_state(P, kind, scalar_axis[m], scalar_nu[m])
+                    if joined:
+                        # Several sensors that agree against the state: attitude may be as wrong as the rest.
+                        for i in range(6, 9):
+                            P[i, i] += DOUBTED_TILT
+                    beyond[kind] = 0.0
+                    doubted[kind] = 0.0
+                elif hard:
+                    likelihood += loss
                     continue
-                for m in range(first, last):
-                    _doubt_state(P, kind, scalar_axis[m], scalar_nu[m])
-            refused[kind] = 0.0
+            elif admitted[group]:
+                beyond[kind] = 0.0
+                doubted[kind] = 0.0
             for m in range(first, last):
                 z, count, speed = _observe(kind, scalar_axis[m], x, R, rate, acceleration, heading, field, index, value)
+                if not admitted[group]:
+                    if keep:
+                        _gain_unused(P, scalar_S[m], index, value, count, gain)
+                        _keep_scalar(m, count, gain, index, value, scalar_K, scalar_index, scalar_value)
+                    continue
                 nu = scalar_z[m] - z
                 s = scale[kind] * scalar_var[m] + (jitter[kind] * speed) ** 2
-                inv = _fuse(x, P, nu, s, index, value, count, gain)
+                inv, s = _fuse(x, P, nu, s, index, value, count, gain)
                 heading += gain[8] * nu
                 if moves or abs(heading) > FARTHEST:
                     heading = 0.0
                 _rotation(x, R)
-                likelihood -= 0.5 * (np.log(1.0 / inv) + nu * nu * inv)
+                likelihood += _log_density(nu, s)
                 scalar_nu[m] = nu
                 scalar_inv[m] = inv
+                scalar_S[m] = s
                 if keep:
-                    for i in range(N):
-                        scalar_K[m, i] = gain[i]
-                    for j in range(ENTRIES):
-                        scalar_index[m, j] = index[j]
-                        scalar_value[m, j] = value[j] if j < count else 0.0
+                    _keep_scalar(m, count, gain, index, value, scalar_K, scalar_index, scalar_value)
+            if not admitted[group]:
+                likelihood += loss
         out = node_out[node]
         if out >= 0:
             _write_row(x, P, out, out_x, out_P, slow_P)
@@ -499,9 +587,16 @@ def forward(
 
 
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
-def _unfuse(lam: Array, Lam: Array, nu: float, inv: float, K: Array, index: Array, value: Array, u: Array) -> None:
-    """Take the adjoint back over one scalar measurement with gain K, in place; u (26,) is scratch."""
-    c = nu * inv
+def _unfuse(
+    lam: Array, Lam: Array, nu: float, inv: float, S: float, K: Array, index: Array, value: Array, u: Array
+) -> tuple[float, float]:
+    """Take the adjoint back over one scalar measurement with gain K, in place; u (26,) is scratch.
+
+    Returns what the measurement differs by from all the others together, and the variance of that by the filter's own
+    account (the deletion residual: de Jong & Penzer 1998). One that was not fused, ``inv`` 0, leaves the adjoint.
+    """
+    used = inv > 0.0
+    c = nu * (inv if used else 1.0 / S)
     s = inv
     for i in range(N):
         total = 0.0
@@ -511,6 +606,8 @@ def _unfuse(lam: Array, Lam: Array, nu: float, inv: float, K: Array, index: Arra
     for i in range(N):
         c += K[i] * lam[i]
         s += K[i] * u[i]
+    if not used:
+        return S * c, S - S * S * s
     for a in range(ENTRIES):
         h = value[a]
         if h == 0.0:
@@ -522,6 +619,7 @@ def _unfuse(lam: Array, Lam: Array, nu: float, inv: float, K: Array, index: Arra
             Lam[j, i] -= h * u[j]
         for b in range(ENTRIES):
             Lam[i, index[b]] += h * value[b] * s
+    return c / s, 1.0 / s - (1.0 / inv - S)
 
 
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
@@ -532,8 +630,10 @@ def backward(
     node_group: Array,
     node_out: Array,
     group_start: Array,
+    scalar_var: Array,
     scalar_nu: Array,
     scalar_inv: Array,
+    scalar_S: Array,
     scalar_K: Array,
     scalar_index: Array,
     scalar_value: Array,
@@ -545,8 +645,17 @@ def backward(
     slow_P: Array,
     out_covariance: Array,
     slow_variance: Array,
+    deletion: Array,
+    shock: Array,
+    shock_size: Array,
 ) -> None:
     """Smooth what `forward` kept: ``out_x`` in place, covariance of p, v, phi (n, 9, 9), slow variances (m, 17).
+
+    ``deletion`` (s,) becomes how far each scalar lies from what all the others say, squared and over its variance;
+    the variance of the sensor's class counts in it. ``shock`` (n, 2) becomes the largest step of attitude and of
+    velocity at each node that the measurements ask for beyond the noise of the IMU, squared and over its variance, and
+    ``shock_size`` (n, 2)
+    how large such a step would be.
 
     ``lam`` (26,) and ``Lam`` (26, 26) are the adjoint behind the last node, zero at the end of a segment, and are left
     as that before the first node. Sensor errors in ``out_x`` are smoothed only in rows that are multiples of
@@ -582,8 +691,25 @@ def backward(
             _inject(out_x[out], dx)
         for group in range(node_group[node + 1] - 1, node_group[node] - 1, -1):
             for m in range(group_start[group + 1] - 1, group_start[group] - 1, -1):
-                if scalar_inv[m] > 0.0:
-                    _unfuse(lam, Lam, scalar_nu[m], scalar_inv[m], scalar_K[m], scalar_index[m], scalar_value[m], u)
+                residual, variance = _unfuse(
+                    lam,
+                    Lam,
+                    scalar_nu[m],
+                    scalar_inv[m],
+                    scalar_S[m],
+                    scalar_K[m],
+                    scalar_index[m],
+                    scalar_value[m],
+                    u,
+                )
+                deletion[m] = residual * residual / (max(variance, 0.0) + scalar_var[m])
         T = node_T[node]
+        for block in range(2):
+            shock[node, block] = 0.0
+            shock_size[node, block] = 0.0
+            for i in range(6 - 3 * block, 9 - 3 * block):
+                if Lam[i, i] > 0.0 and lam[i] * lam[i] > shock[node, block] * Lam[i, i]:
+                    shock[node, block] = lam[i] * lam[i] / Lam[i, i]
+                    shock_size[node, block] = abs(lam[i]) / Lam[i, i]
         if T > 0.0:
             _propagate_adjoint(lam, Lam, T, node_S[node], node_C[node], np.exp(-T / gps_error_time))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from estimation.attitude import euler_from_quat, matrix_from_quat, quat_from_euler
+from estimation.attitude import euler_from_quat, matrix_from_quat, quat_from_euler, turned_by
 from estimation.filter import Filtered
 from estimation.local_frame import LocalFrame
 from estimation.observations import usable_field, usable_fixes, usable_ranges
@@ -33,6 +33,10 @@ STILL_LONGEST, STILL_SHORTEST = 5.0, 1.0
 #: Motors above this carry the craft (spin-up ends near 1150 us, hover is above 1300 us); GPS noise on the ground is
 #: below this speed, m/s.
 RUNNING_PWM, GROUND_SPEED = 1250.0, 1.0
+#: A force at rest that differs so much from the autopilot's attitude is biased, rad.
+TILT_DOUBTED = np.radians(5.0)
+#: Standard gravity, m/s^2: what a tilt is worth to an accelerometer.
+GRAVITY = 9.80665
 #: Share of a sensor error's first uncertainty that a hole in the log brings back: what happened in it is not known.
 UNSEEN_SHARE = 0.1
 
@@ -51,12 +55,15 @@ class Alignment:
         Found standing still before flight.
     yaw_source : str
         ``"magnetometer"``, ``"autopilot"``, ``"movement"`` or ``"unknown"``.
+    levelled : bool
+        Whether tilt was read off the accelerometer, and is as wrong as its bias makes it.
     """
 
     x: np.ndarray
     P: np.ndarray
     still: bool
     yaw_source: str
+    levelled: bool
 
 
 def still_span(imu: pd.DataFrame) -> float:
@@ -78,6 +85,8 @@ def align(
     frame: LocalFrame | None,
     field: np.ndarray | None,
     noise: SensorNoise,
+    *,
+    heading_known: bool = True,
 ) -> Alignment:
     """Find the start of a segment from its first seconds.
 
@@ -89,6 +98,8 @@ def align(
         None without any known place.
     field : ndarray, shape (3,), or None
         World magnetic field, NED, T; None without magnetometer.
+    heading_known : bool
+        Whether the autopilot's heading can be believed: not when its compass is stuck.
     """
     start = float(imu.index[0])
     span = still_span(imu)
@@ -102,13 +113,17 @@ def align(
     roll = np.arctan2(-force[1], -force[2])
     pitch = np.arctan2(force[0], np.hypot(force[1], force[2]))
     tilt_sigma = np.radians(2.0)
+    levelled = logged is None or (still and np.hypot(logged[0] - roll, logged[1] - pitch) < TILT_DOUBTED)
+    if still and not levelled and logged is not None:
+        # The autopilot has been corrected by more than these seconds of a force that may be biased.
+        roll, pitch, tilt_sigma = logged[0], logged[1], np.radians(5.0)
     if not still:
         # In flight the force of a multirotor is along its own axis whatever the tilt, so it says little.
         tilt_sigma = np.radians(15.0)
         if logged is not None:
             roll, pitch = logged[0], logged[1]
             tilt_sigma = np.radians(5.0)
-    yaw, yaw_sigma, yaw_source = _initial_yaw(tables, start, roll, pitch, logged, field)
+    yaw, yaw_sigma, yaw_source = _initial_yaw(tables, start, roll, pitch, logged if heading_known else None, field)
     x[6:10] = quat_from_euler(roll, pitch, yaw)
     sigma[ATTITUDE : ATTITUDE + 3] = tilt_sigma, tilt_sigma, yaw_sigma
     if still:
@@ -121,7 +136,40 @@ def align(
         x[23:26] = field
         sigma[HARD_IRON : HARD_IRON + 3] = noise.hard_iron
         sigma[FIELD : FIELD + 3] = noise.field
-    return Alignment(x, np.diag(sigma**2), still, yaw_source)
+    P = np.diag(sigma**2)
+    if levelled:
+        _levelled(P, x, yaw_source, P[ATTITUDE:GYRO_BIAS, ATTITUDE:GYRO_BIAS].copy())
+    return Alignment(x, P, still, yaw_source, levelled)
+
+
+def _attitude_of_bias(x: np.ndarray, yaw_source: str) -> np.ndarray:
+    """Return the attitude error that accelerometer biases make in a craft that was levelled by its forces.
+
+    At rest ``exp([phi]x) R (f - b) = -g``: to first order phi is R b turned by 90 degrees, over g. A magnetometer that
+    is levelled so turns heading by the tilt about magnetic north times the tangent of the dip. Shape (3, 3).
+    """
+    R = matrix_from_quat(x[6:10])
+    J = np.array([R[1], -R[0], np.zeros(3)]) / GRAVITY
+    m_n, m_e, m_d = x[23:26]
+    if yaw_source == "magnetometer":
+        J[2] = m_d * (m_n * J[0] + m_e * J[1]) / (m_n**2 + m_e**2)
+    return J
+
+
+def _levelled(P: np.ndarray, x: np.ndarray, yaw_source: str, own: np.ndarray) -> None:
+    """Fill a covariance with the attitude error that goes with the accelerometer's bias, and its `own`, in place."""
+    attitude, bias = slice(ATTITUDE, ATTITUDE + 3), slice(ACCEL_BIAS, ACCEL_BIAS + 3)
+    J = _attitude_of_bias(x, yaw_source)
+    P[attitude, bias] = J @ P[bias, bias]
+    P[bias, attitude] = P[attitude, bias].T
+    P[attitude, attitude] = own + J @ P[bias, bias] @ J.T
+
+
+def _own(P: np.ndarray, x: np.ndarray, yaw_source: str) -> np.ndarray:
+    """Return the covariance of attitude less what the accelerometer's bias adds to it, shape (3, 3)."""
+    attitude, bias = slice(ATTITUDE, ATTITUDE + 3), slice(ACCEL_BIAS, ACCEL_BIAS + 3)
+    J = _attitude_of_bias(x, yaw_source)
+    return np.asarray(P[attitude, attitude] - J @ P[bias, bias] @ J.T)
 
 
 def _under_way(tables: Tables, start: float, stop: float) -> bool:
@@ -141,21 +189,29 @@ def _under_way(tables: Tables, start: float, stop: float) -> bool:
 
 
 def turned(aligned: Alignment, yaw: float, yaw_sigma: float) -> Alignment:
-    """Give an alignment another heading and its 1-sigma, rad."""
+    """Return an alignment with another heading and its 1-sigma, rad."""
     x, P = aligned.x.copy(), aligned.P.copy()
     roll, pitch, _ = euler_from_quat(x[6:10])
     x[6:10] = quat_from_euler(roll, pitch, yaw)
-    P[ATTITUDE + 2, ATTITUDE + 2] = yaw_sigma**2
-    return Alignment(x, P, aligned.still, "movement")
+    own = _own(P, aligned.x, aligned.yaw_source) if aligned.levelled else P[ATTITUDE:GYRO_BIAS, ATTITUDE:GYRO_BIAS]
+    own[2, 2] = yaw_sigma**2
+    if aligned.levelled:
+        _levelled(P, x, "movement", own)
+    return replace(aligned, x=x, P=P, yaw_source="movement")
 
 
-def with_priors(P: np.ndarray, noise: SensorNoise) -> np.ndarray:
-    """Give the start's covariance with the sensor errors' priors of other noise settings; P of shape (26, 26)."""
-    P = P.copy()
-    for block, sigma in ((ACCEL_BIAS, noise.accel_bias), (HARD_IRON, noise.hard_iron)):
-        for i in range(block, block + 3):
-            P[i, i] = sigma**2 if P[i, i] > 0.0 else 0.0
-    return P
+def with_priors(aligned: Alignment, before: SensorNoise, noise: SensorNoise) -> Alignment:
+    """Return a start with the sensor errors' priors of other noise settings than it was made with `before`."""
+    P = aligned.P.copy()
+    for block, factor in (
+        (GYRO_BIAS, noise.gyro_bias / before.gyro_bias),
+        (ACCEL_BIAS, noise.accel_bias / before.accel_bias),
+        (HARD_IRON, noise.hard_iron / before.hard_iron),
+    ):
+        P[block : block + 3, block : block + 3] *= factor**2
+    if aligned.levelled:
+        _levelled(P, aligned.x, aligned.yaw_source, _own(aligned.P, aligned.x, aligned.yaw_source))
+    return replace(aligned, P=P)
 
 
 def carried_over(aligned: Alignment, last: Filtered, gap: float, noise: SensorNoise, *, same_imu: bool) -> Alignment:
@@ -180,7 +236,12 @@ def carried_over(aligned: Alignment, last: Filtered, gap: float, noise: SensorNo
     grown[GPS_ERROR : GPS_ERROR + 3] += (1.0 - stay[GPS_ERROR] ** 2) * prior[GPS_ERROR : GPS_ERROR + 3]
     x, P = aligned.x.copy(), aligned.P.copy()
     x[kept + 1] = stay[kept] * last.last_state[kept + 1]
+    own = _own(P, x, aligned.yaw_source) if aligned.levelled else None
     P[block] = np.outer(stay, stay)[block] * last.last_covariance[block] + np.diag(grown[kept] * (prior[kept] > 0.0))
+    if own is not None and same_imu:
+        # The force that levelled it has a bias that is known by now.
+        x[6:10] = turned_by(x[6:10], _attitude_of_bias(x, aligned.yaw_source) @ x[13:16])
+        _levelled(P, x, aligned.yaw_source, own)
     return replace(aligned, x=x, P=P)
 
 

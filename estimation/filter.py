@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation import _kernels
 from estimation.observations import Observations
+from estimation.shocks import Shocks
 from estimation.states import GPS_ERROR, SIZE, SensorNoise
 from estimation.timing import TICK, TURNING, InertialSignal
 
@@ -16,8 +17,8 @@ COARSE = 0.008
 #: White noise of a sensor is believed to be no less and no more than these times that of its class or its report: what
 #: innovations do not show (rounding, errors that last) is there all the same, and averaging does not take it away.
 QUIETEST, LOUDEST = 0.2, 5.0
-#: A sensor refused for so long is believed again, s.
-PATIENCE = 10.0
+#: A sensor beyond the gate for so long is believed and the state is not, s; so are two sensors together.
+PATIENCE, TOGETHER = 10.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +94,8 @@ class ForwardPass:
         The other rows, of every eighth output.
     innovation, inverse_variance : ndarray, shape (s,)
         Of each scalar measurement; inverse variance 0 where it was refused.
+    variance : ndarray, shape (s,)
+        Of each innovation by the filter's own account, however it was weighted.
     log_likelihood : float
     transition_time, transition_velocity, transition_rotation : ndarray, shapes (n,), (n, 3), (n, 3, 3)
         T, S and C of the transition to each node (see `_kernels`).
@@ -107,6 +110,7 @@ class ForwardPass:
     sensor_rows: np.ndarray
     innovation: np.ndarray
     inverse_variance: np.ndarray
+    variance: np.ndarray
     log_likelihood: float
     transition_time: np.ndarray
     transition_velocity: np.ndarray
@@ -160,6 +164,7 @@ def assemble(
     finest: float = 0.0,
     moves: bool | None = None,
     prior: np.ndarray | None = None,
+    shocks: Shocks | None = None,
 ) -> Problem:
     """Lay out nodes and sub-steps of one segment, or of a piece of it.
 
@@ -177,6 +182,8 @@ def assemble(
         Whether the craft turns anywhere in the segment, where it is known already.
     prior : ndarray, shape (26,), optional
         Variances at the beginning of the segment, if the piece begins later.
+    shocks : Shocks, optional
+        Steps that the IMU may have missed.
     """
     first, last = ticks(np.array([max(signal.start, start), min(signal.stop, stop)]))
     observations = observations.between(first * TICK, last * TICK)
@@ -191,6 +198,9 @@ def assemble(
     steps = _merged(nodes, imu[(imu > first) & (imu < last)])
     t = steps * TICK
     angle, velocity, variance = signal.increments(t)
+    variance = np.ascontiguousarray(variance if imu_scale is None else variance * imu_scale)
+    if shocks is not None:
+        shocks.add_to(variance, steps)
     node_sub = np.concatenate([[0], np.searchsorted(steps, nodes)])
     node_out = np.full(len(nodes), -1, np.int64)
     node_out[np.searchsorted(nodes, asked)] = np.arange(len(asked))
@@ -199,7 +209,7 @@ def assemble(
         sub_dt=np.diff(t),
         sub_angle=np.ascontiguousarray(angle),
         sub_velocity=np.ascontiguousarray(velocity),
-        sub_noise=np.ascontiguousarray(variance if imu_scale is None else variance * imu_scale),
+        sub_noise=variance,
         node_sub=node_sub.astype(np.int64),
         node_group=np.concatenate([[0], np.searchsorted(measured, nodes, side="right")]).astype(np.int64),
         node_out=node_out,
@@ -232,8 +242,11 @@ def new_memory(x: np.ndarray) -> np.ndarray:
     return memory
 
 
-def run(problem: Problem, *, keep: bool = True, memory: np.ndarray | None = None) -> ForwardPass:
+def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.ndarray | None = None) -> ForwardPass:
     """Filter one segment, or a piece of it; `keep` the history when it is to be smoothed.
+
+    `hard` refuses at once what is beyond the gate. Who smooths does better to fuse it with little weight and to judge
+    it by the past and the future (`smoother.refused`): a gate that knows the past only, once wrong, locks itself out.
 
     `memory`, of the piece before, is brought up to date in place.
     """
@@ -247,6 +260,7 @@ def run(problem: Problem, *, keep: bool = True, memory: np.ndarray | None = None
         sensor_rows=np.empty((-(-rows // _kernels.SLOW_EVERY), SIZE - _kernels.SLOW, SIZE)),
         innovation=np.empty(scalars),
         inverse_variance=np.zeros(scalars),
+        variance=np.empty(scalars),
         log_likelihood=0.0,
         transition_time=np.empty(kept_nodes),
         transition_velocity=np.empty((kept_nodes, 3)),
@@ -282,7 +296,10 @@ def run(problem: Problem, *, keep: bool = True, memory: np.ndarray | None = None
         problem.white_scale,
         problem.noise.jitter(),
         problem.noise.gate,
+        hard,
         PATIENCE,
+        TOGETHER,
+        o.admitted,
         problem.moves,
         new_memory(x) if memory is None else memory,
         keep,
@@ -291,6 +308,7 @@ def run(problem: Problem, *, keep: bool = True, memory: np.ndarray | None = None
         result.transition_rotation,
         result.innovation,
         result.inverse_variance,
+        result.variance,
         result.gain,
         result.index,
         result.value,

@@ -49,6 +49,19 @@ def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
     return findings
 
 
+def stuck_magnetometer() -> list[Finding]:
+    """Report a magnetometer whose readings never change although the craft turns."""
+    return [
+        Finding(
+            "magnetometer-stuck",
+            Severity.WARNING,
+            "The magnetometer repeats one reading while the craft turns: it is not used, and heading is known only "
+            "from the movement of the craft.",
+            "Look at the compass's cable and its driver (COMPASS_USE, COMPASS_DEV_ID); calibrate it again.",
+        )
+    ]
+
+
 def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
     """Say where no IMU was logged: between the samples of successive segments."""
     return [

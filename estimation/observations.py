@@ -9,7 +9,7 @@ import pandas as pd
 from estimation import _kernels
 from estimation.local_frame import LocalFrame
 from estimation.states import SensorNoise
-from estimation.timing import usable
+from estimation.timing import GYRO_MOVING, usable
 from logparse import Geodetic, Tables
 
 #: What one sensor measured: kind, times (n,), values (n, c) and variances (n, c).
@@ -23,6 +23,8 @@ COMMON_WANDER = 3.0
 #: Ranges that are used, m: nearer than the first is the blind zone of many sensors (and the craft's own legs), farther
 #: than the second the ground is no longer that of the place.
 SHORTEST_RANGE, LONGEST_RANGE = 0.3, 10.0
+#: A magnetometer that reads the same so often while the craft turns is not measuring.
+FEWEST_REPEATED = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,8 @@ class Observations:
         Group k consists of the scalars ``start[k]:start[k + 1]``.
     axis, z, variance : ndarray, shape (m,)
         Component, value and white variance of each scalar, SI.
+    admitted : ndarray of bool, shape (g,)
+        Groups that may be fused; what the others differ by is looked at all the same.
     """
 
     t: np.ndarray
@@ -45,6 +49,7 @@ class Observations:
     axis: np.ndarray
     z: np.ndarray
     variance: np.ndarray
+    admitted: np.ndarray
 
     @classmethod
     def merge(cls, blocks: Sequence[Block]) -> "Observations":
@@ -52,7 +57,7 @@ class Observations:
         if not blocks:
             nothing = np.empty(0)
             none = np.empty(0, np.int64)
-            return cls(nothing, none, np.zeros(1, np.int64), none, nothing, nothing)
+            return cls(nothing, none, np.zeros(1, np.int64), none, nothing, nothing, np.empty(0, np.bool_))
         t = np.concatenate([block[1] for block in blocks])
         kind = np.concatenate([np.full(len(block[1]), block[0], np.int64) for block in blocks])
         z = np.full((len(t), 3), np.nan)
@@ -68,7 +73,15 @@ class Observations:
         count = there.sum(axis=1)
         axis = np.broadcast_to(np.arange(3), z.shape)[there]
         start = np.concatenate([[0], np.cumsum(count)])
-        return cls(t[order], kind[order], start.astype(np.int64), axis.astype(np.int64), z[there], variance[there])
+        return cls(
+            t[order],
+            kind[order],
+            start.astype(np.int64),
+            axis.astype(np.int64),
+            z[there],
+            variance[there],
+            np.ones(len(t), np.bool_),
+        )
 
     def between(self, start: float, stop: float) -> "Observations":
         """Keep the groups in a span of time."""
@@ -81,6 +94,7 @@ class Observations:
             self.axis[m],
             self.z[m],
             self.variance[m],
+            self.admitted[a:b],
         )
 
     def earlier(self, kinds: Sequence[int], lag: float) -> "Observations":
@@ -92,7 +106,9 @@ class Observations:
         count = np.diff(self.start)[order]
         start = np.concatenate([[0], np.cumsum(count)])
         m = np.repeat(self.start[:-1][order] - start[:-1], count) + np.arange(start[-1])
-        return Observations(t[order], self.kind[order], start, self.axis[m], self.z[m], self.variance[m])
+        return Observations(
+            t[order], self.kind[order], start, self.axis[m], self.z[m], self.variance[m], self.admitted[order]
+        )
 
     @property
     def scalar_kind(self) -> np.ndarray:
@@ -211,3 +227,15 @@ def usable_field(mag: pd.DataFrame | None) -> pd.DataFrame | None:
         return None
     rows = rows[(rows[["mag_x", "mag_y", "mag_z"]] != 0.0).any(axis=1)]
     return None if rows.empty else rows
+
+
+def is_stuck(mag: pd.DataFrame | None, imu: pd.DataFrame | None) -> bool:
+    """Return whether the magnetometer repeats one reading for good while the craft turns."""
+    field = usable_field(mag)
+    if field is None or imu is None or len(field) < FEWEST_REPEATED:
+        return False
+    readings = field[["mag_x", "mag_y", "mag_z"]].to_numpy(float)
+    if (readings != readings[0]).any():
+        return False
+    rates = imu.loc[field.index[0] : field.index[-1], ["gyro_x", "gyro_y", "gyro_z"]].to_numpy(float)
+    return bool(np.nanmax(np.abs(rates - np.nanmedian(rates, axis=0)), initial=0.0) > GYRO_MOVING)

@@ -1,6 +1,6 @@
 """The fixed-interval smoother over one segment of a log."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,11 +24,23 @@ class Estimates:
         Covariance of position, velocity and attitude errors.
     slow_variance : ndarray, shape (m, 17)
         Variance of each sensor error.
+    deletion : ndarray, shape (s,)
+        How far each scalar measurement lies from what all the others say, squared and over its variance (de Jong &
+        Penzer 1998); NaN where nothing was smoothed.
+    nodes : ndarray, shape (n,)
+        Times of the filter's nodes, s.
+    shock, shock_size : ndarray, shape (n, 2)
+        Step of attitude and of velocity at each node that all measurements together ask for beyond the noise of the
+        IMU: squared and over its variance, and its size, rad and m/s.
     """
 
     x: np.ndarray
     covariance: np.ndarray
     slow_variance: np.ndarray
+    deletion: np.ndarray
+    nodes: np.ndarray
+    shock: np.ndarray
+    shock_size: np.ndarray
 
 
 def new_adjoint() -> Adjoint:
@@ -63,6 +75,8 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
     x = result.x.copy()
     covariance = np.empty((rows, _kernels.SLOW, _kernels.SLOW))
     variance = np.empty(result.sensor_rows.shape[:2])
+    deletion = np.empty(len(result.innovation))
+    shock, shock_size = np.empty((len(problem.t), 2)), np.empty((len(problem.t), 2))
     _kernels.backward(
         result.transition_time,
         result.transition_velocity,
@@ -70,8 +84,10 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
         problem.node_group,
         problem.node_out,
         problem.observations.start,
+        problem.observations.variance,
         result.innovation,
         result.inverse_variance,
+        result.variance,
         result.gain,
         result.index,
         result.value,
@@ -82,8 +98,11 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
         result.sensor_rows,
         covariance,
         variance,
+        deletion,
+        shock,
+        shock_size,
     )
-    return Estimates(x, covariance, variance)
+    return Estimates(x, covariance, variance, deletion, problem.t, shock, shock_size)
 
 
 def filled_in(found: Estimates, *, smoothed: bool) -> Estimates:
@@ -93,13 +112,15 @@ def filled_in(found: Estimates, *, smoothed: bool) -> Estimates:
         known = row[:: _kernels.SLOW_EVERY]
         for column in range(10, found.x.shape[1]):
             found.x[:, column] = np.interp(row, known, found.x[known, column]) if row.size else 0.0
-    return Estimates(found.x, found.covariance, _between_rows(found.slow_variance, len(found.x)))
+    return replace(found, slow_variance=_between_rows(found.slow_variance, len(found.x)))
 
 
 def filtered(result: ForwardPass) -> Estimates:
     """Give the forward pass's own estimates of a piece, which know nothing of what comes after; see `smooth_piece`."""
     slow = np.diagonal(result.sensor_rows[:, :, _kernels.SLOW :], axis1=1, axis2=2)
-    return Estimates(result.x, result.rows[:, :, : _kernels.SLOW], slow)
+    nothing = np.empty((0, 2))
+    unknown = np.full(len(result.innovation), np.nan)
+    return Estimates(result.x, result.rows[:, :, : _kernels.SLOW], slow, unknown, np.empty(0), nothing, nothing)
 
 
 def _between_rows(known: np.ndarray, rows: int) -> np.ndarray:

@@ -8,16 +8,18 @@ import numpy as np
 import pandas as pd
 
 from estimation import _kernels
+from estimation.admission import PASSES, admit
 from estimation.alignment import Alignment, carried_over, with_priors
 from estimation.consistency import innovation_statistics
 from estimation.filter import Filtered, Problem, World, assemble, new_memory, run, ticks
-from estimation.findings import gps_troubles, imu_holes, missing_sensors, other_imu
+from estimation.findings import gps_troubles, imu_holes, missing_sensors, other_imu, stuck_magnetometer
 from estimation.observations import Observations, observe, usable_field, usable_fixes
 from estimation.segmentation import SHORTEST_SEGMENT, Segment, find_segments
+from estimation.shocks import Shocks
 from estimation.smoother import Estimates, filled_in, filtered, new_adjoint, smooth_piece
 from estimation.states import SENSOR_ERROR_COLUMNS, SIZE, SensorNoise
 from estimation.surroundings import Surroundings
-from estimation.timing import TICK, TURNING, imu_delays, sample_rate, usable
+from estimation.timing import TICK, TURNING, InertialSignal, imu_delays, sample_rate, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
 from estimation.tuning import WINDOW, Tuned, relinearised, tune
 from logparse import Geodetic, MissingDataError, Tables
@@ -60,7 +62,7 @@ def estimate_strapdown(
     """Filter and smooth every segment of the IMU; parameters as in `estimation.estimate`."""
     place = Surroundings.of(tables, date)
     mag = usable_field(tables.mag) is not None
-    if place.field is None:
+    if place.field is None or place.compass_stuck:
         tables = replace(tables, mag=None)
     observations = observe(tables, place.frame, noise)
     found = find_segments(tables, place, observations, noise)
@@ -70,15 +72,18 @@ def estimate_strapdown(
             "most of it (a faster card or fewer messages help)"
         )
     longest = max(found, key=lambda segment: segment.length)
-    tuned = tune(longest.signal, observations, longest.aligned.x, longest.aligned.P, place.world, noise)
+    tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)
     observations = tuned.in_time(observations)
     span = (-np.inf if start is None else start, np.inf if stop is None else stop)
-    done = [e for e in _estimate_all(found, span, rate, observations, place.world, tuned, smoothed) if e.rows.t.size]
+    done = [
+        e for e in _estimate_all(found, span, rate, observations, place.world, noise, tuned, smoothed) if e.rows.t.size
+    ]
     if not done:
         raise ValueError(f"the log has no IMU samples between start = {start} and stop = {stop} s")
     findings = missing_sensors(
         gps=usable_fixes(tables.gps) is not None, mag=mag, baro=usable(tables.baro, ["alt"]) is not None
     )
+    findings += stuck_magnetometer() if place.compass_stuck else []
     findings += imu_holes([segment.samples for segment in found])
     for segment in found:
         findings += other_imu(segment.imu, segment.gain, segment.samples)
@@ -131,6 +136,7 @@ def _estimate_all(
     rate: float,
     observations: Observations,
     world: World,
+    noise: SensorNoise,
     tuned: Tuned,
     smoothed: bool,
 ) -> list[_Estimated]:
@@ -140,7 +146,7 @@ def _estimate_all(
         signal = segment.signal
         begin, end = max(signal.start, span[0]), min(signal.stop, span[1])
         t = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
-        aligned = replace(segment.aligned, P=with_priors(segment.aligned.P, tuned.noise))
+        aligned = with_priors(segment.aligned, noise, tuned.noise)
         if done and (gap := max(signal.start - done[-1].segment.signal.stop, 0.0)) < LONGEST_MEMORY:
             same = segment.imu == done[-1].segment.imu
             aligned = carried_over(aligned, done[-1].filtered, gap, tuned.noise, same_imu=same)
@@ -157,76 +163,139 @@ def _estimate(
     tuned: Tuned,
     smoothed: bool,
 ) -> _Estimated:
-    """Estimate one segment; before smoothing, a run over its beginning finds the attitude to linearise about.
+    """Estimate one segment: smooth it, leave out what disagrees with all the rest, and smooth again until nothing does.
+
+    Before each pass a run over its beginning finds the attitude to linearise about.
+    """
+    signal = segment.signal
+    observations = observations.between(*(ticks(np.array([signal.start, signal.stop])) * TICK))
+    plan = _Plan(signal, aligned, t, world, tuned, moves=bool(signal.beyond(TURNING).any()))
+    if not smoothed:
+        known, estimates = plan.filter(observations, aligned.x)
+    else:
+        x, gate = aligned.x, tuned.noise.gate
+        for _ in range(PASSES):
+            x = plan.relinearise(observations, x)
+            known, estimates = plan.smooth(observations, x)
+            admitted = admit(observations, estimates.deletion, gate)
+            shocks = plan.shocks.widened(estimates.nodes, estimates.shock, estimates.shock_size, gate)
+            if np.array_equal(admitted, observations.admitted) and np.array_equal(shocks.t, plan.shocks.t):
+                break
+            observations, plan.shocks = replace(observations, admitted=admitted), shocks
+    rates = np.concatenate([signal.rate(asked) for asked in plan.rows])
+    forces = np.concatenate([signal.force(asked) for asked in plan.rows])
+    return _Estimated(segment, known, _Rows(t, filled_in(estimates, smoothed=smoothed), rates, forces))
+
+
+class _Plan:
+    """How one segment is filtered and smoothed in pieces.
 
     The smoother wants the filter's history, which for a long flight is larger than its log. So the segment is filtered
     once without, and then again piece by piece from behind, each from the state that the first pass left before it.
     """
-    signal = segment.signal
-    moves = bool(signal.beyond(TURNING).any())
 
-    def lay_out(outputs: np.ndarray, x: np.ndarray, P: np.ndarray, start: float, stop: float) -> Problem:
+    def __init__(
+        self, signal: InertialSignal, aligned: Alignment, t: np.ndarray, world: World, tuned: Tuned, *, moves: bool
+    ) -> None:
+        self.signal, self.aligned, self.t, self.world, self.tuned, self.moves = signal, aligned, t, world, tuned, moves
+        # A piece ends just before the first row of the next one.
+        self.spans = list(pairwise([signal.start, *(t[PIECE::PIECE] - TICK).tolist(), signal.stop]))
+        self.shocks = Shocks.none()
+        self.rows = [t[k * PIECE : (k + 1) * PIECE] for k in range(len(self.spans))]
+
+    def lay_out(
+        self, observations: Observations, outputs: np.ndarray, x: np.ndarray, P: np.ndarray, start: float, stop: float
+    ) -> Problem:
+        """Lay out one piece that starts with x and P."""
         return assemble(
-            signal,
+            self.signal,
             observations,
             outputs,
             x,
             P,
-            world,
-            tuned.noise,
-            white_scale=tuned.white_scale,
-            imu_scale=tuned.imu_scale,
+            self.world,
+            self.tuned.noise,
+            white_scale=self.tuned.white_scale,
+            imu_scale=self.tuned.imu_scale,
             start=start,
             stop=stop,
-            moves=moves,
-            prior=np.diag(aligned.P),
+            moves=self.moves,
+            prior=np.diag(self.aligned.P),
+            shocks=self.shocks,
         )
 
-    x, P = aligned.x, aligned.P
-    if smoothed:
-        first = lay_out(np.array([signal.start]), x, P, signal.start, signal.start + WINDOW)
-        x = relinearised(first, run(first))
-    # A piece ends just before the first row of the next one.
-    edges = [signal.start, *(t[PIECE::PIECE] - TICK).tolist(), signal.stop]
-    spans = list(pairwise(edges))
-    rows = [t[k * PIECE : (k + 1) * PIECE] for k in range(len(spans))]
-    memory = new_memory(x)
-    innovation, inverse_variance, log_likelihood = [], [], 0.0
-    begun: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    found = Estimates(
-        np.empty((len(t), SIZE + 1)),
-        np.empty((len(t), 3, 3, 3)),
-        np.empty((-(-len(t) // _kernels.SLOW_EVERY), SIZE - _kernels.SLOW)),
-    )
-    for asked, (start, stop) in zip(rows, spans, strict=True):
-        begun.append((x, P, memory.copy()))
-        result = run(lay_out(asked, x, P, start, stop), keep=False, memory=memory)
-        x, P = result.last_state, result.last_covariance
-        innovation.append(result.innovation)
-        inverse_variance.append(result.inverse_variance)
-        log_likelihood += result.log_likelihood
-        if not smoothed:
-            _place(filtered(result), found, len(begun) - 1)
-    whole = Filtered(
-        observations=observations.between(*(ticks(np.array([signal.start, signal.stop])) * TICK)),
-        white_scale=tuned.white_scale,
-        stop=signal.stop,
-        innovation=np.concatenate(innovation),
-        inverse_variance=np.concatenate(inverse_variance),
-        log_likelihood=log_likelihood,
-        last_state=x,
-        last_covariance=P,
-    )
-    if smoothed:
+    def relinearise(self, observations: Observations, x: np.ndarray) -> np.ndarray:
+        """Return the start with the attitude that its first minutes find, shape (27,)."""
+        start = self.signal.start
+        first = self.lay_out(observations, np.array([start]), x, self.aligned.P, start, start + WINDOW)
+        return relinearised(first, run(first), levelled=self.aligned.levelled)
+
+    def filter(self, observations: Observations, x: np.ndarray) -> tuple[Filtered, Estimates]:
+        """Filter only: each row knows what was measured before it."""
+        found = self._nothing_yet()
+        known, _ = self._forward(observations, x, found)
+        return known, found
+
+    def smooth(self, observations: Observations, x: np.ndarray) -> tuple[Filtered, Estimates]:
+        """Filter, then smooth piece by piece from behind."""
+        found = self._nothing_yet()
+        known, begun = self._forward(observations, x, None)
         adjoint = new_adjoint()
+        pieces = []
         for number in range(len(begun) - 1, -1, -1):
-            x, P, known = begun[number]
-            problem = lay_out(rows[number], x, P, *spans[number])
-            _place(smooth_piece(problem, run(problem, memory=known), adjoint), found, number)
-    estimates = filled_in(found, smoothed=smoothed)
-    rates = np.concatenate([signal.rate(asked) for asked in rows])
-    forces = np.concatenate([signal.force(asked) for asked in rows])
-    return _Estimated(segment, whole, _Rows(t, estimates, rates, forces))
+            x, P, memory = begun[number]
+            problem = self.lay_out(observations, self.rows[number], x, P, *self.spans[number])
+            piece = smooth_piece(problem, run(problem, memory=memory), adjoint)
+            _place(piece, found, number)
+            pieces.append((piece.deletion, piece.nodes, piece.shock, piece.shock_size))
+        deletion, nodes, shock, size = (np.concatenate(parts[::-1]) for parts in zip(*pieces, strict=True))
+        return known, replace(found, deletion=deletion, nodes=nodes, shock=shock, shock_size=size)
+
+    def _forward(
+        self, observations: Observations, x: np.ndarray, found: Estimates | None
+    ) -> tuple[Filtered, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+        """Filter the pieces one after the other; the second result is what each begins with.
+
+        With `found` the estimates of the filter itself are placed there, and what lies beyond the gate is refused at
+        once: nobody looks back.
+        """
+        P, memory = self.aligned.P, new_memory(x)
+        innovation, inverse_variance, log_likelihood = [], [], 0.0
+        begun: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        for asked, (start, stop) in zip(self.rows, self.spans, strict=True):
+            begun.append((x, P, memory.copy()))
+            problem = self.lay_out(observations, asked, x, P, start, stop)
+            result = run(problem, keep=False, hard=found is not None, memory=memory)
+            x, P = result.last_state, result.last_covariance
+            innovation.append(result.innovation)
+            inverse_variance.append(result.inverse_variance)
+            log_likelihood += result.log_likelihood
+            if found is not None:
+                _place(filtered(result), found, len(begun) - 1)
+        known = Filtered(
+            observations=observations,
+            white_scale=self.tuned.white_scale,
+            stop=self.signal.stop,
+            innovation=np.concatenate(innovation),
+            inverse_variance=np.concatenate(inverse_variance),
+            log_likelihood=log_likelihood,
+            last_state=x,
+            last_covariance=P,
+        )
+        return known, begun
+
+    def _nothing_yet(self) -> Estimates:
+        """Return room for the segment's estimates."""
+        rows = len(self.t)
+        return Estimates(
+            np.empty((rows, SIZE + 1)),
+            np.empty((rows, 3, 3, 3)),
+            np.empty((-(-rows // _kernels.SLOW_EVERY), SIZE - _kernels.SLOW)),
+            np.empty(0),
+            np.empty(0),
+            np.empty((0, 2)),
+            np.empty((0, 2)),
+        )
 
 
 def _place(piece: Estimates, whole: Estimates, number: int) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from estimation.filter import World
 from estimation.local_frame import LocalFrame, is_simulated
 from estimation.magnetic_field import MagneticField, world_field
-from estimation.observations import find_origin
+from estimation.observations import find_origin, is_stuck
 from logparse import Geodetic, Tables
 
 #: Gravity where the place is not known: the mean of the globe, m/s^2.
@@ -17,22 +17,24 @@ STANDARD_GRAVITY = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Where the log was flown, as far as it is known."""
+    """Where the log was flown, as far as it is known, and whether its compass measured anything."""
 
     origin: Geodetic | None
     frame: LocalFrame | None
     field: MagneticField | None
     world: World
+    compass_stuck: bool
 
     @classmethod
     def of(cls, tables: Tables, date: datetime | None) -> "Surroundings":
         """Find the origin and what gravity, Earth's rotation and magnetic field are there."""
         origin = find_origin(tables)
+        stuck = is_stuck(tables.mag, tables.imu)
         if origin is None:
-            return cls(None, None, None, World(STANDARD_GRAVITY, np.zeros(3)))
+            return cls(None, None, None, World(STANDARD_GRAVITY, np.zeros(3)), stuck)
         simulated = is_simulated(tables.parameters)
         frame = LocalFrame.at(origin, spherical=simulated)
         field = world_field(origin, tables.parameters, date)
         # The world of the firmware's simulator does not turn and has one gravity everywhere (GRAVITY_MSS).
         world = World(STANDARD_GRAVITY, np.zeros(3)) if simulated else World(frame.gravity, frame.earth_rate)
-        return cls(origin, frame, field, world)
+        return cls(origin, frame, field, world, stuck)

@@ -124,8 +124,11 @@ class InertialSignal:
         )
 
     def beyond(self, rate: float) -> np.ndarray:
-        """Whether the craft turns faster than `rate` [rad/s] about any axis, by sample."""
-        return np.asarray(np.logical_or.reduce([np.abs(self.values[:, axis]) > rate for axis in range(3)]))
+        """Return for each sample whether the craft turns faster than `rate` [rad/s] about any axis, beyond its bias."""
+        still = [float(np.median(self.values[:, axis])) for axis in range(3)]
+        return np.asarray(
+            np.logical_or.reduce([np.abs(self.values[:, axis] - still[axis]) > rate for axis in range(3)])
+        )
 
     def rate(self, t: np.ndarray) -> np.ndarray:
         """Angular rate at ascending times; shape (n, 3), rad/s."""

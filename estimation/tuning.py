@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from estimation import _kernels
-from estimation.alignment import with_priors
+from estimation.alignment import Alignment, with_priors
+from estimation.attitude import error_rotation, turned_by
 from estimation.filter import COARSE, ForwardPass, Problem, World, assemble, matched_scale, run
 from estimation.observations import Observations
 from estimation.smoother import smooth
-from estimation.states import SensorNoise
+from estimation.states import ACCEL_BIAS, ATTITUDE, SensorNoise
 from estimation.timing import GYRO_MOVING, InertialSignal
 
 #: Seconds of flight that are looked at; more would cost time and tell little more.
@@ -26,8 +27,16 @@ DECISIVE = 10.0
 #: Gain that a noise setting must bring to be believed quieter than its class: very strong evidence on the scale of
 #: Kass & Raftery (1995), ``2 ln B > 10``.
 STRONG = 5.0
-#: Steps of the GPS lag about the documented one, s.
-GPS_LAGS = (-0.12, -0.08, -0.04, 0.0, 0.04, 0.08, 0.12)
+#: Lags that are tried about the documented one, s: first roughly and far, then closely about the best of these.
+GPS_LAGS = (-2.0, -1.5, -1.1, -0.8, -0.55, -0.36, -0.24, -0.16, -0.08, 0.0)
+GPS_LAGS += tuple(-lag for lag in reversed(GPS_LAGS[:-1]))
+CLOSER, CLOSER_STEPS = 0.04, 4
+#: 1-sigma of the lags that tables give, s.
+LAG_KNOWN = 0.05
+#: A lag beyond this, s, spoils what is found along with it.
+LAG_LARGE = 0.1
+#: The same of a magnetometer, whose rows may be means of what it measured since the row before.
+MAG_LAGS = (-0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
 #: Sensors whose lag is looked for, and their kinds of measurement.
 LAGGING: Mapping[str, tuple[int, ...]] = {
     "mag": (_kernels.MAG,),
@@ -40,10 +49,15 @@ LADDERS: Mapping[str, tuple[float, ...]] = {
     "gyro_bias_walk": (2e-6, 6e-6, 2e-5, 6e-5, 2e-4),
     "hard_iron_walk": (2e-9, 6e-9, 2e-8, 6e-8),
     "hard_iron": (3e-6, 1e-5, 3e-5),
-    "accel_bias": (0.1, 0.3, 1.0),
+    "gyro_bias": (0.01, 0.03, 0.1, 0.3),
+    "accel_bias": (0.1, 0.3, 1.0, 3.0),
     "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3),
 }
-PRIORS = ("hard_iron", "accel_bias")
+#: Tilt and the accelerometer's bias are known to begin with if their 1-sigma is below this, rad and m/s^2.
+TILT_KNOWN, BIAS_KNOWN = 0.2, 0.5
+#: Biases of an IMU that was never calibrated, rad/s and m/s^2.
+WIDE_GYRO_BIAS, WIDE_ACCEL_BIAS = 0.1, 3.0
+PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
 GPS_WHITE_SCALES = (0.01, 0.0625, 0.25, 1.0, 4.0, 16.0)
@@ -79,11 +93,11 @@ class Tuned:
 
 
 def tune(
-    signal: InertialSignal, observations: Observations, x: np.ndarray, P: np.ndarray, world: World, noise: SensorNoise
+    signal: InertialSignal, observations: Observations, aligned: Alignment, world: World, noise: SensorNoise
 ) -> Tuned:
     """Find the settings from one segment of the log, from its start to at most `WINDOW` into the flight.
 
-    Parameters are those of `filter.assemble`.
+    Parameters are those of `filter.assemble`; `aligned` is the start.
     """
     moving = signal.beyond(GYRO_MOVING)
     stop = WINDOW + float(signal.t[np.argmax(moving)] - signal.gyro_delay if moving.any() else signal.start)
@@ -93,27 +107,31 @@ def tune(
             signal,
             observations,
             np.array([signal.start]),
-            x,
-            P,
+            start.aligned.x,
+            start.aligned.P,
             world,
-            noise,
-            white_scale=scale,
+            start.noise,
+            white_scale=start.white_scale,
             stop=stop,
             finest=COARSE,
         )
 
-    scale = np.ones(_kernels.KINDS)
+    known = _Start(aligned, noise, np.ones(_kernels.KINDS))
+    lags = {sensor: 0.0 for sensor, kinds in LAGGING.items() if np.isin(observations.kind, kinds).any()}
+    for _ in range(2):
+        start = known
+        start = _find_start(lay_out(observations), aligned)
+        found = {}
+        for sensor in lags:
+            found[sensor] = _find_lag(observations, LAGGING[sensor], lay_out)
+            observations = observations.earlier(LAGGING[sensor], found[sensor])
+            lags[sensor] += found[sensor]
+        # What was found with a clock that was off is found again with it set right.
+        if max(map(abs, found.values()), default=0.0) < LAG_LARGE:
+            break
     problem = lay_out(observations)
-    result = run(problem)
-    x, scale = relinearised(problem, result), matched_scale(problem, result)
-    problem = lay_out(observations)
-
-    lags = {}
-    for sensor, kinds in LAGGING.items():
-        if np.isin(problem.observations.kind, kinds).any():
-            lags[sensor], problem = _find_lag(problem.observations, kinds, lay_out)
     for setting, ladder in LADDERS.items():
-        problem = _set_noise(problem, setting, ladder)
+        problem = _set_noise(problem, start.aligned, setting, ladder)
     if np.any(problem.observations.kind == _kernels.GPS_POSITION):
         problem = _split_gps_error(problem)
     imu_scale = np.ones(2)
@@ -124,28 +142,90 @@ def tune(
     return Tuned(problem.noise, matched, imu_scale, lags)
 
 
-def relinearised(problem: Problem, result: ForwardPass) -> np.ndarray:
-    """Give the start with its smoothed attitude to linearise about; all else stays as the prior has it, shape (27,)."""
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """Where a window begins, what is believed of its sensors, and how white noise is scaled."""
+
+    aligned: Alignment
+    noise: SensorNoise
+    white_scale: np.ndarray
+
+
+def _find_start(problem: Problem, aligned: Alignment) -> _Start:
+    """Find the attitude to linearise about, and whether biases are of another size than their class has.
+
+    Biases far beyond their class throw off the attitude that is found along with them, after which no single setting
+    looks better. So both are tried together: another beginning must be decisively likelier.
+    """
+    found, likelihoods = [], []
+    wide = replace(problem.noise, gyro_bias=WIDE_GYRO_BIAS, accel_bias=WIDE_ACCEL_BIAS)
+    for noise, passes in ((problem.noise, 1), (wide, 2)):
+        start = with_priors(aligned, problem.noise, noise)
+        tried = replace(problem, noise=noise, P=start.P)
+        for _ in range(passes):
+            result = run(tried)
+            scale = matched_scale(tried, result)
+            tried = replace(tried, x=relinearised(tried, result, levelled=aligned.levelled), white_scale=scale)
+        found.append(_Start(replace(start, x=tried.x), noise, tried.white_scale))
+        likelihoods.append(run(tried, keep=False).log_likelihood)
+    return found[int(likelihoods[1] - likelihoods[0] > DECISIVE)]
+
+
+def relinearised(problem: Problem, result: ForwardPass, *, levelled: bool) -> np.ndarray:
+    """Return the start to linearise about, shape (27,): that of the prior with its heading smoothed.
+
+    The prior moves along. That does no harm to a heading, of which it says little. Tilt moves too where nothing but the
+    force in flight told it, and it is as wide; and along with the accelerometer's bias where that is.
+
+    Parameters
+    ----------
+    levelled : bool
+        Whether tilt was read off the accelerometer (`Alignment.levelled`).
+    """
     x = problem.x.copy()
-    x[6:10] = smooth(problem, result).x[0, 6:10]
+    smoothed = smooth(problem, result).x[0]
+    turn = error_rotation(x[6:10], smoothed[6:10])
+    if levelled and problem.P[ACCEL_BIAS, ACCEL_BIAS] > BIAS_KNOWN**2:
+        x[13:16] = smoothed[13:16]
+    elif problem.P[ATTITUDE, ATTITUDE] < TILT_KNOWN**2:
+        turn[:2] = 0.0
+    x[6:10] = turned_by(x[6:10], turn)
     return x
 
 
-def _find_lag(
-    observations: Observations, kinds: tuple[int, ...], lay_out: Callable[[Observations], Problem]
-) -> tuple[float, Problem]:
-    """Find the lag of one sensor and the problem with it taken out."""
-    steps: tuple[float, ...] = GPS_LAGS
-    if kinds == LAGGING["mag"]:
-        # A magnetometer's row may be the mean of what it measured since the row before.
-        rows = observations.t[observations.kind == _kernels.MAG]
-        steps = (0.0, 0.5 * float(np.median(np.diff(rows)))) if len(rows) > 1 else (0.0,)
-    likelihoods, _ = _climb(lambda lag: lay_out(observations.earlier(kinds, lag)), steps, 0.0)
-    lag = _peak(likelihoods)
-    return lag, lay_out(observations.earlier(kinds, lag))
+def _find_lag(observations: Observations, kinds: tuple[int, ...], lay_out: Callable[[Observations], Problem]) -> float:
+    """Find the lag of one sensor.
+
+    Tables know the lag to some hundredths of a second, so a small one is an estimate like any other; one far off must
+    be decisively likelier.
+    """
+
+    def at(lag: float) -> Problem:
+        return lay_out(observations.earlier(kinds, lag))
+
+    def posterior(lag: float) -> float:
+        return run(at(lag), keep=False).log_likelihood - min(0.5 * (lag / LAG_KNOWN) ** 2, DECISIVE)
+
+    steps = MAG_LAGS if kinds == LAGGING["mag"] else GPS_LAGS
+    likelihoods, _ = _climb(at, steps, 0.0)
+    near = max(likelihoods, key=likelihoods.__getitem__)
+    if near in (steps[0], steps[-1]):
+        # No peak within reach: what is wrong is something else.
+        return 0.0
+    posteriors = {lag: posterior(lag) for lag in {0.0, near}}
+    for _ in range(CLOSER_STEPS):
+        for lag in (near - CLOSER, near + CLOSER):
+            if lag not in posteriors:
+                posteriors[lag] = posterior(lag)
+        best = max((near - CLOSER, near, near + CLOSER), key=posteriors.__getitem__)
+        if best == near:
+            break
+        near = best
+    lag = _vertex((near - CLOSER, near, near + CLOSER), posteriors)
+    return lag if posterior(lag) > posteriors[0.0] else 0.0
 
 
-def _set_noise(problem: Problem, setting: str, ladder: Sequence[float]) -> Problem:
+def _set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence[float]) -> Problem:
     """Put one noise setting on its likeliest rung; to be quieter than its class it must gain `STRONG`.
 
     A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little.
@@ -154,7 +234,7 @@ def _set_noise(problem: Problem, setting: str, ladder: Sequence[float]) -> Probl
     def at(value: float) -> Problem:
         changed: dict[str, Any] = {setting: value}
         noise = replace(problem.noise, **changed)
-        return replace(problem, noise=noise, P=with_priors(problem.P, noise))
+        return replace(problem, noise=noise, P=with_priors(replace(start, P=problem.P), problem.noise, noise).P)
 
     documented = _nearest(ladder, getattr(problem.noise, setting))
     likelihoods, likeliest = _climb(at, ladder, documented)
@@ -229,14 +309,10 @@ def _climb(
     return likelihoods, best
 
 
-def _peak(likelihoods: Mapping[float, float]) -> float:
-    """Find the likeliest lag, between equal steps by a parabola; 0 unless it is decisively likelier than that."""
-    lags = sorted(likelihoods)
-    values = [likelihoods[lag] for lag in lags]
-    best = int(np.argmax(values))
-    if values[best] - likelihoods[0.0] < DECISIVE:
-        return 0.0
-    if best in (0, len(lags) - 1):
-        return lags[best]
-    left, middle, right = values[best - 1 : best + 2]
-    return lags[best] + 0.5 * (lags[1] - lags[0]) * (left - right) / (left - 2.0 * middle + right)
+def _vertex(at: tuple[float, float, float], values: Mapping[float, float]) -> float:
+    """Return where a parabola through three values is highest; the middle one unless that is the highest of them."""
+    left, middle, right = (values.get(x, -np.inf) for x in at)
+    bend = left - 2.0 * middle + right
+    if middle < max(left, right) or not np.isfinite(bend) or bend >= 0.0:
+        return at[1]
+    return at[1] + 0.5 * (at[1] - at[0]) * (left - right) / bend

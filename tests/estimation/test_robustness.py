@@ -1,0 +1,120 @@
+"""Input that looks good and is not: biases beyond their class, a clock that is off, sensors that lie or stand still.
+
+A simulated flight is spoilt in one way; the estimate must come out as good as from the flight as it was.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation import compare, estimate, nees
+from estimation.timing import ACCEL, GYRO
+from tests.estimation.simulated_flight import fly
+
+SETTLED = 15.0
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly(0, duration=100.0)
+
+
+@pytest.fixture(scope="module")
+def truth(flight):
+    return flight.truth[flight.truth.index > SETTLED]
+
+
+@pytest.fixture(scope="module")
+def clean(flight, truth):
+    return compare(estimate(flight.tables, rate=10.0), truth)
+
+
+def biased(tables, force, rate):
+    imu = tables.imu.copy()
+    imu[ACCEL] += np.asarray(force)
+    imu[GYRO] += np.asarray(rate)
+    return replace(tables, imu=imu)
+
+
+@pytest.mark.parametrize(
+    ("force", "rate", "attitude"),
+    [
+        ([2.0, -2.0, 2.0], [0.0, 0.0, 0.0], True),
+        ([0.0, 0.0, 0.0], [0.1, -0.1, 0.1], True),
+        ([0.0, 0.0, -1.9], [0.0, 0.0, 0.0], False),
+        # Levelled by such forces alone, the craft begins with ten degrees of tilt and more of heading.
+        ([1.2, -1.2, 1.2], [0.1, -0.1, 0.1], False),
+    ],
+)
+def test_biases_beyond_their_class_are_estimated(flight, truth, clean, force, rate, attitude):
+    """An accelerometer that was never calibrated, with and without the autopilot's attitude to tell it."""
+    tables = biased(flight.tables, force, rate)
+    result = estimate(tables if attitude else replace(tables, attitude=None), rate=10.0)
+    error = compare(result, truth)
+    assert error.horizontal_velocity < 1.5 * clean.horizontal_velocity
+    assert error.tilt < 1.5 * clean.tilt
+    assert max(nees(result, truth).values()) < 2.5
+    for column, added in zip(("b_ax", "b_ay", "b_az", "b_gx", "b_gy", "b_gz"), [*force, *rate], strict=True):
+        # Turn-on biases of the simulated flight are some 0.1 m/s^2 and 0.005 rad/s themselves.
+        own = 0.3 if column.startswith("b_a") else 0.02
+        assert result.states[column].iloc[-1] == pytest.approx(added, abs=own)
+
+
+@pytest.mark.parametrize("lag", [1.0, -1.0, 0.3])
+def test_a_clock_that_is_off_is_found(flight, truth, clean, lag):
+    gps = flight.tables.gps
+    result = estimate(replace(flight.tables, gps=gps.assign(t_valid=gps["t_valid"] + lag)), rate=10.0)
+    assert result.diagnostics["lags"]["gps"] == pytest.approx(lag, abs=0.03)
+    assert compare(result, truth).horizontal_velocity < 1.5 * clean.horizontal_velocity
+    assert nees(result, truth)["velocity"] < 3.0
+
+
+def test_barometer_spikes_leave_no_trace(flight, truth, clean):
+    baro = flight.tables.baro.copy()
+    baro.iloc[np.random.default_rng(1).choice(len(baro), 20, replace=False), 0] = 210.0
+    error = compare(estimate(replace(flight.tables, baro=baro), rate=10.0), truth)
+    # Twenty of a thousand readings are missing then, and the noise is matched to the others.
+    assert error.vertical_position == pytest.approx(clean.vertical_position, rel=0.05)
+    assert error.vertical_velocity == pytest.approx(clean.vertical_velocity, rel=0.05)
+
+
+def test_a_stuck_magnetometer_is_not_believed(flight, truth):
+    mag = flight.tables.mag.copy()
+    mag.loc[:] = [-3.6e-6, 1e-7, -5.6e-6]
+    result = estimate(replace(flight.tables, mag=mag), rate=10.0)
+    assert [f.id for f in result.findings] == ["magnetometer-stuck"]
+    assert np.degrees(compare(result, truth).yaw) < 1.0
+
+
+def test_a_wrong_start_is_recovered_from(flight, truth, clean):
+    """The attitude at the start is far off and the craft already flies: a gate would lock itself out."""
+    names = ("imu", "gps", "baro", "mag", "attitude")
+    tables = replace(
+        flight.tables, **{n: getattr(flight.tables, n)[getattr(flight.tables, n).index > 30.0] for n in names}
+    )
+    attitude = tables.attitude.copy()
+    attitude["roll"] += 1.0
+    attitude["yaw"] += 2.0
+    result = estimate(replace(tables, attitude=attitude), rate=10.0)
+    later = truth[truth.index > 35.0]
+    # Locked out it was off by metres per second. Noise settings are a little wide after such a start.
+    assert compare(result, later).horizontal_velocity < 3.0 * clean.horizontal_velocity
+    shares = [s["refused"] / (s["refused"] + s["count"]) for s in result.diagnostics["innovations"].values()]
+    assert max(shares) < 0.05
+
+
+def test_an_impact_that_the_imu_misses(flight, truth, clean):
+    """A blow changes velocity by 3 m/s between two samples: GPS tells it, and before and after stay as they were."""
+    at = 60.0
+    gps, states = flight.tables.gps.copy(), truth.copy()
+    after = gps["t_valid"] > at
+    gps.loc[after, "v_n"] += 3.0
+    step = np.where(after, 3.0 * (gps["t_valid"] - at), 0.0)
+    gps["lat"] += step / 6.37e6
+    states["v_n"] += np.where(states.index > at, 3.0, 0.0)
+    states["p_n"] += np.where(states.index > at, 3.0 * (states.index - at), 0.0)
+    result = estimate(replace(flight.tables, gps=gps), rate=10.0)
+    away = states[np.abs(states.index - at) > 1.0]
+    assert compare(result, away).horizontal_velocity < 0.15
+    assert nees(result, away)["velocity"] < 3.0
