@@ -1,0 +1,277 @@
+"""Equations of motion of `sysid.rigid_body.six_dof.model`, run from many starts of one record; compiled.
+
+The kernels take plain arrays. Rows of `drives` are what the inputs do in the sample interval that begins there, in the
+order of `DRIVES`; numbers beyond it are further inputs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Columns of the drives: total strength of the rotors, their moments about the axes, angular momentum of the rotors
+#: over the body's axes (spin times speed) and its derivative, mean speed.
+DRIVES = ("thrust", "roll", "pitch", "yaw", "momentum", "momentum_rate", "speed")
+
+#: Places of the parameters in theta; those of further inputs come after them, six for each.
+THETA = (
+    "thrust",
+    "thrust_offset",
+    "tilt_x",
+    "tilt_y",
+    "drag_rotor_x",
+    "drag_rotor_y",
+    "drag_rotor_z",
+    "drag_quadratic_x",
+    "drag_quadratic_y",
+    "drag_quadratic_z",
+    "roll_gain",
+    "pitch_gain",
+    "yaw_gain",
+    "roll_damping",
+    "pitch_damping",
+    "yaw_damping",
+    "inertia_x",
+    "inertia_y",
+    "inertia_z",
+    "gyroscopic_x",
+    "gyroscopic_y",
+    "rotor_inertia",
+    "roll_offset",
+    "pitch_offset",
+    "yaw_offset",
+    "roll_by_speed",
+    "pitch_by_speed",
+)
+SHARED = len(THETA)
+#: Parameters of one further input: acceleration along x, y, z and angular acceleration about x, y, z.
+PER_INPUT = 6
+
+GRAVITY = 9.80665
+
+#: Numbers of a state: position, velocity, rotation by rows, rates.
+STATES = 18
+
+
+@njit(cache=True)
+def _turn(rotation: Floats, x: float, y: float, z: float, out: Floats) -> None:
+    """Multiply a rotation (9,) by that of a rotation vector, ``out = R exp([x y z])``."""
+    square = x * x + y * y + z * z
+    if square > 1e-8:
+        angle = np.sqrt(square)
+        a = np.sin(angle) / angle
+        b = (1.0 - np.cos(angle)) / square
+    else:
+        a = 1.0 - square / 6.0
+        b = 0.5 - square / 24.0
+    e00 = 1.0 - b * (y * y + z * z)
+    e01 = b * x * y - a * z
+    e02 = b * x * z + a * y
+    e10 = b * x * y + a * z
+    e11 = 1.0 - b * (x * x + z * z)
+    e12 = b * y * z - a * x
+    e20 = b * x * z - a * y
+    e21 = b * y * z + a * x
+    e22 = 1.0 - b * (x * x + y * y)
+    for row in range(3):
+        r0, r1, r2 = rotation[3 * row], rotation[3 * row + 1], rotation[3 * row + 2]
+        out[3 * row] = r0 * e00 + r1 * e10 + r2 * e20
+        out[3 * row + 1] = r0 * e01 + r1 * e11 + r2 * e21
+        out[3 * row + 2] = r0 * e02 + r1 * e12 + r2 * e22
+
+
+@njit(cache=True)
+def _turning(theta: Floats, drive: Floats, w: Floats, air: Floats, push: Floats, out: Floats) -> None:
+    """Angular acceleration in body axes; `push` is what is added to it from outside, (3,)."""
+    wx, wy, wz = w[0], w[1], w[2]
+    thrust, momentum, speed = drive[0], drive[4], drive[6]
+    out[0] = (
+        theta[10] * drive[1]
+        - theta[13] * wx
+        + theta[16] * wy * wz
+        - theta[19] * momentum * wy
+        + theta[22] * thrust
+        + theta[25] * speed * air[1]
+        + push[0]
+    )
+    out[1] = (
+        theta[11] * drive[2]
+        - theta[14] * wy
+        + theta[17] * wx * wz
+        + theta[20] * momentum * wx
+        + theta[23] * thrust
+        + theta[26] * speed * air[0]
+        + push[1]
+    )
+    out[2] = (
+        theta[12] * drive[3]
+        - theta[15] * wz
+        + theta[18] * wx * wy
+        + theta[21] * drive[5]
+        + theta[24] * thrust
+        + push[2]
+    )
+    for k in range(7, drive.shape[0]):
+        at = 27 + 6 * (k - 7)
+        for axis in range(3):
+            out[axis] += theta[at + 3 + axis] * drive[k]
+
+
+@njit(cache=True)
+def _forcing(theta: Floats, drive: Floats, air: Floats, out: Floats) -> None:
+    """Specific force in body axes, m/s^2."""
+    pull = theta[0] * drive[0] + theta[1]
+    speed = drive[6]
+    along = np.sqrt(air[0] * air[0] + air[1] * air[1] + air[2] * air[2])
+    for axis in range(3):
+        out[axis] = -(theta[4 + axis] * speed + theta[7 + axis] * along) * air[axis]
+    out[0] += pull * theta[2]
+    out[1] += pull * theta[3]
+    out[2] -= pull
+    for k in range(7, drive.shape[0]):
+        at = 27 + 6 * (k - 7)
+        for axis in range(3):
+            out[axis] += theta[at + axis] * drive[k]
+
+
+@njit(cache=True)
+def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float, substeps: int, state: Floats) -> None:
+    """Integrate one sample interval in place: midpoint rule in rates, attitude and velocity.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (SHARED + 6 e,)
+    drive : ndarray, shape (7 + e,)
+        Held over the interval.
+    wind : ndarray, shape (3,)
+        NED, m/s.
+    push : ndarray, shape (6,)
+        Acceleration in the world [m/s^2] and angular acceleration in the body [rad/s^2] added from outside.
+    dt : float
+        s.
+    substeps : int
+    state : ndarray, shape (18,)
+        Position, velocity (NED), rotation from body to world by rows, rates (body).
+    """
+    h = dt / substeps
+    air, turn, force = np.empty(3), np.empty(3), np.empty(3)
+    middle, w = np.empty(9), np.empty(3)
+    for _ in range(substeps):
+        rotation = state[6:15]
+        for axis in range(3):
+            air[axis] = (
+                rotation[axis] * (state[3] - wind[0])
+                + rotation[3 + axis] * (state[4] - wind[1])
+                + rotation[6 + axis] * (state[5] - wind[2])
+            )
+        _turning(theta, drive, state[15:18], air, push[3:6], turn)
+        for axis in range(3):
+            w[axis] = state[15 + axis] + 0.5 * h * turn[axis]
+        _turning(theta, drive, w, air, push[3:6], turn)
+        _turn(rotation, 0.5 * h * w[0], 0.5 * h * w[1], 0.5 * h * w[2], middle)
+        _forcing(theta, drive, air, force)
+        for axis in range(3):
+            acceleration = (
+                middle[3 * axis] * force[0]
+                + middle[3 * axis + 1] * force[1]
+                + middle[3 * axis + 2] * force[2]
+                + push[axis]
+            )
+            if axis == 2:
+                acceleration += GRAVITY
+            state[axis] += h * (state[3 + axis] + 0.5 * h * acceleration)
+            state[3 + axis] += h * acceleration
+        _turn(middle, 0.5 * h * w[0], 0.5 * h * w[1], 0.5 * h * w[2], rotation)
+        for axis in range(3):
+            state[15 + axis] += h * turn[axis]
+
+
+@njit(cache=True)
+def ahead(
+    theta: Floats,
+    drives: Floats,
+    wind: Floats,
+    pushes: Floats,
+    states: Floats,
+    starts: Integers,
+    marks: Integers,
+    dt: float,
+    substeps: int,
+) -> Floats:
+    """Run from the measured state at each start and return the states at the marked numbers of samples after it.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (SHARED + 6 e,)
+    drives : ndarray, shape (N, 7 + e)
+    wind : ndarray, shape (N, 3)
+    pushes : ndarray, shape (S, 6)
+        One for each start, see `advance`.
+    states : ndarray, shape (N, 18)
+    starts : ndarray, shape (S,)
+    marks : ndarray, shape (M,)
+        Increasing, at least 1.
+
+    Returns
+    -------
+    ndarray, shape (S, M, 18)
+    """
+    out = np.empty((len(starts), len(marks), STATES))
+    state = np.empty(STATES)
+    for s in range(len(starts)):
+        first = starts[s]
+        state[:] = states[first]
+        mark = 0
+        for step in range(marks[-1]):
+            row = first + step
+            advance(theta, drives[row], wind[first], pushes[s], dt, substeps, state)
+            if step + 1 == marks[mark]:
+                out[s, mark] = state
+                mark += 1
+    return out
+
+
+@njit(cache=True)
+def free_run(
+    theta: Floats, drives: Floats, wind: Floats, push: Floats, first: Floats, dt: float, substeps: int
+) -> Floats:
+    """Run through a whole record from one state; shape (N, 18)."""
+    out = np.empty((len(drives), STATES))
+    state = first.copy()
+    out[0] = state
+    for row in range(len(drives) - 1):
+        advance(theta, drives[row], wind[row], push, dt, substeps, state)
+        out[row + 1] = state
+    return out
+
+
+@njit(cache=True)
+def shifted_and_lagged(values: Floats, delay: float, lag: float) -> Floats:
+    """Delay a signal by a number of samples of either sign, then pass it through a first-order lag.
+
+    Parameters
+    ----------
+    values : ndarray, shape (N,)
+    delay, lag : float
+        Samples. Straight lines between samples; the ends are held.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+    """
+    n = len(values)
+    out = np.empty(n)
+    keep = np.exp(-1.0 / lag) if lag > 1e-3 else 0.0
+    memory = values[0]
+    for k in range(n):
+        place = min(max(k - delay, 0.0), n - 1.0)
+        low = min(int(place), n - 2)
+        part = place - low
+        value = (1.0 - part) * values[low] + part * values[low + 1]
+        memory = keep * memory + (1.0 - keep) * value
+        out[k] = memory
+    return out

@@ -1,0 +1,252 @@
+"""What the equations of motion with six degrees of freedom read of one record, as plain arrays on its clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from logparse import MissingDataError, Motor, Vehicle
+from sysid.records.experiment import Experiment, Floats
+from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
+from sysid.records.thrust_curve import column, curve, motor_commands, relative_density
+
+#: Names of inputs that are the commands of a mixer rather than single motors.
+MIXER = ("thrust", "roll", "pitch", "yaw")
+_MIXER_ALIASES = {"throttle": "thrust"}
+
+_ATTITUDE = ("roll", "pitch", "yaw")
+_QUATERNION = ("q_w", "q_x", "q_y", "q_z")
+
+
+class Quantity(StrEnum):
+    """What the inputs of the motors are."""
+
+    SPEED = "rad/s"
+    PWM = "us"
+    COMMAND = "1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputKinds:
+    """How the inputs of a record act.
+
+    Attributes
+    ----------
+    motors : tuple of int
+        Columns of the motors, in the order of `geometry`.
+    geometry : tuple of Motor
+    mixer : tuple of (str, int)
+        Commands of a mixer and their columns, instead of motors.
+    further : tuple of int
+        Columns of further inputs, such as elevons.
+    quantity : Quantity
+        Of the motors or the mixer.
+    names : tuple of str
+        Of all inputs.
+    """
+
+    motors: tuple[int, ...]
+    geometry: tuple[Motor, ...]
+    mixer: tuple[tuple[str, int], ...]
+    further: tuple[int, ...]
+    quantity: Quantity
+    names: tuple[str, ...]
+
+    @property
+    def thrusting(self) -> tuple[int, ...]:
+        """Columns that thrust or turn the craft through its rotors."""
+        return self.motors or tuple(at for _, at in self.mixer)
+
+    @property
+    def further_names(self) -> tuple[str, ...]:
+        """Names of the further inputs."""
+        return tuple(self.names[at] for at in self.further)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BodyRecord:
+    """One record.
+
+    Attributes
+    ----------
+    name : str
+    t : ndarray, shape (N,)
+        s, uniform.
+    states : ndarray, shape (N, 18)
+        Position NED from the first sample [m], velocity NED [m/s], rotation body (FRD) to NED by rows, rates [rad/s].
+    inputs : ndarray, shape (N, m)
+        Motors in rad/s, or as command 0..1; further inputs in the unit of the record less their trim.
+    speeds : bool
+        Motors are rotor speeds.
+    density : ndarray, shape (N,)
+        Over 1.225 kg/m^3.
+    """
+
+    name: str
+    t: Floats
+    states: Floats
+    inputs: Floats
+    speeds: bool
+    density: Floats
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+        return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputShape:
+    """Parameters between inputs and drives, which enter the equations of motion nonlinearly.
+
+    Attributes
+    ----------
+    delays, lags : ndarray, shape (thrusting inputs,)
+        s; a telemetry that is late has a negative delay.
+    further_lag : float
+        First-order lag of further inputs, s.
+    expo : float
+        Curvature of thrust over command; 1 for rotor speeds, whose square it is.
+    scale : float
+        Strength of a rotor that counts as 1 over the number of rotors.
+    reference_speed : float
+        Rotor speed that counts as 1, rad/s; 1 for commands.
+    centre : ndarray
+        Trim of the further inputs, in their unit.
+    width : ndarray
+        Change of each further input that counts as 1.
+    """
+
+    delays: Floats
+    lags: Floats
+    further_lag: float
+    expo: float
+    scale: float
+    reference_speed: float
+    centre: Floats
+    width: Floats
+
+
+def input_kinds(record: Experiment) -> InputKinds:
+    """Sort the inputs of a record into motors, commands of a mixer, and the rest.
+
+    Raises
+    ------
+    MissingDataError
+        Without motors or a mixer's commands, or when the place of a motor is not known.
+    """
+    names = record.input_names
+    known = {f"m{motor.number}": motor for motor in (record.vehicle.motors if record.vehicle is not None else ())}
+    motors = tuple(k for k, name in enumerate(names) if name in known)
+    mixer = tuple(
+        (_MIXER_ALIASES.get(name, name), k) for k, name in enumerate(names) if _MIXER_ALIASES.get(name, name) in MIXER
+    )
+    lost = [name for name in names if name.startswith("m") and name[1:].isdigit() and name not in known]
+    if lost:
+        raise MissingDataError(
+            f"{record.name}: where motor {', '.join(lost)} sits is not known, so that torques cannot be computed; "
+            "declare the frame or the places of the motors"
+        )
+    if not motors and len(mixer) < len(MIXER):
+        raise MissingDataError(
+            f"{record.name}: the inputs {', '.join(names)} are neither motors nor the thrust, roll, pitch and yaw of a "
+            "mixer"
+        )
+    used = motors or tuple(at for _, at in mixer)
+    units = {record.units.get(names[k], "") for k in used}
+    quantity = Quantity.SPEED if units == {"rad/s"} else Quantity.PWM if units == {"us"} else Quantity.COMMAND
+    return InputKinds(
+        motors=motors,
+        geometry=tuple(known[names[k]] for k in motors),
+        mixer=() if motors else mixer,
+        further=tuple(k for k in range(len(names)) if k not in used),
+        quantity=quantity,
+        names=names,
+    )
+
+
+def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
+    """Bring an experiment into the form of the equations of motion.
+
+    Parameters
+    ----------
+    record : Experiment
+        Outputs x, y, z (north, east, up, m); context with velocity, attitude and rates.
+    kinds : InputKinds
+
+    Raises
+    ------
+    MissingDataError
+        When position, velocity, attitude or rates are missing.
+    """
+    if record.context is None or record.output_names[:3] != ("x", "y", "z"):
+        raise MissingDataError(f"{record.name}: the motion needs outputs x, y, z and a context with attitude and rates")
+    velocity = np.column_stack([column(record, name) for name in ("v_n", "v_e", "v_d")])
+    rates = np.column_stack([column(record, f"w_{axis}") for axis in "xyz"])
+    rotation = _rotation(record)
+    for what, values in (("velocity", velocity), ("rates", rates), ("attitude", rotation)):
+        if not np.isfinite(values).all():
+            raise MissingDataError(f"{record.name}: {what} is not known at every sample")
+    position = record.y[:, :3] * np.array([1.0, 1.0, -1.0])
+    inputs = record.u.astype(np.float64, copy=True)
+    if kinds.quantity is Quantity.PWM:
+        used = list(kinds.thrusting)
+        inputs[:, used] = motor_commands(inputs[:, used], record.vehicle or Vehicle())
+    return BodyRecord(
+        name=record.name,
+        t=record.t,
+        states=np.ascontiguousarray(np.hstack([position, velocity, rotation, rates])),
+        inputs=inputs,
+        speeds=kinds.quantity is Quantity.SPEED,
+        density=relative_density(record),
+    )
+
+
+def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
+    """Compute what the inputs do in each sample interval, (N, 7 + further inputs), see `_kernels.DRIVES`."""
+    n, dt = len(record.t), record.dt
+    out = np.zeros((n, len(DRIVES) + len(kinds.further)))
+    moved = np.column_stack(
+        [
+            shifted_and_lagged(record.inputs[:, at], shape.delays[k] / dt, shape.lags[k] / dt)
+            for k, at in enumerate(kinds.thrusting)
+        ]
+    )
+    if kinds.motors:
+        if record.speeds:
+            strengths, speeds = moved**2 / shape.scale, moved / shape.reference_speed
+        else:
+            strengths = curve(moved, shape.expo) / shape.scale
+            speeds = np.sqrt(np.maximum(strengths * len(kinds.motors), 0.0))
+        strengths = strengths * record.density[:, None]
+        spin = np.array([float(motor.spin) for motor in kinds.geometry])
+        out[:, 0] = strengths.sum(axis=1)
+        out[:, 1] = strengths @ np.array([-np.sin(motor.angle) for motor in kinds.geometry])
+        out[:, 2] = strengths @ np.array([np.cos(motor.angle) for motor in kinds.geometry])
+        out[:, 3] = strengths @ -spin
+        out[:, 4] = speeds @ spin
+        out[:, 5] = -np.gradient(out[:, 4], dt)
+        out[:, 6] = speeds.mean(axis=1)
+    else:
+        by_name = {name: moved[:, k] for k, (name, _) in enumerate(kinds.mixer)}
+        out[:, 0] = by_name["thrust"] / shape.scale * record.density
+        out[:, 1], out[:, 2], out[:, 3] = (by_name[axis] * record.density for axis in ("roll", "pitch", "yaw"))
+        out[:, 6] = np.sqrt(np.maximum(out[:, 0], 0.0))
+    for k, at in enumerate(kinds.further):
+        value = (record.inputs[:, at] - shape.centre[k]) / shape.width[k]
+        out[:, len(DRIVES) + k] = shifted_and_lagged(value, 0.0, shape.further_lag / dt)
+    return out
+
+
+def _rotation(record: Experiment) -> Floats:
+    """Rotation from body to NED by rows, (N, 9)."""
+    quaternion = np.column_stack([column(record, name) for name in _QUATERNION])
+    if np.isfinite(quaternion).all():
+        return np.asarray(Rotation.from_quat(quaternion, scalar_first=True).as_matrix().reshape(-1, 9))
+    angles = np.column_stack([column(record, name) for name in _ATTITUDE])
+    if not np.isfinite(angles).all():
+        return np.full((len(record.t), 9), np.nan)
+    return np.asarray(Rotation.from_euler("ZYX", angles[:, ::-1]).as_matrix().reshape(-1, 9))

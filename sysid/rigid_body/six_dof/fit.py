@@ -1,0 +1,403 @@
+"""From records to a model with six degrees of freedom: multiple shooting to several horizons."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from logparse import Finding, Severity
+from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.rigid_body.model import BodyParameter
+from sysid.rigid_body.six_dof._kernels import GRAVITY, PER_INPUT, SHARED, THETA, ahead
+from sysid.rigid_body.six_dof.body_record import (
+    BodyRecord,
+    InputKinds,
+    InputShape,
+    Quantity,
+    body_record,
+    drives,
+    input_kinds,
+)
+from sysid.rigid_body.six_dof.model import UNITS, SixDofModel, substeps
+from sysid.rigid_body.six_dof.shooting import ShootingFit, minimise, spreads, state_errors
+
+#: Horizons at which runs are compared with the record, s.
+HORIZONS = (0.05, 0.15, 0.3, 0.5)
+
+#: Runs that are fitted, over all records: more cost time and add little, as neighbours overlap.
+MOST_RUNS = 5000
+
+#: Length of the blocks whose errors count as independent, s.
+BLOCK_SECONDS = 4.0
+
+#: Mean, spread and limits of what is known before a flight; the spreads only hold what the records do not excite.
+PRIORS: Mapping[str, tuple[float, float, float, float]] = {
+    "thrust": (GRAVITY, np.inf, 0.1, 100.0),
+    "thrust_offset": (0.0, 2.0, -10.0, 10.0),
+    "tilt_x": (0.0, 0.05, -0.3, 0.3),
+    "tilt_y": (0.0, 0.05, -0.3, 0.3),
+    "drag_rotor": (0.2, 0.5, -1.0, 5.0),
+    "drag_quadratic": (0.0, 0.1, -0.5, 1.0),
+    "gain": (0.0, np.inf, -1e5, 1e5),
+    "damping": (0.0, 10.0, -20.0, 100.0),
+    "inertia_x": (-0.5, 0.5, -2.0, 2.0),
+    "inertia_y": (0.5, 0.5, -2.0, 2.0),
+    "inertia_z": (0.0, 0.3, -2.0, 2.0),
+    "gyroscopic": (0.0, 2.0, -20.0, 20.0),
+    "rotor_inertia": (0.0, 2.0, -20.0, 20.0),
+    "offset": (0.0, 20.0, -300.0, 300.0),
+    "by_speed": (0.0, 5.0, -100.0, 100.0),
+    "delay": (0.0, 0.02, -0.05, 0.1),
+    "lag": (0.02, 0.03, 0.0, 0.3),
+    "expo": (0.65, 0.2, 0.0, 1.0),
+    "wind": (0.0, 8.0, -30.0, 30.0),
+    "force": (0.0, 10.0, -100.0, 100.0),
+    "torque": (0.0, 50.0, -1000.0, 1000.0),
+}
+
+#: Largest standard error of what is called determined: part of the estimate, or absolute where zero is proper.
+RELATIVE = 0.2
+ABSOLUTE: Mapping[str, float] = {
+    "tilt": 0.01,
+    "drag_rotor": 0.1,
+    "drag_quadratic": 0.03,
+    "damping": 1.0,
+    "inertia": 0.15,
+    "gyroscopic": 0.2,
+    "rotor_inertia": 0.2,
+    "offset": 1.0,
+    "by_speed": 1.0,
+    "delay": 0.005,
+    "lag": 0.01,
+    "expo": 0.1,
+    "thrust_offset": 0.3,
+    "force": 0.1,
+    "torque": 1.0,
+}
+
+_FURTHER = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True, slots=True)
+class _Unknown:
+    """One number that is estimated: its name, and how it enters."""
+
+    name: str
+    family: str
+    kind: str
+    at: int
+    record: str = ""
+
+
+def fit_six_dof(
+    experiments: Sequence[Experiment],
+    *,
+    mass: float | None = None,
+    indoors: bool = False,
+    winds: Mapping[str, tuple[float, float]] | None = None,
+    horizons: Sequence[float] = HORIZONS,
+    most_runs: int = MOST_RUNS,
+    name: str = "rigid body, six degrees of freedom",
+) -> SixDofModel:
+    """Identify a rigid body whose attitude and rates are states, from records of motion and inputs.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Inputs: motors ``m1 ...`` in rad/s, us or as commands 0..1, or ``thrust roll pitch yaw`` of a mixer; and any
+        further inputs. Outputs x, y, z; context with velocity, attitude and rates.
+    mass : float, optional
+        kg; with it thrust is also given in newtons.
+    indoors : bool
+        No wind.
+    winds : mapping of str to (float, float), optional
+        Wind that is known, north and east, m/s, by record; that of other records is estimated.
+    horizons : sequence of float
+        s.
+    most_runs : int
+    name : str
+
+    Raises
+    ------
+    ExperimentError
+        When the records are unlike, or too short for the horizons.
+    MissingDataError
+        When motion or the places of motors are missing.
+    """
+    records = require_alike(experiments)
+    kinds = input_kinds(records[0])
+    bodies = [body_record(record, kinds) for record in records]
+    dt = bodies[0].dt
+    marks = np.unique([max(round(horizon / dt), 1) for horizon in horizons]).astype(np.int64)
+    total = sum(max(len(body.t) - int(marks[-1]), 0) for body in bodies)
+    if total < 4 * marks[-1]:
+        raise ExperimentError(
+            f"{total} samples are too few to fit runs of {horizons[-1]:g} s; give longer records or shorter horizons"
+        )
+    every = max(total // most_runs, 1)
+    starts = [np.arange(0, max(len(body.t) - int(marks[-1]), 0), every) for body in bodies]
+    known = {each: np.asarray(wind, dtype=np.float64) for each, wind in (winds or {}).items()}
+    unknowns = _unknowns(kinds, bodies, indoors, known)
+    shape = _shape(kinds, bodies, records)
+
+    def unpack(values: Floats) -> tuple[Floats, InputShape, dict[str, Floats]]:
+        return _unpack(values, unknowns, kinds, shape, known)
+
+    cache: dict[bytes, list[Floats]] = {}
+
+    def errors_of(values: Floats) -> list[Floats]:
+        theta, moved, wind = unpack(values)
+        key = np.concatenate([moved.delays, moved.lags, [moved.further_lag, moved.expo]]).tobytes()
+        if key not in cache:
+            if len(cache) > 2:
+                cache.pop(next(iter(cache)))
+            cache[key] = [drives(body, kinds, moved) for body in bodies]
+        out = []
+        for body, first, drive in zip(bodies, starts, cache[key], strict=True):
+            air = np.zeros((len(body.t), 3))
+            air[:, :2] = wind.get(body.name, np.zeros(2))
+            still = np.zeros((len(first), 6))
+            predicted = ahead(theta, drive, air, still, body.states, first, marks, dt, substeps(dt))
+            out.append(state_errors(predicted, body.states[first[:, None] + marks]))
+        return out
+
+    start, mean, sigma, low, high, steps = _priors(unknowns)
+    block = max(round(BLOCK_SECONDS / dt / every), 1)
+    found = minimise(start, errors_of, mean, sigma, (low, high), steps, block)
+    theta, moved, wind = unpack(found.values)
+    parameters = _parameters(unknowns, found, theta, moved, kinds, mean, sigma, mass)
+    scales = spreads(errors_of(found.values))
+    findings = _findings(parameters)
+    return SixDofModel(
+        name=name,
+        parameters=parameters,
+        theta=theta,
+        shape=moved,
+        kinds=kinds,
+        estimated=tuple(unknown.name for unknown in unknowns),
+        covariance=found.covariance,
+        winds=wind,
+        scales={float(mark * dt): scale for mark, scale in zip(marks, scales, strict=True)},
+        training=tuple(record.name for record in records),
+        findings=findings,
+        mass=mass,
+        wind_sigma=_wind_sigma(unknowns, found),
+    )
+
+
+def _unknowns(
+    kinds: InputKinds, bodies: Sequence[BodyRecord], indoors: bool, winds: Mapping[str, Floats]
+) -> list[_Unknown]:
+    """List what is estimated for these inputs."""
+    speeds = kinds.quantity is Quantity.SPEED
+    left_out = set() if speeds else {"gyroscopic_x", "gyroscopic_y", "rotor_inertia"}
+    if speeds or kinds.mixer:
+        left_out.add("thrust_offset")
+    families = ("drag_rotor", "drag_quadratic", "gyroscopic")
+    out = []
+    for at, name in enumerate(THETA):
+        if name in left_out:
+            continue
+        family = next((each for each in families if name.startswith(each)), name)
+        for suffix in ("gain", "damping", "offset", "by_speed"):
+            if name.endswith(suffix) and name not in PRIORS:
+                family = suffix
+        out.append(_Unknown(name, family, "theta", at))
+    for k, further in enumerate(kinds.further_names):
+        out += [
+            _Unknown(f"{further}_{part}", "force" if j < 3 else "torque", "theta", SHARED + PER_INPUT * k + j)
+            for j, part in enumerate(_FURTHER)
+        ]
+    names = [kinds.names[at] for at in kinds.thrusting]
+    out += [_Unknown(f"delay_{name}", "delay", "delay", k) for k, name in enumerate(names)]
+    if not speeds:
+        out += [_Unknown(f"lag_{name}", "lag", "lag", k) for k, name in enumerate(names)]
+    if kinds.further:
+        out.append(_Unknown("lag_further", "lag", "further_lag", 0))
+    if kinds.quantity is Quantity.PWM and kinds.motors:
+        out.append(_Unknown("expo", "expo", "expo", 0))
+    if not indoors:
+        for body in bodies:
+            if body.name not in winds:
+                out += [_Unknown(f"wind_{part}", "wind", "wind", j, body.name) for j, part in enumerate(("n", "e"))]
+    return out
+
+
+def _shape(kinds: InputKinds, bodies: Sequence[BodyRecord], records: Sequence[Experiment]) -> InputShape:
+    """Scale the inputs so that their usual strength is one."""
+    used, further = list(kinds.thrusting), list(kinds.further)
+    inputs = np.concatenate([body.inputs for body in bodies])
+    speeds = kinds.quantity is Quantity.SPEED
+    expo = 1.0 if speeds else _expo(kinds, records)
+    if speeds:
+        scale = len(used) * float(np.mean(inputs[:, used] ** 2))
+        reference = float(np.mean(inputs[:, used]))
+    elif kinds.motors:
+        moved = inputs[:, used]
+        scale = len(used) * float(np.mean((1.0 - expo) * moved + expo * moved**2))
+        reference = 1.0
+    else:
+        thrust = next(at for name, at in kinds.mixer if name == "thrust")
+        scale, reference = float(np.mean(inputs[:, thrust])), 1.0
+    extra = inputs[:, further]
+    return InputShape(
+        delays=np.zeros(len(used)),
+        lags=np.zeros(len(used)),
+        further_lag=0.0,
+        expo=expo,
+        scale=max(scale, 1e-12),
+        reference_speed=max(reference, 1e-12),
+        centre=extra.mean(axis=0),
+        width=np.maximum(extra.std(axis=0), 1e-9),
+    )
+
+
+def _expo(kinds: InputKinds, records: Sequence[Experiment]) -> float:
+    vehicle = records[0].vehicle
+    if kinds.quantity is not Quantity.PWM or vehicle is None:
+        return 0.0
+    return vehicle.thrust_expo
+
+
+def _unpack(
+    values: Floats, unknowns: Sequence[_Unknown], kinds: InputKinds, shape: InputShape, winds: Mapping[str, Floats]
+) -> tuple[Floats, InputShape, dict[str, Floats]]:
+    theta = np.zeros(SHARED + PER_INPUT * len(kinds.further))
+    delays, lags = shape.delays.copy(), shape.lags.copy()
+    further_lag, expo = shape.further_lag, shape.expo
+    wind = {name: np.array(value) for name, value in winds.items()}
+    for value, unknown in zip(values, unknowns, strict=True):
+        match unknown.kind:
+            case "theta":
+                theta[unknown.at] = value
+            case "delay":
+                delays[unknown.at] = value
+            case "lag":
+                lags[unknown.at] = value
+            case "further_lag":
+                further_lag = float(value)
+            case "expo":
+                expo = float(value)
+            case _:
+                wind.setdefault(unknown.record, np.zeros(2))[unknown.at] = value
+    return theta, replace(shape, delays=delays, lags=lags, further_lag=further_lag, expo=expo), wind
+
+
+def _priors(unknowns: Sequence[_Unknown]) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
+    """Start, prior mean and spread, limits, and steps for differences."""
+    table = np.array([PRIORS[unknown.family] for unknown in unknowns])
+    mean, sigma, low, high = table.T
+    steps = {"delay": 1e-3, "lag": 1e-3, "expo": 0.02, "gain": 1e-2, "offset": 1e-2, "torque": 1e-2}
+    return mean.copy(), mean, sigma, low, high, np.array([steps.get(unknown.family, 1e-3) for unknown in unknowns])
+
+
+def _parameters(
+    unknowns: Sequence[_Unknown],
+    found: ShootingFit,
+    theta: Floats,
+    shape: InputShape,
+    kinds: InputKinds,
+    mean: Floats,
+    sigma: Floats,
+    mass: float | None,
+) -> dict[str, BodyParameter]:
+    """Name every parameter, with its standard error, and whether it is determined."""
+    out: dict[str, BodyParameter] = {}
+    spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    for k, unknown in enumerate(unknowns):
+        if unknown.kind == "wind":
+            continue
+        value, error = float(found.values[k]), float(spread[k])
+        unit = UNITS.get(unknown.name) or _unit(unknown)
+        limit = max(RELATIVE * abs(value), _absolute(unknown.family))
+        held = np.isfinite(sigma[k]) and error > 0.0 and found.information[k, k] * sigma[k] ** 2 < 4.0
+        determined = np.isfinite(error) and error < limit and not held
+        reason = ""
+        if not determined:
+            reason = "the records hardly move it" if held else f"its standard error is {error:.2g}, above {limit:.2g}"
+        out[unknown.name] = BodyParameter(
+            name=unknown.name,
+            unit=unit,
+            value=value if determined else None,
+            sigma=error if determined else None,
+            determined=bool(determined),
+            reason=reason,
+            used=value,
+        )
+        if determined:
+            out[unknown.name] = _in_si(out[unknown.name], shape, kinds, mass)
+    for at, name in enumerate(THETA):
+        if name not in out:
+            out[name] = BodyParameter(
+                name=name,
+                unit=UNITS[name],
+                value=None,
+                sigma=None,
+                determined=False,
+                reason="not part of the model for these inputs",
+                used=float(theta[at]),
+            )
+    return out
+
+
+def _in_si(parameter: BodyParameter, shape: InputShape, kinds: InputKinds, mass: float | None) -> BodyParameter:
+    """Add thrust and gains per unit of the inputs, in SI."""
+    speed = kinds.quantity is Quantity.SPEED
+    if parameter.name not in {"thrust", "roll_gain", "pitch_gain", "yaw_gain"}:
+        return parameter
+    factor, unit = 1.0 / shape.scale, "rad/s^2 per (rad/s)^2" if speed else "rad/s^2 at full command"
+    if parameter.name == "thrust":
+        unit = "m/s^2 per (rad/s)^2" if speed else "m/s^2 at full command"
+        if mass is not None:
+            factor, unit = factor * mass, "N s^2" if speed else "N at full command"
+    return replace(
+        parameter,
+        si_value=None if parameter.value is None else factor * parameter.value,
+        si_sigma=None if parameter.sigma is None else factor * parameter.sigma,
+        si_unit=unit,
+    )
+
+
+def _unit(unknown: _Unknown) -> str:
+    if unknown.family in {"delay", "lag"}:
+        return "s"
+    if unknown.family == "force":
+        return "m/s^2 for the usual change of the input"
+    return "rad/s^2 for the usual change of the input" if unknown.family == "torque" else "1"
+
+
+def _absolute(family: str) -> float:
+    return ABSOLUTE.get(family) or ABSOLUTE.get(family.rsplit("_", 1)[0], 0.0)
+
+
+def _wind_sigma(unknowns: Sequence[_Unknown], found: ShootingFit) -> dict[str, Floats]:
+    spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    out: dict[str, Floats] = {}
+    for k, unknown in enumerate(unknowns):
+        if unknown.kind == "wind":
+            out.setdefault(unknown.record, np.zeros(2))[unknown.at] = spread[k]
+    return out
+
+
+def _findings(parameters: Mapping[str, BodyParameter]) -> tuple[Finding, ...]:
+    """Point out gains of the wrong sign: motors permuted, a wrong frame, or a record that its controller made."""
+    wrong = [
+        axis
+        for axis in ("roll", "pitch", "yaw")
+        if (each := parameters[f"{axis}_gain"]).value is not None and each.value < 0.0
+    ]
+    if not wrong:
+        return ()
+    return (
+        Finding(
+            "motor-signs",
+            Severity.ERROR,
+            f"motors turn the craft the wrong way in {', '.join(wrong)}: "
+            + ", ".join(f"{parameters[f'{axis}_gain'].used:.3g} rad/s^2" for axis in wrong)
+            + " where it must be positive",
+            "check the order of the motor columns, the frame and the signs of the rates",
+            {axis: float(parameters[f"{axis}_gain"].used) for axis in wrong},
+        ),
+    )

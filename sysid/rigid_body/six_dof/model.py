@@ -1,0 +1,242 @@
+"""The rigid body with six degrees of freedom: position, velocity, attitude and rates from rotor speeds or commands.
+
+With R from body (FRD) to world (NED), u = R^T (v - wind) the speed through the air, s_j the strength of rotor j (the
+square of its speed, or the thrust curve of its command; delayed and lagged by its own times; all scaled so that their
+sum T is 1 in the mean), w the rates, n the mean rotor speed and H the sum of spin times speed, both over the usual
+speed::
+
+    v'  = (0, 0, g) + R f
+    f   = P (tilt_x, tilt_y, -1) - (drag_rotor n + drag_quadratic |u|) u          P = thrust T + thrust_offset
+    R'  = R [w]
+    w_x' = roll_gain  sum_j -sin(angle_j) s_j - roll_damping  w_x + inertia_x w_y w_z - gyroscopic_x H w_y
+           + roll_offset  T + roll_by_speed  n u_y
+    w_y' = pitch_gain sum_j  cos(angle_j) s_j - pitch_damping w_y + inertia_y w_x w_z + gyroscopic_y H w_x
+           + pitch_offset T + pitch_by_speed n u_x
+    w_z' = yaw_gain   sum_j      -spin_j  s_j - yaw_damping   w_z + inertia_z w_x w_y - rotor_inertia H' + yaw_offset T
+
+and for every further input (an elevon, say) an acceleration and an angular acceleration along and about each axis.
+Offsets are what a centre of gravity beside the motors' centre, or unlike rotors, do to trim.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from logparse import Finding, MissingDataError
+from sysid.records.experiment import Experiment, Floats, horizon_steps
+from sysid.rigid_body.model import BodyParameter
+from sysid.rigid_body.six_dof._kernels import ahead, free_run
+from sysid.rigid_body.six_dof.body_record import BodyRecord, InputKinds, InputShape, body_record, drives, input_kinds
+from sysid.rigid_body.six_dof.correction import HorizonCorrection
+from sysid.rigid_body.six_dof.observer import Observer, pushes
+
+#: Longest step of the integration, s.
+LONGEST_STEP = 0.011
+
+#: Units of the shared parameters; T is 1 in the mean of the records fitted.
+UNITS: Mapping[str, str] = {
+    "thrust": "m/s^2 at the mean strength of the rotors",
+    "thrust_offset": "m/s^2",
+    "tilt_x": "rad, thrust leans forward",
+    "tilt_y": "rad, thrust leans right",
+    "drag_rotor_x": "1/s at the usual rotor speed",
+    "drag_rotor_y": "1/s",
+    "drag_rotor_z": "1/s",
+    "drag_quadratic_x": "1/m",
+    "drag_quadratic_y": "1/m",
+    "drag_quadratic_z": "1/m",
+    "roll_gain": "rad/s^2 for the mean strength of all rotors at one arm's length",
+    "pitch_gain": "rad/s^2",
+    "yaw_gain": "rad/s^2",
+    "roll_damping": "1/s",
+    "pitch_damping": "1/s",
+    "yaw_damping": "1/s",
+    "inertia_x": "1, (I_yy - I_zz) / I_xx",
+    "inertia_y": "1, (I_zz - I_xx) / I_yy",
+    "inertia_z": "1, (I_xx - I_yy) / I_zz",
+    "gyroscopic_x": "1/s, momentum of one rotor at the usual speed over I_xx",
+    "gyroscopic_y": "1/s, over I_yy",
+    "rotor_inertia": "1/s, over I_zz",
+    "roll_offset": "rad/s^2 at the mean strength of the rotors",
+    "pitch_offset": "rad/s^2",
+    "yaw_offset": "rad/s^2",
+    "roll_by_speed": "rad/s^2 per m/s to the right",
+    "pitch_by_speed": "rad/s^2 per m/s forward",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SixDofModel:
+    """A craft that flies from its inputs alone.
+
+    Attributes
+    ----------
+    name : str
+    parameters : mapping of str to BodyParameter
+        Those of `UNITS`, ``delay_NAME`` and ``lag_NAME`` of every rotor [s], and of every further input NAME
+        ``NAME_x`` ... (acceleration, m/s^2) and ``NAME_roll`` ... (rad/s^2) for its usual change.
+    theta : ndarray, shape (27 + 6 e,)
+        What the equations compute with.
+    shape : InputShape
+    kinds : InputKinds
+    estimated : tuple of str
+        Names of rows and columns of `covariance`.
+    covariance : ndarray
+    winds : mapping of str to ndarray, shape (2,)
+        Wind of the records, north and east, m/s; zero where it is not there.
+    observer : Observer or None
+        How a start looks back for what pushes the craft; None if it does not.
+    correction : HorizonCorrection or None
+        Learned from what is left; None if not asked for, or if it did not help held-out flights.
+    scales : mapping of float to ndarray, shape (4,)
+        Usual error of position [m], velocity [m/s], attitude [rad], rates [rad/s] by horizon [s] on training records.
+    training : tuple of str
+    findings : tuple of Finding
+    """
+
+    name: str
+    parameters: Mapping[str, BodyParameter]
+    theta: Floats
+    shape: InputShape
+    kinds: InputKinds
+    estimated: tuple[str, ...]
+    covariance: Floats
+    winds: Mapping[str, Floats]
+    scales: Mapping[float, Floats]
+    training: tuple[str, ...]
+    observer: Observer | None = None
+    correction: HorizonCorrection | None = None
+    findings: tuple[Finding, ...] = ()
+    mass: float | None = None
+    wind_sigma: Mapping[str, Floats] = field(default_factory=dict)
+
+    def simulate(self, experiment: Experiment) -> Floats:
+        """Run freely from the first measured state; x, y, z (north, east, up, m), shape (N, 3)."""
+        return _outputs(self.simulate_states(experiment))
+
+    def simulate_states(self, experiment: Experiment) -> Floats:
+        """Run freely from the first measured state; the whole state, shape (N, 18), see `BodyRecord.states`."""
+        record = self.record(experiment)
+        dt = record.dt
+        drive = drives(record, self.kinds, self.shape)
+        return np.asarray(
+            free_run(self.theta, drive, self._wind(record), np.zeros(6), record.states[0].copy(), dt, substeps(dt))
+        )
+
+    def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
+        """Predict x, y, z of every sample from the state `horizon` seconds before; shape (N, 3).
+
+        Samples before the first horizon are those of the free run.
+        """
+        return _outputs(self.predict_states(experiment, horizon))
+
+    def predict_states(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
+        """Predict the whole state of every sample from that `horizon` seconds before; shape (N, 18)."""
+        record = self.record(experiment)
+        steps = min(horizon_steps(horizon, record.dt), len(record.t) - 1)
+        starts = np.arange(len(record.t) - steps)
+        out = np.empty_like(record.states)
+        out[:steps] = self.simulate_states(experiment)[:steps]
+        out[steps:] = self.ahead(record, starts, np.array([steps]))[:, 0]
+        return out
+
+    def ahead(self, record: BodyRecord, starts: np.ndarray, marks: np.ndarray) -> Floats:
+        """States at the marked numbers of samples after each start, (S, M, 18)."""
+        dt = record.dt
+        drive = drives(record, self.kinds, self.shape)
+        wind = self._wind(record)
+        push = np.zeros((len(starts), 6))
+        if self.observer is not None:
+            push = pushes(self.observer, self.theta, drive, wind, record, substeps(dt))[starts]
+        predicted = ahead(
+            self.theta,
+            drive,
+            wind,
+            push,
+            record.states,
+            starts.astype(np.int64),
+            marks.astype(np.int64),
+            dt,
+            substeps(dt),
+        )
+        if self.correction is not None:
+            predicted = self.correction.corrected(record, starts, marks, predicted)
+        return np.asarray(predicted)
+
+    def record(self, experiment: Experiment) -> BodyRecord:
+        """Bring an experiment into the form of the equations; its inputs must be those of the model.
+
+        Raises
+        ------
+        MissingDataError
+            When they are others, or motion is missing.
+        """
+        if experiment.input_names != self.kinds.names:
+            raise MissingDataError(
+                f"{experiment.name} has inputs {', '.join(experiment.input_names)}; the model takes "
+                f"{', '.join(self.kinds.names)}"
+            )
+        kinds = input_kinds(experiment)
+        if kinds.quantity is not self.kinds.quantity:
+            raise MissingDataError(
+                f"{experiment.name} has motors in {kinds.quantity.value}, the model takes {self.kinds.quantity.value}"
+            )
+        return body_record(experiment, self.kinds)
+
+    def value(self, name: str) -> float:
+        """Return the number that the model computes with."""
+        return self.parameters[name].used
+
+    def with_correction(self, correction: HorizonCorrection | None) -> SixDofModel:
+        """Return the model with a learned correction, or without."""
+        return replace(self, correction=correction)
+
+    def with_observer(self, observer: Observer | None) -> SixDofModel:
+        """Return the model with an observer of outside forces, or without."""
+        return replace(self, observer=observer)
+
+    def with_wind(self, winds: Mapping[str, Floats]) -> SixDofModel:
+        """Return the model with the wind of more records, north and east, m/s."""
+        return replace(self, winds={**self.winds, **winds})
+
+    def _wind(self, record: BodyRecord) -> Floats:
+        wind = np.zeros((len(record.t), 3))
+        known = np.asarray(self.winds.get(record.name, np.zeros(2)))
+        wind[:, :2] = known
+        return wind
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model as numbers and text for JSON."""
+        return {
+            "kind": "six_dof",
+            "name": self.name,
+            "parameters": {name: each.to_dict() for name, each in self.parameters.items()},
+            "estimated": list(self.estimated),
+            "covariance": self.covariance.tolist(),
+            "winds": {name: [float(v) for v in wind] for name, wind in self.winds.items()},
+            "errors": [
+                {
+                    "horizon": horizon,
+                    **dict(zip(("position", "velocity", "attitude", "rates"), map(float, each), strict=True)),
+                }
+                for horizon, each in self.scales.items()
+            ],
+            "mass": self.mass,
+            "correction": None if self.correction is None else self.correction.to_dict(),
+            "training": list(self.training),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+
+def substeps(dt: float) -> int:
+    """Return the number of integration steps in one sample interval."""
+    return max(int(np.ceil(dt / LONGEST_STEP)), 1)
+
+
+def _outputs(states: Floats) -> Floats:
+    """x, y, z (north, east, up) of states."""
+    return np.asarray(states[:, :3] * np.array([1.0, 1.0, -1.0]))

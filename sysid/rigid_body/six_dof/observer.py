@@ -1,0 +1,61 @@
+"""What pushes a craft that its model does not know, from the samples before a start: gusts, a sagging battery, trim.
+
+The model's one-sample error of velocity and rates, over the sample interval, is the acceleration that it misses; its
+exponentially weighted mean over the past, up to the start and not beyond, is held over the prediction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from sysid.records.experiment import Floats
+from sysid.rigid_body.six_dof._kernels import ahead
+from sysid.rigid_body.six_dof.body_record import BodyRecord
+
+
+@dataclass(frozen=True, slots=True)
+class Observer:
+    """Memory of the mean of what is missing.
+
+    Attributes
+    ----------
+    force_memory, torque_memory : float
+        s; 0 leaves the part out.
+    """
+
+    force_memory: float = 0.5
+    torque_memory: float = 0.3
+
+
+def pushes(
+    observer: Observer, theta: Floats, drives: Floats, wind: Floats, record: BodyRecord, substeps: int
+) -> Floats:
+    """Accelerations (world) and angular accelerations (body) that the model missed before each sample, (N, 6).
+
+    Parameters
+    ----------
+    observer : Observer
+    theta : ndarray
+    drives : ndarray, shape (N, 7 + e)
+    wind : ndarray, shape (N, 3)
+    record : BodyRecord
+    substeps : int
+    """
+    n, dt = len(record.t), record.dt
+    starts = np.arange(n - 1, dtype=np.int64)
+    one = ahead(theta, drives, wind, np.zeros((n - 1, 6)), record.states, starts, np.array([1]), dt, substeps)[:, 0]
+    missed = np.zeros((n, 6))
+    missed[1:, :3] = (record.states[1:, 3:6] - one[:, 3:6]) / dt
+    missed[1:, 3:] = (record.states[1:, 15:] - one[:, 15:]) / dt
+    for columns, memory in ((slice(0, 3), observer.force_memory), (slice(3, 6), observer.torque_memory)):
+        if memory <= 0.0:
+            missed[:, columns] = 0.0
+            continue
+        keep = float(np.exp(-dt / memory))
+        known = lfilter([1.0 - keep], [1.0, -keep], np.r_[0.0, np.ones(n - 1)])
+        # The past is short at first: shrink to nothing rather than trust one sample.
+        missed[:, columns] = lfilter([1.0 - keep], [1.0, -keep], missed[:, columns], axis=0) * (known > 0.5)[:, None]
+    return missed

@@ -1,0 +1,200 @@
+"""Multiple shooting: errors of runs from measured states to several horizons, and the parameters that make them least.
+
+A run starts at a measured state and is compared at several horizons, so that what a disturbance did to a sample, and
+what the controller did about it, weighs little against what the inputs did over the whole run. Errors of each state at
+each horizon are divided by their own spread, and runs that err more than usual count less (iteratively reweighted
+least squares, so that the mean of error norms, not of their squares, becomes small).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.records.experiment import Floats
+
+#: Smallest part of the usual error by which a run is divided.
+_FLOOR = 0.3
+
+#: Relative change of the cost below which the search ends.
+_ENOUGH = 1e-4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShootingFit:
+    """Result of the search.
+
+    Attributes
+    ----------
+    values : ndarray, shape (P,)
+    covariance : ndarray, shape (P, P)
+        Sandwich over blocks of neighbouring runs, so that it holds for coloured errors.
+    information : ndarray, shape (P, P)
+        Of the errors, without priors.
+    scales : ndarray, shape (M, 4)
+        Spread of errors of position, velocity, attitude, rates at each horizon.
+    cost : float
+    """
+
+    values: Floats
+    covariance: Floats
+    information: Floats
+    scales: Floats
+    cost: float
+
+
+def state_errors(predicted: Floats, measured: Floats) -> Floats:
+    """Errors of states: position, velocity, rotation vector in the body, rates.
+
+    Parameters
+    ----------
+    predicted, measured : ndarray, shape (..., 18)
+
+    Returns
+    -------
+    ndarray, shape (..., 12)
+        Predicted less measured.
+    """
+    out = np.empty((*predicted.shape[:-1], 12))
+    out[..., :6] = predicted[..., :6] - measured[..., :6]
+    out[..., 9:] = predicted[..., 15:] - measured[..., 15:]
+    a = measured[..., 6:15].reshape(*measured.shape[:-1], 3, 3)
+    b = predicted[..., 6:15].reshape(*measured.shape[:-1], 3, 3)
+    out[..., 6:9] = rotation_vectors(np.swapaxes(a, -1, -2) @ b)
+    return out
+
+
+def rotation_vectors(rotation: Floats) -> Floats:
+    """Rotation vectors of rotation matrices (..., 3, 3), rad."""
+    axis = 0.5 * np.stack(
+        [
+            rotation[..., 2, 1] - rotation[..., 1, 2],
+            rotation[..., 0, 2] - rotation[..., 2, 0],
+            rotation[..., 1, 0] - rotation[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    sine = np.linalg.norm(axis, axis=-1)
+    cosine = 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    factor = np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)
+    return np.asarray(axis * factor[..., None])
+
+
+def spreads(errors: Sequence[Floats]) -> Floats:
+    """Typical norm of the errors of each of the four states at each horizon, (M, 4)."""
+    norms = np.concatenate([_norms(each) for each in errors])
+    return np.asarray(np.maximum(np.median(norms, axis=0), 1e-9))
+
+
+def _norms(errors: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(errors.reshape(*errors.shape[:-1], 4, 3), axis=-1))
+
+
+def minimise(
+    start: Floats,
+    errors_of: Callable[[Floats], list[Floats]],
+    prior_mean: Floats,
+    prior_sigma: Floats,
+    limits: tuple[Floats, Floats],
+    steps: Floats,
+    block: int,
+    iterations: int = 12,
+) -> ShootingFit:
+    """Gauss-Newton with reweighting.
+
+    Parameters
+    ----------
+    start : ndarray, shape (P,)
+    errors_of : callable
+        Errors of every record for given parameters, each (S_r, M, 12).
+    prior_mean, prior_sigma : ndarray, shape (P,)
+        Wide normal priors; infinite where there is none.
+    limits : pair of ndarray, shape (P,)
+    steps : ndarray, shape (P,)
+        For finite differences.
+    block : int
+        Runs of one block of the sandwich: errors of different blocks count as independent.
+    iterations : int
+    """
+    values = np.clip(start, *limits)
+    errors = errors_of(values)
+    scales, damping, cost = spreads(errors), 0.0, np.inf
+    for _ in range(iterations):
+        scales = spreads(errors)
+        weights = [_weights(each, scales) for each in errors]
+        gradient, information, _ = _normal(values, errors, weights, errors_of, steps, limits, 0)
+        precision = 1.0 / prior_sigma**2
+        cost = _cost(errors, weights) + float(np.sum(precision * (values - prior_mean) ** 2))
+        improved = False
+        for _ in range(6):
+            lhs = information + np.diag(precision + damping * np.diag(information) + 1e-12)
+            step = np.linalg.solve(lhs, -(gradient + precision * (values - prior_mean)))
+            trial = np.clip(values + step, *limits)
+            trial_errors = errors_of(trial)
+            trial_cost = _cost(trial_errors, weights) + float(np.sum(precision * (trial - prior_mean) ** 2))
+            if np.isfinite(trial_cost) and trial_cost < cost:
+                improved = True
+                break
+            damping = max(10.0 * damping, 1e-3)
+        if not improved:
+            break
+        values, errors, damping = trial, trial_errors, 0.1 * damping
+        if cost - trial_cost < _ENOUGH * cost:
+            break
+    scales = spreads(errors)
+    weights = [_weights(each, scales) for each in errors]
+    _, information, scatter = _normal(values, errors, weights, errors_of, steps, limits, block)
+    inverse = np.linalg.inv(information + np.diag(1.0 / prior_sigma**2 + 1e-12))
+    return ShootingFit(
+        values=values,
+        covariance=inverse @ scatter @ inverse,
+        information=information,
+        scales=scales,
+        cost=_cost(errors, weights) / max(sum(each.size for each in errors), 1),
+    )
+
+
+def _weights(errors: Floats, scales: Floats) -> Floats:
+    """Weight of every number of the errors."""
+    relative = _norms(errors) / scales
+    weight = 1.0 / (scales**2 * np.maximum(relative, _FLOOR))
+    return np.asarray(np.repeat(weight, 3, axis=-1))
+
+
+def _cost(errors: Sequence[Floats], weights: Sequence[Floats]) -> float:
+    return float(sum(np.sum(w * e * e) for w, e in zip(weights, errors, strict=True)))
+
+
+def _normal(
+    values: Floats,
+    errors: Sequence[Floats],
+    weights: Sequence[Floats],
+    errors_of: Callable[[Floats], list[Floats]],
+    steps: Floats,
+    limits: tuple[Floats, Floats],
+    block: int,
+) -> tuple[Floats, Floats, Floats]:
+    """Gradient, information, and scatter of the gradient over blocks (zero when `block` is)."""
+    count = len(values)
+    slopes: list[list[Floats]] = [[] for _ in errors]
+    for k in range(count):
+        step = steps[k] if values[k] + steps[k] <= limits[1][k] else -steps[k]
+        moved = values.copy()
+        moved[k] += step
+        for at, each in enumerate(errors_of(moved)):
+            slopes[at].append(((each - errors[at]) / step).astype(np.float32))
+    gradient, information, scatter = np.zeros(count), np.zeros((count, count)), np.zeros((count, count))
+    for at, each in enumerate(errors):
+        matrix = np.stack(slopes[at]).reshape(count, -1).astype(np.float64)
+        weighted = matrix * weights[at].ravel()
+        information += weighted @ matrix.T
+        gradient += weighted @ each.ravel()
+        if block:
+            score = (weighted * each.ravel()).reshape(count, len(each), -1).sum(axis=2)
+            edges = np.arange(0, len(each), block)
+            sums = np.add.reduceat(score, edges, axis=1)
+            scatter += sums @ sums.T
+    return gradient, information, scatter
