@@ -15,6 +15,8 @@ from sysid.rigid_body.frame_json import FrameExport, frame_json
 from sysid.rigid_body.hover import HoverModel, hover_from_speeds, hover_model
 from sysid.rigid_body.model import BodyParameter, RigidBodyModel
 from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
+from sysid.rigid_body.six_dof.fit import fit_six_dof
+from sysid.rigid_body.six_dof.model import SixDofModel
 from sysid.rigid_body.wind import FlightTrim
 from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
 from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
@@ -50,6 +52,7 @@ __all__ = [
     "Refinement2020Model",
     "RigidBodyModel",
     "RotorModel",
+    "SixDofModel",
     "ThrustCoefficient",
     "ThrustModel",
     "TransferFunction",
@@ -64,6 +67,7 @@ __all__ = [
     "fit_refinement2020",
     "fit_rigid_body",
     "fit_rotor",
+    "fit_six_dof",
     "fit_thrust",
     "fit_transfer_functions",
     "frame_json",

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from logparse import Finding, RotoridError, Vehicle
+from logparse.foreign.motion import read_motion
 from logparse.summary import Summarised, listed
 from sysid.records.arrays import MIN_SAMPLES as MIN_SAMPLES
 from sysid.records.arrays import Floats as Floats
 from sysid.records.flight_record import record_flight
 from sysid.records.resampling import resample as resample_columns
+from sysid.records.table_record import table_signals
 
 if TYPE_CHECKING:
     from estimation import Trajectory
@@ -244,6 +247,51 @@ class Experiment(Summarised):
             context=piece.context,
             vehicle=log.vehicle,
             findings=piece.findings,
+        )
+
+    @classmethod
+    def from_table(
+        cls,
+        source: str | Path | pd.DataFrame,
+        columns: Mapping[str, Any] | str | Path,
+        *,
+        name: str | None = None,
+    ) -> Experiment:
+        """Read a table of other origin: motion capture, a recorder, a published benchmark.
+
+        Parameters
+        ----------
+        source : str, Path or DataFrame
+            CSV (also compressed), Parquet or MATLAB file, or a table in memory.
+        columns : mapping, str or Path
+            Which column is what, in which unit and frame: a mapping, or a YAML file with it (docs/tables.md).
+        name : str, optional
+            Defaults to that of the description, then of the file.
+
+        Returns
+        -------
+        Experiment
+            Inputs ``m1 ...`` (rad/s, us or 0..1) and further inputs by name; outputs x, y, z, m north, east and up of
+            the first sample; context with velocity, attitude and rates.
+
+        Raises
+        ------
+        TableError
+            When columns are missing or contradict each other; the text names them, with the evidence.
+        """
+        motion = read_motion(source, columns, name)
+        signals = table_signals(motion)
+        return cls.from_arrays(
+            motion.t,
+            signals.u,
+            signals.y,
+            name=motion.name,
+            input_names=signals.input_names,
+            output_names=("x", "y", "z"),
+            units=signals.units,
+            context=signals.context,
+            vehicle=motion.vehicle,
+            findings=motion.findings,
         )
 
     @property

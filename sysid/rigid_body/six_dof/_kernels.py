@@ -158,7 +158,7 @@ def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float,
         Position, velocity (NED), rotation from body to world by rows, rates (body).
     """
     h = dt / substeps
-    air, turn, force = np.empty(3), np.empty(3), np.empty(3)
+    air, turn, force, speed = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     middle, w = np.empty(9), np.empty(3)
     for _ in range(substeps):
         rotation = state[6:15]
@@ -171,8 +171,16 @@ def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float,
         _turning(theta, drive, state[15:18], air, push[3:6], turn)
         for axis in range(3):
             w[axis] = state[15 + axis] + 0.5 * h * turn[axis]
-        _turning(theta, drive, w, air, push[3:6], turn)
         _turn(rotation, 0.5 * h * w[0], 0.5 * h * w[1], 0.5 * h * w[2], middle)
+        _forcing(theta, drive, air, force)
+        for axis in range(3):
+            speed[axis] = state[3 + axis] - wind[axis] + 0.5 * h * push[axis]
+            for k in range(3):
+                speed[axis] += 0.5 * h * middle[3 * axis + k] * force[k]
+        speed[2] += 0.5 * h * GRAVITY
+        for axis in range(3):
+            air[axis] = middle[axis] * speed[0] + middle[3 + axis] * speed[1] + middle[6 + axis] * speed[2]
+        _turning(theta, drive, w, air, push[3:6], turn)
         _forcing(theta, drive, air, force)
         for axis in range(3):
             acceleration = (
@@ -257,7 +265,8 @@ def shifted_and_lagged(values: Floats, delay: float, lag: float) -> Floats:
     ----------
     values : ndarray, shape (N,)
     delay, lag : float
-        Samples. Straight lines between samples; the ends are held.
+        Samples. Between samples the curve is that of its second differences, and what is returned is its mean over the
+        sample interval around the place, which is what a body integrates; the ends are held.
 
     Returns
     -------
@@ -272,6 +281,11 @@ def shifted_and_lagged(values: Floats, delay: float, lag: float) -> Floats:
         low = min(int(place), n - 2)
         part = place - low
         value = (1.0 - part) * values[low] + part * values[low + 1]
+        if 1 <= low < n - 2:
+            before = values[low - 1] - 2.0 * values[low] + values[low + 1]
+            after = values[low] - 2.0 * values[low + 1] + values[low + 2]
+            bend = (1.0 - part) * before + part * after
+            value -= (0.5 * part * (1.0 - part) - 1.0 / 24.0) * bend
         memory = keep * memory + (1.0 - keep) * value
         out[k] = memory
     return out

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from logparse import MissingDataError, Motor, Vehicle
 from sysid.records.experiment import Experiment, Floats
-from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
 from sysid.records.thrust_curve import column, curve, motor_commands, relative_density
+from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
 
 #: Names of inputs that are the commands of a mixer rather than single motors.
 MIXER = ("thrust", "roll", "pitch", "yaw")
@@ -228,7 +228,8 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
         out[:, 2] = strengths @ np.array([np.cos(motor.angle) for motor in kinds.geometry])
         out[:, 3] = strengths @ -spin
         out[:, 4] = speeds @ spin
-        out[:, 5] = -np.gradient(out[:, 4], dt)
+        if record.speeds:
+            out[:, 5] = -_change(record, kinds, shape) @ spin
         out[:, 6] = speeds.mean(axis=1)
     else:
         by_name = {name: moved[:, k] for k, (name, _) in enumerate(kinds.mixer)}
@@ -239,6 +240,19 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
         value = (record.inputs[:, at] - shape.centre[k]) / shape.width[k]
         out[:, len(DRIVES) + k] = shifted_and_lagged(value, 0.0, shape.further_lag / dt)
     return out
+
+
+def _change(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
+    """Change of each rotor's speed over a sample interval, over the usual speed, 1/s."""
+    dt = record.dt
+    ends = [
+        [
+            shifted_and_lagged(record.inputs[:, at], shape.delays[k] / dt + side, 0.0)
+            for k, at in enumerate(kinds.motors)
+        ]
+        for side in (-0.5, 0.5)
+    ]
+    return np.asarray((np.column_stack(ends[0]) - np.column_stack(ends[1])) / (dt * shape.reference_speed))
 
 
 def _rotation(record: Experiment) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -77,6 +78,22 @@ ABSOLUTE: Mapping[str, float] = {
     "torque": 1.0,
 }
 
+#: Parts of a value, and amounts, by which the equations misrepresent it: inputs between samples, noise of the states
+#: from which runs start. The scatter of blocks, which all share them, does not show them.
+FLOORS: Mapping[str, tuple[float, float]] = {
+    "thrust": (0.001, 0.0),
+    "drag_quadratic": (0.01, 0.001),
+    "drag_rotor": (0.01, 0.002),
+    "damping": (0.01, 0.03),
+    "gyroscopic": (0.01, 0.01),
+    "inertia": (0.01, 0.005),
+    "rotor_inertia": (0.015, 0.01),
+    "by_speed": (0.01, 0.005),
+    "delay": (0.0, 2e-4),
+    "lag": (0.01, 5e-4),
+    "tilt": (0.0, 1e-4),
+}
+
 _FURTHER = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -136,8 +153,6 @@ def fit_six_dof(
         raise ExperimentError(
             f"{total} samples are too few to fit runs of {horizons[-1]:g} s; give longer records or shorter horizons"
         )
-    every = max(total // most_runs, 1)
-    starts = [np.arange(0, max(len(body.t) - int(marks[-1]), 0), every) for body in bodies]
     known = {each: np.asarray(wind, dtype=np.float64) for each, wind in (winds or {}).items()}
     unknowns = _unknowns(kinds, bodies, indoors, known)
     shape = _shape(kinds, bodies, records)
@@ -147,7 +162,7 @@ def fit_six_dof(
 
     cache: dict[bytes, list[Floats]] = {}
 
-    def errors_of(values: Floats) -> list[Floats]:
+    def errors_from(starts: Sequence[np.ndarray], values: Floats) -> list[Floats]:
         theta, moved, wind = unpack(values)
         key = np.concatenate([moved.delays, moved.lags, [moved.further_lag, moved.expo]]).tobytes()
         if key not in cache:
@@ -164,8 +179,14 @@ def fit_six_dof(
         return out
 
     start, mean, sigma, low, high, steps = _priors(unknowns)
-    block = max(round(BLOCK_SECONDS / dt / every), 1)
-    found = minimise(start, errors_of, mean, sigma, (low, high), steps, block)
+    # Few runs lead to near the answer at little cost; all of them from there.
+    for runs, iterations in ((max(most_runs // 6, 300), 12), (most_runs, 6)):
+        every = max(total // runs, 1)
+        starts = [np.arange(0, max(len(body.t) - int(marks[-1]), 0), every) for body in bodies]
+        block = max(round(BLOCK_SECONDS / dt / every), 1)
+        errors_of = partial(errors_from, starts)
+        found = minimise(start, errors_of, mean, sigma, (low, high), steps, block, iterations)
+        start = found.values
     theta, moved, wind = unpack(found.values)
     parameters = _parameters(unknowns, found, theta, moved, kinds, mean, sigma, mass)
     scales = spreads(errors_of(found.values))
@@ -309,7 +330,9 @@ def _parameters(
     for k, unknown in enumerate(unknowns):
         if unknown.kind == "wind":
             continue
-        value, error = float(found.values[k]), float(spread[k])
+        value = float(found.values[k])
+        floor = FLOORS.get(unknown.family, FLOORS.get(unknown.family.rsplit("_", 1)[0], (0.005, 0.0)))
+        error = float(np.hypot(spread[k], floor[0] * abs(value) + floor[1]))
         unit = UNITS.get(unknown.name) or _unit(unknown)
         limit = max(RELATIVE * abs(value), _absolute(unknown.family))
         held = np.isfinite(sigma[k]) and error > 0.0 and found.information[k, k] * sigma[k] ** 2 < 4.0

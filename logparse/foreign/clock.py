@@ -1,0 +1,203 @@
+"""From the rows of a table to one uniform clock: repeated and jumping time stamps, gaps, spikes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from logparse.findings import Finding, Severity
+from logparse.foreign.files import TableError
+
+Floats = npt.NDArray[np.float64]
+
+#: Longest gap that is filled by straight lines, s.
+LONGEST_GAP = 0.1
+
+#: Fewest samples that make a record.
+FEWEST = 50
+
+#: A sample is a spike if it leaves both neighbours by so many usual steps, in the same direction, and comes back.
+SPIKE = 25.0
+
+#: Longest spike, samples.
+_LONGEST_SPIKE = 3
+
+
+def steady_rows(t: Floats, name: str, label: str) -> tuple[npt.NDArray[np.int64], list[Finding]]:
+    """Choose rows whose time stamps increase, in the longest part without a jump.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+        s, as in the table.
+    name : str
+        Of the column.
+    label : str
+        Of the table.
+
+    Raises
+    ------
+    TableError
+        When time hardly ever increases.
+    """
+    findings: list[Finding] = []
+    rows = np.flatnonzero(np.isfinite(t))
+    if len(rows) < FEWEST:
+        raise TableError(f"{label}: column {name}: {len(rows)} rows have a time; a record needs {FEWEST}")
+    if len(rows) < len(t):
+        findings.append(_finding("table-time", name, f"{len(t) - len(rows)} rows have no time and are left out"))
+    step = np.diff(t[rows])
+    usual = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else 0.0
+    if usual <= 0.0 or np.mean(step > 0.0) < 0.5:
+        raise TableError(
+            f"{label}: column {name}: time does not increase ({100 * np.mean(step <= 0.0):.0f} % of the steps are "
+            "zero or negative); is it the time column?"
+        )
+    repeated = step == 0.0
+    if repeated.any():
+        findings.append(
+            _finding("table-time", name, f"{int(repeated.sum())} time stamps repeat; their later rows are left out")
+        )
+        rows = rows[np.r_[True, ~repeated]]
+        step = np.diff(t[rows])
+    # Time that goes back, or leaps, parts the record: nothing tells what happened between.
+    cuts = np.flatnonzero((step < 0.0) | (step > max(LONGEST_GAP, 5.0 * usual)))
+    if len(cuts):
+        edges = np.r_[0, cuts + 1, len(rows)]
+        longest = int(np.argmax(np.diff(edges)))
+        kept = rows[edges[longest] : edges[longest + 1]]
+        worst = float(step[cuts][np.argmax(np.abs(step[cuts]))])
+        findings.append(
+            _finding(
+                "table-time",
+                name,
+                f"time jumps {len(cuts)} time(s), by up to {worst:+.3g} s; kept are the {len(kept)} rows of the "
+                f"longest part without a jump, of {len(rows)}",
+            )
+        )
+        rows = kept
+    if len(rows) < FEWEST:
+        raise TableError(f"{label}: column {name}: only {len(rows)} rows in a row have steady times")
+    return rows, findings
+
+
+def uniform(t: Floats) -> Floats:
+    """Return a uniform clock over increasing times, at their usual step."""
+    usual = float(np.median(np.diff(t)))
+    count = int(np.floor((t[-1] - t[0]) / usual + 0.5)) + 1
+    clock = t[0] + usual * np.arange(count)
+    if len(t) == count and np.max(np.abs(clock - t)) < 0.3 * usual:
+        # Stamps with a little noise on a steady clock: the steady clock is nearer to the truth.
+        return np.asarray(t[0] + (t[-1] - t[0]) / (count - 1) * np.arange(count))
+    return np.asarray(clock[clock <= t[-1] + 1e-9])
+
+
+def known_rows(
+    values: Floats, names: Sequence[str], dt: float, fill: bool, label: str
+) -> tuple[slice, Floats, list[Finding]]:
+    """Fill short gaps, and keep the longest part without a long one.
+
+    Parameters
+    ----------
+    values : ndarray, shape (N, k)
+    names : sequence of str
+        Of the columns.
+    dt : float
+        s.
+    fill : bool
+        Fill gaps of any length by their neighbours (back, then forward), as published protocols do.
+    label : str
+
+    Returns
+    -------
+    rows : slice
+    values : ndarray
+        Filled.
+    findings : list of Finding
+
+    Raises
+    ------
+    TableError
+        When a column has no values, or nothing long enough is known of all columns.
+    """
+    findings: list[Finding] = []
+    out = values.copy()
+    whole = np.ones(len(values), dtype=bool)
+    at = np.arange(len(values))
+    for k, name in enumerate(names):
+        bad = ~np.isfinite(out[:, k])
+        if not bad.any():
+            continue
+        if bad.all():
+            raise TableError(f"{label}: column {name} has no values")
+        edges = np.flatnonzero(np.diff(np.r_[0, bad.astype(np.int8), 0]))
+        lengths = edges[1::2] - edges[::2]
+        long = lengths * dt > LONGEST_GAP
+        out[bad, k] = np.interp(at[bad], at[~bad], out[~bad, k])
+        findings.append(
+            _finding(
+                "table-gaps",
+                name,
+                f"{int(bad.sum())} of {len(values)} samples are missing, at most {lengths.max() * dt:.2f} s at a time; "
+                + ("gaps are filled" if fill or not long.any() else f"{int(long.sum())} gap(s) end the usable part"),
+            )
+        )
+        if not fill:
+            for first, last in zip(edges[::2][long], edges[1::2][long], strict=True):
+                whole[first:last] = False
+    edges = np.flatnonzero(np.diff(np.r_[0, whole.astype(np.int8), 0]))
+    lengths = edges[1::2] - edges[::2]
+    if not len(lengths) or lengths.max() < FEWEST:
+        gaps = ", ".join(str(finding.evidence["column"]) for finding in findings)
+        raise TableError(f"{label}: no {FEWEST} samples in a row are known of every column; gaps are in {gaps}")
+    best = int(np.argmax(lengths))
+    return slice(int(edges[2 * best]), int(edges[2 * best + 1])), out, findings
+
+
+def without_spikes(values: Floats, names: Sequence[str]) -> tuple[Floats, list[Finding]]:
+    """Replace values that leave their neighbours and come back within three samples; (N, k)."""
+    out, findings = values.copy(), []
+    for k, name in enumerate(names):
+        column = out[:, k]
+        bad = _spikes(column)
+        if not bad.any():
+            continue
+        at = np.arange(len(column))
+        worst = float(column[bad][np.argmax(np.abs(column[bad] - np.median(column)))])
+        column[bad] = np.interp(at[bad], at[~bad], column[~bad])
+        findings.append(
+            _finding(
+                "table-spikes",
+                name,
+                f"{int(bad.sum())} samples leap away and back, such as {worst:.6g}; their neighbours replace them",
+            )
+        )
+    return out, findings
+
+
+def _spikes(column: Floats) -> npt.NDArray[np.bool_]:
+    n = len(column)
+    bad = np.zeros(n, dtype=bool)
+    steps = np.abs(np.diff(column))
+    usual = float(np.percentile(steps, 90))
+    if usual <= 0.0:
+        usual = float(np.std(column)) * 1e-3
+    if usual <= 0.0:
+        return bad
+    width = 2 * _LONGEST_SPIKE + 1
+    padded = np.pad(column, _LONGEST_SPIKE, mode="edge")
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+    bad = np.abs(column - middle) > SPIKE * usual
+    # What stays is a step, not a spike; a median over seven samples already says so.
+    return np.asarray(bad if bad.mean() < 0.05 else np.zeros(n, dtype=bool))
+
+
+def _finding(identifier: str, column: str, text: str) -> Finding:
+    advice = {
+        "table-time": "export the record with the time of each sample",
+        "table-gaps": "export the record without gaps, or allow them to be filled (fill: true)",
+        "table-spikes": "look for lost packets of the telemetry",
+    }[identifier]
+    return Finding(identifier, Severity.WARNING, f"column {column}: {text}", advice, {"column": column})

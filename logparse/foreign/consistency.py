@@ -1,0 +1,401 @@
+"""Whether the columns of a table fit each other.
+
+Units are compared with usual magnitudes, velocity with position, rates with attitude, thrust with acceleration, and the
+order of the motors with what they do.
+
+Each check compares what was declared with what else could have been meant, so that the text can say which.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from logparse.findings import Finding, Severity
+from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap
+from logparse.foreign.files import TableError
+
+Floats = npt.NDArray[np.float64]
+
+GRAVITY = 9.80665
+
+#: Ranges that multirotors keep to: rotor speeds [rad/s], PWM [us], commands.
+_SPEEDS, _PULSES, _COMMANDS = (10.0, 8000.0), (500.0, 2500.0), (-0.2, 1.3)
+
+#: Correlation that signals of one motion have, and what is too little to be one motion.
+_ALIKE, _UNLIKE = 0.5, 0.2
+
+#: Correlation of thrust and motors below which they are not of one record; 0.45 on real flights in 12 m/s wind.
+_DRIVEN = 0.3
+
+#: Part of the changes of rates that motors must explain to show their order, and what part of the best order's the one
+#: declared must explain.
+_TURNING, _BEHIND = 0.15, 0.6
+
+#: Movement below which a check has nothing to go by: m/s, rad/s, m/s^2.
+_STILL_SPEED, _STILL_RATE, _STILL_FORCE = 0.05, 0.05, 0.3
+
+#: Time over which differences are taken, s: short against the motion, long against noise.
+_BASE = 0.04
+
+
+def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) -> list[Finding]:
+    """Compare magnitudes with what such a craft can have.
+
+    Raises
+    ------
+    TableError
+        When motors, rates or positions cannot be in the declared unit.
+    """
+    motors = columns["motors"]
+    names = ", ".join(declared.motors.columns)
+    usual = float(np.median(np.abs(motors)))
+    low, high = {"pwm": _PULSES, "command": _COMMANDS}.get(declared.motors.quantity, _SPEEDS)
+    if not low <= usual <= high or (declared.motors.quantity == "command" and np.max(motors) > 5.0):
+        raw = usual / declared.motors.factor
+        guesses = [
+            what
+            for what, (a, b) in {"command": (0.01, 1.3), "rad/s": (50.0, 5000.0), "pwm": (900.0, 2100.0)}.items()
+            if a <= raw <= b and what != declared.motors.quantity
+        ] or ["rpm or erpm"]
+        raise TableError(
+            f"{label}: columns {names}: the usual value {raw:.4g} cannot be {declared.motors.quantity}; "
+            f"is it {' or '.join(guesses)}?"
+        )
+    still = [name for name, column in zip(declared.motors.columns, motors.T, strict=True) if np.ptp(column) == 0.0]
+    if still:
+        raise TableError(f"{label}: column {', '.join(still)}: the motor never moves; is it a motor of this craft?")
+    if "rates" in columns and declared.rates is not None and (top := float(np.std(columns["rates"]))) > 40.0:
+        raise TableError(
+            f"{label}: columns {', '.join(declared.rates.columns)}: rates of {top:.3g} rad/s in the mean are beyond "
+            "any such craft; are they in deg/s?"
+        )
+    findings: list[Finding] = []
+    speeds = [
+        name for name, column in zip(declared.motors.columns, motors.T, strict=True) if np.median(column) < 0.5 * usual
+    ]
+    if speeds and declared.motors.quantity != "pwm":
+        findings.append(
+            Finding(
+                "table-unlike-motors",
+                Severity.WARNING,
+                f"column {', '.join(speeds)}: less than half of what the other motors have",
+                "check unit and column of this motor",
+                {"column": ", ".join(speeds)},
+            )
+        )
+    return findings
+
+
+def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> list[Finding]:
+    """Explain that a flight turns too little to show the order of its motors."""
+    known = declared.motors.motors
+    if 3 <= len(known) <= 4 and len(motors) >= 200:
+        levers, strengths = _levers(declared, motors)
+        if _explained(rates, strengths, levers, dt) >= _TURNING:
+            return []
+    names = ", ".join(declared.motors.columns)
+    return [
+        Finding(
+            "table-motor-order",
+            Severity.INFO,
+            f"columns {names}: this record turns too little to show whether the motors stand in the order declared",
+            "check the order on a record with brisk turns; wrong orders show as gains of the wrong sign",
+            {"column": names},
+        )
+    ]
+
+
+def check_motion(
+    declared: ColumnMap,
+    position: Floats,
+    velocity: Floats,
+    quaternion: Floats,
+    rates: Floats,
+    motors: Floats,
+    t: Floats,
+    label: str,
+) -> None:
+    """Compare motion with itself and with the motors, in NED and FRD.
+
+    Raises
+    ------
+    TableError
+        With every contradiction that was found, the columns, and what would fit.
+    """
+    dt = float(t[1] - t[0])
+    reach = max(round(_BASE / dt / 2.0), 1)
+    rotation = Rotation.from_quat(quaternion, scalar_first=True)
+    wrong: list[str] = []
+    if declared.velocity is not None:
+        wrong += _velocity(declared, position, velocity, rotation, dt, reach)
+    if not wrong and declared.rates is not None:
+        wrong += _rates(declared, rotation, rates, dt, reach)
+    if not wrong:
+        wrong += _thrust(declared, velocity, rotation, motors, dt, reach)
+    if not wrong:
+        wrong += _motors(declared, rates, motors, dt)
+    if wrong:
+        raise TableError(f"{label}: " + "; ".join(wrong))
+
+
+def _slope(values: Floats, dt: float, reach: int) -> Floats:
+    """Central differences over 2 * reach samples."""
+    return np.asarray((values[2 * reach :] - values[: -2 * reach]) / (2.0 * reach * dt))
+
+
+def _alike(a: Floats, b: Floats) -> float:
+    """Correlation; nan where one does not move."""
+    a, b = a - a.mean(), b - b.mean()
+    norm = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / norm if norm > 0.0 else float("nan")
+
+
+def _ratio(of: Floats, by: Floats) -> float:
+    """How many times `of` is as large as `by`, by least squares through both."""
+    return float(np.sqrt(np.mean((of - of.mean()) ** 2) / max(np.mean((by - by.mean()) ** 2), 1e-300)))
+
+
+def _unit_hint(ratio: float) -> str:
+    for factor, text in ((1000.0, "mm for m"), (100.0, "cm for m"), (57.3, "deg for rad"), (3.6, "km/h for m/s")):
+        for value, way in ((factor, text), (1.0 / factor, text)):
+            if abs(np.log(ratio / value)) < 0.15:
+                return f" ({way}?)"
+    return ""
+
+
+def _velocity(
+    declared: ColumnMap, position: Floats, velocity: Floats, rotation: Rotation, dt: float, reach: int
+) -> list[str]:
+    """Velocity must be the derivative of position."""
+    names = ", ".join(declared.velocity.columns) if declared.velocity is not None else ""
+    seen = position.std(axis=0)
+    slope, inside = _slope(position, dt, reach), velocity[reach:-reach]
+    moved = [axis for axis in range(3) if slope[:, axis].std() > _STILL_SPEED or inside[:, axis].std() > _STILL_SPEED]
+    if not moved or seen.max() == 0.0:
+        return []
+    alike = [_alike(slope[:, axis], inside[:, axis]) for axis in moved]
+    ratio = float(np.median([_ratio(inside[:, axis], slope[:, axis]) for axis in moved]))
+    if min(alike) > _ALIKE and 0.5 < ratio < 2.0:
+        return []
+    if min(alike) > _ALIKE:
+        return [
+            f"columns {names}: velocity is {ratio:.3g} times the derivative of {', '.join(declared.position.columns)}: "
+            f"a unit is wrong{_unit_hint(ratio)}"
+        ]
+    evidence = ", ".join(f"{'NED'[axis]} {value:+.2f}" for axis, value in zip(moved, alike, strict=True))
+    fits = _best_axes(slope, inside, "velocity")
+    other = rotation[reach:-reach]
+    if declared.velocity is not None and not declared.velocity.body:
+        turned = other.apply(inside)
+        if min(_alike(slope[:, axis], turned[:, axis]) for axis in moved) > max(_ALIKE, 0.8):
+            fits = "; in body axes it would fit (axes: body)"
+    return [
+        f"columns {names}: velocity is not the derivative of {', '.join(declared.position.columns)} (correlation "
+        f"{evidence}){fits}"
+    ]
+
+
+def _best_axes(truth: Floats, signal: Floats, what: str) -> str:
+    """Which order and signs of the axes would fit; empty if none does."""
+    best, score = "", 0.7
+    for order in itertools.permutations(range(3)):
+        values = [_alike(truth[:, axis], signal[:, order[axis]]) for axis in range(3)]
+        known = [abs(value) for value in values if np.isfinite(value)]
+        if known and min(known) > score:
+            score = min(known)
+            signs = ", ".join(f"{'-' if value < 0 else ''}{'xyz'[order[axis]]}" for axis, value in enumerate(values))
+            best = f"; {what} as ({signs}) would fit"
+    return best
+
+
+def _rates(declared: ColumnMap, rotation: Rotation, rates: Floats, dt: float, reach: int) -> list[str]:
+    """Rates must be those of the attitude, in body axes."""
+    names = ", ".join(declared.rates.columns) if declared.rates is not None else ""
+    attitude = ", ".join(declared.attitude.columns)
+    step = (rotation[: -2 * reach].inv() * rotation[2 * reach :]).as_rotvec() / (2.0 * reach * dt)
+    smooth = _mean_over(rates, 2 * reach)
+    moved = [axis for axis in range(3) if step[:, axis].std() > _STILL_RATE or smooth[:, axis].std() > _STILL_RATE]
+    if not moved:
+        return []
+    alike = [_alike(step[:, axis], smooth[:, axis]) for axis in moved]
+    ratio = float(np.median([_ratio(smooth[:, axis], step[:, axis]) for axis in moved]))
+    if min(alike) > _ALIKE and 0.5 < ratio < 2.0:
+        return []
+    if min(alike) > _ALIKE:
+        return [
+            f"columns {names}: rates are {ratio:.3g} times those of the attitude ({attitude}): a unit is "
+            f"wrong{_unit_hint(ratio)}"
+        ]
+    strongest = int(np.argmax([step[:, axis].std() for axis in moved]))
+    if min(alike) > -_ALIKE and alike[strongest] > 0.7 and min(alike) > _UNLIKE and 0.5 < ratio < 2.0:
+        return []
+    evidence = ", ".join(f"{'xyz'[axis]} {value:+.2f}" for axis, value in zip(moved, alike, strict=True))
+    return [
+        f"columns {attitude} and {names}: the attitude does not turn at the rates (correlation about body axes "
+        f"{evidence}){_attitude_guess(declared, rotation, rates, dt, reach)}"
+    ]
+
+
+def _mean_over(values: Floats, width: int) -> Floats:
+    total = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), 0.5 * (values[1:] + values[:-1])]), axis=0)
+    return np.asarray((total[width:] - total[:-width]) / width)
+
+
+def _attitude_guess(declared: ColumnMap, rotation: Rotation, rates: Floats, dt: float, reach: int) -> str:
+    """Which other reading of the attitude, or of the rates, would fit."""
+    smooth = _mean_over(rates, 2 * reach)
+    guesses: list[tuple[str, Rotation]] = [("world-to-body", rotation.inv())]
+    if declared.attitude.quaternion:
+        original = _undeclared(declared, rotation)
+        swapped = np.roll(original, -1 if declared.attitude.scalar_first else 1, axis=1)
+        # Taken in the other order, then into NED and FRD as declared.
+        guesses.append(("the other order of the quaternion", _redeclared(declared, swapped)))
+        guesses.append(("the other order and direction", _redeclared(declared, swapped, inverse=True)))
+    found = []
+    for text, other in guesses:
+        step = (other[: -2 * reach].inv() * other[2 * reach :]).as_rotvec() / (2.0 * reach * dt)
+        moved = [axis for axis in range(3) if smooth[:, axis].std() > _STILL_RATE]
+        if moved and min(_alike(step[:, axis], smooth[:, axis]) for axis in moved) > 0.7:
+            found.append(text)
+    if found:
+        return "; " + " or ".join(found) + " would fit"
+    step = (rotation[: -2 * reach].inv() * rotation[2 * reach :]).as_rotvec() / (2.0 * reach * dt)
+    return _best_axes(step, smooth, "rates")
+
+
+def _frames(declared: ColumnMap) -> tuple[Rotation, Rotation]:
+    """Rotation of the declared world into NED, and of FRD into the declared body."""
+    return Rotation.from_matrix(WORLD_TO_NED[declared.world]), Rotation.from_matrix(FRD_TO_BODY[declared.body])
+
+
+def _undeclared(declared: ColumnMap, rotation: Rotation) -> Floats:
+    """Quaternions as they stand in the table."""
+    world, body = _frames(declared)
+    plain = world.inv() * rotation * body.inv()
+    if declared.attitude.world_to_body:
+        plain = plain.inv()
+    return np.asarray(plain.as_quat(scalar_first=declared.attitude.scalar_first))
+
+
+def _redeclared(declared: ColumnMap, raw: Floats, inverse: bool = False) -> Rotation:
+    world, body = _frames(declared)
+    plain = Rotation.from_quat(raw, scalar_first=declared.attitude.scalar_first)
+    if declared.attitude.world_to_body != inverse:
+        plain = plain.inv()
+    return world * plain * body
+
+
+def _thrust(
+    declared: ColumnMap, velocity: Floats, rotation: Rotation, motors: Floats, dt: float, reach: int
+) -> list[str]:
+    """Specific force must point up through the rotors, and grow with them."""
+    names = ", ".join((*declared.position.columns, *declared.attitude.columns))
+    acceleration = _slope(velocity, dt, reach)
+    inside = rotation[reach:-reach]
+    force = inside.apply(acceleration - np.array([0.0, 0.0, GRAVITY]), inverse=True)
+    mean = force.mean(axis=0)
+    size = float(np.linalg.norm(mean))
+    if mean[2] > -0.7 * max(size, 1e-9):
+        down = inside.apply(acceleration + np.array([0.0, 0.0, GRAVITY]), inverse=True).mean(axis=0)
+        flipped = "; the world's z axis the other way would fit (frame: world)" if down[2] < -5.0 else ""
+        return [
+            f"columns {names}: the rotors would push along ({mean[0]:+.1f}, {mean[1]:+.1f}, {mean[2]:+.1f}) m/s^2 in "
+            f"the body (forward, right, down), not up: frame or quaternion are declared wrong{flipped}"
+        ]
+    lean = inside.apply(np.array([0.0, 0.0, -GRAVITY]))[:, :2]
+    level = acceleration[:, :2]
+    moved = [axis for axis in range(2) if level[:, axis].std() > _STILL_FORCE and lean[:, axis].std() > _STILL_FORCE]
+    values = {axis: _alike(level[:, axis], lean[:, axis]) for axis in moved}
+    if values and min(values.values()) < -_UNLIKE:
+        evidence = ", ".join(f"{'NE'[axis]} {value:+.2f}" for axis, value in values.items())
+        return [
+            f"columns {names}: the craft speeds up against its lean (correlation {evidence}): the world's or the "
+            "body's frame, or the direction of the attitude, is declared wrong"
+        ]
+    if len(values) == 2 and max(values.values()) < _UNLIKE:
+        crossed = min(abs(_alike(level[:, 0], lean[:, 1])), abs(_alike(level[:, 1], lean[:, 0])))
+        if crossed > _ALIKE:
+            return [f"columns {names}: the craft speeds up across its lean: the heading of the world's frame is wrong"]
+    return _strength(declared, force[:, 2], motors[reach:-reach])
+
+
+def _strength(declared: ColumnMap, pull: Floats, motors: Floats) -> list[str]:
+    names = ", ".join(declared.motors.columns)
+    total = (motors**2).sum(axis=1)
+    if pull.std() < _STILL_FORCE:
+        return []
+    value = max(
+        (_alike(-pull[max(shift, 0) : len(pull) + min(shift, 0)], total[max(-shift, 0) : len(pull) - max(shift, 0)])
+         for shift in range(-3, 13, 1) if len(pull) > 20),
+        default=1.0,
+    )  # fmt: skip
+    if value < _DRIVEN:
+        return [
+            f"columns {names}: thrust does not grow with the motors (correlation {value:+.2f}): are they the motors of "
+            "this record?"
+        ]
+    return []
+
+
+def _motors(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> list[str]:
+    """Motors must turn the craft as their places say, better than in any other order.
+
+    Changes of the rates over a time are compared with the moments of the motors over it, for every order of
+    the columns.
+    """
+    known = declared.motors.motors
+    if not 3 <= len(known) <= 4 or len(motors) < 200:
+        return []
+    levers, strengths = _levers(declared, motors)
+    explained = {
+        order: _explained(rates, strengths[:, order], levers, dt) for order in itertools.permutations(range(len(known)))
+    }
+    own = tuple(range(len(known)))
+    best = max(explained, key=lambda order: explained[order])
+    if explained[best] < _TURNING or explained[own] > _BEHIND * explained[best]:
+        return []
+    order = ", ".join(declared.motors.columns[k] for k in best)
+    return [
+        f"columns {', '.join(declared.motors.columns)}: the motors do not turn the craft as their places say (they "
+        f"explain {100 * explained[own]:.0f} % of the changes of roll and pitch rate); in the order {order} they would "
+        f"({100 * explained[best]:.0f} %)"
+    ]
+
+
+def _levers(declared: ColumnMap, motors: Floats) -> tuple[Floats, Floats]:
+    """Levers of the motors, (m, 3), and their strengths over the mean, (N, m)."""
+    strengths = motors**2 if declared.motors.quantity not in {"pwm", "command"} else motors
+    levers = np.array([[-np.sin(m.angle), np.cos(m.angle), -float(m.spin)] for m in declared.motors.motors])
+    return levers, np.asarray(strengths / max(float(np.mean(strengths)), 1e-12))
+
+
+def _explained(rates: Floats, strengths: Floats, levers: Floats, dt: float) -> float:
+    """Part of the changes of roll and pitch rates that the moments explain with gains of the right sign."""
+    width = max(round(0.1 / dt), 2)
+    parts: list[float] = []
+    for axis in range(2):
+        moment = strengths @ levers[:, axis]
+        change = rates[width:, axis] - rates[:-width, axis]
+        turned = _mean_over(rates[:, axis : axis + 1], width)[:, 0]
+        best = 0.0
+        for late in _delays(dt):
+            moved = np.roll(moment, late)
+            total = _mean_over(moved[:, None], width)[:, 0]
+            x = np.column_stack([total, turned, np.ones(len(total))])
+            solution, *_ = np.linalg.lstsq(x, change, rcond=None)
+            if solution[0] <= 0.0:
+                continue
+            without = x[:, 1:] @ np.linalg.lstsq(x[:, 1:], change, rcond=None)[0]
+            left, base = np.sum((change - x @ solution) ** 2), np.sum((change - without) ** 2)
+            best = max(best, 1.0 - float(left / max(base, 1e-300)))
+        parts.append(best)
+    return float(np.mean(parts))
+
+
+def _delays(dt: float) -> Iterable[int]:
+    return sorted({round(late / dt) for late in (0.0, 0.02, 0.04, 0.08)})

@@ -1,0 +1,268 @@
+"""A table of other origin as motion in rotorid's conventions: NED, FRD, scalar-first quaternions, SI."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from logparse.findings import Finding, Severity
+from logparse.foreign.clock import known_rows, steady_rows, uniform, without_spikes
+from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap, read_column_map
+from logparse.foreign.consistency import check_motion, check_units, unchecked_order
+from logparse.foreign.files import TableError, flatten, read_columns
+from logparse.vehicle import Vehicle
+
+Floats = npt.NDArray[np.float64]
+
+#: Norm of quaternions beyond which they are worth a remark.
+_NORM = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionTable:
+    """One record.
+
+    Attributes
+    ----------
+    name : str
+    t : ndarray, shape (N,)
+        s, uniform, in the table's own clock.
+    position, velocity : ndarray, shape (N, 3)
+        NED, m and m/s.
+    quaternion : ndarray, shape (N, 4)
+        Body (FRD) to NED, scalar first, continuous.
+    rates : ndarray, shape (N, 3)
+        FRD, rad/s.
+    motors : ndarray, shape (N, m)
+        rad/s, us or 0..1.
+    motor_unit : str
+        ``"rad/s"``, ``"us"`` or ``"1"``.
+    inputs : ndarray, shape (N, e)
+    input_names : tuple of str
+    voltage : ndarray, shape (N,) or None
+    vehicle : Vehicle
+    columns : ColumnMap
+    findings : tuple of Finding
+    """
+
+    name: str
+    t: Floats
+    position: Floats
+    velocity: Floats
+    quaternion: Floats
+    rates: Floats
+    motors: Floats
+    motor_unit: str
+    inputs: Floats
+    input_names: tuple[str, ...]
+    voltage: Floats | None
+    vehicle: Vehicle
+    columns: ColumnMap
+    findings: tuple[Finding, ...]
+
+
+def read_motion(
+    source: Path | str | pd.DataFrame, columns: Mapping[str, Any] | str | Path, name: str | None = None
+) -> MotionTable:
+    """Read a table and bring it to rotorid's conventions.
+
+    Parameters
+    ----------
+    source : Path, str or DataFrame
+        CSV, Parquet or MATLAB file; or a table in memory.
+    columns : mapping, str or Path
+        What each column is; see `logparse.foreign.columns` and docs/tables.md.
+    name : str, optional
+        Defaults to that of the description, then of the file.
+
+    Raises
+    ------
+    TableError
+        When columns are missing, or contradict each other; the text names them, with the evidence.
+    """
+    declared = read_column_map(columns)
+    if isinstance(source, pd.DataFrame):
+        frame, label = flatten(source), name or declared.name or "table"
+    else:
+        path = Path(source)
+        frame, label = read_columns(path), name or declared.name or path.name
+    _require(frame, declared, label)
+    if declared.time is not None:
+        column = declared.time.columns[0]
+        t = frame[column].to_numpy(np.float64) * declared.time.factor
+        rows, findings = steady_rows(t, column, label)
+        t, frame = t[rows], frame.iloc[rows]
+    else:
+        t, findings = np.arange(len(frame)) / (declared.rate or 1.0), []
+    names = [
+        each for each in dict.fromkeys(declared.names) if declared.time is None or each not in declared.time.columns
+    ]
+    values = frame[names].to_numpy(np.float64)
+    dt = float(np.median(np.diff(t)))
+    keep, values, more = known_rows(values, names, dt, declared.fill, label)
+    values, t = values[keep], t[keep]
+    values, spikes = without_spikes(values, names)
+    at = {each: k for k, each in enumerate(names)}
+    table = _Converter(values, at, declared, label)
+    quaternion, remarks = table.quaternion()
+    clock = uniform(t)
+    columns_of = {
+        "position": table.vector(declared.position.columns, declared.position.factor),
+        "quaternion": quaternion,
+        "motors": values[:, [at[each] for each in declared.motors.columns]] * declared.motors.factor,
+        "inputs": values[:, [at[signal.columns[0]] for signal in declared.inputs.values()]],
+    }
+    if declared.velocity is not None:
+        columns_of["velocity"] = table.vector(declared.velocity.columns, declared.velocity.factor)
+    if declared.rates is not None:
+        columns_of["rates"] = table.vector(declared.rates.columns, declared.rates.factor)
+    if declared.voltage is not None:
+        columns_of["voltage"] = values[:, [at[declared.voltage.columns[0]]]] * declared.voltage.factor
+    found = [*findings, *more, *spikes, *remarks]
+    if len(clock) != len(t) or np.max(np.abs(clock - t)) > 0.3 * dt:
+        columns_of = {key: _resampled(t, each, clock) for key, each in columns_of.items()}
+    found += check_units(declared, columns_of, label)
+    motion = _in_ned(columns_of, clock, declared)
+    check_motion(declared, *motion, columns_of["motors"], clock, label)
+    position, velocity, quaternion, rates = motion
+    found += unchecked_order(declared, rates, columns_of["motors"], float(clock[1] - clock[0]))
+    unit = {"pwm": "us", "command": "1"}.get(declared.motors.quantity, "rad/s")
+    return MotionTable(
+        name=label,
+        t=clock,
+        position=position,
+        velocity=velocity,
+        quaternion=quaternion,
+        rates=rates,
+        motors=columns_of["motors"],
+        motor_unit=unit,
+        inputs=columns_of["inputs"],
+        input_names=tuple(declared.inputs),
+        voltage=columns_of["voltage"][:, 0] if "voltage" in columns_of else None,
+        vehicle=_vehicle(declared),
+        columns=declared,
+        findings=tuple(found),
+    )
+
+
+def _require(frame: pd.DataFrame, declared: ColumnMap, label: str) -> None:
+    """Check that every column that is named is there."""
+    known = [str(column) for column in frame.columns]
+    missing = [each for each in dict.fromkeys(declared.names) if each not in frame.columns]
+    if not missing:
+        return
+    hints = []
+    for each in missing:
+        near = difflib.get_close_matches(each, known, 1)
+        hints.append(f"{each} (is it {near[0]}?)" if near else each)
+    listed = ", ".join(known[:40]) + (", ..." if len(known) > 40 else "")
+    raise TableError(f"{label}: no column {', '.join(hints)}; the table has {listed}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Converter:
+    """Values of the table and where each column is."""
+
+    values: Floats
+    at: Mapping[str, int]
+    declared: ColumnMap
+    label: str
+
+    def vector(self, names: tuple[str, ...], factor: float) -> Floats:
+        """Columns of a vector, SI, in the declared axes."""
+        return np.asarray(self.values[:, [self.at[name] for name in names]] * factor)
+
+    def quaternion(self) -> tuple[Floats, list[Finding]]:
+        """Attitude as unit quaternions of the declared frames, body to world, scalar first, continuous."""
+        signal = self.declared.attitude
+        raw = self.values[:, [self.at[name] for name in signal.columns]]
+        findings: list[Finding] = []
+        if signal.quaternion:
+            norm = np.linalg.norm(raw, axis=1)
+            named = ", ".join(signal.columns)
+            if norm.min() < 0.1:
+                raise TableError(
+                    f"{self.label}: columns {named}: {int(np.sum(norm < 0.1))} quaternions are zero; is it the "
+                    "attitude?"
+                )
+            off = float(np.max(np.abs(norm - 1.0)))
+            if off > 0.5:
+                raise TableError(
+                    f"{self.label}: columns {named}: quaternions have norms from {norm.min():.3g} to {norm.max():.3g}; "
+                    "that is no attitude, or a column of it is another's"
+                )
+            if off > _NORM:
+                findings.append(
+                    Finding(
+                        "table-quaternion-norm",
+                        Severity.INFO,
+                        f"columns {named}: quaternions are up to {100 * off:.1f} % off unit length and are normalised",
+                        "",
+                        {"column": named, "largest": off},
+                    )
+                )
+            rotation = Rotation.from_quat(raw, scalar_first=signal.scalar_first)
+        else:
+            rotation = Rotation.from_euler("ZYX", raw[:, ::-1] * signal.factor)
+        if signal.world_to_body:
+            rotation = rotation.inv()
+        return _continuous(rotation.as_quat(scalar_first=True)), findings
+
+
+def _continuous(quaternion: Floats) -> Floats:
+    """Choose the sign of each quaternion so that it is near the one before it."""
+    flips = np.cumprod(np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0, -1.0, 1.0))
+    return np.asarray(quaternion * np.r_[1.0, flips][:, None])
+
+
+def _resampled(t: Floats, values: Floats, clock: Floats) -> Floats:
+    return (
+        np.column_stack([np.interp(clock, t, column) for column in values.T])
+        if values.size
+        else np.empty((len(clock), 0))
+    )
+
+
+def _in_ned(columns: Mapping[str, Floats], clock: Floats, declared: ColumnMap) -> tuple[Floats, Floats, Floats, Floats]:
+    """Position, velocity, quaternion and rates in NED and FRD; what is not logged is derived."""
+    world, body = WORLD_TO_NED[declared.world], FRD_TO_BODY[declared.body]
+    dt = float(clock[1] - clock[0])
+    rotation = Rotation.from_quat(columns["quaternion"], scalar_first=True).as_matrix()
+    if "velocity" in columns:
+        velocity = columns["velocity"]
+        if declared.velocity is not None and declared.velocity.body:
+            velocity = np.einsum("nij,nj->ni", rotation, velocity)
+    else:
+        velocity = np.gradient(columns["position"], dt, axis=0)
+    if "rates" in columns:
+        rates = columns["rates"]
+    else:
+        turn = np.swapaxes(rotation[:-1], -1, -2) @ rotation[1:]
+        between = Rotation.from_matrix(turn).as_rotvec() / dt
+        rates = np.vstack([between[:1], 0.5 * (between[1:] + between[:-1]), between[-1:]])
+    turned = Rotation.from_matrix(world @ rotation @ body).as_quat(scalar_first=True)
+    return columns["position"] @ world.T, velocity @ world.T, _continuous(turned), rates @ body
+
+
+def _vehicle(declared: ColumnMap) -> Vehicle:
+    low, high = declared.motors.pwm
+    frame = declared.motors.frame
+    return Vehicle(
+        motors=declared.motors.motors,
+        frame_class=frame[0] if frame else None,
+        frame_type=frame[1] if frame else None,
+        frame_source="declared",
+        pwm_min=low,
+        pwm_max=high,
+        spin_arm=0.0,
+        spin_min=0.0,
+        spin_max=1.0,
+    )

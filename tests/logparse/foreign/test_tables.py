@@ -1,0 +1,255 @@
+"""Tables of other origin: what is right is read whatever its form, what is wrong is named with its column."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from scipy.io import savemat
+from scipy.spatial.transform import Rotation
+
+from logparse.foreign.columns import read_column_map
+from logparse.foreign.files import TableError
+from logparse.foreign.motion import read_motion
+from sysid import Experiment
+
+RATE = 100.0
+G = 9.80665
+ANGLES = np.radians([45.0, -135.0, -45.0, 135.0])
+SPINS = np.array([-1.0, -1.0, 1.0, 1.0])
+
+
+def motion(seed=0, seconds=30.0):
+    """Motion that is consistent by construction, NED and FRD: attitude from smooth angles, acceleration from thrust."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(seconds * RATE)) / RATE
+    wave = lambda top, fast: sum(  # noqa: E731
+        top / 3 * np.sin(2 * np.pi * rng.uniform(0.2, fast) * t + rng.uniform(0, 6.28)) for _ in range(3)
+    )
+    angles = np.column_stack([wave(0.5, 1.2), wave(0.5, 1.2), wave(1.0, 0.4) + 0.7])
+    rotation = Rotation.from_euler("ZYX", angles[:, ::-1])
+    turn = (rotation[:-1].inv() * rotation[1:]).as_rotvec() * RATE
+    rates = np.vstack([turn[:1], 0.5 * (turn[1:] + turn[:-1]), turn[-1:]])
+    thrust = G + wave(3.0, 1.0)
+    acceleration = [*rotation.apply(np.column_stack([0 * t, 0 * t, -thrust])), 0, 0, G]
+    velocity = np.cumsum(acceleration, axis=0) / RATE
+    velocity -= np.linspace(0, 1, len(t))[:, None] * velocity[-1]
+    position = np.cumsum(velocity, axis=0) / RATE
+    moment = np.gradient(rates, 1 / RATE, axis=0)
+    squares = thrust[:, None] / 4 + (moment[:, :1] * -np.sin(ANGLES) + moment[:, 1:2] * np.cos(ANGLES)) / 20
+    squares = squares - moment[:, 2:] * SPINS / 60
+    speeds = np.sqrt(np.maximum(squares, 0.1) / 1e-5)
+    return t, position, velocity, rotation, rates, speeds
+
+
+def table(world="ENU", body="FLU", seed=0):
+    t, position, velocity, rotation, rates, speeds = motion(seed)
+    to_world = {
+        "ENU": np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]]),
+        "NWU": np.diag([1.0, -1, -1]),
+        "NED": np.eye(3),
+    }[world]
+    turned = {"FLU": np.diag([1.0, -1, -1]), "FRD": np.eye(3)}[body]
+    quaternion = Rotation.from_matrix(to_world @ rotation.as_matrix() @ turned).as_quat()
+    frame = pd.DataFrame({"t": t})
+    frame[["x", "y", "z"]] = position @ to_world.T
+    frame[["vx", "vy", "vz"]] = velocity @ to_world.T
+    frame[["qx", "qy", "qz", "qw"]] = quaternion
+    frame[["wx", "wy", "wz"]] = rates @ turned
+    frame[["a", "b", "c", "d"]] = speeds * 60 / (2 * np.pi)
+    return frame
+
+
+def columns(world="ENU", body="FLU", **changes):
+    return {
+        "time": "t",
+        "frame": {"world": world, "body": body},
+        "position": ["x", "y", "z"],
+        "velocity": ["vx", "vy", "vz"],
+        "attitude": {"columns": ["qx", "qy", "qz", "qw"], "order": "xyzw"},
+        "rates": ["wx", "wy", "wz"],
+        "motors": {"columns": ["a", "b", "c", "d"], "quantity": "rpm", "frame": "quad/x"},
+        "mass": 1.2,
+        **changes,
+    }
+
+
+@pytest.mark.parametrize("world", ["ENU", "NWU", "NED"])
+@pytest.mark.parametrize("body", ["FLU", "FRD"])
+def test_every_frame_gives_the_same_motion(world, body):
+    read = read_motion(table(world, body), columns(world, body))
+    _, position, velocity, rotation, rates, speeds = motion()
+    assert np.allclose(read.position, position, atol=1e-9)
+    assert np.allclose(read.velocity, velocity, atol=1e-9)
+    assert np.allclose(Rotation.from_quat(read.quaternion, scalar_first=True).as_matrix(), rotation.as_matrix())
+    assert np.allclose(read.rates, rates, atol=1e-9)
+    assert np.allclose(read.motors, speeds)
+
+
+def test_experiment_counts_up_from_its_first_sample():
+    record = Experiment.from_table(table(), columns())
+    _, position, *_ = motion()
+    assert record.input_names == ("m1", "m2", "m3", "m4")
+    assert record.units["m1"] == "rad/s"
+    assert np.allclose(record.y, (position - position[0]) * [1, 1, -1])
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".csv.xz", ".parquet", ".mat"])
+def test_every_kind_of_file_gives_the_same_table(tmp_path, suffix):
+    frame = table()
+    path = tmp_path / f"flight{suffix}"
+    if suffix == ".parquet":
+        frame.to_parquet(path)
+    elif suffix == ".mat":
+        savemat(path, {name: frame[name].to_numpy()[:, None] for name in frame})
+    else:
+        frame.to_csv(path, index=False)
+    description = tmp_path / "columns.yaml"
+    description.write_text(yaml.safe_dump(columns()), encoding="utf-8")
+    read = read_motion(path, description)
+    assert np.allclose(read.position, read_motion(frame, columns()).position, atol=1e-9)
+
+
+def test_lists_in_cells_are_vectors(tmp_path):
+    frame = table()
+    packed = pd.DataFrame({"t": frame["t"], "p": frame[["x", "y", "z"]].to_numpy().tolist()})
+    packed = packed.join(frame.drop(columns=["t", "x", "y", "z"]))
+    path = tmp_path / "lists.csv"
+    packed.to_csv(path, index=False)
+    assert np.allclose(read_motion(path, columns(position="p")).position, motion()[1], atol=1e-6)
+
+
+def test_missing_velocity_and_rates_are_derived():
+    described = columns()
+    del described["velocity"], described["rates"]
+    read = read_motion(table(), described)
+    assert np.abs(read.velocity - motion()[2])[5:-5].max() < 0.05
+    assert np.abs(read.rates - motion()[4])[5:-5].max() < 0.05
+
+
+def swapped(frame, one, other):
+    out = frame.copy()
+    out[[one, other]] = frame[[other, one]].to_numpy()
+    return out
+
+
+WRONG_DECLARATIONS = {
+    "world": (columns(world="NED"), "body"),
+    "body": (columns(body="FRD"), "not up"),
+    "order": (columns(attitude={"columns": ["qx", "qy", "qz", "qw"], "order": "wxyz"}), "qx, qy, qz, qw"),
+    "direction": (
+        columns(attitude={"columns": ["qx", "qy", "qz", "qw"], "order": "xyzw", "direction": "world-to-body"}),
+        "world-to-body would fit|does not turn",
+    ),
+    "rates in deg": (columns(rates={"columns": ["wx", "wy", "wz"], "unit": "deg/s"}), "deg for rad"),
+    "position in mm": (columns(position={"columns": ["x", "y", "z"], "unit": "mm"}), "mm for m"),
+    "velocity in body": (columns(velocity={"columns": ["vx", "vy", "vz"], "axes": "body"}), "vx, vy, vz"),
+    "motors as commands": (
+        columns(motors={"columns": ["a", "b", "c", "d"], "quantity": "command", "frame": "quad/x"}),
+        "a, b, c, d.*cannot be command",
+    ),
+    "a column that is not there": (columns(rates=["wx", "wy", "w_z"]), r"no column w_z \(is it wz\?\)"),
+    "an unknown key": (columns(positon=["x", "y", "z"]), "unknown key positon; do you mean position"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_DECLARATIONS)
+def test_a_wrong_declaration_is_refused_with_the_column(case):
+    described, message = WRONG_DECLARATIONS[case]
+    with pytest.raises(TableError, match=message):
+        read_motion(table(), described)
+
+
+@pytest.mark.parametrize(("one", "other"), [("a", "b"), ("a", "c"), ("c", "d"), ("a", "d")])
+def test_permuted_motors_are_refused_with_the_order_that_fits(one, other):
+    frame = swapped(table(), one, other)
+    order = [{one: other, other: one}.get(name, name) for name in "abcd"]
+    with pytest.raises(TableError, match=f"in the order {', '.join(order)} they would"):
+        read_motion(frame, columns())
+
+
+def test_a_mirrored_axis_is_refused():
+    frame = table()
+    frame["wx"] = -frame["wx"]
+    with pytest.raises(TableError, match=r"rates as \(-x, y, z\) would fit"):
+        read_motion(frame, columns())
+
+
+def damaged(kind):
+    frame = table()
+    if kind == "repeated":
+        frame.loc[500:520, "t"] = frame["t"].iloc[500]
+    elif kind == "jump":
+        frame.loc[1000:, "t"] += 5.0
+    elif kind == "back":
+        frame.loc[1000:, "t"] -= 4.0
+    elif kind == "gap":
+        frame.loc[1000:1200, "wy"] = np.nan
+    elif kind == "spike":
+        frame.loc[[400, 900], "b"] = 4e6
+    elif kind == "norm":
+        frame[["qx", "qy", "qz", "qw"]] *= 1.04
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("kind", "finding", "column"),
+    [
+        ("repeated", "table-time", "t"),
+        ("jump", "table-time", "t"),
+        ("back", "table-time", "t"),
+        ("gap", "table-gaps", "wy"),
+        ("spike", "table-spikes", "b"),
+        ("norm", "table-quaternion-norm", "qx, qy, qz, qw"),
+    ],
+)
+def test_damage_is_cut_out_or_mended_and_named(kind, finding, column):
+    read = read_motion(damaged(kind), columns())
+    found = [each for each in read.findings if each.id == finding]
+    assert found, [each.id for each in read.findings]
+    assert found[0].evidence["column"] == column
+    assert np.isfinite(read.motors).all()
+    assert np.isfinite(read.rates).all()
+    assert read.motors.max() < 1e4
+    assert np.allclose(np.diff(read.t), 1 / RATE)
+
+
+def test_quaternions_that_are_none_are_refused():
+    frame = table()
+    frame["qw"] = frame["qx"]
+    with pytest.raises(TableError, match="qx, qy, qz, qw"):
+        read_motion(frame, columns())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"motors": {"columns": ["a", "b", "c", "d"], "quantity": "erpm", "frame": "quad/x"}}, "poles"),
+        ({"motors": {"columns": ["a", "b", "c"], "quantity": "rpm", "frame": "quad/x"}}, "takes 4 columns, not 3"),
+        ({"motors": {"columns": ["a", "b", "c", "d"], "quantity": "rpm"}}, "frame .* or their places"),
+        ({"motors": {"columns": ["a"], "quantity": "rpm", "places": [[1, 0, "up"]]}}, "cw or ccw"),
+        ({"frame": {"world": "XYZ"}}, "must be one of NED, ENU, NWU"),
+        ({"mass": -1}, "positive number"),
+        ({"position": "x"}, r"no column x\[0\]"),
+    ],
+)
+def test_a_description_that_is_none_is_refused_with_the_key(change, message):
+    with pytest.raises(TableError, match=message):
+        read_motion(table(), columns(**change))
+
+
+@pytest.mark.parametrize("content", [b"", b"\x00\x01\x02", b"a,b\n"])
+@pytest.mark.parametrize("name", ["x.csv", "x.parquet", "x.mat"])
+def test_files_that_are_no_tables_are_refused(tmp_path, content, name):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(TableError):
+        read_motion(path, columns())
+
+
+def test_yaml_that_is_none_is_refused(tmp_path):
+    path = tmp_path / "columns.yaml"
+    path.write_text("- a\n- b\n", encoding="utf-8")
+    with pytest.raises(TableError, match="mapping"):
+        read_column_map(path)
+    with pytest.raises(TableError, match="no such file"):
+        read_column_map(tmp_path / "none.yaml")

@@ -1,0 +1,141 @@
+"""The rigid body with six degrees of freedom on flights of an independent simulator whose truth is known."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from sysid import ExperimentError
+from sysid.rigid_body.six_dof import _kernels as kernels
+from sysid.rigid_body.six_dof.fit import fit_six_dof
+from sysid.rigid_body.six_dof.shooting import rotation_vectors, state_errors
+from tests.sysid.six_dof import flown
+
+LATE = (2, 0, 1, 0)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    records = [flown.experiment(flown.fly(24.0, seed), f"flight {seed}", seed, delays=LATE) for seed in (1, 2)]
+    unseen = flown.experiment(flown.fly(20.0, 3), "unseen", 3, delays=LATE)
+    return fit_six_dof(records, mass=flown.MASS, indoors=True, most_runs=500), records, unseen
+
+
+def truth(model):
+    scale, usual = model.shape.scale, model.shape.reference_speed
+    inertia = flown.INERTIA
+    return {
+        "thrust": flown.THRUST / flown.MASS * scale,
+        "roll_gain": flown.THRUST * flown.ARM / inertia[0] * scale,
+        "pitch_gain": flown.THRUST * flown.ARM / inertia[1] * scale,
+        "yaw_gain": flown.TORQUE / inertia[2] * scale,
+        "drag_rotor_x": flown.ROTOR_DRAG[0] * usual / flown.HOVER,
+        "drag_rotor_y": flown.ROTOR_DRAG[1] * usual / flown.HOVER,
+        "inertia_x": (inertia[1] - inertia[2]) / inertia[0],
+        "inertia_y": (inertia[2] - inertia[0]) / inertia[1],
+        "inertia_z": (inertia[0] - inertia[1]) / inertia[2],
+        "gyroscopic_x": flown.ROTOR_INERTIA / inertia[0] * usual,
+        "gyroscopic_y": flown.ROTOR_INERTIA / inertia[1] * usual,
+        "rotor_inertia": flown.ROTOR_INERTIA / inertia[2] * usual,
+    } | {f"delay_m{k + 1}": -late / 100.0 - 0.005 for k, late in enumerate(LATE)}
+
+
+@pytest.mark.slow
+def test_parameters_are_those_of_the_craft(fitted):
+    """Determined parameters lie within 3 sigma (14 numbers: a right model fails once in thirty) and 5 %.
+
+    Linear and quadratic drag trade places in 24 s of flight: they are judged by their sum at the usual 2.5 m/s.
+    """
+    model, _, _ = fitted
+    for name, value in truth(model).items():
+        each = model.parameters[name]
+        assert each.determined, (name, each.reason)
+        assert abs(each.value - value) < 3.0 * each.sigma, (name, each.value, value, each.sigma)
+        if not name.startswith("drag"):
+            assert abs(each.value - value) < 0.05 * abs(value) + 3e-4, (name, each.value, value)
+    for axis, linear, square in zip("xy", flown.ROTOR_DRAG, flown.QUADRATIC, strict=False):
+        found = model.value(f"drag_rotor_{axis}") + 2.5 * model.value(f"drag_quadratic_{axis}")
+        assert found == pytest.approx(linear * model.shape.reference_speed / flown.HOVER + 2.5 * square, rel=0.03)
+
+
+@pytest.mark.slow
+def test_thrust_is_given_in_si_for_the_mass(fitted):
+    thrust = fitted[0].parameters["thrust"]
+    assert thrust.si_unit == "N s^2"
+    assert thrust.si_value == pytest.approx(flown.THRUST, rel=0.01)
+
+
+@pytest.mark.slow
+def test_predicts_the_whole_state_of_a_flight_it_has_not_seen(fitted):
+    """Half a second ahead from noisy states: errors are those that noise of the start makes, 5 mm/s and 5 mrad/s."""
+    model, _, unseen = fitted
+    record = model.record(unseen)
+    errors = state_errors(model.predict_states(unseen, 0.5), record.states)[100:]
+    rms = np.sqrt((errors.reshape(-1, 4, 3) ** 2).sum(axis=2).mean(axis=0))
+    held = state_errors(record.states[:-50], record.states[50:])
+    still = np.sqrt((held.reshape(-1, 4, 3) ** 2).sum(axis=2).mean(axis=0))
+    assert (rms < [0.01, 0.05, 0.02, 0.08]).all(), rms
+    assert (rms < 0.1 * still).all(), (rms, still)
+
+
+@pytest.mark.slow
+def test_predict_begins_with_the_free_run_and_is_position_of_the_state(fitted):
+    model, _, unseen = fitted
+    ahead = model.predict(unseen, 0.5)
+    assert np.array_equal(ahead[:50], model.simulate(unseen)[:50])
+    assert np.allclose(ahead[:, 2], -model.predict_states(unseen, 0.5)[:, 2])
+
+
+def test_too_short_a_record_is_refused():
+    short = flown.experiment(flown.fly(1.0, 1), "short")
+    with pytest.raises(ExperimentError, match="too few"):
+        fit_six_dof([short], indoors=True)
+
+
+def test_motion_is_that_of_another_integrator():
+    """One second of the kernel against SciPy's integrator on the same equations written in vectors."""
+    rng = np.random.default_rng(5)
+    theta = np.zeros(kernels.SHARED)
+    theta[[0, 2, 3, 4, 5, 6, 7, 8, 9]] = [10.0, 0.01, -0.02, 0.3, 0.2, 0.1, 0.05, 0.04, 0.03]
+    theta[10:27] = rng.uniform(-0.5, 0.5, 17)
+    drive = np.array([1.1, 0.3, -0.2, 0.1, 0.2, 0.05, 1.02])
+    wind = np.array([2.0, -1.0, 0.0])
+
+    def slope(_, s):
+        rotation, w = s[6:15].reshape(3, 3), s[15:]
+        air = rotation.T @ (s[3:6] - wind)
+        force = -(theta[4:7] * drive[6] + theta[7:10] * np.linalg.norm(air)) * air
+        force += theta[0] * drive[0] * np.array([theta[2], theta[3], -1.0]) + theta[1] * np.array(
+            [theta[2], theta[3], -1.0]
+        )
+        turn = theta[10:13] * drive[1:4] - theta[13:16] * w + theta[22:25] * drive[0]
+        turn += theta[16:19] * np.array([w[1] * w[2], w[0] * w[2], w[0] * w[1]])
+        turn += np.array([-theta[19] * drive[4] * w[1], theta[20] * drive[4] * w[0], theta[21] * drive[5]])
+        turn += drive[6] * np.array([theta[25] * air[1], theta[26] * air[0], 0.0])
+        x, y, z = w
+        skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        gravity = np.array([0.0, 0.0, kernels.GRAVITY])
+        return np.concatenate([s[3:6], rotation @ force + gravity, (rotation @ skew).ravel(), turn])
+
+    start = np.concatenate([np.zeros(3), [1.0, 2.0, -0.5], np.eye(3).ravel(), [0.5, -0.3, 0.8]])
+    exact = solve_ivp(slope, (0.0, 1.0), start, rtol=1e-10, atol=1e-10).y[:, -1]
+    ours = start.copy()
+    for _ in range(100):
+        kernels.advance(theta, drive, wind, np.zeros(6), 0.01, 1, ours)
+    assert np.abs(ours - exact).max() < 2e-3  # second order in steps of 10 ms
+
+
+def test_delays_of_either_sign_move_a_signal_and_lag_smooths_it():
+    t = np.arange(400) * 0.01
+    signal = np.sin(3.0 * t)
+    for delay in (-2.5, 0.0, 1.3):
+        moved = kernels.shifted_and_lagged(signal, delay, 0.0)
+        assert np.abs(moved - np.sin(3.0 * (t - 0.01 * delay)))[5:-5].max() < 1e-4
+    lagged = kernels.shifted_and_lagged(np.r_[np.zeros(10), np.ones(90)], 0.0, 5.0)
+    assert lagged[10 + 5] == pytest.approx(1.0 - np.exp(-6.0 / 5.0), abs=0.02)
+
+
+def test_rotation_vectors_are_those_of_scipy():
+
+    rotation = Rotation.random(50, rng=np.random.default_rng(0))
+    assert np.allclose(rotation_vectors(rotation.as_matrix()), rotation.as_rotvec(), atol=1e-9)
