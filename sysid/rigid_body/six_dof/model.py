@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from logparse import Finding, MissingDataError
+from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.model import BodyParameter
 from sysid.rigid_body.six_dof._kernels import ahead, free_run
@@ -70,7 +71,7 @@ UNITS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SixDofModel:
+class SixDofModel(Summarised):
     """A craft that flies from its inputs alone.
 
     Attributes
@@ -113,6 +114,18 @@ class SixDofModel:
     findings: tuple[Finding, ...] = ()
     mass: float | None = None
     wind_sigma: Mapping[str, Floats] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, str]:
+        """Return inputs, what is determined, and usual errors at the longest horizon."""
+        determined = [name for name, each in self.parameters.items() if each.determined]
+        horizon, error = max(self.scales.items())
+        return {
+            "model": self.name,
+            "inputs": f"{listed(self.kinds.names)} ({self.kinds.quantity.value})",
+            "determined": f"{len(determined)} of {len(self.estimated)}: {listed(determined)}",
+            f"{horizon:g} s ahead": f"{error[0]:.3g} m, {error[1]:.3g} m/s, {error[2]:.3g} rad, {error[3]:.3g} rad/s",
+            "training": listed(self.training),
+        }
 
     def simulate(self, experiment: Experiment) -> Floats:
         """Run freely from the first measured state; x, y, z (north, east, up, m), shape (N, 3)."""

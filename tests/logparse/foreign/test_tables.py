@@ -30,7 +30,7 @@ def motion(seed=0, seconds=30.0):
     turn = (rotation[:-1].inv() * rotation[1:]).as_rotvec() * RATE
     rates = np.vstack([turn[:1], 0.5 * (turn[1:] + turn[:-1]), turn[-1:]])
     thrust = G + wave(3.0, 1.0)
-    acceleration = [*rotation.apply(np.column_stack([0 * t, 0 * t, -thrust])), 0, 0, G]
+    acceleration = rotation.apply(np.column_stack([0 * t, 0 * t, -thrust])) + np.array([0.0, 0.0, G])
     velocity = np.cumsum(acceleration, axis=0) / RATE
     velocity -= np.linspace(0, 1, len(t))[:, None] * velocity[-1]
     position = np.cumsum(velocity, axis=0) / RATE
