@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from logparse import MissingDataError, Motor, Vehicle
 from sysid.records.experiment import Experiment, Floats
-from sysid.records.thrust_curve import column, curve, motor_commands, relative_density
+from sysid.records.motor_scaling import curve, motor_commands
+from sysid.records.thrust_curve import column, relative_density
 from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
 
 #: Names of inputs that are the commands of a mixer rather than single motors.
