@@ -28,7 +28,7 @@ def test_list_names_every_case_with_its_settings():
 
 
 def test_the_help_s_own_example_runs(tmp_path):
-    (example,) = re.findall(r"Example: rotorid simulate (.*?) --out", " ".join(run("--help").stdout.split()))
+    example, *_ = re.findall(r"Example: rotorid simulate (.*?) --out", " ".join(run("--help").stdout.split()))
     done = run(*example.split(), "--out", tmp_path)
     assert done.exit_code == 0, done.output
     assert "time of arrival" in done.stdout
