@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipeline.flight.health_signals import thin
 from pipeline.results.flight import Span
 from reports.packing import compact, pack
 
@@ -141,6 +142,20 @@ def band(span: Span, color: str, opacity: float) -> dict[str, Any]:
     }
 
 
+def limit_line(value: float, axis: str) -> dict[str, Any]:
+    """Draw a limit across a plot, on one of its vertical axes."""
+    return {
+        "type": "line",
+        "xref": "paper",
+        "yref": axis,
+        "x0": 0,
+        "x1": 1,
+        "y0": value,
+        "y1": value,
+        "line": {"color": "@bad", "width": 1, "dash": "dash"},
+    }
+
+
 def band_label(span: Span, text: str) -> dict[str, Any]:
     """Name a tinted stretch of time above the plot."""
     return {
@@ -172,10 +187,17 @@ def line(
     time: NDArray[np.float64] | None = None,
     most: int = MOST_POINTS,
 ) -> Trace:
-    """Draw y over x as a line of `most` points, broken where `time` (x when not given) has a gap."""
-    step = max(1, -(-np.size(x) // most))
-    xs, ys = np.asarray(x, dtype=float)[::step], np.asarray(y, dtype=float)[::step]
-    time = xs if time is None else time[::step]
+    """Draw y over x as a line of `most` points, broken where `time` (x when not given) has a gap.
+
+    Over time, smallest and largest values are kept, so that no peak is lost.
+    """
+    xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    if time is None:
+        xs, ys = thin(xs, ys, most)
+        time = xs
+    else:
+        step = max(1, -(-np.size(x) // most))
+        xs, ys, time = xs[::step], ys[::step], time[::step]
     # A line across a gap would show what nobody measured.
     gaps = np.flatnonzero(np.diff(time) > max(LONGEST_JOIN, 5.0 * float(np.median(np.diff(time))))) + 1
     return {

@@ -18,6 +18,7 @@ from reports.figure import (
     band_label,
     dots,
     layout_of,
+    limit_line,
     line,
     margin,
     padded,
@@ -170,9 +171,18 @@ def motors(result: FlightResult) -> Figure | None:
     axes["xaxis"] = time_axis(span) | {"anchor": f"y{count}" if count > 1 else "y"}
     modes = _modes(result)
     modes["annotations"] += labels
+    limits = (
+        [] if result.health is None or result.health.signals is None else result.health.signals.motor_limits.values()
+    )
+    modes["shapes"] += [
+        limit_line(value, f"y{number + 1 if number else ''}")
+        for number in range(count)
+        for value in limits
+        if low - pad < value < high + pad
+    ]
     layout = layout_of(**axes, **modes)
     caption = (
-        "PWM command of every motor (µs), one row for each motor number, all to the same scale. "
+        "PWM command of every motor (µs), one row for each motor number, all to the same scale, limits dashed. "
         "Motors of a healthy craft in hover stay close to each other and away from their limits."
     )
     return Figure("motors", caption, data, layout, 70 + 58 * count)

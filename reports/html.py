@@ -20,6 +20,8 @@ from reports.coverage_views import excitation, flight_coverage
 from reports.details import details
 from reports.figure import Figure
 from reports.flight_figures import flight_figures
+from reports.health_figures import health_figures
+from reports.health_views import timeline
 from reports.model_figures import horizon_figure, response_figures
 from reports.model_views import identified, judgements, thrust_coefficients
 from reports.parameter_views import coherence, parameters
@@ -41,13 +43,16 @@ def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None,
         Where Plotly's script is, seen from the page; inside the page itself when empty.
     """
     figures = flight_figures(result)
+    healthy = health_figures(result)
     ahead = horizon_figure(numbers["models"])
     models = identified(numbers["models"])
     responses = {each.key: response_figures(each) for each in result.models}
     return render(
         "flight.html",
-        [*figures, *([ahead] if ahead else []), *attach(models, responses)],
+        [*figures, *healthy, *([ahead] if ahead else []), *attach(models, responses)],
         flight_figures=figures,
+        health_figures=healthy,
+        timeline=timeline(numbers["health"]),
         ahead=ahead,
         script_file=script_file,
         numbers=numbers,

@@ -18,6 +18,7 @@ from reports.rows import Numbers, average, held_out
 
 if TYPE_CHECKING:
     from logparse import Finding, Vehicle
+    from pipeline.results.health import FlightHealth
     from sysid import Model, PhysicalParameters, Validation
     from sysid.records.excitation import Coherence
 
@@ -43,6 +44,7 @@ def flight_numbers(result: FlightResult) -> Numbers:
             "parameters": _parameters(result.parameters),
             "trajectory": _trajectory(result),
             "coverage": None if result.coverage is None else result.coverage.to_dict(),
+            "health": _health(result.health),
             "advice": [each.to_dict() for each in result.advice],
             "findings": _findings(result.findings),
             "missing": dict(result.missing),
@@ -292,6 +294,29 @@ def _trajectory(result: FlightResult) -> Numbers | None:
         },
         "sigma_median": {str(name): float(value) for name, value in sigma.items()},
         "diagnostics": dict(trajectory.diagnostics),
+    }
+
+
+def _health(health: FlightHealth | None) -> Numbers | None:
+    """List the events of a flight in the order of time, and which part of it serves models."""
+    if health is None:
+        return None
+    return {
+        "events": [
+            {
+                "id": event.id,
+                "t_s": event.t,
+                "end_s": event.end,
+                "severity": str(event.severity),
+                "reason": event.reason,
+                "advice": event.advice,
+                "evidence": dict(event.evidence),
+                "source": event.source,
+            }
+            for event in health.events
+        ],
+        "sound": None if health.sound is None else _span(health.sound),
+        "motors_missing": health.motors_missing,
     }
 
 

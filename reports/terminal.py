@@ -10,6 +10,7 @@ from rich.text import Text
 
 from logparse.quantity import column, number
 from reports import summary
+from reports.health_views import sentence
 from reports.rows import Numbers, average, held_out
 
 _STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
@@ -39,6 +40,8 @@ def overview(numbers: Numbers, width: int = 120) -> RenderableType:
     if unused:
         parts.append(Text("\n" + "\n".join(unused), style="dim"))
     if numbers["kind"] == "flight":
+        if numbers["health"] is not None and any(event["severity"] != "info" for event in numbers["health"]["events"]):
+            parts += [Text(), Text(sentence(numbers["health"]), style="yellow")]
         if sum(result["model"] is not None for result in numbers["models"]) > 1:
             parts += [Text(), *_models(numbers["models"])]
         parts.append(_sentence(numbers["verdict"]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from logparse import Finding, Flight, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
+from pipeline.flight.health_signals import health_signals
 from pipeline.results.flight import Span
 from pipeline.results.health import FlightHealth
 from sysid.rotors.motor_loss import MotorLoss, find_motor_losses
@@ -42,6 +43,7 @@ def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
         else Span(flight.start, max(flight.start, _begin(cause, events))),
         cause=cause,
         motors_missing=missing,
+        signals=None if flight is None else health_signals(log, flight),
     )
 
 

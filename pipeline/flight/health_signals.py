@@ -1,0 +1,243 @@
+"""Lines by which the health of a flight is judged, thinned for plots such that no peak is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from logparse import FlightLog, Tables
+from logparse.events.vibration import ACCEPTABLE, HARMFUL
+from logparse.vehicle import pwm_range
+from pipeline.results.flight import Span
+from pipeline.results.health import HealthSignals, Panel, Signal, Spectrum
+
+Floats = NDArray[np.float64]
+
+#: Most points of a line.
+_MOST = 3000
+#: Slowest samples that a spectrum is made of [Hz], and its resolution [Hz].
+_FAST, _RESOLUTION = 90.0, 1.0
+#: Test ratio at which ArduPilot's failsafe counts (FS_EKF_THRESH).
+_RATIO = 0.8
+
+
+def health_signals(log: FlightLog, flight: Span) -> HealthSignals:
+    """Gather the lines of one flight.
+
+    Parameters
+    ----------
+    log : FlightLog
+    flight : Span
+    """
+    tables = log.tables
+    levels = pwm_range(log.parameters)
+    return HealthSignals(
+        attitude=_asked_and_flown(
+            tables, flight, ("setpoints", "attitude"), {name: (name, name) for name in ("roll", "pitch", "yaw")}, "rad"
+        ),
+        rates=_asked_and_flown(
+            tables,
+            flight,
+            ("rates", "rates"),
+            {
+                f"{name} rate": (f"w_{axis}_ref", f"w_{axis}")
+                for name, axis in (("roll", "x"), ("pitch", "y"), ("yaw", "z"))
+            },
+            "rad/s",
+        ),
+        vibration=_vibration(log.messages, flight),
+        battery=_columns(tables.battery, flight, {"voltage": ("voltage", "V"), "current": ("current", "A")}),
+        estimator=_ratios(log.messages, flight),
+        gps=_columns(
+            tables.gps,
+            flight,
+            {"satellites": ("satellites", ""), "dilution (HDOP)": ("hdop", ""), "accuracy": ("h_acc", "m")},
+        ),
+        compass=_compass(tables, flight),
+        spectrum=_spectrum(tables, flight, log.parameters),
+        motor_limits={"MOT_SPIN_MIN": levels.pwm(levels.spin_min), "MOT_SPIN_MAX": levels.pwm(levels.spin_max)},
+    )
+
+
+def thin(t: Floats, y: Floats, most: int = _MOST) -> tuple[Floats, Floats]:
+    """Keep the smallest and the largest value of each of `most` / 2 stretches, in the order of time.
+
+    Parameters
+    ----------
+    t, y : ndarray, shape (n,)
+        y may hold NaN, which are gaps.
+    most : int
+        Points kept; shorter lines come back as they are.
+    """
+    if len(t) <= most:
+        return t, y
+    edges = np.linspace(0, len(t), most // 2 + 1).astype(int)[:-1]
+    stretch = np.repeat(np.arange(len(edges)), np.diff(np.append(edges, len(t))))
+    kept = []
+    for values in (np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), np.inf, -y)):
+        order = np.lexsort((values, stretch))
+        kept.append(order[edges])
+    rows = np.unique(np.concatenate(kept))
+    return t[rows], y[rows]
+
+
+def _line(name: str, column: pd.Series[float], flight: Span) -> Signal | None:
+    inside = column.loc[flight.start : flight.stop]
+    values = inside.to_numpy(np.float64)
+    if len(values) < 2 or not np.isfinite(values).any():
+        return None
+    t: Floats = inside.index.to_numpy(np.float64)
+    return Signal(name, *thin(t, np.asarray(values, dtype=np.float64)))
+
+
+def _panel(
+    title: str, unit: str, lines: Iterable[Signal | None], limits: Mapping[str, float] | None = None
+) -> tuple[Panel, ...]:
+    drawn = tuple(line for line in lines if line is not None)
+    return (Panel(title=title, unit=unit, signals=drawn, limits=limits or {}),) if drawn else ()
+
+
+def _asked_and_flown(
+    tables: Tables, flight: Span, sources: tuple[str, str], names: Mapping[str, tuple[str, str]], unit: str
+) -> tuple[Panel, ...]:
+    panels: tuple[Panel, ...] = ()
+    for title, columns in names.items():
+        lines = []
+        for source, column, name in zip(sources, columns, ("asked", "flown"), strict=True):
+            found = next(iter(tables.columns(source, (column,))), None)
+            lines.append(None if found is None else _line(name, found.dropna(), flight))
+        if lines[1] is not None:
+            panels += _panel(title, unit, lines)
+    return panels
+
+
+def _columns(table: pd.DataFrame | None, flight: Span, wanted: Mapping[str, tuple[str, str]]) -> tuple[Panel, ...]:
+    if table is None:
+        return ()
+    panels: tuple[Panel, ...] = ()
+    for title, (column, unit) in wanted.items():
+        values = table[column].dropna()
+        if len(values) and float(values.abs().max()) > 0.0:
+            panels += _panel(title, unit, [_line(title, values, flight)])
+    return panels
+
+
+def _vibration(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, ...]:
+    for name, axes in (
+        ("VIBE", ("VibeX", "VibeY", "VibeZ")),
+        ("VIBRATION", ("vibration_x", "vibration_y", "vibration_z")),
+    ):
+        if name in messages and set(axes) <= set(messages[name].columns):
+            frame = messages[name]
+            if "IMU" in frame:
+                frame = frame[frame["IMU"] == frame["IMU"].min()]
+            lines = [_line(axis, frame[column], flight) for axis, column in zip("xyz", axes, strict=True)]
+            limits = {"advised limit": ACCEPTABLE, "harmful": HARMFUL}
+            return _panel("vibration", "m/s²", lines, limits)
+    return ()
+
+
+def _ratios(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, ...]:
+    for name in ("XKF4", "NKF4"):
+        if name not in messages:
+            continue
+        frame = messages[name]
+        lane = next((column for column in ("C", "Core") if column in frame), None)
+        if lane is not None:
+            frame = frame[frame[lane] == frame[lane].min()]
+        names = {"SV": "velocity", "SP": "position", "SH": "height", "SM": "compass"}
+        lines = [_line(title, frame[column], flight) for column, title in names.items() if column in frame]
+        return _panel("test ratio", "", lines, {"FS_EKF_THRESH": _RATIO})
+    return ()
+
+
+def _compass(tables: Tables, flight: Span) -> tuple[Panel, ...]:
+    if tables.mag is None or tables.setpoints is None:
+        return ()
+    axes = tables.mag[["mag_x", "mag_y", "mag_z"]].dropna()
+    field = pd.Series(1e6 * np.linalg.norm(axes.to_numpy(np.float64), axis=1), index=axes.index)
+    if not len(field) or not float(field.max()) > 0.0:
+        return ()
+    throttle = tables.setpoints["throttle"].dropna()
+    return _panel("magnetic field", "µT", [_line("magnetic field", field, flight)]) + _panel(
+        "throttle", "", [_line("throttle", throttle, flight)]
+    )
+
+
+def _spectrum(tables: Tables, flight: Span, parameters: Mapping[str, float]) -> Spectrum | None:
+    """Transform bursts of the batch sampler, or the gyro where it was logged fast enough."""
+    found = _bursts(tables, flight) or _logged(tables, flight)
+    if found is None:
+        return None
+    source, hz, powers = found
+    shown = hz >= 5.0
+    amplitudes = {axis: np.sqrt(2.0 * power[shown] * (hz[1] - hz[0])) for axis, power in powers.items()}
+    return Spectrum(
+        source=source,
+        unit="rad/s",
+        hz=hz[shown],
+        amplitudes=amplitudes,
+        filters={name: value for name, value in _filters(parameters).items() if 5.0 <= value <= hz[-1]},
+    )
+
+
+def _bursts(tables: Tables, flight: Span) -> tuple[str, Floats, dict[str, Floats]] | None:
+    for table in tables.further.get("gyro_batch", ()):
+        inside = table.loc[flight.start : flight.stop]
+        total: dict[str, Floats] = {}
+        hz: Floats | None = None
+        count = 0
+        for _, burst in inside.groupby("batch"):
+            t = burst.index.to_numpy(np.float64)
+            if len(t) < 256:
+                continue
+            rate = 1.0 / float(np.median(np.diff(t)))
+            grid, power = _welch(burst, rate, 256)
+            if hz is not None and (len(grid) != len(hz) or abs(grid[1] - hz[1]) > 0.01 * hz[1]):
+                continue
+            hz, count = grid, count + 1
+            for axis, values in power.items():
+                total[axis] = total.get(axis, np.zeros(len(values))) + values
+        if hz is not None and count:
+            rate = 2.0 * hz[-1]
+            return f"gyro, {count} bursts at {rate:.0f} Hz", hz, {axis: value / count for axis, value in total.items()}
+    return None
+
+
+def _logged(tables: Tables, flight: Span) -> tuple[str, Floats, dict[str, Floats]] | None:
+    if tables.imu is None:
+        return None
+    inside = tables.imu.loc[flight.start : flight.stop].dropna()
+    if len(inside) < 512:
+        return None
+    rate = 1.0 / float(np.median(np.diff(inside.index.to_numpy(np.float64))))
+    if rate < _FAST:
+        return None
+    hz, power = _welch(inside, rate, round(rate / _RESOLUTION))
+    return f"gyro as logged, {rate:.0f} Hz, behind the autopilot's filters", hz, power
+
+
+def _welch(table: pd.DataFrame, rate: float, size: int) -> tuple[Floats, dict[str, Floats]]:
+    names = {"roll": "gyro_x", "pitch": "gyro_y", "yaw": "gyro_z"}
+    powers = {}
+    hz: Floats = np.zeros(0)
+    for axis, column in names.items():
+        values = table[column].to_numpy(np.float64)
+        hz, powers[axis] = welch(values - values.mean(), rate, nperseg=min(size, len(values)))
+    return hz, powers
+
+
+def _filters(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return frequencies of the gyro's low pass and of enabled notches, Hz."""
+    found = {}
+    if parameters.get("INS_GYRO_FILTER", 0.0) > 0.0:
+        found["INS_GYRO_FILTER"] = parameters["INS_GYRO_FILTER"]
+    for name in ("INS_NOTCH", "INS_HNTCH", "INS_HNTC2"):
+        for enable in ("ENABLE", "ENA"):
+            if parameters.get(f"{name}_{enable}", 0.0) > 0.0 and parameters.get(f"{name}_FREQ", 0.0) > 0.0:
+                found[f"{name}_FREQ"] = parameters[f"{name}_FREQ"]
+    return found

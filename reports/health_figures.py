@@ -1,0 +1,152 @@
+"""The plots by which the health of a flight is judged: asked and flown, vibration, battery, estimator, GPS, compass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pipeline.results.flight import FlightResult, Span
+from pipeline.results.health import FlightHealth, Panel, Spectrum
+from reports.figure import Figure, Trace, layout_of, limit_line, line, margin, plotly_text, time_axis
+
+#: Unit shown and factor, by the unit kept.
+_SHOWN = {"rad": ("°", 180.0 / np.pi), "rad/s": ("°/s", 180.0 / np.pi)}
+#: Colours of several signals of one panel; asked and flown have their own.
+_COLORS = ("@c1", "@c2", "@c3", "@c4")
+_OWN = {"asked": "@own", "flown": "@ink"}
+
+_CAPTIONS = {
+    "attitude": "Attitude asked for (blue) and flown (dark). They should lie on each other; where they part, the craft "
+    "could not do what was asked.",
+    "rates": "Angular rates asked for (blue) and flown (dark), as the rate controller saw them.",
+    "vibration": "Vibration as the autopilot measures it (VIBE). Above 30 m/s² the estimate of height suffers; above "
+    "60 nearly always.",
+    "battery": "Battery. Voltage should fall slowly; dips show load beyond what the battery can give.",
+    "estimator": "Test ratios of the estimator: innovations over what it expects. Above 1 a measurement is refused.",
+    "gps": "What the GPS receiver says of its own quality.",
+    "compass": "Magnetic field and throttle. A field that follows the throttle is disturbed by currents.",
+}
+
+
+def health_figures(result: FlightResult) -> list[Figure]:
+    """Draw what the health of the flight rests on; a plot whose data is missing is left out."""
+    if result.health is None or result.health.signals is None or result.flight is None:
+        return []
+    signals = result.health.signals
+    marks = _marks(result.health, result.flight)
+    figures = [
+        _stacked(name, panels, result.flight, marks)
+        for name, panels in (
+            ("attitude", signals.attitude),
+            ("rates", signals.rates),
+            ("vibration", signals.vibration),
+            ("battery", signals.battery),
+            ("estimator", signals.estimator),
+            ("gps", signals.gps),
+            ("compass", signals.compass),
+        )
+        if panels
+    ]
+    if signals.spectrum is not None:
+        figures.append(_spectrum(signals.spectrum))
+    return figures
+
+
+def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[dict[str, Any]]) -> Figure:
+    """Draw panels below each other over one axis of time."""
+    data: list[Trace] = []
+    axes: dict[str, Any] = {}
+    shapes = list(marks)
+    row = 1.0 / len(panels)
+    named: set[str] = set()
+    for number, panel in enumerate(panels):
+        suffix = "" if number == 0 else str(number + 1)
+        unit, factor = _SHOWN.get(panel.unit, (panel.unit, 1.0))
+        for place, signal in enumerate(panel.signals):
+            color = _OWN.get(signal.name, _COLORS[place % len(_COLORS)] if len(panel.signals) > 1 else "@ink")
+            trace = line(signal.t, factor * signal.y, signal.name, color, width=1.2, most=len(signal.t))
+            shown = len(panel.signals) > 1 and signal.name not in named
+            named.add(signal.name)
+            data.append(trace | {"yaxis": f"y{suffix}", "showlegend": shown})
+        # A limit far above what was measured would flatten the line.
+        top = max(float(np.nanmax(signal.y)) for signal in panel.signals)
+        for limit in panel.limits.values():
+            if limit < 3.0 * top or limit == min(panel.limits.values()):
+                shapes.append(limit_line(factor * limit, f"y{suffix}"))
+        title = f"{panel.title} ({unit})" if unit else panel.title
+        upper = 1.0 - number * row
+        axes[f"yaxis{suffix}"] = {
+            "domain": [upper - 0.86 * row, upper],
+            "title": {"text": plotly_text(title), "font": {"size": 11}},
+            "nticks": 5,
+        }
+    axes["xaxis"] = time_axis(margin(flight)) | {"anchor": f"y{len(panels)}" if len(panels) > 1 else "y"}
+    layout = layout_of(**axes, shapes=shapes)
+    return Figure(f"health-{name}", _CAPTIONS[name], data, layout, 120 + 110 * len(panels))
+
+
+def _marks(health: FlightHealth, flight: Span) -> list[dict[str, Any]]:
+    """Draw each notable event as a line where it began."""
+    times = sorted({round(event.t, 1) for event in health.notable if flight.start <= event.t <= flight.stop + 5.0})
+    return [
+        {
+            "type": "line",
+            "xref": "x",
+            "yref": "paper",
+            "x0": t,
+            "x1": t,
+            "y0": 0,
+            "y1": 1,
+            "line": {"color": "@judged", "width": 1, "dash": "dot"},
+        }
+        for t in times[:40]
+    ]
+
+
+def _spectrum(spectrum: Spectrum) -> Figure:
+    unit, factor = _SHOWN.get(spectrum.unit, (spectrum.unit, 1.0))
+    data: list[Trace] = []
+    for place, (axis, amplitude) in enumerate(spectrum.amplitudes.items()):
+        hover = "%{x:.0f} Hz: %{y:.3g}"
+        trace = line(spectrum.hz, factor * amplitude, axis, _COLORS[place], width=1.2, decimals=6, hover=hover)
+        data.append(trace)
+    shapes, labels = [], []
+    for name, hz in spectrum.filters.items():
+        shapes.append(
+            {
+                "type": "line",
+                "xref": "x",
+                "yref": "paper",
+                "x0": hz,
+                "x1": hz,
+                "y0": 0,
+                "y1": 1,
+                "line": {"color": "@judged", "width": 1, "dash": "dash"},
+            }
+        )
+        labels.append(
+            {
+                "text": plotly_text(name),
+                "x": hz,
+                "y": 1,
+                "xref": "x",
+                "yref": "paper",
+                "xanchor": "left",
+                "yanchor": "top",
+                "showarrow": False,
+                "font": {"size": 10},
+            }
+        )
+    layout = layout_of(
+        xaxis={"title": {"text": "frequency (Hz)"}},
+        yaxis={"title": {"text": f"amplitude ({unit})"}, "type": "log"},
+        shapes=shapes,
+        annotations=labels,
+    )
+    caption = (
+        f"Spectrum of the angular rates ({spectrum.source}). Lines at the rotors' speed and its multiples are motor "
+        "vibration; notches (dashed) should lie on them."
+    )
+    return Figure("health-spectrum", caption, data, layout, 330, time=False)

@@ -1,0 +1,86 @@
+"""The timeline and the health plots of a page: peaks kept, markup escaped, nothing drawn that was not logged."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from logparse import FlightEvent, Severity
+from pipeline.flight.health_signals import thin
+from pipeline.results.flight import Span
+from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal, Spectrum
+from reports.health_figures import health_figures
+from reports.health_views import sentence, timeline
+from reports.html import flight_page
+from reports.numbers import flight_numbers
+
+
+def event(identity, t, severity=Severity.WARNING, reason="It happened.", **more):
+    return FlightEvent(id=identity, t=t, end=t + 1.0, severity=severity, reason=reason, **more)
+
+
+@pytest.fixture
+def health():
+    t = np.arange(40.0, 100.0, 0.1)
+    asked, flown = Signal("asked", t, 0.1 * np.sin(t)), Signal("flown", t, 0.1 * np.sin(t - 0.1))
+    hz = np.arange(5.0, 100.0)
+    return FlightHealth(
+        events=(
+            event("mode-change", 40.0, Severity.INFO, "Flight mode LOITER."),
+            event("crash", 60.0, Severity.ERROR, "Hit <b>hard</b>."),
+            event("motor-at-limit", 55.0),
+        ),
+        sound=Span(40.0, 59.7),
+        signals=HealthSignals(
+            attitude=(Panel(title="roll", unit="rad", signals=(asked, flown)),),
+            vibration=(Panel(title="vibration", unit="m/s²", signals=(flown,), limits={"limit": 30.0}),),
+            spectrum=Spectrum(source="gyro", unit="rad/s", hz=hz, amplitudes={"roll": 1.0 / hz}, filters={"F": 20.0}),
+            motor_limits={"MOT_SPIN_MAX": 1950.0},
+        ),
+    )
+
+
+def test_thinning_keeps_every_peak():
+    rng = np.random.default_rng(0)
+    t = np.arange(100_000) * 0.0025
+    y = rng.normal(0.0, 1.0, len(t))
+    y[77_777], y[12_345], y[50] = 50.0, -60.0, np.nan
+    thin_t, thin_y = thin(t, y, 1000)
+    assert len(thin_t) <= 1000
+    assert np.all(np.diff(thin_t) > 0.0)
+    assert (np.nanmax(thin_y), np.nanmin(thin_y)) == (50.0, -60.0)
+    assert thin_t[np.nanargmax(thin_y)] == t[77_777]
+    same_t, same_y = thin(t[:100], y[:100], 1000)
+    np.testing.assert_array_equal((same_t, same_y), (t[:100], y[:100]))
+
+
+def test_plots_are_drawn_of_what_was_logged_in_degrees(flight, health):
+    figures = {figure.id: figure for figure in health_figures(dataclasses.replace(flight, health=health))}
+    assert set(figures) == {"health-attitude", "health-vibration", "health-spectrum"}
+    attitude = figures["health-attitude"]
+    assert max(v for v in attitude.data[0]["y"] if v is not None) == pytest.approx(np.degrees(0.1), abs=0.01)
+    assert "°" in attitude.layout["yaxis"]["title"]["text"]
+    # Notable events are marked, quiet ones are not.
+    assert {shape["x0"] for shape in attitude.layout["shapes"]} == {55.0, 60.0}
+    assert health_figures(flight) == []
+
+
+def test_the_page_shows_the_timeline_escaped(flight, health):
+    with_health = dataclasses.replace(flight, health=health)
+    numbers = flight_numbers(with_health)
+    page = flight_page(with_health, numbers)
+    assert "What happened" in page
+    assert "Hit &lt;b&gt;hard&lt;/b&gt;." in page
+    assert "Hit <b>" not in page
+    view = timeline(numbers["health"])
+    assert [row["t"] for row in view["rows"]] == ["55.0", "60.0"]
+    assert view["quiet_count"] == 1
+    assert sentence(numbers["health"]).startswith("Happened in flight: crash at 60.0 s")
+
+
+def test_a_million_events_do_not_fill_the_page(flight, health):
+    many = dataclasses.replace(health, events=tuple(event("gps-glitch", 40.0 + 1e-4 * k) for k in range(20_000)))
+    view = timeline(flight_numbers(dataclasses.replace(flight, health=many))["health"])
+    assert len(view["rows"]) == 40
+    assert view["more"] == 20_000 - 40
+    assert len(sentence(flight_numbers(dataclasses.replace(flight, health=many))["health"])) < 200
