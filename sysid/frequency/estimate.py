@@ -66,24 +66,9 @@ def response(data: Data | Sequence[Data], axis: str) -> FrequencyResponse:
         Where the data cannot give it; the message says what to fly or log.
     """
     which = axis_of(axis)
-    sources = [data] if isinstance(data, FlightLog | Experiment) else list(data)
-    if not sources:
-        raise FrequencyError("no logs given")
-    chirped: list[AxisRecord] = []
-    ordinary: list[AxisRecord] = []
-    reasons: list[str] = []
     findings: list[Finding] = []
-    for source in sources:
-        try:
-            if isinstance(source, Experiment):
-                ordinary.append(experiment_record(source, which))
-            else:
-                found = _chirped(source, which, findings, reasons)
-                chirped += found
-                if not found:
-                    ordinary.append(flight_record(source, rate_signals(source), which))
-        except FrequencyError as error:
-            reasons.append(str(error))
+    records = records_of(data, which, findings)
+    sources = [data] if isinstance(data, FlightLog | Experiment) else list(data)
     logs = [source for source in sources if isinstance(source, FlightLog)]
     filters = {log.parameters.get("INS_GYRO_FILTER") for log in logs}
     gyro = filters.pop() if len(filters) == 1 and which.attitude else None
@@ -96,12 +81,47 @@ def response(data: Data | Sequence[Data], axis: str) -> FrequencyResponse:
                 "Give logs of one setting at a time.",
             )
         )
-    records = chirped or ordinary
-    if not records:
-        raise FrequencyError("; ".join(reasons) or f"no excitation of the {axis} axis")
     frf = response_of_records(records, which, gyro_filter_hz=gyro or None)
     rounded = any(log.tables.has("motors") for log in logs)
     return replace(frf, findings=tuple(findings), systematic=_ROUNDED if rounded else 0.0)
+
+
+def records_of(data: Data | Sequence[Data], axis: Axis, findings: list[Finding] | None = None) -> list[AxisRecord]:
+    """Cut the records of an axis: its chirps where there are any, else ordinary flying.
+
+    Parameters
+    ----------
+    data : FlightLog, Experiment, or a sequence of either
+    axis : Axis
+    findings : list of Finding, optional
+        Takes what there is to say of them.
+
+    Raises
+    ------
+    FrequencyError
+        When there is none; the message says why not, log by log.
+    """
+    sources = [data] if isinstance(data, FlightLog | Experiment) else list(data)
+    if not sources:
+        raise FrequencyError("no logs given")
+    chirped: list[AxisRecord] = []
+    ordinary: list[AxisRecord] = []
+    reasons: list[str] = []
+    for source in sources:
+        try:
+            if isinstance(source, Experiment):
+                ordinary.append(experiment_record(source, axis))
+                continue
+            found = _chirped(source, axis, [] if findings is None else findings, reasons)
+            chirped += found
+            if not found:
+                ordinary.append(flight_record(source, rate_signals(source), axis))
+        except FrequencyError as error:
+            reasons.append(str(error))
+    records = chirped or ordinary
+    if not records:
+        raise FrequencyError("; ".join(reasons) or f"no excitation of the {axis.name} axis")
+    return records
 
 
 def _chirped(log: FlightLog, axis: Axis, findings: list[Finding], reasons: list[str]) -> list[AxisRecord]:
