@@ -1,4 +1,4 @@
-"""The command line: ``rotorid analyze | compare | inspect | export | craft | bench | bifilar | simulate | serve``.
+"""The command line: ``rotorid analyze | compare | inspect | export | frequency | craft | bench | bifilar | serve ...``.
 
 Each command is a file in `rotorid.cli`; heavy rooms are imported inside the commands, so that help and usage
 errors come at once.
@@ -20,6 +20,7 @@ from rotorid.cli.compare import compare
 from rotorid.cli.craft import craft
 from rotorid.cli.exits import INTERRUPTED, OK, SOME_FAILED, WRONG_USAGE, fail
 from rotorid.cli.export import export
+from rotorid.cli.frequency import frequency
 from rotorid.cli.inspect import inspect
 from rotorid.cli.serve import serve
 from rotorid.cli.simulate import simulate
@@ -70,6 +71,7 @@ for _command, _summary in (
     (compare, "Tell what changed between two reports."),
     (inspect, "Show what is in a log and what to log better."),
     (export, "Write messages and tables as files for other programs."),
+    (frequency, "Frequency responses and rate dynamics, from chirps or flying."),
     (craft, "Physical parameters of a craft by every method."),
     (bench, "Thrust and torque coefficients from a thrust stand."),
     (bifilar, "Moment of inertia from a bifilar pendulum."),
