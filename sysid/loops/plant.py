@@ -18,6 +18,9 @@ REACHES, FEWEST = (0.1, 0.2, 0.4), 5
 #: A wider regression is taken while it stays within this many standard deviations of the narrower ones.
 AGREEMENT = 2.5
 
+#: Standard deviation of ln G beyond which the ends of the band are left out.
+LARGEST = 0.25
+
 #: Draws of the response that intervals are made of, and their seed.
 DRAWS, SEED = 200, 20160516
 
@@ -72,6 +75,10 @@ def plant_of(frf: FrequencyResponse) -> Plant:
     error, reach = np.empty(len(dense)), np.empty(len(dense))
     for k, f in enumerate(dense):
         smooth[k], error[k], reach[k] = _smoothed(np.log(f), np.log(hz), rest, sigma, independent)
+    known = error < LARGEST
+    if known.sum() >= FEWEST:
+        first, last = int(np.argmax(known)), len(known) - int(np.argmax(known[::-1]))
+        dense, smooth, error, reach = dense[first:last], smooth[first:last], error[first:last], reach[first:last]
     response = np.exp(smooth + np.column_stack([np.ones(len(dense)), np.log(dense), dense]) @ coefficients)
     resolution = np.interp(dense, hz, frf.resolution[keep])
     coherence = np.interp(dense, hz, frf.coherence[keep])

@@ -58,8 +58,9 @@ _CHECKED = 150
 #: Part of that loss which the next candidate must have in hand to be looked at.
 _SAME_SPARE = 0.8
 
-#: Part of the draws on the bad side of a worst case.
-TAIL = 0.025
+#: Part of the draws beyond the bound of each margin: so few that gain margin, phase margin, peak and rejection hold
+#: together for 95 % of what the data leave possible, and more.
+TAIL = 0.005
 
 #: Horizontal vibration, m/s^2, above which the gyro filter is not opened.
 _CALM = 10.0
@@ -232,7 +233,7 @@ def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") ->
     options = [f for f in _GYRO if f == 1.0 or (open_gyro and _others_keep(found, loops, f))]
     best, best_score = None, -np.inf
     for factor in options:
-        tuned = {axis: _tune_axis(loop, aim, factor) for axis, loop in loops.items()}
+        tuned = {axis: tune_axis(loop, aim, factor) for axis, loop in loops.items()}
         if any(item.tuned is None for item in tuned.values()) and factor != 1.0:
             continue
         score = sum(_score(item) for item in tuned.values())
@@ -310,8 +311,16 @@ def _score(item: AxisTuning) -> float:
     return float(np.log(item.worst["rejection_hz"] / flown)) if flown else 0.0
 
 
-def _tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float) -> AxisTuning:
-    """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim."""
+def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
+    """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim.
+
+    Parameters
+    ----------
+    loop : RateLoop
+    aim : Aim
+    gyro_factor : float
+        Of INS_GYRO_FILTER.
+    """
     flown = loop.flown.controller
     ranges = RANGES[loop.axis]
     gyro = _gyro_filter(loop, gyro_factor)
@@ -350,13 +359,13 @@ def _tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float) -> AxisTuning:
     for k in order:
         if not _in_hand(nominal, int(k), aim, spare):
             continue
-        checked += 1
-        if checked > _CHECKED:
-            break
         tuned = loop.with_settings(settings[k])
         noise = max(_actuator_noise(tuned) / noise_flown)
         if noise > aim.noise:
             continue
+        checked += 1
+        if checked > _CHECKED:
+            break
         bounds = worst_case(tuned)
         if bounds is None:
             continue

@@ -49,8 +49,9 @@ def test_three_integrations_and_a_lead_are_conditionally_stable():
 
 
 def test_a_flexible_mode_beyond_crossover_sets_the_gain_margin():
+    """Of a gyro on the far side of the bend, where the mode turns against the craft (share -0.15)."""
     k, w = 2.0 * np.pi * 3.0, 2.0 * np.pi * 20.0
-    mode = 1.0 + 0.15 * S**2 / (S**2 + 2.0 * 0.02 * w * S + w**2)
+    mode = 1.0 - 0.15 * S**2 / (S**2 + 2.0 * 0.02 * w * S + w**2)
     loop = k / S * np.exp(-S * 0.008) * mode
     without = margins_of(HZ, k / S * np.exp(-S * 0.008)).row(0)
     assert margins_of(HZ, loop).row(0)["gain_db"] < without["gain_db"] - 5.0
