@@ -29,6 +29,9 @@ SATURATED = 0.05
 NARROW_RMS, NARROW_SHARE, NARROW_PART = 0.02, 0.6, 0.1
 _WINDOW, _LOWEST = 4.0, 2.0
 
+#: How far the peak of an oscillation stands above the power at lower frequencies, where manoeuvres are.
+_ABOVE_MANOEUVRES = 3.0
+
 #: How far the two ways to the loop's response may be apart around crossover, in gain and phase (deg).
 GAIN_APART, PHASE_APART = 0.12, 8.0
 
@@ -48,6 +51,11 @@ def unfit_log(log: FlightLog) -> str | None:
     name = log.path.name
     if log.flight is None:
         return f"{name}: the craft did not fly"
+    if not any(chirp.at_mixer for chirp in find_chirps(log)):
+        return (
+            f"{name} has no chirp at the mixer, without which a closed loop does not show its margins; fly mode SYSTEMID "
+            "with SID_AXIS 10, 11 and 12 (`rotorid design --for rates` writes the parameters), and log RATE and PID"
+        )
     if _autotuned(log):
         return f"{name}: AutoTune ran in this log, so that gains changed within it; fly again with the gains it saved"
     changed = _changed_in_flight(log)
@@ -127,6 +135,9 @@ def _narrow(piece: Floats, step: float) -> tuple[float, float, float]:
     if not total > 0.0:
         return 0.0, 0.0, 0.0
     peak = float(hz[np.argmax(np.where(fast, power, 0.0))])
+    below = (hz > 0.0) & (hz < 0.6 * peak)
+    if below.any() and power[below].max() > power[hz == peak][0] / _ABOVE_MANOEUVRES:
+        return 0.0, 0.0, peak  # the end of a manoeuvre's spectrum, not a peak
     near = fast & (np.abs(hz - peak) < 0.15 * peak + 1.0)
     return float(np.sqrt(power[near].sum() * hz[1])), float(power[near].sum()) / total, peak
 

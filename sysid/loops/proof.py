@@ -1,0 +1,236 @@
+"""`prove`: what one flight foretold of another with other gains, against what that other flight measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from logparse import FlightLog, RotoridError
+from sysid.loops.errors import LoopError
+from sysid.loops.evidence import oscillation, unfit_log
+from sysid.loops.loop import MARGINS, RateLoop, rate_loop
+from sysid.loops.responses import attitude_bandwidth, flown_fit
+from sysid.loops.settings import AXES, read_settings
+
+#: Parameters that make another craft of it.
+_OF_THE_CRAFT = ("FRAME_CLASS", "FRAME_TYPE")
+
+#: Parameters that change by themselves.
+_BY_THEMSELVES = (
+    "STAT_",
+    "SID_",
+    "GND_",
+    "BARO",
+    "COMPASS_",
+    "INS_ACC",
+    "INS_GYR",
+    "SIM_",
+    "LOG_",
+    "MOT_THST_HOVER",
+    "AHRS_",
+)
+
+#: Standard deviations, and sizes, beyond which a measured margin differs from the one foretold.
+DIFFERENT, SIZES = 3.0, {"gain_db": 1.0, "phase_deg": 6.0, "peak_db": 1.5}
+
+#: Factor of the craft's gain that two flights of one craft do not differ by.
+_SAME_CRAFT = 1.5
+
+AS_PREDICTED, BETTER, WORSE = "as predicted", "better", "worse: restore rollback.param"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Proof:
+    """Predicted against measured.
+
+    Attributes
+    ----------
+    before, after : tuple of str
+        Names of the logs.
+    table : DataFrame
+        Indexed by axis and quantity; columns predicted, predicted_sigma, measured, measured_sigma, unit.
+    verdict : str
+        ``"as predicted"``, ``"better"`` or ``"worse: restore rollback.param"``; empty where refused.
+    refused : str or None
+    changed : mapping of str to (before, after)
+        Gains and filters of the loops.
+    beyond : mapping of str to (before, after)
+        Whatever else was changed and may explain a difference.
+    loops : mapping of str to (predicted, measured)
+        Loops by axis: of the earlier flight with the later one's settings, and of the later flight.
+    """
+
+    before: tuple[str, ...]
+    after: tuple[str, ...]
+    table: pd.DataFrame
+    verdict: str
+    refused: str | None
+    changed: dict[str, tuple[float, float]]
+    beyond: dict[str, tuple[float, float]]
+    loops: dict[str, tuple[RateLoop, RateLoop]]
+
+    def __repr__(self) -> str:
+        if self.refused is not None:
+            return f"<Proof refused: {self.refused}>"
+        return f"<Proof of {', '.join(self.after)} by {', '.join(self.before)}: {self.verdict}\n{self.table.round(3)}>"
+
+
+def prove(before: FlightLog | Sequence[FlightLog], after: FlightLog | Sequence[FlightLog]) -> Proof:
+    """Compare what flights foretell of later ones of the same craft with what those measured."""
+    firsts = [before] if isinstance(before, FlightLog) else list(before)
+    seconds = [after] if isinstance(after, FlightLog) else list(after)
+    names = tuple(log.path.name for log in firsts), tuple(log.path.name for log in seconds)
+    empty = pd.DataFrame(columns=["predicted", "predicted_sigma", "measured", "measured_sigma", "unit"])
+
+    def refuse(reason: str) -> Proof:
+        return Proof(*names, empty, "", reason, {}, {}, {})
+
+    if not firsts or not seconds:
+        return refuse("a log before and a log after are needed")
+    try:
+        for log in (*firsts, *seconds):
+            read_settings(log, "roll")
+            reason = unfit_log(log)
+            if reason is not None:
+                return refuse(reason)
+        for log in firsts:
+            reason = next((r for axis in AXES if (r := oscillation(log, axis))), None)
+            if reason is not None:
+                return refuse(f"nothing can be foretold from a flight that oscillates: {reason}")
+    except RotoridError as error:
+        return refuse(str(error))
+    other = _other_craft(firsts[0], seconds[0])
+    if other is not None:
+        return refuse(other)
+    changed, beyond = _changes(firsts[0], seconds[0])
+    shaking = next((r for log in seconds for axis in AXES if (r := oscillation(log, axis))), None)
+    rows: list[dict[str, object]] = []
+    loops: dict[str, tuple[RateLoop, RateLoop]] = {}
+    reasons = []
+    for axis in AXES:
+        try:
+            first, second = rate_loop(firsts, axis), rate_loop(seconds, axis)
+        except RotoridError as error:
+            reasons.append(str(error))
+            continue
+        predicted = first.with_settings(second.flown)
+        apart = _gain_apart(first, second)
+        if shaking is None and apart > _SAME_CRAFT:
+            return refuse(
+                f"{axis} answers {apart:.1f} times as strongly in one flight as in the other, at equal input: "
+                "these are logs of two craft, or of one that was rebuilt"
+            )
+        loops[axis] = (predicted, second)
+        rows += _rows(axis, predicted, second, seconds)
+    if not rows:
+        return refuse("; ".join(dict.fromkeys(reasons)))
+    table = pd.DataFrame(rows).set_index(["axis", "quantity"])
+    verdict = WORSE if shaking is not None else _verdict(table, loops)
+    return Proof(*names, table, verdict, None, changed, beyond, loops)
+
+
+def _rows(axis: str, predicted: RateLoop, second: RateLoop, logs: Sequence[FlightLog]) -> list[dict[str, object]]:
+    """Compare margins, attitude bandwidth and the answer to the sticks of one axis."""
+    try:
+        measured = second.measured_margins
+    except LoopError:
+        measured = second.margins
+    foretold = predicted.margins
+    rows: list[dict[str, object]] = []
+    for name, (unit, _) in MARGINS.items():
+        a, b = getattr(foretold, name), getattr(measured, name)
+        rows.append(_row(axis, name, unit, a.value, a.sigma, b.value, b.sigma))
+    bandwidth = [attitude_bandwidth(loop) for loop in (predicted, second)]
+    rows.append(_row(axis, "attitude_bandwidth_hz", "Hz", bandwidth[0], None, bandwidth[1], None))
+    fits = [fit for log in logs if (fit := flown_fit(predicted, log)) is not None]
+    own = [fit for log in logs if (fit := flown_fit(second, log)) is not None]
+    if fits and own:
+        rows.append(_row(axis, "step_fit", "%", float(np.mean(fits)), None, float(np.mean(own)), None))
+    return rows
+
+
+def _row(
+    axis: str,
+    quantity: str,
+    unit: str,
+    predicted: float | None,
+    predicted_sigma: float | None,
+    measured: float | None,
+    measured_sigma: float | None,
+) -> dict[str, object]:
+    def number(value: float | None) -> float:
+        return float("nan") if value is None else value
+
+    return {
+        "axis": axis,
+        "quantity": quantity,
+        "predicted": number(predicted),
+        "predicted_sigma": number(predicted_sigma),
+        "measured": number(measured),
+        "measured_sigma": number(measured_sigma),
+        "unit": unit,
+    }
+
+
+def _verdict(table: pd.DataFrame, loops: dict[str, tuple[RateLoop, RateLoop]]) -> str:
+    """Judge the margins that keep a craft in the air."""
+    if any(not second.margins.stable for _, second in loops.values()):
+        return WORSE
+    better = False
+    for (_, quantity), row in table.iterrows():
+        if quantity not in SIZES:
+            continue
+        sign = -1.0 if quantity == "peak_db" else 1.0
+        gained = sign * (row["measured"] - row["predicted"])
+        spread = float(np.hypot(row["predicted_sigma"], row["measured_sigma"]))
+        if not np.isfinite(gained) or abs(gained) < max(SIZES[str(quantity)], DIFFERENT * spread):
+            continue
+        if gained < 0.0:
+            return WORSE
+        better = True
+    return BETTER if better else AS_PREDICTED
+
+
+def _other_craft(before: FlightLog, after: FlightLog) -> str | None:
+    """Return why two logs are not of one craft."""
+    for name in _OF_THE_CRAFT:
+        a, b = before.parameters.get(name), after.parameters.get(name)
+        if a is not None and b is not None and a != b:
+            return f"{name} is {a:g} in {before.path.name} and {b:g} in {after.path.name}: these are two craft"
+    first, second = before.vehicle, after.vehicle
+    if first.board_id and second.board_id and first.board_id != second.board_id:
+        return f"{before.path.name} and {after.path.name} were logged by two autopilots: these are two craft"
+    if first.motors and second.motors and len(first.motors) != len(second.motors):
+        return f"{len(first.motors)} motors before and {len(second.motors)} after: these are two craft"
+    return None
+
+
+def _changes(
+    before: FlightLog, after: FlightLog
+) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float]]]:
+    """Return parameters that differ: those of the loops, and others."""
+    ours: dict[str, tuple[float, float]] = {}
+    others: dict[str, tuple[float, float]] = {}
+    for name in sorted(set(before.parameters) & set(after.parameters)):
+        a, b = before.parameters[name], after.parameters[name]
+        if a == b:
+            continue
+        if name.startswith(("ATC_RAT_", "ATC_ANG_", "INS_GYRO_FILTER", "INS_HNT")):
+            ours[name] = (a, b)
+        elif not name.startswith(_BY_THEMSELVES):
+            others[name] = (a, b)
+    return ours, others
+
+
+def _gain_apart(first: RateLoop, second: RateLoop) -> float:
+    """Return by which factor the craft's gain differs between flights, around the crossover; at least 1."""
+    low, high = max(first.hz[0], second.hz[0], 2.0), min(first.hz[-1], second.hz[-1], 20.0)
+    hz = np.geomspace(low, high, 40) if high > low else first.hz
+    gains = [
+        np.interp(hz, loop.hz, np.log(np.abs(loop.plant.response / loop.flown.gyro.response(loop.hz))))
+        for loop in (first, second)
+    ]
+    return float(np.exp(abs(np.median(gains[0] - gains[1]))))

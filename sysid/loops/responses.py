@@ -1,0 +1,134 @@
+"""Time responses of a loop: to a step of the rate or attitude target, to a disturbance, and to what was flown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from logparse import FlightLog
+from sysid.frequency.axes import axis_of
+from sysid.frequency.excitation import find_chirps
+from sysid.loops.filters import Complexes, Floats
+from sysid.loops.loop import RateLoop
+
+#: Windows [s] of flown manoeuvres, and the least standard deviation [rad/s] of the rate target in one.
+_WINDOW, _MOVING = 4.0, 0.08
+
+#: Samples of the frequency grid of time responses, Hz.
+_STEP_HZ, _HIGHEST = 0.02, 150.0
+
+
+@dataclass(frozen=True, slots=True)
+class Responses:
+    """Time responses over `t` [s], each of shape (n,).
+
+    `rate` to a unit step of the rate target, `attitude` to one of the attitude target (without input shaping), `gust`
+    the attitude [rad] after a unit step of angular acceleration [rad/s^2] of the air.
+    """
+
+    t: Floats
+    rate: Floats
+    attitude: Floats
+    gust: Floats
+
+
+def rate_transfer(loop: RateLoop) -> Complexes:
+    """Compute measured rate per rate target with the rate loop closed and the angle loop open."""
+    plant = loop.plant.response * loop.gyro_change
+    controller = loop.settings.controller
+    forward = plant * controller.target_response(loop.hz)
+    return np.asarray(forward / (1.0 + plant * controller.error_response(loop.hz)))
+
+
+def attitude_transfer(loop: RateLoop) -> Complexes:
+    """Compute attitude per attitude target, all loops closed."""
+    true_plant = loop.plant.response / loop.flown.gyro.response(loop.hz)
+    forward = true_plant / (2j * np.pi * loop.hz) * loop.settings.controller.target_response(loop.hz)
+    return np.asarray(forward * loop.settings.angle.P / (1.0 + loop.response))
+
+
+def attitude_bandwidth(loop: RateLoop) -> float:
+    """Return the frequency, Hz, at which the attitude lags its target by 135 deg; NaN where the band does not show it."""
+    phase = np.unwrap(np.angle(attitude_transfer(loop)))
+    late = np.flatnonzero(phase <= np.radians(-135.0))
+    if not len(late) or late[0] == 0:
+        return float("nan")
+    k = int(late[0])
+    share = (np.radians(-135.0) - phase[k - 1]) / (phase[k] - phase[k - 1])
+    return float(loop.hz[k - 1] * (loop.hz[k] / loop.hz[k - 1]) ** share)
+
+
+def time_responses(loop: RateLoop, duration: float = 2.0, points: int = 200) -> Responses:
+    """Compute step and disturbance responses from the frequency responses.
+
+    The step response of a stable system is ``2 / pi`` times the integral of ``Re T(w) sin(w t) / w``; below the measured
+    band T goes to its value at rest. A gust turns the craft without the lag of its motors: as 1 / s^2.
+    """
+    t = np.linspace(0.0, duration, points)
+    gust = 1.0 / (2j * np.pi * loop.hz) ** 2 / (1.0 + loop.response)
+    return Responses(
+        t=t,
+        rate=_step(t, loop.hz, rate_transfer(loop), 1.0),
+        attitude=_step(t, loop.hz, attitude_transfer(loop), 1.0),
+        gust=_step(t, loop.hz, gust, 0.0),
+    )
+
+
+def _step(t: Floats, hz: Floats, transfer: Complexes, at_rest: float) -> Floats:
+    grid = np.arange(0.5 * _STEP_HZ, _HIGHEST, _STEP_HZ)
+    real = np.interp(grid, hz, transfer.real, left=np.nan, right=np.nan)
+    low = grid < hz[0]
+    share = (grid[low] / hz[0]) ** 2
+    real[low] = at_rest + share * (transfer.real[0] - at_rest)
+    high = grid > hz[-1]
+    real[high] = transfer.real[-1] * (hz[-1] / grid[high]) ** 2
+    return np.asarray(2.0 / np.pi * np.sin(2.0 * np.pi * np.outer(t, grid)) @ (real / grid) * _STEP_HZ)
+
+
+def flown_fit(loop: RateLoop, log: FlightLog) -> float | None:
+    """Return how well the loop foretells the rates of a flight from its rate targets, %; None without manoeuvres.
+
+    Over windows outside chirps in which the target moves: 100 (1 - rms(measured - foretold) / rms(measured)), each
+    less its mean.
+    """
+    table = log.tables.rates
+    which = axis_of(loop.axis)
+    if table is None or log.flight is None or not {which.output, which.reference} <= set(table.columns):
+        return None
+    t = table.index.to_numpy(np.float64)
+    target, rate = (table[name].to_numpy(np.float64) for name in (which.reference, which.output))
+    keep = (t > log.flight.start + 3.0) & (t < log.flight.stop - 3.0) & np.isfinite(target) & np.isfinite(rate)
+    for chirp in find_chirps(log):
+        keep &= ~((t > chirp.start - 0.5) & (t < chirp.stop + 2.0))
+    if keep.sum() < 64:
+        return None
+    step = float(np.median(np.diff(t)))
+    transfer = rate_transfer(loop)
+    size = int(_WINDOW / step)
+    wrong = power = 0.0
+    index = np.flatnonzero(keep)
+    for run in np.split(index, np.flatnonzero((np.diff(index) > 1) | (np.diff(t[index]) > 3.0 * step)) + 1):
+        if len(run) < 2 * size:
+            continue
+        foretold = _through(target[run], step, loop.hz, transfer)
+        for first in range(size // 2, len(run) - size, size):
+            part = slice(first, first + size)
+            if np.std(target[run][part]) < _MOVING:
+                continue
+            measured, own = rate[run][part], foretold[part]
+            wrong += float(np.sum(((measured - measured.mean()) - (own - own.mean())) ** 2))
+            power += float(np.sum((measured - measured.mean()) ** 2))
+    return 100.0 * (1.0 - np.sqrt(wrong / power)) if power > 0.0 else None
+
+
+def _through(values: Floats, step: float, hz: Floats, transfer: Complexes) -> Floats:
+    """Pass samples through a transfer function known on a band; one at rest, dying out beyond."""
+    padded = np.concatenate([np.full(256, values[0]), values, np.full(256, values[-1])])
+    grid = np.fft.rfftfreq(len(padded), step)
+    inside = np.interp(grid, hz, transfer.real) + 1j * np.interp(grid, hz, transfer.imag)
+    low, high = grid < hz[0], grid > hz[-1]
+    share = grid[low] / hz[0]
+    inside[low] = 1.0 + share * 1j * transfer[0].imag + share**2 * (transfer[0].real - 1.0)
+    inside[high] = transfer[-1] * (hz[-1] / grid[high]) ** 2
+    return np.asarray(np.fft.irfft(np.fft.rfft(padded) * inside, len(padded))[256 : 256 + len(values)])
