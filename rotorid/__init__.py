@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rotorid.flight_log import FlightLog, load
     from rotorid.validation import Comparison, validate
     from sysid import frequency, loops
-    from sysid.loops import tune
+    from sysid.loops import prove, tune
     from sysid.records.experiment import Experiment
 
 #: Where each name lives; None for a module of its own.
@@ -41,6 +41,7 @@ _HOME = {
     "loops": ("sysid.loops", None),
     "load": ("rotorid.flight_log", "load"),
     "plot": ("rotorid.plot", None),
+    "prove": ("sysid.loops", "prove"),
     "simulate": ("rotorid.analysis", "simulate"),
     "tune": ("sysid.loops", "tune"),
     "validate": ("rotorid.validation", "validate"),
@@ -60,6 +61,7 @@ __all__ = [
     "load",
     "loops",
     "plot",
+    "prove",
     "simulate",
     "tune",
     "validate",

@@ -1,4 +1,4 @@
-"""The command line: ``rotorid analyze | compare | inspect | export | frequency | craft | bench | bifilar | serve ...``.
+"""The command line: ``rotorid analyze | compare | inspect | export | frequency | tune | prove | craft | serve ...``.
 
 Each command is a file in `rotorid.cli`; heavy rooms are imported inside the commands, so that help and usage
 errors come at once.
@@ -22,9 +22,11 @@ from rotorid.cli.exits import INTERRUPTED, OK, SOME_FAILED, WRONG_USAGE, fail
 from rotorid.cli.export import export
 from rotorid.cli.frequency import frequency
 from rotorid.cli.inspect import inspect
+from rotorid.cli.prove import prove
 from rotorid.cli.serve import serve
 from rotorid.cli.simulate import simulate
 from rotorid.cli.token import tokens
+from rotorid.cli.tune import tune
 from rotorid.cli.wording import in_words
 
 
@@ -75,6 +77,8 @@ for _command, _summary in (
     (craft, "Physical parameters of a craft by every method."),
     (bench, "Thrust and torque coefficients from a thrust stand."),
     (bifilar, "Moment of inertia from a bifilar pendulum."),
+    (tune, "Gains that the flights support, or why none."),
+    (prove, "Predicted against measured after a change of gains."),
     (simulate, "Fly a case of the papers, or run models.json."),
     (serve, "Start the web service."),
 ):

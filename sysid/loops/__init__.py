@@ -3,6 +3,7 @@
 from sysid.loops.controller import AngleController, PidTerms, RateController
 from sysid.loops.errors import LoopError
 from sysid.loops.loop import Margins, RateLoop, rate_loop
+from sysid.loops.proof import Proof, prove
 from sysid.loops.settings import GyroPath, LoopSettings, read_settings
 from sysid.loops.tuning import AIMS, Aim, Tuning, tune
 
@@ -15,9 +16,11 @@ __all__ = [
     "LoopSettings",
     "Margins",
     "PidTerms",
+    "Proof",
     "RateController",
     "RateLoop",
     "Tuning",
+    "prove",
     "rate_loop",
     "read_settings",
     "tune",

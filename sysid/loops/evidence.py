@@ -53,8 +53,9 @@ def unfit_log(log: FlightLog) -> str | None:
         return f"{name}: the craft did not fly"
     if not any(chirp.at_mixer for chirp in find_chirps(log)):
         return (
-            f"{name} has no chirp at the mixer, without which a closed loop does not show its margins; fly mode SYSTEMID "
-            "with SID_AXIS 10, 11 and 12 (`rotorid design --for rates` writes the parameters), and log RATE and PID"
+            f"{name} has no chirp at the mixer, without which a closed loop does not show its margins; fly mode "
+            "SYSTEMID with SID_AXIS 10, 11 and 12 (`rotorid design --for rates` writes the parameters), and log RATE "
+            "and PID"
         )
     if _autotuned(log):
         return f"{name}: AutoTune ran in this log, so that gains changed within it; fly again with the gains it saved"

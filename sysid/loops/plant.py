@@ -52,6 +52,10 @@ class Plant:
     coherence: Floats
     draws: Complexes
 
+    def coherence_at(self, hz: Floats) -> Floats:
+        """Interpolate the coherence."""
+        return np.asarray(np.interp(hz, self.hz, self.coherence))
+
 
 def plant_of(frf: FrequencyResponse) -> Plant:
     """Smooth a measured response and draw from its error.
@@ -78,7 +82,8 @@ def plant_of(frf: FrequencyResponse) -> Plant:
     known = error < LARGEST
     if known.sum() >= FEWEST:
         first, last = int(np.argmax(known)), len(known) - int(np.argmax(known[::-1]))
-        dense, smooth, error, reach = dense[first:last], smooth[first:last], error[first:last], reach[first:last]
+        dense, smooth = dense[first:last], smooth[first:last]
+        error, reach = error[first:last], reach[first:last]
     response = np.exp(smooth + np.column_stack([np.ones(len(dense)), np.log(dense), dense]) @ coefficients)
     resolution = np.interp(dense, hz, frf.resolution[keep])
     coherence = np.interp(dense, hz, frf.coherence[keep])

@@ -20,18 +20,12 @@ _OF_THE_CRAFT = ("FRAME_CLASS", "FRAME_TYPE")
 
 #: Parameters that change by themselves.
 _BY_THEMSELVES = (
-    "STAT_",
-    "SID_",
-    "GND_",
-    "BARO",
-    "COMPASS_",
-    "INS_ACC",
-    "INS_GYR",
-    "SIM_",
-    "LOG_",
+    *("STAT_", "SID_", "GND_", "BARO", "COMPASS_", "INS_ACC", "INS_GYR", "SIM_", "LOG_", "AHRS_"),
     "MOT_THST_HOVER",
-    "AHRS_",
 )
+
+#: Values before and after by parameter.
+Changes = dict[str, tuple[float, float]]
 
 #: Standard deviations, and sizes, beyond which a measured margin differs from the one foretold.
 DIFFERENT, SIZES = 3.0, {"gain_db": 1.0, "phase_deg": 6.0, "peak_db": 1.5}
@@ -68,8 +62,8 @@ class Proof:
     table: pd.DataFrame
     verdict: str
     refused: str | None
-    changed: dict[str, tuple[float, float]]
-    beyond: dict[str, tuple[float, float]]
+    changed: Changes
+    beyond: Changes
     loops: dict[str, tuple[RateLoop, RateLoop]]
 
     def __repr__(self) -> str:
@@ -180,13 +174,14 @@ def _verdict(table: pd.DataFrame, loops: dict[str, tuple[RateLoop, RateLoop]]) -
     if any(not second.margins.stable for _, second in loops.values()):
         return WORSE
     better = False
-    for (_, quantity), row in table.iterrows():
+    for row in table.reset_index().to_dict("records"):
+        quantity = str(row["quantity"])
         if quantity not in SIZES:
             continue
         sign = -1.0 if quantity == "peak_db" else 1.0
-        gained = sign * (row["measured"] - row["predicted"])
+        gained = sign * float(row["measured"] - row["predicted"])
         spread = float(np.hypot(row["predicted_sigma"], row["measured_sigma"]))
-        if not np.isfinite(gained) or abs(gained) < max(SIZES[str(quantity)], DIFFERENT * spread):
+        if not np.isfinite(gained) or abs(gained) < max(SIZES[quantity], DIFFERENT * spread):
             continue
         if gained < 0.0:
             return WORSE
@@ -208,12 +203,10 @@ def _other_craft(before: FlightLog, after: FlightLog) -> str | None:
     return None
 
 
-def _changes(
-    before: FlightLog, after: FlightLog
-) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float]]]:
+def _changes(before: FlightLog, after: FlightLog) -> tuple[Changes, Changes]:
     """Return parameters that differ: those of the loops, and others."""
-    ours: dict[str, tuple[float, float]] = {}
-    others: dict[str, tuple[float, float]] = {}
+    ours: Changes = {}
+    others: Changes = {}
     for name in sorted(set(before.parameters) & set(after.parameters)):
         a, b = before.parameters[name], after.parameters[name]
         if a == b:

@@ -49,7 +49,7 @@ def attitude_transfer(loop: RateLoop) -> Complexes:
 
 
 def attitude_bandwidth(loop: RateLoop) -> float:
-    """Return the frequency, Hz, at which the attitude lags its target by 135 deg; NaN where the band does not show it."""
+    """Return the frequency, Hz, at which the attitude lags its target by 135 deg; NaN beyond the band."""
     phase = np.unwrap(np.angle(attitude_transfer(loop)))
     late = np.flatnonzero(phase <= np.radians(-135.0))
     if not len(late) or late[0] == 0:
@@ -62,8 +62,8 @@ def attitude_bandwidth(loop: RateLoop) -> float:
 def time_responses(loop: RateLoop, duration: float = 2.0, points: int = 200) -> Responses:
     """Compute step and disturbance responses from the frequency responses.
 
-    The step response of a stable system is ``2 / pi`` times the integral of ``Re T(w) sin(w t) / w``; below the measured
-    band T goes to its value at rest. A gust turns the craft without the lag of its motors: as 1 / s^2.
+    The step response of a stable system is ``2 / pi`` times the integral of ``Re T(w) sin(w t) / w``; below the
+    measured band T goes to its value at rest. A gust turns the craft without the lag of its motors: as 1 / s^2.
     """
     t = np.linspace(0.0, duration, points)
     gust = 1.0 / (2j * np.pi * loop.hz) ** 2 / (1.0 + loop.response)

@@ -1,8 +1,9 @@
 """`tune`: gains that reject disturbances best within margins that hold for everything the data leave possible.
 
-Disturbance rejection bandwidth is maximised over P, D, I and the filters of derivative and gyro, subject to gain
-margin, phase margin and peak sensitivity at the worst of the 95 % set, to the noise at the actuators, and to a change
-of no more than a factor of two. Without the evidence (`evidence`) there is a reason and no number.
+The rejection of disturbances, its bandwidth first and then rms attitude under gusts, is made best over P, D, I and the
+filters of derivative and gyro, subject to gain margin, phase margin and peak sensitivity at the worst of the 95 % set,
+to the noise at the actuators, and to a change of no more than a factor of two. Without the evidence (`evidence`) there
+is a reason and no number.
 """
 
 from __future__ import annotations
@@ -42,9 +43,10 @@ _GYRO = (1.0, 1.25, 1.5, 2.0)
 #: Candidates whose margins are computed at once, and of how many frequencies one is taken in this first look.
 _AT_ONCE, _EVERY = 256, 2
 
-#: What a worse answer to gusts [logarithm of rms attitude] costs of the logarithm of the rejection bandwidth: of nearly
-#: equal bandwidths the stiffer loop is taken.
-_GUST_WEIGHT = 0.15
+#: Gain of the rejection bandwidth [logarithm] over the flown one that is asked for first, and how much it counts
+#: against the answer to gusts [logarithm of rms attitude]; beyond it only that answer counts, so that bandwidth is not
+#: bought with a soft loop at low frequency.
+_WANTED_GAIN, _BANDWIDTH_WEIGHT = 0.06, 8.0
 
 #: Corner [Hz] of the gusts' spectrum in that.
 _GUST_HZ = 1.0
@@ -103,6 +105,8 @@ class AxisTuning:
         Bound of each proposed margin that the 95 % set keeps.
     noise : float or None
         Actuator noise over that of the flown settings.
+    score : float
+        What was maximised: more is better, 0 as flown.
     """
 
     axis: str
@@ -111,6 +115,7 @@ class AxisTuning:
     tuned: RateLoop | None = None
     worst: Mapping[str, float] = field(default_factory=dict)
     noise: float | None = None
+    score: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -236,7 +241,7 @@ def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") ->
         tuned = {axis: tune_axis(loop, aim, factor) for axis, loop in loops.items()}
         if any(item.tuned is None for item in tuned.values()) and factor != 1.0:
             continue
-        score = sum(_score(item) for item in tuned.values())
+        score = sum(item.score for item in tuned.values())
         if best is None or score > best_score + 0.02:
             best, best_score = tuned, score
     assert best is not None
@@ -302,15 +307,6 @@ def _vibration(logs: Sequence[FlightLog]) -> float | None:
     return max(levels) if levels and np.all(np.isfinite(levels)) else None
 
 
-def _score(item: AxisTuning) -> float:
-    """Return the logarithm of the worst-case rejection bandwidth over that of the flown gains."""
-    assert item.loop is not None
-    if item.tuned is None:
-        return 0.0
-    flown = item.loop.margins.rejection_hz.value
-    return float(np.log(item.worst["rejection_hz"] / flown)) if flown else 0.0
-
-
 def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim.
 
@@ -350,8 +346,12 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
         gusts[first : first + _AT_ONCE] = _gust_response(hz, true_plant, broken)
     nominal = _stack(rows)
     good = nominal.stable & _keeps(nominal, aim) & np.isfinite(nominal.rejection_hz)
+    flown_loop = (loop.with_settings(loop.flown).response)[::_EVERY][None, :]
+    flown_rejection = margins_of(hz, flown_loop).rejection_hz[0]
+    flown_gust = _gust_response(hz, loop.plant.response[::_EVERY] / loop.flown.gyro.response(hz), flown_loop)[0]
     with np.errstate(invalid="ignore"):
-        score = np.log(nominal.rejection_hz) - _GUST_WEIGHT * np.log(gusts)
+        gained = np.log(nominal.rejection_hz / (flown_rejection if np.isfinite(flown_rejection) else hz[0]))
+        score = _BANDWIDTH_WEIGHT * np.minimum(gained, _WANTED_GAIN) - np.log(gusts / flown_gust)
     order = np.flatnonzero(good)[np.argsort(-score[good], kind="stable")]
     # How far below its nominal margins a candidate's worst case lay: those with less in hand need no look.
     spare = {"gain_db": 0.0, "phase_deg": 0.0, "peak_db": 0.0}
@@ -370,7 +370,7 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
         if bounds is None:
             continue
         if _bounds_keep(bounds, aim):
-            return AxisTuning(loop.axis, None, loop, tuned, bounds, float(noise))
+            return AxisTuning(loop.axis, None, loop, tuned, bounds, float(noise), float(score[k]))
         for name in spare:
             short = abs(bounds[name] - float(getattr(nominal, name)[k]))
             if np.isfinite(short):

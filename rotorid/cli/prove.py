@@ -1,0 +1,51 @@
+"""``rotorid prove``: what one flight foretold of the next, against what that measured."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rotorid.cli.exits import OK, SOME_FAILED
+
+
+def prove(
+    before: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="Log of before the change of gains.")],
+    after: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="Log of after it, with chirps again.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Write the numbers as JSON to stdout.")] = False,
+) -> None:
+    """Compare predicted with measured margins, bandwidth and responses after a change of gains.
+
+    The verdict is "as predicted", "better", or "worse: restore rollback.param"; the exit status is 1 for the last and
+    where the logs cannot be compared.
+
+    Example: rotorid prove before.bin after.bin
+    """
+    from logparse import read_log
+    from logparse.quantity import uncertain
+    from sysid.loops.numbers import proof_numbers
+    from sysid.loops.proof import WORSE
+    from sysid.loops.proof import prove as compare
+
+    proof = compare(read_log(before), read_log(after))
+    if as_json:
+        typer.echo(json.dumps(proof_numbers(proof), indent=1, allow_nan=False))
+    elif proof.refused is not None:
+        typer.echo(f"not comparable: {proof.refused}")
+    else:
+        for name, (old, new) in proof.changed.items():
+            typer.echo(f"{name:<20} {old:>12.6g} -> {new:.6g}")
+        if proof.beyond:
+            typer.echo("changed beyond the loops: " + ", ".join(proof.beyond))
+        typer.echo(f"{'':<8}{'':<24}{'predicted':>20}{'measured':>20}")
+        for row in proof.table.reset_index().to_dict("records"):
+            cells = [
+                "beyond the band" if value != value else uncertain(value, None if sigma != sigma else sigma)
+                for value, sigma in (
+                    (row["predicted"], row["predicted_sigma"]),
+                    (row["measured"], row["measured_sigma"]),
+                )
+            ]
+            typer.echo(f"{row['axis']:<8}{row['quantity']:<24}{cells[0]:>20}{cells[1]:>20} {row['unit']}")
+        typer.echo(proof.verdict)
+    raise typer.Exit(SOME_FAILED if proof.refused is not None or proof.verdict == WORSE else OK)

@@ -1,0 +1,168 @@
+"""Tuning: margins that hold in truth, values as typed, and refusals without the evidence."""
+
+import lzma
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from logparse import read_log
+from simulation.copter_loop import fly_chirp, random_axis
+from sysid.loops import LoopError, prove, tune
+from sysid.loops.evidence import two_ways_apart, weak_band
+from sysid.loops.margins import margins_of
+from sysid.loops.parameter_file import parameter_file, read_parameter_file, typed
+from sysid.loops.tuning import Aim, tune_axis
+from tests.sysid.loops.flown import loop_of_flight, true_loop
+
+LOGS = Path(__file__).parents[4] / "shared" / "logs"
+HZ = np.geomspace(0.1, 120.0, 4000)
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """Unpack a log of ../shared/logs/pairs."""
+    folder = tmp_path_factory.mktemp("pairs")
+
+    def read(name):
+        packed = LOGS / "pairs" / f"{name}.BIN.xz"
+        if not packed.exists():
+            pytest.skip("../shared/logs/pairs is not here")
+        path = folder / f"{name}.BIN"
+        if not path.exists():
+            path.write_bytes(lzma.decompress(packed.read_bytes()))
+        return read_log(path)
+
+    return read
+
+
+@pytest.mark.slow
+def test_proposed_gains_keep_in_truth_what_was_promised():
+    """Random craft with delays and flexible modes: the true margins of proposals lie within the promised bounds."""
+    rng = np.random.default_rng(7)
+    accepted = 0
+    for seed in range(12):
+        axis, gains = random_axis(rng)
+        if not margins_of(HZ, true_loop(axis, gains, HZ)).stable[0]:
+            continue
+        loop = loop_of_flight(fly_chirp(axis, gains, seed=seed), gains)
+        if weak_band(loop) or two_ways_apart(loop):
+            continue
+        tuning = tune_axis(loop, Aim())
+        if tuning.tuned is None:
+            continue
+        accepted += 1
+        c = tuning.tuned.settings.controller
+        for name in ("P", "I", "D"):
+            assert 0.5 <= getattr(c, name) / getattr(gains, name) <= 2.0
+        truth = margins_of(HZ, true_loop(axis, replace(gains, P=c.P, I=c.I, D=c.D, FLTD=c.FLTD), HZ)).row(0)
+        assert truth["stable"]
+        assert not truth["gain_db"] < min(tuning.worst["gain_db"], 6.0)
+        assert truth["phase_deg"] >= 45.0
+        assert truth["peak_db"] <= 6.0
+    assert accepted >= 8
+
+
+def test_a_chirp_drowned_in_gusts_is_refused():
+    axis, gains = random_axis(np.random.default_rng(3))
+    loop = loop_of_flight(fly_chirp(axis, gains, seed=1, magnitude=0.002, gust=8.0, noise=0.3), gains)
+    assert weak_band(loop) is not None
+
+
+def test_a_loop_that_is_not_as_its_parameters_say_is_refused():
+    """A craft flown with half of the P that its parameters claim: the two ways to the loop disagree."""
+    axis, gains = random_axis(np.random.default_rng(8))
+    flight = fly_chirp(axis, replace(gains, P=0.5 * gains.P), seed=1)
+    assert "apart" in (two_ways_apart(loop_of_flight(flight, gains)) or "")
+
+
+def test_values_come_back_as_typed():
+    values = {"ATC_RAT_RLL_P": typed(0.1234567), "INS_GYRO_FILTER": 30.0, "ATC_RAT_RLL_D": typed(0.00123456)}
+    text = parameter_file(values, ("made by a test", "two\nlines"))
+    assert read_parameter_file(text) == values
+    assert next(line for line in text.splitlines() if not line.startswith("#")) == "ATC_RAT_RLL_D,0.001235"
+
+
+def test_a_damaged_parameter_file_is_a_sentence():
+    with pytest.raises(LoopError, match="line 1"):
+        read_parameter_file("ATC_RAT_RLL_P")
+
+
+def test_firmware_flight_gets_a_proposal_that_keeps_the_aim(flown):
+    result = tune(flown("octa8_id"))
+    assert result.refused is None
+    assert read_parameter_file(result.proposed_file()) == pytest.approx(result.proposed, rel=1e-7)
+    rollback = read_parameter_file(result.rollback_file())
+    assert set(rollback) == set(result.proposed)
+    for name, value in rollback.items():
+        assert np.float32(value) == np.float32(flown("octa8_id").parameters[name])
+        assert 0.5 <= result.proposed[name] / value <= 2.0
+    for axis in result.axes:
+        if axis.tuned is not None:
+            assert axis.worst["gain_db"] >= 6.0
+            assert axis.worst["phase_deg"] >= 45.0
+            assert axis.worst["peak_db"] <= 6.0
+            assert axis.tuned.margins.rejection_hz.value > axis.loop.margins.rejection_hz.value
+
+
+def test_a_craft_that_oscillates_is_refused_and_a_proof_of_it_says_worse(flown):
+    hot = flown("quad15_hot")
+    assert "oscillates" in tune(hot).refused
+    assert tune(hot).proposed == {}
+    proof = prove(flown("quad15_id"), hot)
+    assert proof.verdict == "worse: restore rollback.param"
+
+
+def test_gains_of_hot_are_called_unstable_from_the_flight_before(flown):
+    """The firmware craft oscillated with 1.5 times P, I and D; quad15_id alone says that it would."""
+    proof = prove(flown("quad15_id"), flown("quad15_hot"))
+    for predicted, _ in proof.loops.values():
+        assert not predicted.margins.stable
+        assert predicted.margins.unstable > 0.95
+
+
+def test_prediction_of_a_firmware_flight_with_other_gains(flown):
+    proof = prove(flown("octa3_id"), flown("octa3_g1"))
+    assert proof.verdict == "as predicted"
+    for axis in ("roll", "pitch"):
+        row = proof.table.loc[axis]
+        assert row.loc["crossover_hz", "predicted"] == pytest.approx(row.loc["crossover_hz", "measured"], rel=0.05)
+        assert row.loc["phase_deg", "predicted"] == pytest.approx(row.loc["phase_deg", "measured"], abs=6.0)
+        assert row.loc["gain_db", "predicted"] == pytest.approx(row.loc["gain_db", "measured"], abs=1.0)
+        assert row.loc["rejection_hz", "predicted"] == pytest.approx(row.loc["rejection_hz", "measured"], rel=0.1)
+        assert row.loc["step_fit", "predicted"] >= 90.0
+
+
+@pytest.mark.parametrize("other", ["octa3_g1", "quadslow_g1"])
+def test_logs_of_two_craft_are_a_sentence_and_no_numbers(flown, other):
+    proof = prove(flown("quad15_id"), flown(other))
+    assert "two craft" in proof.refused
+    assert len(proof.table) == 0
+
+
+def test_a_flight_without_chirps_is_refused_with_what_to_fly(flown):
+    result = tune(flown("quad15_sticks"))
+    assert "SYSTEMID" in result.refused
+    with pytest.raises(LoopError):
+        result.proposed_file()
+
+
+def test_no_log_and_an_unknown_aim():
+    assert tune([]).refused == "no log was given"
+    with pytest.raises(LoopError, match="aim"):
+        tune([], aim="fastest")
+
+
+@pytest.mark.slow
+def test_real_logs_are_refused_with_a_sentence():
+    """None of the public logs has the evidence; none may raise anything but an error of reading it."""
+    folder = LOGS / "real"
+    if not folder.exists():
+        pytest.skip("../shared/logs/real is not here")
+    for path in sorted(folder.iterdir()):
+        if path.suffix == ".tsv":
+            continue
+        result = tune(read_log(path))
+        assert result.refused, path.name
+        assert result.proposed == {}
