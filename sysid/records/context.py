@@ -6,6 +6,7 @@ Columns of `Experiment.context`, all on the experiment's `t`:
 ``roll pitch yaw``                     rad, unwrapped, from the smoothed attitude
 ``w_x w_y w_z``                        rad/s, angular rate, FRD, bias removed
 ``f_x f_y f_z``                        m/s^2, specific force, FRD, bias removed
+``phi_n phi_e phi_d``                  rad, standard deviation of the attitude's error about north, east and down
 ``v_n v_e v_d``                        m/s
 ``density``                            kg/m^3, NaN where neither pressure nor altitude is known
 ``voltage``                            V, NaN where not logged
@@ -85,7 +86,7 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
         index=states.index,
     )
     rest = ["w_x", "w_y", "w_z", "f_x", "f_y", "f_z", "v_n", "v_e", "v_d"]
-    source = pd.concat([angles, states[rest]], axis=1)
+    source = pd.concat([angles, states[rest], trajectory.sigma[["phi_n", "phi_e", "phi_d"]]], axis=1)
     columns = dict(zip(source.columns, resample_frame(source, t).T, strict=True))
     columns["density"] = _density(trajectory, tables, t)
     columns["voltage"] = np.full(len(t), np.nan)

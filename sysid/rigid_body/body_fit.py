@@ -1,11 +1,10 @@
-"""From flights to a rigid body: equation error, output error, rotation, and what of it all is determined."""
+"""From flights to a rigid body: equation error, filter error, rotation, and what of it all is determined."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -14,13 +13,16 @@ from sysid.records.experiment import Experiment, ExperimentError, Floats, requir
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY, reference_voltage
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
-from sysid.rigid_body.airspeed import AirDoubt, doubt_of_air
-from sysid.rigid_body.body_motion import SHARED, THETA, Motion, motion
-from sysid.rigid_body.equation_error import EquationErrorFit, fit_equation_error
+from sysid.rigid_body.body_motion import OWN, SHARED, THETA, Motion, motion
+from sysid.rigid_body.carried import WIND_SIGMA
+from sysid.rigid_body.drag_law import fit_best_law
+from sysid.rigid_body.equation_error import fit_equation_error
+from sysid.rigid_body.filter_error import FilterErrorFit, mean_winds
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
 from sysid.rigid_body.motor_effects import fit_motor_effects
-from sysid.rigid_body.output_error import OutputErrorFit, Prior, fit_output_error, flight_slice, window_count
+from sysid.rigid_body.output_error import Prior, fit_output_error, flight_slice
 from sysid.rigid_body.rotation import COHERENT, STILL, RotationFit, centre_of_gravity, fit_rotation, logged_motors
+from sysid.rigid_body.systematic import EXPONENT_ERROR, shared_errors, usual_speed, wind_error
 from sysid.rigid_body.trim import trim_from, trim_prior
 from sysid.rigid_body.wind import FlightTrim, wind_knots, wind_shapes
 from sysid.rotors.thrust_regression import vehicle_of
@@ -69,22 +71,11 @@ _LAG_SIGMA = 0.005
 #: commands; the scatter of stretches, which all share it, does not show it.
 GAIN_FLOOR = 0.01
 
-#: Steps by which another law of drag must have shown that it fits better.
-_RIVAL_STEPS = 6
-
-#: Windows of each flight, evenly spread, on which laws of drag are judged: four minutes, so that all of a usual flight
-#: is. What they differ by adds up over windows; where so many do not tell two laws apart, all windows are asked.
-JUDGED_WINDOWS = 24
-
-#: Standard deviations by which the costs of two laws must differ to tell them apart (Vuong 1989).
-_APART = 3.0
-
 #: Part of the time at an end of its range from which a motor is worth a finding.
 SATURATED = 0.05
 
 #: Time between the points of a varying wind, s: shorter than the long gusts (Dryden: about 100 m at 15 m height, 20 to
-#: 50 s in light wind), which else pull drag about and hide from its standard error; longer than a window. With it
-#: standard errors agree with Monte Carlo in gusts.
+#: 50 s in light wind), so that free runs of a fitted flight follow them; longer than a window.
 WIND_SPACING = 20.0
 _NOTHING = 1e-6
 
@@ -152,24 +143,22 @@ def fit_rigid_body(
     motions = [motion(record, vehicle, voltage) for record in records]
     prior, start = _prior(motions, vehicle, priors or {})
     rough = fit_equation_error(motions, [np.ones((len(flight.t), 1)) for flight in motions], start, prior)
-    knots = _knots(motions, wind_spacing)
-    fine, law = _best_law(motions, knots, prior, rough, begun + time_limit, report)
+    fine, law = fit_best_law(motions, prior, rough, begun + time_limit, report)
     if not fine.converged:
         findings.append(
             Finding(
                 "not-converged",
                 Severity.WARNING,
-                f"output error had not settled after {fine.iterations} steps and {time.monotonic() - begun:.1f} s; its "
-                "standard errors mean little",
+                f"filter error had not settled after {time.monotonic() - begun:.1f} s; its standard errors mean little",
                 "give it more time, use longer flights, or leave out flights in which the craft was disturbed",
             )
         )
-    trims = [_trim(fine, i, knots[i]) for i in range(len(motions))]
-    air = doubt_of_air(motions, trims, varies=wind_spacing is not None)
+    report("paths over windows", 0.7)
+    trims, rmse = _trims(motions, fine, law, _knots(motions, wind_spacing), begun + time_limit)
     report("rotation", 0.8)
     turning = _rotation(records, vehicle, voltage)
-    parameters, covariance, estimated = _parameters(fine, prior, air, records, vehicle, voltage, turning)
-    findings += _undetermined(parameters) + _drag_apart(parameters, motions, fine, air)
+    parameters, covariance, estimated = _parameters(fine, prior, motions, records, vehicle, voltage, turning)
+    findings += _undetermined(parameters) + _drag_apart(parameters, motions, fine, covariance)
     report("fitted", 1.0)
     return RigidBodyModel(
         name="rigid body, thrust and drag from PWM and attitude",
@@ -183,9 +172,9 @@ def fit_rigid_body(
         vehicle=vehicle,
         reference_density=REFERENCE_DENSITY,
         reference_voltage=voltage,
-        flights={flight.name: air.widened(trim) for flight, trim in zip(motions, trims, strict=True)},
+        flights={flight.name: trim for flight, trim in zip(motions, trims, strict=True)},
         rotation_fit={} if turning is None else {axis: fit.coherent for axis, fit in turning.axes.items()},
-        rmse=fine.rmse,
+        rmse=rmse,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
         motors={} if turning is None else fit_motor_effects(records, vehicle, voltage, turning),
@@ -303,65 +292,45 @@ def _knots(motions: Sequence[Motion], spacing: float | None) -> list[Floats]:
     return [np.linspace(flight.t[0], flight.t[-1], most) for flight in motions]
 
 
-def _best_law(
-    motions: Sequence[Motion],
-    knots: Sequence[Floats],
-    prior: Prior,
-    rough: EquationErrorFit,
-    deadline: float,
-    report: Progress,
-) -> tuple[OutputErrorFit, int]:
-    """Fit by output error with every law of drag that equation error could not rule out; keep the best.
+def _trims(
+    motions: Sequence[Motion], fine: FilterErrorFit, law: int, knots: Sequence[Floats], deadline: float
+) -> tuple[list[FlightTrim], float]:
+    """Find wind and thrust scale of every flight with its craft's parameters held, and the paths' error [m].
 
-    Of a long flight a bounded part judges the laws; all of it is for the best, and for what comes close to that.
+    Winds that vary follow the paths over windows; standard errors are those of the filter error, because gusts are no
+    error of a mean wind, and of the attitude.
     """
     shapes = [wind_shapes(flight.t, k) for flight, k in zip(motions, knots, strict=True)]
-    prior, values = _widened(prior, rough.values, len(motions), shapes[0].shape[1])
-    laws: Sequence[int] = rough.laws
-    long = any(window_count(flight) > JUDGED_WINDOWS for flight in motions)
-    for judging in (True, False) if long else (False,):
-        law, close = laws[0], []
-        report("paths over windows", 0.5 if long and not judging else 0.1)
-        fit = partial(
-            fit_output_error,
-            motions,
-            shapes,
-            prior=prior,
-            most_windows=JUDGED_WINDOWS if judging else None,
-            deadline=deadline,
+    prior, values = _widened(fine, len(motions), shapes[0].shape[1])
+    paths = fit_output_error(motions, shapes, values, prior, law=law, deadline=deadline)
+    trims = []
+    winds = mean_winds(motions, fine, law)
+    for k, (flight, own_knots, wind) in enumerate(zip(motions, knots, winds, strict=True)):
+        own = flight_slice(k, 1 + len(own_knots))
+        trim = trim_from(paths.values[own], paths.covariance[own, own], own_knots, "fit")
+        told = np.max(np.diag(wind.covariance)) + wind_error(flight, wind.mean, wind.drag) ** 2
+        exponent, scale = (flight_slice(k, 1).start + place for place in range(len(OWN)))
+        trims.append(
+            replace(
+                trim,
+                # Nothing is known worse than beforehand.
+                wind_sigma=float(1.0 / np.sqrt(1.0 / told + 1.0 / WIND_SIGMA**2)),
+                thrust_scale_sigma=float(np.sqrt(fine.covariance[scale, scale])),
+                wind_exponent_sigma=float(np.hypot(np.sqrt(fine.covariance[exponent, exponent]), EXPONENT_ERROR)),
+            )
         )
-        settle = long and not judging
-        best = fit(values, law=law, settle=settle)
-        for number, other in enumerate(laws[1:], start=1):
-            begin, end = (0.1, 0.5) if judging else ((0.5, 0.8) if long else (0.1, 0.8))
-            report("paths over windows, another law of drag", begin + (end - begin) * number / len(laws))
-            if time.monotonic() > deadline:
-                break
-            rival = fit(best.values, law=other, spread=best.spread, most_steps=_RIVAL_STEPS)
-            better = rival.cost < best.cost
-            if not _apart(best, rival):
-                close.append(law if better else other)
-            if better:
-                best, law = fit(rival.values, law=other, settle=settle), other
-        laws, values = (law, *close), best.values
-        if judging and time.monotonic() > deadline:
-            return replace(best, converged=False), law
-    return best, laws[0]
+    return trims, paths.rmse
 
 
-def _apart(one: OutputErrorFit, other: OutputErrorFit) -> bool:
-    """Whether two laws, under the same weights, differ by more than their windows' scatter."""
-    differences = one.costs - other.costs
-    return bool(abs(differences.sum()) > _APART * np.sqrt(len(differences)) * differences.std())
-
-
-def _widened(prior: Prior, values: Floats, flights: int, shapes: int) -> tuple[Prior, Floats]:
-    """Make room for winds that vary about the constant ones found by equation error."""
-    shared = np.array([prior.mean, prior.sigma, prior.low, prior.high])[:, :SHARED]
-    parts, start = [shared], [values[:SHARED]]
+def _widened(fine: FilterErrorFit, flights: int, shapes: int) -> tuple[Prior, Floats]:
+    """Hold what is known of the craft and of the wind's profile, and make room for winds that vary about the constant ones."""
+    held = fine.values[:SHARED]
+    parts, start = [np.array([held, np.zeros(SHARED), held, held])], [held]
     for flight in range(flights):
-        exponent, scale, north, east = values[flight_slice(flight, 1)]
-        parts.append(np.array(trim_prior(shapes, float(np.hypot(north, east)))))
+        exponent, scale, north, east = fine.values[flight_slice(flight, 1)]
+        own = np.array(trim_prior(shapes, float(np.hypot(north, east))))
+        own[:, 0] = exponent, 0.0, exponent, exponent
+        parts.append(own)
         start.append(np.array([exponent, scale, north, east, *np.zeros(2 * (shapes - 1))]))
     return Prior(*np.ascontiguousarray(np.hstack(parts))), np.concatenate(start)
 
@@ -372,15 +341,10 @@ def _rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | 
     return fit_rotation(records, vehicle, voltage)
 
 
-def _trim(fine: OutputErrorFit, flight: int, knots: Floats) -> FlightTrim:
-    own = flight_slice(flight, 1 + len(knots))
-    return trim_from(fine.values[own], fine.covariance[own, own], knots, "fit")
-
-
 def _parameters(
-    fine: OutputErrorFit,
+    fine: FilterErrorFit,
     prior: Prior,
-    air: AirDoubt,
+    motions: Sequence[Motion],
     records: Sequence[Experiment],
     vehicle: Vehicle,
     voltage: float | None,
@@ -388,11 +352,8 @@ def _parameters(
 ) -> tuple[dict[str, BodyParameter], Floats, tuple[str, ...]]:
     """Judge every parameter; give them with the covariance of those that were estimated."""
     result: dict[str, BodyParameter] = {}
-    sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
-    held = prior.sigma[:SHARED] == 0.0
-    extra = np.array([air.of(name) for name in THETA]) * np.abs(fine.values[:SHARED])
-    extra[held] = 0.0
-    sigma = np.hypot(sigma, extra)
+    extra = np.where(prior.sigma[:SHARED] == 0.0, 0.0, shared_errors(motions, fine.values))
+    sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0) + extra**2)
     unlogged = len(records[0].input_names) < len(vehicle.motors)
     for k, name in enumerate(THETA):
         value, reason = float(fine.values[k]), ""
@@ -402,8 +363,6 @@ def _parameters(
             reason = f"only {len(records[0].input_names)} of {len(vehicle.motors)} motors are logged"
         else:
             reason = _doubt(name, value, float(sigma[k]))
-            if air.of(name) > _DRAG_RELATIVE:
-                reason = air.reason(name)
             if not reason and name not in ("motor_lag", "climb_loss") and value in (prior.low[k], prior.high[k]):
                 reason = f"the estimate ran into its limit of {value:g}"
         result[name] = _parameter(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason)
@@ -529,7 +488,7 @@ def _undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:
 
 
 def _drag_apart(
-    parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: OutputErrorFit, air: AirDoubt
+    parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: FilterErrorFit, covariance: Floats
 ) -> list[Finding]:
     """Give the whole drag at the speed flown where its linear and quadratic parts cannot be told apart."""
     findings = []
@@ -537,15 +496,11 @@ def _drag_apart(
         names = (f"drag_linear_{axis}", f"drag_quadratic_{axis}")
         if all(parameters[name].determined for name in names):
             continue
-        speeds = np.concatenate(
-            [np.einsum("ni,ni->n", m.rotation.reshape(-1, 3, 3)[:, :, place], m.velocity) for m in motions]
-        )
-        speed = float(np.sqrt(np.mean(speeds**2)))
-        weights = np.zeros(len(fine.values))
+        speed = usual_speed(motions, place)
+        weights = np.zeros(len(covariance))
         weights[[THETA.index(name) for name in names]] = speed, speed**2
-        drag = float(weights @ fine.values)
-        sigma = float(np.sqrt(max(float(weights @ fine.covariance @ weights), 0.0)))
-        sigma = float(np.hypot(sigma, air.of(names[0]) * drag))
+        drag = float(weights[:SHARED] @ fine.values[:SHARED])
+        sigma = float(np.sqrt(max(float(weights @ covariance @ weights), 0.0)))
         if speed > _SLOW and sigma < _DRAG_RELATIVE * drag:
             findings.append(
                 Finding(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from logparse import MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
@@ -39,6 +40,10 @@ _LAG_STEP = 1e-3
 _ANGLES = ("roll", "pitch", "yaw")
 _VELOCITY = ("v_n", "v_e", "v_d")
 _FORCE = ("f_x", "f_y", "f_z")
+_ATTITUDE_ERROR = ("phi_n", "phi_e", "phi_d")
+
+#: Standard deviation of an attitude whose error nobody stated, rad: a tenth of a degree.
+ATTITUDE_SIGMA = np.radians(0.1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +66,8 @@ class Motion:
         NED, by the accelerometer, m/s^2.
     ground : float
         Down coordinate of the place of take-off, m.
+    attitude_sigma : ndarray, shape (3,)
+        Standard deviation of the attitude's error about north, east and down, usual over the flight, rad.
     """
 
     name: str
@@ -73,6 +80,7 @@ class Motion:
     velocity: Floats
     acceleration: Floats | None
     ground: float
+    attitude_sigma: Floats
 
     @property
     def dt(self) -> float:
@@ -171,7 +179,16 @@ def motion(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motio
         velocity=np.ascontiguousarray(velocity),
         acceleration=acceleration,
         ground=float(max(position[0, 2], position[-1, 2])),
+        attitude_sigma=_attitude_sigma(context),
     )
+
+
+def _attitude_sigma(context: pd.DataFrame) -> Floats:
+    """Root mean square of what the estimator states of its attitude, (3,) rad; `ATTITUDE_SIGMA` where it does not."""
+    if not set(_ATTITUDE_ERROR) <= set(context.columns):
+        return np.full(3, ATTITUDE_SIGMA)
+    stated = np.sqrt(np.mean(context[list(_ATTITUDE_ERROR)].to_numpy(np.float64) ** 2, axis=0))
+    return np.where(np.isfinite(stated), stated, ATTITUDE_SIGMA)
 
 
 def rotation_matrices(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:

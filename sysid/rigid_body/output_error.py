@@ -37,10 +37,8 @@ HUBER = 3.0
 #: Gauss-Newton steps after which a fit that has not settled is given up.
 MOST_STEPS = 30
 
-#: How often the residuals' spread is found anew; the most where it shall settle, and the change that tells that it has.
+#: How often the residuals' spread is found anew.
 _REWEIGHTINGS = 4
-_MOST_REWEIGHTINGS = 12
-_SETTLED = 0.01
 
 #: Largest part of a direction's information in one window that its score is corrected for.
 _LARGEST_SHARE = 0.9
@@ -168,10 +166,6 @@ def fit_output_error(
     *,
     law: int,
     window_seconds: float | None = WINDOW_SECONDS,
-    most_windows: int | None = None,
-    spread: Floats | None = None,
-    settle: bool = False,
-    most_steps: int = MOST_STEPS,
     deadline: float = np.inf,
 ) -> OutputErrorFit:
     """Match the paths of one craft in several flights.
@@ -188,38 +182,27 @@ def fit_output_error(
         Of drag (`_rigid_kernels`).
     window_seconds : float or None
         None runs freely through each record from its measured first state, which then is not estimated.
-    most_windows : int, optional
-        Take no more of each flight, evenly spread over it.
-    spread : ndarray, shape (flights, 3), optional
-        Standard deviations of the residuals to weight with, m; default: found in the course of the fit.
-    settle : bool
-        Find the spread anew until it has settled. It hangs on the wind, which a long flight has many points of; in a
-        short one it would follow what these take away from the residuals.
-    most_steps : int
-        Give up after so many Gauss-Newton steps.
     deadline : float
         On `time.monotonic`; reached, the best values so far are returned as not converged.
     """
     free = np.flatnonzero(prior.sigma > 0.0)
-    windows = _windows(motions, shapes, window_seconds, most_windows, free)
+    windows = _windows(motions, shapes, window_seconds, free)
     weight = np.where(np.isfinite(prior.sigma[free]), 1.0 / np.maximum(prior.sigma[free], 1e-300) ** 2, 0.0)
     values = np.clip(start, prior.low, prior.high)
-    sigma = np.full((len(motions), 3), np.nan) if spread is None else spread
+    sigma = np.full((len(motions), 3), np.nan)
     converged, iteration = False, 0
     estimate_states = window_seconds is not None
     paths = _run_windows(motions, windows, values, law)
     now = _weigh(paths, windows, sigma, len(free), estimate_states)
     if not np.isfinite(now.cost):
         raise ExperimentError("the craft runs away from its measured path at the first values; check PWM and attitude")
-    balance = 1.0 if spread is None else _balance(now)
-    damping, reweighted, settled = 1e-6, 0, spread is not None
-    while iteration < most_steps and time.monotonic() < deadline:
+    balance, damping, reweighted, settled = 1.0, 1e-6, 0, False
+    while iteration < MOST_STEPS and time.monotonic() < deadline:
         iteration += 1
         if not settled:
             # The residuals' spread belongs to the estimates: weights follow it until it has settled.
-            before, sigma, reweighted = sigma, np.maximum(now.spread, SMALLEST_SIGMA), reweighted + 1
-            still = bool(np.all(np.abs(sigma - before) <= _SETTLED * sigma))
-            settled = reweighted >= _REWEIGHTINGS and (still or not settle or reweighted >= _MOST_REWEIGHTINGS)
+            sigma, reweighted = np.maximum(now.spread, SMALLEST_SIGMA), reweighted + 1
+            settled = reweighted >= _REWEIGHTINGS
             now = _weigh(paths, windows, sigma, len(free), estimate_states)
             balance = _balance(now)
         pull = balance * weight * (values[free] - prior.mean[free])
@@ -229,7 +212,7 @@ def fit_output_error(
         accepted = False
         while not accepted and damping < 1e6:
             trial = values.copy()
-            trial[free] = _within(hessian, uphill, damping, values[free], prior.low[free], prior.high[free])
+            trial[free] = step_within(hessian, uphill, damping, values[free], prior.low[free], prior.high[free])
             moved = trial[free] - values[free]
             states = [window.initial for window in windows]
             for window, (direct, by_theta) in zip(windows, now.back, strict=True):
@@ -254,7 +237,7 @@ def fit_output_error(
     return _result(now, values, free, balance, weight, sigma, iteration, converged)
 
 
-def _within(hessian: Floats, uphill: Floats, damping: float, values: Floats, low: Floats, high: Floats) -> Floats:
+def step_within(hessian: Floats, uphill: Floats, damping: float, values: Floats, low: Floats, high: Floats) -> Floats:
     """Where a damped Gauss-Newton step leads within limits.
 
     What stands at its limit and is pulled outward stays; what would step over its limit stops there, and the others
@@ -277,26 +260,18 @@ def _within(hessian: Floats, uphill: Floats, damping: float, values: Floats, low
     return reached
 
 
-def window_count(motion: Motion, seconds: float | None = WINDOW_SECONDS) -> int:
-    """Into how many windows of equal length near `seconds` a flight is cut."""
-    return 1 if seconds is None else max(round(len(motion.t) * motion.dt / seconds), 1)
-
-
 def _windows(
     motions: Sequence[Motion],
     shapes: Sequence[Floats],
     seconds: float | None,
-    most: int | None,
     free: NDArray[np.int64],
 ) -> list[_Window]:
-    """Cut each flight into windows, and take no more than `most` of it, evenly spread."""
+    """Cut each flight into windows."""
     windows = []
     for flight, motion in enumerate(motions):
         stride = max(round(RESIDUAL_SECONDS / motion.dt), 1)
-        count = window_count(motion, seconds)
-        edges = list(pairwise(np.linspace(0, len(motion.t), count + 1).round().astype(int)))
-        taken = range(count) if most is None or count <= most else np.linspace(0, count - 1, most).round().astype(int)
-        for start, stop in (edges[i] for i in taken):
+        count = 1 if seconds is None else max(round(len(motion.t) * motion.dt / seconds), 1)
+        for start, stop in pairwise(np.linspace(0, len(motion.t), count + 1).round().astype(int)):
             initial = np.concatenate([motion.position[start], motion.velocity[start]])
             active = np.flatnonzero(np.any(shapes[flight][start:stop] != 0.0, axis=0))
             first = flight_slice(flight, shapes[flight].shape[1]).start

@@ -34,6 +34,7 @@ def made(tables=None, vehicle=None, flight=(10.0, 50.0), north=None, east=None, 
         states[name.replace("p_", "v_")] = np.gradient(states[name], t)
     heading = yaw(t) if callable(yaw) else zero + yaw
     states |= {"q_w": np.cos(heading / 2.0), "q_z": np.sin(heading / 2.0)}
-    trajectory = SimpleNamespace(states=frame(t, **states), origin=None)
+    sigma = frame(t, **{f"phi_{axis}": np.full_like(t, 1e-3) for axis in "ned"})
+    trajectory = SimpleNamespace(states=frame(t, **states), sigma=sigma, origin=None)
     interval = flight and SimpleNamespace(start=flight[0], stop=flight[1])
     return Log(tables or Tables(), interval, vehicle=vehicle), trajectory

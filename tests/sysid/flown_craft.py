@@ -70,6 +70,8 @@ def record(flight: Flight, rng: np.random.Generator | None = None, position: flo
         **{f"v_{a}": noisy(rows[f"v_{a}"].to_numpy(), 0.1 * position) for a in "ned"},
         "density": standard_density(place.alt - rows["p_d"].to_numpy()),
         "voltage": rows["voltage"].to_numpy(),
+        # The attitude is the truth's.
+        **{f"phi_{a}": np.full(len(t), 1e-5) for a in "ned"},
     }
     return Experiment.from_arrays(
         t,

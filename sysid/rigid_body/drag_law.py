@@ -1,0 +1,59 @@
+"""Under which law of drag flights are likeliest, and what the choice leaves open."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.rigid_body.body_motion import SHARED, Motion
+from sysid.rigid_body.equation_error import EquationErrorFit
+from sysid.rigid_body.filter_error import FilterErrorFit, fit_filter_error
+from sysid.rigid_body.output_error import Prior
+from sysid.transfer_functions.search import Progress
+
+
+def fit_best_law(
+    motions: Sequence[Motion], prior: Prior, rough: EquationErrorFit, deadline: float, report: Progress
+) -> tuple[FilterErrorFit, int]:
+    """Fit by filter error under every law of drag that equation error could not rule out; return the likeliest.
+
+    All are compared under the disturbances of the first. What laws that can hardly be told from the best find
+    otherwise is added to its covariance: each may be the true one.
+
+    Returns
+    -------
+    FilterErrorFit
+    int
+        The law, as the kernels number it.
+    """
+    report("gusts", 0.1)
+    first = fit_filter_error(motions, rough.values, prior, rough.laws[0], deadline=deadline)
+    fits = {rough.laws[0]: first}
+    for number, other in enumerate(rough.laws[1:], start=1):
+        report("gusts, another law of drag", 0.1 + 0.5 * number / len(rough.laws))
+        if time.monotonic() > deadline:
+            return replace(first, converged=False), rough.laws[0]
+        fits[other] = fit_filter_error(
+            motions, first.values, prior, other, disturbances=first.disturbances, deadline=deadline
+        )
+    law = min(fits, key=lambda each: fits[each].cost)
+    best = fits[law]
+    chances = {other: _chance(best, fit) for other, fit in fits.items()}
+    spread = np.zeros_like(best.covariance)
+    for other, chance in chances.items():
+        off = (fits[other].values - best.values)[:SHARED]
+        spread[:SHARED, :SHARED] += chance / sum(chances.values()) * np.outer(off, off)
+    if law != rough.laws[0]:
+        report("gusts", 0.6)
+        best = fit_filter_error(motions, best.values, prior, law, deadline=deadline)
+    return replace(best, covariance=best.covariance + spread), law
+
+
+def _chance(best: FilterErrorFit, other: FilterErrorFit) -> float:
+    """Weigh a law against the best by how far their clusters' costs differ, in standard deviations (Vuong 1989)."""
+    differences = other.costs - best.costs
+    scatter = float(np.sqrt(len(differences)) * differences.std())
+    return float(np.exp(-0.5 * (differences.sum() / scatter) ** 2)) if scatter > 0.0 else 1.0
