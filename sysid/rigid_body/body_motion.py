@@ -42,6 +42,10 @@ _VELOCITY = ("v_n", "v_e", "v_d")
 _FORCE = ("f_x", "f_y", "f_z")
 _ATTITUDE_ERROR = ("phi_n", "phi_e", "phi_d")
 
+#: Part of the samples at which motor outputs bend from which on all are taken to be logged, and the longest time
+#: between logged ones that is told apart, s.
+_ALL_BENDS, _LONGEST_INTERVAL = 0.9, 1.0
+
 #: Standard deviation of an attitude whose error nobody stated, rad: a tenth of a degree.
 ATTITUDE_SIGMA = np.radians(0.1)
 
@@ -68,6 +72,8 @@ class Motion:
         Down coordinate of the place of take-off, m.
     attitude_sigma : ndarray, shape (3,)
         Standard deviation of the attitude's error about north, east and down, usual over the flight, rad.
+    input_interval : float
+        Time between the motor outputs that were logged, s; between them they are taken for straight lines.
     """
 
     name: str
@@ -81,6 +87,7 @@ class Motion:
     acceleration: Floats | None
     ground: float
     attitude_sigma: Floats
+    input_interval: float
 
     @property
     def dt(self) -> float:
@@ -180,7 +187,19 @@ def motion(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motio
         acceleration=acceleration,
         ground=float(max(position[0, 2], position[-1, 2])),
         attitude_sigma=_attitude_sigma(context),
+        input_interval=_input_interval(record.u, record.dt),
     )
+
+
+def _input_interval(u: Floats, dt: float) -> float:
+    """Estimate the time between logged motor outputs from how often the lines between them bend, s."""
+    moving = u[:, np.ptp(u, axis=0) > 0.0]
+    if len(u) < 3 or moving.shape[1] == 0:
+        return dt
+    bends = np.abs(np.diff(moving, 2, axis=0)) > 1e-9 * np.ptp(moving, axis=0)
+    share = float(np.median(bends.mean(axis=0)))
+    # A logged sample within a step bends the line at both of its ends.
+    return dt if share > _ALL_BENDS else min(2.0 * dt / max(share, 1e-9), _LONGEST_INTERVAL)
 
 
 def _attitude_sigma(context: pd.DataFrame) -> Floats:

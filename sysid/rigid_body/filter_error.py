@@ -31,10 +31,10 @@ from sysid.rigid_body._rigid_kernels import accelerations
 from sysid.rigid_body.body_motion import LAG, OWN, SHARED, Motion
 from sysid.rigid_body.output_error import HUBER, Prior, flight_slice, step_within
 
-#: Time between innovations, s: an autopilot that answers to a gust within it would tie its inputs to what they are
-#: taken to be independent of. Disturbances, which are slower, are looked for at longer steps.
-STEP_SECONDS = 0.1
-_SEARCH_SECONDS = 0.2
+#: Shortest and longest time between innovations, s, twice that of the motor outputs where the log has them so often. An
+#: autopilot that answers to a gust within a step ties its inputs to what they are taken to be independent of; steps as
+#: short as the outputs' sampling show what is hidden between samples.
+SHORTEST_STEP, LONGEST_STEP = 0.1, 0.2
 
 #: Length of a cluster of innovations whose scores are taken together, s.
 CLUSTER_SECONDS = 10.0
@@ -240,7 +240,8 @@ def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> tuple[
     heights = motion.ground - motion.position[:, 2]
     signals, steady = motion.signals(values[LAG]), np.ones((count, 1))
     accelerations(theta, signals, steady, heights, motion.velocity, law, push, jacobian)
-    stride = max(round(STEP_SECONDS / motion.dt), 1)
+    step = min(max(2.0 * motion.input_interval, SHORTEST_STEP), LONGEST_STEP)
+    stride = max(round(step / motion.dt), 1)
 
     def summed(rate: Floats) -> Floats:
         steps = 0.5 * motion.dt * (rate[1:] + rate[:-1])
@@ -251,13 +252,11 @@ def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> tuple[
 
 def _likeliest(left: Floats, dt: float, before: Disturbances | None) -> Disturbances:
     """Find the likeliest disturbances, horizontal and vertical, of unexplained velocities (n, 3)."""
-    stride = max(round(_SEARCH_SECONDS / dt), 1)
-
     def search(columns: Floats, start: Floats) -> Disturbance:
         out = np.empty_like(columns)
 
         def cost(x: Floats) -> float:
-            logs = whiten(columns, stride * dt, *np.exp(np.clip(x, _LOW, _HIGH)), out)
+            logs = whiten(columns, dt, *np.exp(np.clip(x, _LOW, _HIGH)), out)
             return float(_huber(out).sum() + columns.shape[1] * logs + 0.5 * ((x[1] - _TAU[0]) / _TAU[1]) ** 2)
 
         simplex = start + np.vstack([np.zeros(len(start)), _STRIDE * np.eye(len(start))])
@@ -266,7 +265,7 @@ def _likeliest(left: Floats, dt: float, before: Disturbances | None) -> Disturba
         return Disturbance(*(float(value) for value in np.exp(np.clip(solved.x, _LOW, _HIGH))))
 
     starts = [_START, _START] if before is None else [_logarithms(each) for each in before]
-    horizontal, vertical = np.ascontiguousarray(left[::stride, :2]), np.ascontiguousarray(left[::stride, 2:])
+    horizontal, vertical = np.ascontiguousarray(left[:, :2]), np.ascontiguousarray(left[:, 2:])
     return search(horizontal, starts[0]), search(vertical, starts[1])
 
 

@@ -67,6 +67,7 @@ def level(samples, dt=0.02, thrust_over_weight=1.0):
         acceleration=None,
         ground=1e-9,
         attitude_sigma=np.zeros(3),
+        input_interval=dt,
     )
 
 
