@@ -323,7 +323,7 @@ def _trims(
 
 
 def _widened(fine: FilterErrorFit, flights: int, shapes: int) -> tuple[Prior, Floats]:
-    """Hold what is known of the craft and of the wind's profile, and make room for winds that vary about the constant ones."""
+    """Hold what is known of the craft and the wind's profile; make room for winds that vary about the constant ones."""
     held = fine.values[:SHARED]
     parts, start = [np.array([held, np.zeros(SHARED), held, held])], [held]
     for flight in range(flights):

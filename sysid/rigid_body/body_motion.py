@@ -207,7 +207,7 @@ def _attitude_sigma(context: pd.DataFrame) -> Floats:
     if not set(_ATTITUDE_ERROR) <= set(context.columns):
         return np.full(3, ATTITUDE_SIGMA)
     stated = np.sqrt(np.mean(context[list(_ATTITUDE_ERROR)].to_numpy(np.float64) ** 2, axis=0))
-    return np.where(np.isfinite(stated), stated, ATTITUDE_SIGMA)
+    return np.asarray(np.where(np.isfinite(stated), stated, ATTITUDE_SIGMA))
 
 
 def rotation_matrices(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:

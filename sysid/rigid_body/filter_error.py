@@ -88,7 +88,7 @@ class FilterErrorFit:
     Attributes
     ----------
     values : ndarray, shape (n,)
-        Shared parameters (`body_motion.THETA`), then wind exponent, thrust scale and wind north and east of each flight.
+        Shared parameters (`body_motion.THETA`), then wind exponent, thrust scale and wind of each flight.
     covariance : ndarray, shape (n, n)
         Prior knowledge included; zero for what is held.
     information : ndarray, shape (n, n)
@@ -252,16 +252,22 @@ def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> tuple[
 
 def _likeliest(left: Floats, dt: float, before: Disturbances | None) -> Disturbances:
     """Find the likeliest disturbances, horizontal and vertical, of unexplained velocities (n, 3)."""
+
     def search(columns: Floats, start: Floats) -> Disturbance:
         out = np.empty_like(columns)
 
         def cost(x: Floats) -> float:
-            logs = whiten(columns, dt, *np.exp(np.clip(x, _LOW, _HIGH)), out)
+            gust, tau, jolt, noise = np.exp(np.clip(x, _LOW, _HIGH))
+            logs = whiten(columns, dt, gust, tau, jolt, noise, out)
             return float(_huber(out).sum() + columns.shape[1] * logs + 0.5 * ((x[1] - _TAU[0]) / _TAU[1]) ** 2)
 
         simplex = start + np.vstack([np.zeros(len(start)), _STRIDE * np.eye(len(start))])
-        options = {"maxfev": _EVALUATIONS, "xatol": 0.02, "fatol": 0.05, "initial_simplex": simplex}
-        solved = minimize(cost, start, method="Nelder-Mead", options=options)
+        solved = minimize(
+            cost,
+            start,
+            method="Nelder-Mead",
+            options={"maxfev": _EVALUATIONS, "xatol": 0.02, "fatol": 0.05, "initial_simplex": simplex},
+        )
         return Disturbance(*(float(value) for value in np.exp(np.clip(solved.x, _LOW, _HIGH))))
 
     starts = [_START, _START] if before is None else [_logarithms(each) for each in before]

@@ -7,7 +7,6 @@ import numpy as np
 
 from simulation.vehicle import Multirotor
 from sysid import Experiment, PhysicalParameters, RigidBodyModel
-from sysid.records.context import standard_density
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rigid_body._rigid_kernels import GRAVITY
@@ -194,8 +193,3 @@ def table(stated: list[Stated]) -> list[tuple[str, str, int, float, float, float
             )
         )
     return rows
-
-
-def sea_level(place_alt: float) -> float:
-    """Density over that of the reference at an altitude."""
-    return float(standard_density(np.array([place_alt]))[0] / REFERENCE_DENSITY)

@@ -144,7 +144,7 @@ def _conditions(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
 
 
 def _drag(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -> Iterator[Advice]:
-    """Recommend a speed at which drag stands out from unmeasured wind (see `sysid.rigid_body.airspeed`)."""
+    """Recommend a speed at which drag stands out from unmeasured wind."""
     if not flights or _DRAG & set(told):
         return
     windy = [flight for flight in flights if flight.coverage.get("wind") is not None]

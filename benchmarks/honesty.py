@@ -1,0 +1,88 @@
+"""Every number that is stated with a sigma against known truth: firmware in the loop, and simulated gusts.
+
+Flights with the firmware in the loop are read from ../shared/logs/sitl and ../shared/logs/pairs where these are, with
+the truth beside them. A row has the root mean square and the largest of z = (value - truth) / sigma.
+"""
+
+import json
+import lzma
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from estimation import estimate
+from logparse import read_log
+from simulation.papers.elhesasy2024 import octocopter
+from simulation.survey_quadcopter import quadcopter
+from simulation.wind import Wind
+from sysid import Experiment, fit_rigid_body, physical_parameters
+from tests.sysid.flown_craft import flown, record
+from tests.sysid.honesty import (
+    Stated,
+    firmware_truth,
+    simulated_truth,
+    stated_by_body,
+    stated_side_by_side,
+    table,
+)
+
+LOGS = Path("../shared/logs")
+
+#: Of every row: root mean square and largest of z.
+TARGET = "1.3, 4"
+
+#: Mean wind, m/s, and factor on Dryden's intensity.
+WINDS = ((3.0, 1.0), (6.0, 1.5), (9.0, 1.0))
+SEEDS = 3
+
+Row = tuple[str, str, str, str, str]
+
+
+def run() -> list[Row]:
+    return [*_rows("gusts", simulated()), *_rows("firmware", firmware())]
+
+
+def _rows(kind: str, stated: Iterator[Stated]) -> Iterator[Row]:
+    for method, parameter, count, rms, most, error, sigma, worst in table(list(stated)):
+        label = f"{kind}: {method}, {parameter} ({count})"
+        yield label, f"{rms:.2f}, {most:.1f}", f"error {error:.2g}, sigma {sigma:.2g}", worst, TARGET
+
+
+def simulated() -> Iterator[Stated]:
+    """Fly two craft in gusts."""
+    for craft in (octocopter(), quadcopter()):
+        for speed, gusts in WINDS:
+            for seed in range(SEEDS):
+                wind = Wind(speed=speed, from_deg=120.0 * seed, gusts=gusts)
+                flight = flown(craft, wind=wind, altitude=300.0 * seed, seed=seed)
+                seen = record(flight, np.random.default_rng(seed), 0.05, f"{craft.name} {speed:g} {gusts:g} {seed}")
+                blown = flight.truth.loc[seen.t[0] : seen.t[-1], ["wind_n", "wind_e"]].mean()
+                model = fit_rigid_body([seen], mass=craft.mass)
+                truth = simulated_truth(craft, model.reference_voltage, (blown["wind_n"], blown["wind_e"]))
+                yield from stated_by_body(model, seen, truth)
+
+
+def firmware() -> Iterator[Stated]:
+    """Read every flight whose truth is known."""
+    for path in sorted([*LOGS.glob("sitl/*.BIN"), *LOGS.glob("pairs/*.BIN.xz")]):
+        name = path.name.partition(".")[0]
+        facts = json.loads((path.parent / f"{name}.json").read_text())
+        seen = _flight(path, name)
+        mass, arm = facts["truth"]["mass_kg"], facts["truth"]["arm_length_m"]
+        model = fit_rigid_body([seen], mass=mass)
+        truth = firmware_truth(facts, seen, model.reference_voltage, rotor_drag=model.rotor_drag)
+        yield from stated_by_body(model, seen, truth)
+        found = physical_parameters([seen], mass, arm=arm, rigid_body=model)
+        yield from stated_side_by_side(found, seen, truth)
+
+
+def _flight(path: Path, name: str) -> Experiment:
+    with tempfile.TemporaryDirectory() as folder:
+        file = path
+        if path.suffix == ".xz":
+            file = Path(folder) / f"{name}.BIN"
+            file.write_bytes(lzma.decompress(path.read_bytes()))
+        log = read_log(file)
+        return Experiment.from_flight(log, estimate(log.tables), rate=50.0, name=name)
