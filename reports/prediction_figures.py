@@ -116,6 +116,8 @@ def compare(
                 shown.append(y_hat)
             first = number == 0 and result.key not in named
             named.add(result.key)
+            if part.drift is not None:
+                data.append(_drift(result, part, y_hat, part.drift[:, number], main, hidden, most))
             data.append(_run(result, part.experiment.t, y_hat, main, hidden, most) | {"showlegend": first})
             if measured:
                 residual = part.experiment.y[:, number] - part.y_hat[:, number]
@@ -128,7 +130,8 @@ def compare(
     labels = [] if held is None else [band_label(held, "held out")]
     layout = layout_of(**axes, shapes=bands, annotations=labels)
     layout["margin"] = layout["margin"] | {"t": 46 + 20 * (len(models) // 3)}
-    return Figure("prediction", _caption(measured, held, hidden), data, layout, 240 * len(outputs))
+    banded = any(part.drift is not None for _, part in runs)
+    return Figure("prediction", _caption(measured, held, hidden, banded=banded), data, layout, 240 * len(outputs))
 
 
 def _run(
@@ -145,6 +148,34 @@ def _run(
     label = f"residual, {name}" if residual else name
     return line(t, values, label, model_color(result.key), width=1.2 if residual else 1.6, most=most) | {
         "yaxis": f"y{axis}",
+        "legendgroup": name,
+        "showlegend": False,
+        "visible": "legendonly" if result.key in hidden else True,
+    }
+
+
+def _drift(
+    result: ModelResult,
+    part: Prediction,
+    y_hat: NDArray[np.float64],
+    width: NDArray[np.float64],
+    axis: str,
+    hidden: Collection[str],
+    most: int,
+) -> Trace:
+    """Shade how far a free run may drift, where it is free."""
+    free = np.flatnonzero(np.isfinite(width))
+    free = free[:: max(1, -(-2 * len(free) // most))]
+    t = part.experiment.t[free]
+    around = np.concatenate([y_hat[free] + width[free], (y_hat[free] - width[free])[::-1]])
+    name = short(result.title)
+    outline = line(np.concatenate([t, t[::-1]]), around, f"drift band, {name}", model_color(result.key), 0.0, most=most)
+    return outline | {
+        "yaxis": f"y{axis}",
+        "fill": "toself",
+        "fillcolor": model_color(result.key),
+        "opacity": 0.15,
+        "hoverinfo": "skip",
         "legendgroup": name,
         "showlegend": False,
         "visible": "legendonly" if result.key in hidden else True,
@@ -178,7 +209,7 @@ def _held_out(runs: Sequence[tuple[ModelResult, Prediction]]) -> Span | None:
     return next((part.span for result, part in runs if not part.training and result.key in fitted), None)
 
 
-def _caption(measured: bool, held: Span | None, hidden: Collection[str]) -> str:
+def _caption(measured: bool, held: Span | None, hidden: Collection[str], *, banded: bool) -> str:
     if not measured:
         return "Position as the models predict it from the inputs, from rest."
     caption = (
@@ -187,6 +218,8 @@ def _caption(measured: bool, held: Span | None, hidden: Collection[str]) -> str:
     )
     if held is not None:
         caption += " Judge the models by the shaded part, which the fit has not seen."
+    if banded:
+        caption += " The pale band should hold nine tenths of a free run: what is not known of wind, thrust and craft."
     if hidden:
         caption += " Models that cannot be trusted wait in the legend; choose what is shown above the plot."
     return caption

@@ -236,7 +236,8 @@ def _thinned(prediction: Prediction, most: int) -> Prediction:
     rows = slice(None, None, step)
     whole = prediction.experiment
     experiment = replace(whole, t=whole.t[rows], u=whole.u[rows], y=whole.y[rows], context=None)
-    return replace(prediction, experiment=experiment, y_hat=prediction.y_hat[rows])
+    drift = None if prediction.drift is None else prediction.drift[rows]
+    return replace(prediction, experiment=experiment, y_hat=prediction.y_hat[rows], drift=drift)
 
 
 def _physical(

@@ -48,7 +48,12 @@ def identify(
     predictions: tuple[Prediction, ...] = ()
     if validation is not None:
         predictions = tuple(
-            Prediction(experiment=record, y_hat=validation.predictions[record.name], training=number < len(fitted))
+            Prediction(
+                experiment=record,
+                y_hat=validation.predictions[record.name],
+                training=number < len(fitted),
+                drift=validation.drift.get(record.name),
+            )
             for number, record in enumerate((*fitted, *judges))
         )
     orders, missing = None, stages.missing.pop("validation", "")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import sysid
@@ -127,8 +127,7 @@ def _rigid_body(
 def _same_wind(model: sysid.Model, fitted: sysid.Experiment, judge: sysid.Experiment) -> sysid.Model:
     """Take wind and thrust scale of the part fitted for the rest of its flight, whose outputs stay unseen."""
     assert isinstance(model, sysid.RigidBodyModel)
-    known = model.flights.get(fitted.name)
-    return model if known is None else replace(model, flights={**model.flights, judge.name: known})
+    return model.continued(fitted, judge)
 
 
 KINDS = (

@@ -98,11 +98,15 @@ class Prediction:
         Position predicted from the motor commands and the initial state only, m.
     training : bool
         True where the model was fitted to this stretch.
+    drift : ndarray, shape (N, p), or None
+        Half the width of the band that should hold nine tenths of the errors, m, NaN where the run is not free; None
+        for models that do not know.
     """
 
     experiment: Experiment
     y_hat: NDArray[np.float64]
     training: bool
+    drift: NDArray[np.float64] | None = None
 
     @property
     def span(self) -> Span:

@@ -34,10 +34,12 @@ from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
 from sysid.rigid_body.body_motion import LAG, THETA, Motion, motion
 from sysid.rigid_body.carried import Carried, carry_states
+from sysid.rigid_body.drift_band import drift_sigma, trim_errors
+from sysid.rigid_body.increments import velocity_increments
 from sysid.rigid_body.motor_effects import MotorEffect
 from sysid.rigid_body.rotation import AXES, logged_motors, run_rates, torque_commands
 from sysid.rigid_body.trim import early_trim, unusual_thrust, whole_trim
-from sysid.rigid_body.wander import GUST_SECONDS
+from sysid.rigid_body.wander import FIXED, GUST_SECONDS
 from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
 
 #: From how much of a flight that the model has not seen wind and thrust scale are found, s.
@@ -225,6 +227,40 @@ class RigidBodyModel(Summarised):
             path = np.concatenate([flight.run(theta, shapes, self.law, 0, start), path])
         return self._outputs(experiment, path[:, :3])
 
+    def drift(self, experiment: Experiment) -> Floats:
+        """Return the standard deviation of the free run (`simulate`) by what is not known of wind, thrust and craft.
+
+        Parameters
+        ----------
+        experiment : Experiment
+
+        Returns
+        -------
+        ndarray, shape (N, 3)
+            Of x, y, z, m; NaN where the run is not free, because its trim has looked at the motion.
+        """
+        flight, trim = self._motion(experiment), self._trim_of(experiment)
+        theta, shapes = self._theta(flight, trim)
+        start = _free_from(flight, trim)
+        run = flight.run(theta, shapes, self.law, start)
+        carried = self.carried.get(experiment.name) or self._carry(flight, self.flights.get(experiment.name))
+        mean = np.array([*self._shared, trim.wind_exponent, trim.thrust_scale, trim.wind_n, trim.wind_e])
+        block = max(int(np.searchsorted(carried.edges, start, side="right")) - 1, 0)
+        if start > 0:
+            known, looked = carried.covariances[block].copy(), flight.cut(0, start + 1)
+            # The run goes on with the mean: what the filter makes of gusts and departures of the moment is an error.
+            now = np.concatenate([carried.gust[block], [carried.departure[block]]])
+            known[FIXED:, FIXED:] += np.outer(now, now)
+        else:
+            known, looked = carried.wander.start(_sigma(trim)), flight
+        blocks = velocity_increments(looked, mean, self.law)
+        places = [self.estimated.index(name) for name in THETA]
+        errors = trim_errors(blocks, known, carried.wander, self.covariance[np.ix_(places, places)])
+        free = flight.cut(start, len(flight.t)) if start > 0 else flight
+        sigma = np.full((len(flight.t), 3), np.nan)
+        sigma[start:] = drift_sigma(free, run, mean, self.law, errors, carried.wander)
+        return sigma
+
     def predict(self, experiment: Experiment, horizon: float = 1.0, every: int = 1) -> Floats:
         """Predict every sample from the state `horizon` seconds before it.
 
@@ -261,6 +297,15 @@ class RigidBodyModel(Summarised):
         found = self._outputs(experiment, out)
         found[: steps + 1] = self.simulate(experiment)[: steps + 1]
         return found
+
+    def continued(self, before: Experiment, after: Experiment) -> RigidBodyModel:
+        """Return the model with what the first part of a flight has told of its wind and thrust for the part after it.
+
+        The fit's own errors of a single flight's scale hold that of the air's density, which is alike in both parts.
+        """
+        flight = self._motion(before)
+        trim = early_trim(flight, self._shared, self.law, "the flight before")
+        return replace(self, flights={**self.flights, after.name: replace(trim, looked_until=None)})
 
     def with_early_trim(self, experiment: Experiment) -> RigidBodyModel:
         """Return the model with what `simulate` and `predict` find of a flight, so that they need not do so again."""
@@ -439,8 +484,7 @@ class RigidBodyModel(Summarised):
         if known is None or known.looked_until is not None:
             return carry_states(flight, self._shared, self.law)
         own = np.array([known.wind_exponent, known.thrust_scale, known.wind_n, known.wind_e])
-        sigma = np.array([known.wind_exponent_sigma, known.thrust_scale_sigma, known.wind_sigma, known.wind_sigma])
-        return carry_states(flight, self._shared, self.law, (own, np.maximum(sigma, KNOWN_AT_BEST)))
+        return carry_states(flight, self._shared, self.law, (own, np.maximum(_sigma(known), KNOWN_AT_BEST)))
 
     def _theta(self, flight: Motion, trim: FlightTrim) -> tuple[Floats, Floats]:
         """Parameters and wind for the kernels: the winds north and east are shapes of their own."""
@@ -450,6 +494,11 @@ class RigidBodyModel(Summarised):
     @staticmethod
     def _outputs(experiment: Experiment, position: Floats) -> Floats:
         return np.asarray(position * np.array([1.0, 1.0, -1.0]) + experiment.y[0])
+
+
+def _sigma(trim: FlightTrim) -> Floats:
+    """Return standard deviations of exponent, thrust scale, wind north and east of a trim."""
+    return np.array([trim.wind_exponent_sigma, trim.thrust_scale_sigma, trim.wind_sigma, trim.wind_sigma])
 
 
 def _free_from(flight: Motion, trim: FlightTrim) -> int:

@@ -22,7 +22,7 @@ from sysid.rigid_body.wind import LIGHT, TURBULENCE
 
 #: Memory of gusts and of departures of the thrust scale, s. Half or twice of either changes errors of free runs on
 #: thirty flights by less than 5 % in the mean of logarithms.
-GUST_SECONDS, SCALE_SECONDS = 20.0, 10.0
+GUST_SECONDS, SCALE_SECONDS = 20.0, 4.0
 
 #: Innovations beyond so many standard deviations are knocks and count with the noise that explains them.
 GATE = 4.0
@@ -38,7 +38,7 @@ STATES = FIXED + 3
 #: departures of the thrust scale: what is expected of any flight, and the factor that it may differ by (one standard
 #: deviation of the logarithm).
 _EXPECTED = (1e-3, 1e-3, 1.0, 0.003)
-_FACTORS = (3.0, 3.0, 1.0, 1.5)
+_FACTORS = (3.0, 3.0, 2.0, 2.0)
 
 #: Evaluations of the likelihood, and how near the best it has to end.
 _MOST_EVALUATIONS, _NEAR = 300, 0.05

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
+from scipy.stats import norm
 
 from logparse import Finding
 from logparse.summary import Summarised
@@ -31,6 +32,9 @@ MOST_STEPS = 100_000
 
 #: Samples over which the velocity at the start of a free run is taken, s.
 VELOCITY_SECONDS = 1.0
+
+#: Part of a free run's errors that its drift band should hold, and times at which the band is listed.
+BAND, BAND_POINTS = 0.9, 41
 
 #: A model beats a baseline when its error is at least this part smaller; less is chance.
 MARGIN = 0.05
@@ -103,6 +107,11 @@ class Validation(Summarised):
         fitted it errs by far more where hovering takes another thrust.
     findings : tuple of Finding
         What the model had to say about single records.
+    drift : mapping
+        Of models that know how far their free runs may drift: half the width of the band that holds `BAND` of a run's
+        errors, by record, shape (N, p); NaN where the run is not free.
+    inside : mapping
+        Part of the free run's errors that is within it, by record, shape (p,).
     """
 
     model: str
@@ -116,6 +125,8 @@ class Validation(Summarised):
     predictions: Mapping[str, Floats]
     own_trim: bool = False
     findings: tuple[Finding, ...] = ()
+    drift: Mapping[str, Floats] = field(default_factory=dict)
+    inside: Mapping[str, Floats] = field(default_factory=dict)
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
@@ -138,7 +149,28 @@ class Validation(Summarised):
             "trusted": dict(self.trusted),
             "unseen": self.unseen,
             "own_trim": self.own_trim,
+            "drift": self._drift(),
         }
+
+    def _drift(self) -> list[dict[str, Any]]:
+        """List the bands for JSON, thinned to `BAND_POINTS` times."""
+        rows: list[dict[str, Any]] = []
+        for flight, widths in self.drift.items():
+            outputs = self.table.loc[self.table["flight"] == flight, "output"]
+            at = np.unique(np.linspace(0, len(widths) - 1, BAND_POINTS).round().astype(int))
+            for column, output in enumerate(outputs):
+                width = [float(value) if np.isfinite(value) else None for value in widths[at, column]]
+                rows.append(
+                    {
+                        "flight": flight,
+                        "output": str(output),
+                        "holds": BAND,
+                        "inside": float(self.inside[flight][column]),
+                        "sample": at.tolist(),
+                        "half_width": width,
+                    }
+                )
+        return rows
 
 
 def validate(
@@ -162,6 +194,8 @@ def validate(
     errors: dict[str, Floats] = {}
     start = {record.name: _scored_from(model, record) for record in records}
     found: list[Finding] = []
+    drift: dict[str, Floats] = {}
+    inside: dict[str, Floats] = {}
     for record in records:
         # The wind of a flight is found once, not for every horizon.
         told = model.with_early_trim(record) if isinstance(model, RigidBodyModel) else model
@@ -170,6 +204,10 @@ def validate(
         simulated = told.simulate(record)
         predictions[record.name] = simulated
         first = start[record.name]
+        if isinstance(told, RigidBodyModel) and record.name not in model.training:
+            drift[record.name] = float(norm.ppf(0.5 + 0.5 * BAND)) * told.drift(record)
+            held = np.abs(record.y - simulated) <= drift[record.name]
+            inside[record.name] = held[max(first, 1) :].mean(axis=0)
         if first > len(record.t) - MIN_SAMPLES:
             continue
         trained = record.name in model.training
@@ -220,6 +258,8 @@ def validate(
         predictions=predictions,
         own_trim=own_trim,
         findings=tuple(found),
+        drift=drift,
+        inside=inside,
     )
 
 
