@@ -12,6 +12,7 @@ from sysid.frequency.axes import Axis, FrequencyError, axis_of
 from sysid.frequency.composite import merge
 from sysid.frequency.excitation import find_chirps
 from sysid.frequency.fit import FrequencyFit, fit, refit
+from sysid.frequency.limits import limits_of
 from sysid.frequency.records import AxisRecord, chirp_record, experiment_record, flight_record, rate_signals
 from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.smoothness import roughness
@@ -81,6 +82,7 @@ def response(data: Data | Sequence[Data], axis: str) -> FrequencyResponse:
                 "Give logs of one setting at a time.",
             )
         )
+    findings += limits_of(records, logs)
     frf = response_of_records(records, which, gyro_filter_hz=gyro or None)
     rounded = any(log.tables.has("motors") for log in logs)
     return replace(frf, findings=tuple(findings), systematic=_ROUNDED if rounded else 0.0)
@@ -119,6 +121,9 @@ def records_of(data: Data | Sequence[Data], axis: Axis, findings: list[Finding] 
         except FrequencyError as error:
             reasons.append(str(error))
     records = chirped or ordinary
+    # Spectra of records add up only with the same inputs: of two kinds, the simpler counts for all.
+    fewest = min((record.inputs.shape[1] for record in records), default=1)
+    records = [record if record.inputs.shape[1] == fewest else record.alone() for record in records]
     if not records:
         raise FrequencyError("; ".join(reasons) or f"no excitation of the {axis.name} axis")
     return records

@@ -12,7 +12,7 @@ from scipy.interpolate import make_interp_spline
 
 from logparse import FlightLog
 from logparse.canonical.units import quantity
-from sysid.frequency.axes import Axis, FrequencyError
+from sysid.frequency.axes import AXES, Axis, FrequencyError
 from sysid.frequency.excitation import Chirp
 from sysid.frequency.response import Complex, Floats
 from sysid.records.experiment import Experiment
@@ -28,6 +28,12 @@ _SHORTEST_FLIGHT, _TAKEOFF = 10.0, 1.0
 
 #: Output below which an axis stands still: a ten-thousandth of full.
 _STILL = 1e-4
+
+#: Standard deviation of an attitude target [rad] below which nothing was asked of an axis.
+_ASKED = 0.004
+
+#: Shortest flight [s] in which the outputs of the other axes can be told apart from that of the axis.
+_CONDITIONED = 40.0
 
 #: Names of inputs and outputs of an axis in experiments.
 _NAMES = {
@@ -78,6 +84,10 @@ class AxisRecord:
     def duration(self) -> float:
         """Return the length, s."""
         return (len(self.output) - 1) * self.dt
+
+    def alone(self) -> AxisRecord:
+        """Return the record without the inputs of other axes."""
+        return replace(self, inputs=self.inputs[:, :1], instruments=self.instruments[:, :1])
 
     def difference(self) -> AxisRecord:
         """Return the record with the central difference of its output, one sample shorter at both ends."""
@@ -277,26 +287,47 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis) -> AxisRecor
     if missing:
         raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} of the {axis.name} axis")
     target = _attitude_target(log, axis, t)
+    if target is not None and np.std(target) < _ASKED:
+        # The rate target moves all the same, with the disturbances that the angle loop answers: no instrument.
+        raise FrequencyError(
+            f"{log.path.name}: the {axis.name} target hardly moved, nothing was asked of this axis; fly a chirp, or a "
+            "minute of short stick inputs on it"
+        )
     if target is not None:
         instrument, name = target, f"{axis.name} target"
     elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
         instrument, name = known[axis.reference], "rate target" if axis.attitude else "acceleration target"
     else:
         instrument, name = known[axis.input], ""
-    clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], instrument])
+    others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
+    clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], instrument, *others])
     if np.std(values[:, 0]) < _STILL or np.std(values[:, 2]) == 0.0:
         raise FrequencyError(f"{log.path.name}: nothing moved the {axis.name} axis; give it short stick inputs")
     return AxisRecord(
         name=f"{log.path.name} [{clock[0]:.1f}-{clock[-1]:.1f} s]",
         start=float(clock[0]),
         dt=float(clock[1] - clock[0]),
-        inputs=values[:, :1],
+        inputs=np.column_stack([values[:, 0], values[:, 3:]]),
         output=values[:, 1],
         instruments=values[:, 2:],
         usable=usable,
         band=ORDINARY_BAND,
         instrument=name,
     )
+
+
+def _other_outputs(axis: Axis, signals: RateSignals, rows: NDArray[np.bool_]) -> list[Floats]:
+    """Return the outputs of the other axes of rotation that move, so that what they do does not count as the axis's."""
+    if not axis.attitude:
+        return []
+    found = []
+    for other in AXES.values():
+        values = signals.columns.get(other.input)
+        if other.name == axis.name or not other.attitude or values is None:
+            continue
+        if np.isfinite(values[rows]).all() and np.std(values[rows]) > _STILL:
+            found.append(values[rows])
+    return found
 
 
 def _attitude_target(log: FlightLog, axis: Axis, t: Floats) -> Floats | None:
@@ -309,8 +340,7 @@ def _attitude_target(log: FlightLog, axis: Axis, t: Floats) -> Floats | None:
     if np.count_nonzero(known) < 16:
         return None
     times = table.index.to_numpy(np.float64)[known]
-    target = np.asarray(np.interp(t, times, np.unwrap(values[known])))
-    return target if np.std(target) > 0.0 else None
+    return np.asarray(np.interp(t, times, np.unwrap(values[known])))
 
 
 def experiment_record(experiment: Experiment, axis: Axis) -> AxisRecord:

@@ -1,0 +1,69 @@
+"""What limits the worth of records: too few samples a second, motors at their limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from logparse import Finding, FlightLog, Severity
+from sysid.frequency.records import AxisRecord
+
+#: Rate [Hz] of samples below which the loop's own frequencies fold.
+_FOLDING = 25.0
+
+#: Part of the time with a motor at a limit, and distance [us] from it.
+_SATURATED, _AT_LIMIT = 0.02, 3.0
+
+
+def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[Finding]:
+    """Return what a reader of the responses should know of the records they come from."""
+    findings = []
+    slowest = max(record.dt for record in records)
+    if 1.0 / slowest < _FOLDING:
+        findings.append(
+            Finding(
+                "rate-loop-folds",
+                Severity.WARNING,
+                f"The rate loop was logged at {1.0 / slowest:.0f} Hz: what happens above {0.5 / slowest:.0f} Hz folds "
+                "into the frequencies below.",
+                "Set LOG_BITMASK to include attitude (fast), for 25 Hz or more.",
+                {"rate_hz": 1.0 / slowest},
+            )
+        )
+    for log in logs:
+        share = _saturated(log, records)
+        if share > _SATURATED:
+            findings.append(
+                Finding(
+                    "motors-at-limits",
+                    Severity.WARNING,
+                    f"In {100.0 * share:.0f} % of the samples of {log.path.name} a motor was at a limit, where it "
+                    "gives less than the controller asks for: gains are too small.",
+                    "Use a smaller SID_MAGNITUDE, or fly with less weight.",
+                    {"share": share},
+                )
+            )
+    return findings
+
+
+def _saturated(log: FlightLog, records: Sequence[AxisRecord]) -> float:
+    """Return the part of a log's records in which a motor was at its lowest or highest output."""
+    motors = log.tables.motors
+    if motors is None or not len(motors):
+        return 0.0
+    t = motors.index.to_numpy(np.float64)
+    within = np.zeros(len(t), dtype=bool)
+    for record in records:
+        if record.name.startswith(log.path.name):
+            within |= (t >= record.start) & (t <= record.start + record.duration)
+    if not within.any():
+        return 0.0
+    values = motors.to_numpy(np.float64)[within]
+    vehicle = log.vehicle
+    span = vehicle.pwm_max - vehicle.pwm_min
+    lowest = vehicle.pwm_min + vehicle.spin_min * span + _AT_LIMIT
+    highest = vehicle.pwm_min + vehicle.spin_max * span - _AT_LIMIT
+    with np.errstate(invalid="ignore"):
+        limited = (values <= lowest) | (values >= highest)
+    return float(np.mean(limited.any(axis=1)))
