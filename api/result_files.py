@@ -13,6 +13,10 @@ _KNOWN = {
     "models.mat": "Models for MATLAB",
     "rmse.csv": "RMSE table",
     "coefficients.csv": "Coefficients of the models",
+    "parameters.csv": "Physical parameters by every method",
+    "track.geojson": "Track for maps (GeoJSON)",
+    "track.kml": "Track for Google Earth (KML)",
+    "track.gpx": "Track for GPS programs (GPX)",
     "report.json": "All numbers of the report",
     "report.md": "Report in short, as Markdown",
 }

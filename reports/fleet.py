@@ -48,8 +48,9 @@ def write_fleet(fleet: FleetResult) -> None:
     """Compose the report on all flights in the store of a fleet.
 
     ``report.html`` (complete in itself but for the pages of flights, which it links), ``report.json`` (crafts in full,
-    flights in short), ``report.md``, ``rmse.csv`` and ``coefficients.csv`` of all, ``models.json`` and ``models.mat``
-    with the models of crafts and of those flights that belong to none; ``plotly.min.js`` for the pages of flights.
+    flights in short), ``report.md``; ``rmse.csv``, ``coefficients.csv`` and ``parameters.csv`` of all; ``models.json``
+    and ``models.mat`` with the models of crafts and of those flights that belong to none; ``plotly.min.js`` for the
+    pages of flights.
     """
     compose(
         fleet.store,
@@ -90,7 +91,8 @@ def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], **fa
     alone = [folder for folder, summary in zip(flights, summaries, strict=True) if summary["name"] not in joint]
     store.write("report.json", as_json(numbers).encode())
     store.write("rmse.csv", rmse_table([*rmse_rows(numbers["groups"], []), *rows]).encode())
-    store.write("coefficients.csv", _coefficients(store, [*crafts, *flights]))
+    store.write("coefficients.csv", _joined(store, [*crafts, *flights], "coefficients.csv"))
+    store.write("parameters.csv", _joined(store, [*crafts, *flights], "parameters.csv"))
     store.write("models.json", as_json(_models(store, [*crafts, *alone]), indent=None).encode())
     store.write("models.mat", _matlab(store, crafts, alone))
     store.write("report.md", fleet_markdown(numbers).encode())
@@ -139,10 +141,10 @@ def _loaded(content: bytes) -> dict[str, Any]:
     return dict(loadmat(file))
 
 
-def _coefficients(store: Products, folders: Sequence[str]) -> bytes:
+def _joined(store: Products, folders: Sequence[str], name: str) -> bytes:
     """Join tables that have the same head."""
     lines: list[bytes] = []
     for folder in folders:
-        head, *rows = store.read(f"{folder}/coefficients.csv").splitlines(keepends=True)
+        head, *rows = store.read(f"{folder}/{name}").splitlines(keepends=True)
         lines += [head, *rows] if not lines else rows
     return b"".join(lines)

@@ -15,8 +15,10 @@ from reports import html
 from reports.exports import write_exports
 from reports.model_figures import response_figures
 from reports.numbers import flight_numbers, group_numbers, models
+from reports.parameter_files import write_parameters
 from reports.prediction_figures import joint_predictions
 from reports.rows import Numbers
+from reports.track_files import write_track
 
 _LOG = logging.getLogger("rotorid.reports")
 
@@ -30,7 +32,8 @@ def write(result: FlightResult | GroupResult, folder: str | Path) -> Path:
     """Write what is known of one flight or of one craft.
 
     ``report.json``, ``rmse.csv``; ``models.json`` (``models.schema.json`` of this package describes it), ``models.mat``
-    and ``coefficients.csv``; of a flight the page ``report.html``, complete in itself; of a craft ``figures.json``, the
+    and ``coefficients.csv``, ``parameters.csv``; of a flight whose position is known ``track.geojson``, ``track.kml``
+    and ``track.gpx``, and the page ``report.html``, complete in itself; of a craft ``figures.json``, the
     plots that the page on all flights shows of it.
 
     Parameters
@@ -64,6 +67,9 @@ def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) ->
     (folder / "models.json").write_text(as_json(models(result)), encoding="utf-8")
     (folder / "rmse.csv").write_text(rmse_table(numbers["rmse"]), encoding="utf-8", newline="")
     write_exports(result, folder)
+    write_parameters(result, folder)
+    if isinstance(result, FlightResult):
+        write_track(result, folder)
     if isinstance(result, GroupResult):
         (folder / "figures.json").write_text(as_json(_figures(result, numbers), indent=None), encoding="utf-8")
         return report

@@ -25,7 +25,7 @@ def instances(messages: Mapping[str, pd.DataFrame], *names: str) -> list[tuple[s
         if name not in messages:
             continue
         frame = messages[name]
-        column = next((column for column in _INSTANCE_COLUMNS if column in frame), None)
+        column = instance_column(frame)
         if column is None:
             if len(frame):
                 found.append((name, frame))
@@ -37,6 +37,11 @@ def instances(messages: Mapping[str, pd.DataFrame], *names: str) -> list[tuple[s
             part.attrs = frame.attrs
             found.append((f"{name}[{int(value)}]", part))
     return found
+
+
+def instance_column(frame: pd.DataFrame) -> str | None:
+    """Return the name of the column that counts the instances of a sensor; None where the message has none."""
+    return next((column for column in _INSTANCE_COLUMNS if column in frame), None)
 
 
 def pick(

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from logparse.events.event import FlightEvent
@@ -75,6 +74,7 @@ def attitude_error(tables: Tables) -> "pd.Series[float] | None":
         position = np.searchsorted(tables.modes.index.to_numpy(np.float64), t, side="right") - 1
         aerobatic = tables.modes["mode"].isin(_AEROBATIC).to_numpy()
         error[(position >= 0) & aerobatic[position.clip(0)]] = np.nan
+    error[within(t, _chirps(tables))] = np.nan
     return error
 
 
@@ -163,7 +163,7 @@ def _oscillations(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fligh
     measured = _swinging(tables)
     if measured is None:
         return
-    chirps = [] if tables.systemid is None else stretches(_times(tables.systemid), _moving(tables.systemid), join=2.0)
+    chirps = _chirps(tables)
     for axis, name in (("x", "roll"), ("y", "pitch"), ("z", "yaw")):
         if f"w_{axis}" not in measured:
             continue
@@ -176,7 +176,7 @@ def _oscillations(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fligh
         if not len(lines):
             continue
         t, hz, amplitude, purity = lines.T
-        chirped = within(t, [(first - 1.0, last + 1.0) for first, last in chirps])
+        chirped = within(t, chirps)
         on = (amplitude > _AMPLITUDE) & (purity > _PURITY) & ~chirped
         for first, last in stretches(t, on, join=1.1 * _WINDOW, shortest=_LASTING):
             inside = on & (t >= first) & (t <= last)
@@ -192,12 +192,14 @@ def _oscillations(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fligh
             )
 
 
-def _times(table: pd.DataFrame) -> Array:
-    return table.index.to_numpy(np.float64)
-
-
-def _moving(chirp: pd.DataFrame) -> npt.NDArray[np.bool_]:
-    return np.asarray(np.isfinite(chirp["target"].to_numpy(np.float64)))
+def _chirps(tables: Tables) -> list[tuple[float, float]]:
+    """Stretches in which SYSTEMID mode moved the craft, with a second around them."""
+    chirp = tables.systemid
+    if chirp is None:
+        return []
+    moving = np.asarray(np.isfinite(chirp["target"].to_numpy(np.float64)))
+    found = stretches(chirp.index.to_numpy(np.float64), moving, join=2.0)
+    return [(first - 1.0, last + 1.0) for first, last in found]
 
 
 def _swinging(tables: Tables) -> "dict[str, pd.Series[float]] | None":

@@ -1,4 +1,4 @@
-"""The command line: ``rotorid analyze | compare | inspect | export | frequency | tune | prove | craft | serve ...``.
+"""The command line: ``rotorid analyze | report | inspect | plot | export | frequency | tune | prove | serve ...``.
 
 Each command is a file in `rotorid.cli`; heavy rooms are imported inside the commands, so that help and usage
 errors come at once.
@@ -22,7 +22,9 @@ from rotorid.cli.exits import INTERRUPTED, OK, SOME_FAILED, WRONG_USAGE, fail
 from rotorid.cli.export import export
 from rotorid.cli.frequency import frequency
 from rotorid.cli.inspect import inspect
+from rotorid.cli.plot import plot
 from rotorid.cli.prove import prove
+from rotorid.cli.report import report
 from rotorid.cli.serve import serve
 from rotorid.cli.simulate import simulate
 from rotorid.cli.token import tokens
@@ -70,8 +72,10 @@ app = typer.Typer(
 # narrow terminal shows them all.
 for _command, _summary in (
     (analyze, "Logs to trajectories, models and a report."),
+    (report, "Show a report made before, or open its page."),
     (compare, "Tell what changed between two reports."),
     (inspect, "Show what is in a log and what to log better."),
+    (plot, "Plot any fields of a log over time."),
     (export, "Write messages and tables as files for other programs."),
     (frequency, "Frequency responses and rate dynamics, from chirps or flying."),
     (craft, "Physical parameters of a craft by every method."),

@@ -31,3 +31,11 @@ def prepare(out: str | Path) -> None:
     ) as error:  # the latter: fsspec knows no such protocol, or lacks its library
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"--out {out}: nothing can be written there: {reason}") from error
+
+
+def show_page(page: Path) -> None:
+    """Open a page in the browser, or say where it is when there is none."""
+    import webbrowser
+
+    if not webbrowser.open(page.resolve().as_uri()):
+        sys.stderr.write(f"rotorid: no browser found; open {page} yourself\n")

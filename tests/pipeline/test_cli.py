@@ -194,6 +194,7 @@ def test_one_log_from_file_to_report(tmp_path):
     assert all(len(row) == 8 for row in motors["transfer_functions"].values())
     assert numbers["thrust"]["common"]["newton"] > 0.0
     files = {"report.html", "report.json", "models.json", "models.mat", "coefficients.csv", "rmse.csv"}
+    files |= {"parameters.csv", "track.geojson", "track.kml", "track.gpx"}
     assert {path.name for path in tmp_path.iterdir()} == files
     for name in ("models", "report"):
         schema = json.loads((resources.files("reports") / f"{name}.schema.json").read_text("utf-8"))

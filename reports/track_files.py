@@ -1,0 +1,176 @@
+"""The track of a flight in the forms that maps read: GeoJSON (RFC 7946), KML 2.2 and GPX 1.1."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+import numpy as np
+import pymap3d
+
+from pipeline.results.flight import FlightResult
+
+#: Most points of a track, and the least time between two of them [s].
+_MOST, _STEP = 20_000, 0.2
+
+#: Names of the files.
+FILES = ("track.geojson", "track.kml", "track.gpx")
+
+
+@dataclass(frozen=True, slots=True)
+class _Point:
+    """One place: degrees, m above mean sea level, s on the log's clock, UTC where known."""
+
+    lat: float
+    lon: float
+    alt: float
+    t: float
+    utc: datetime | None
+
+    @property
+    def stamp(self) -> str:
+        return "" if self.utc is None else self.utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def write_track(result: FlightResult, folder: Path) -> tuple[Path, ...]:
+    """Write the estimated track of the analysed flight, with the notable events as points.
+
+    Parameters
+    ----------
+    result : FlightResult
+    folder : Path
+
+    Returns
+    -------
+    tuple of Path
+        The files written; none without a known position. Those of an earlier run are removed then.
+    """
+    points = _points(result)
+    if len(points) < 2:
+        for name in FILES:
+            (folder / name).unlink(missing_ok=True)
+        return ()
+    events = _events(result, points)
+    texts = (
+        _geojson(result.name, points, events),
+        _kml(result.name, points, events),
+        _gpx(result.name, points, events),
+    )
+    files = tuple(folder / name for name in FILES)
+    for file, text in zip(files, texts, strict=True):
+        file.write_text(text, encoding="utf-8")
+    return files
+
+
+def _points(result: FlightResult) -> list[_Point]:
+    trajectory, flight = result.trajectory, result.flight
+    if trajectory is None or flight is None or not result.position_known:
+        return []
+    origin = trajectory.origin
+    if not np.isfinite([origin.lat, origin.lon, origin.alt]).all():
+        return []
+    states = trajectory.states.loc[flight.start : flight.stop, ["p_n", "p_e", "p_d"]].dropna()
+    if len(states) < 2:
+        return []
+    t = states.index.to_numpy(np.float64)
+    usual = max(float(np.median(np.diff(t))), 1e-6)
+    step = max(1, round(_STEP / usual), math.ceil(len(t) / _MOST))
+    rows = np.unique(np.append(np.arange(0, len(t), step), len(t) - 1))
+    north, east, down = states.to_numpy(np.float64)[rows].T
+    lat, lon, alt = pymap3d.ned2geodetic(north, east, down, origin.lat, origin.lon, origin.alt, deg=False)
+    start = result.log.start_utc
+    return [
+        _Point(math.degrees(a), math.degrees(b), float(c), float(s), _utc(start, float(s)))
+        for a, b, c, s in zip(lat, lon, alt, t[rows], strict=True)
+    ]
+
+
+def _utc(start: datetime | None, t: float) -> datetime | None:
+    return None if start is None else (start + timedelta(seconds=t)).astimezone(UTC)
+
+
+def _events(result: FlightResult, points: list[_Point]) -> list[tuple[str, str, _Point]]:
+    """Name, sentence and place of each notable event."""
+    if result.health is None:
+        return []
+    times = np.array([point.t for point in points])
+    found = []
+    for event in result.health.notable:
+        if times[0] - 1.0 <= event.t <= times[-1] + 5.0:
+            nearest = points[int(np.argmin(np.abs(times - event.t)))]
+            found.append((event.id.replace("-", " "), f"{event.t:.1f} s: {event.reason}", nearest))
+    return found
+
+
+def _geojson(name: str, points: list[_Point], events: list[tuple[str, str, _Point]]) -> str:
+    line = {
+        "type": "Feature",
+        "geometry": {"type": "LineString", "coordinates": [_position(point) for point in points]},
+        "properties": {
+            "name": name,
+            "t_s": [round(point.t, 3) for point in points],
+            "coordTimes": [point.stamp for point in points] if points[0].utc is not None else None,
+        },
+    }
+    marks = [
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": _position(point)},
+            "properties": {"name": title, "description": text, "t_s": round(point.t, 3)},
+        }
+        for title, text, point in events
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": [line, *marks]}, ensure_ascii=False) + "\n"
+
+
+def _position(point: _Point) -> list[float]:
+    return [round(point.lon, 8), round(point.lat, 8), round(point.alt, 2)]
+
+
+def _kml(name: str, points: list[_Point], events: list[tuple[str, str, _Point]]) -> str:
+    coordinates = " ".join(f"{point.lon:.8f},{point.lat:.8f},{point.alt:.2f}" for point in points)
+    marks = "".join(
+        f"<Placemark><name>{_xml(title)}</name><description>{_xml(text)}</description><Point>"
+        "<altitudeMode>absolute</altitudeMode>"
+        f"<coordinates>{point.lon:.8f},{point.lat:.8f},{point.alt:.2f}</coordinates></Point></Placemark>\n"
+        for title, text, point in events
+    )
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
+        f"<name>{_xml(name)}</name>\n<Placemark><name>{_xml(name)}</name>"
+        "<Style><LineStyle><color>ffb27200</color><width>3</width></LineStyle></Style>"
+        "<LineString><altitudeMode>absolute</altitudeMode>"
+        f"<coordinates>{coordinates}</coordinates></LineString></Placemark>\n{marks}</Document></kml>\n"
+    )
+
+
+def _gpx(name: str, points: list[_Point], events: list[tuple[str, str, _Point]]) -> str:
+    def inside(point: _Point) -> str:
+        time = f"<time>{point.stamp}</time>" if point.utc is not None else ""
+        return f"<ele>{point.alt:.2f}</ele>{time}"
+
+    def placed(tag: str, items: Iterable[tuple[_Point, str]]) -> str:
+        return "".join(
+            f'<{tag} lat="{point.lat:.8f}" lon="{point.lon:.8f}">{inside(point)}{more}</{tag}>\n'
+            for point, more in items
+        )
+
+    marks = placed(
+        "wpt", ((point, f"<name>{_xml(title)}</name><desc>{_xml(text)}</desc>") for title, text, point in events)
+    )
+    track = placed("trkpt", ((point, "") for point in points))
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        '<gpx version="1.1" creator="rotorid" xmlns="http://www.topografix.com/GPX/1/1">\n'
+        f"{marks}<trk><name>{_xml(name)}</name><trkseg>\n{track}</trkseg></trk></gpx>\n"
+    )
+
+
+def _xml(text: str) -> str:
+    """Escape text, and drop what XML 1.0 cannot hold."""
+    return escape("".join(c for c in text if c in "\t\n" or (ord(c) >= 0x20 and ord(c) not in (0xFFFE, 0xFFFF))))

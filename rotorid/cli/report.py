@@ -1,0 +1,41 @@
+"""``rotorid report``: the report of a folder that ``rotorid analyze`` made, again."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rotorid.cli.output import console, show_page
+
+
+def report(
+    out: Annotated[Path, typer.Argument(exists=True, file_okay=False, help="Folder given to analyze as --out.")],
+    open_page: Annotated[bool, typer.Option("--open", help="Show the page in the browser.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Write report.json to stdout instead of the table.")] = False,
+) -> None:
+    """Show the summary of a report made before, and its page.
+
+    Example: rotorid report out/flight --open
+    """
+    from pipeline.errors import ConfigError
+    from reports import terminal
+
+    file, page = out / "report.json", out / "report.html"
+    if not file.is_file():
+        raise ConfigError(f"{out} holds no report.json; make one with rotorid analyze LOG --out {out}")
+    text = file.read_text("utf-8")
+    try:
+        numbers = json.loads(text)
+    except ValueError as error:
+        raise ConfigError(f"{file} is damaged ({error}); analyze the logs again") from error
+    if as_json:
+        typer.echo(text, nl=False)
+    else:
+        stdout = console()
+        stdout.print(terminal.overview(numbers, stdout.width))
+        stdout.print(f"\nReport: {page}", markup=False, soft_wrap=True)
+    if open_page:
+        if not page.is_file():
+            raise ConfigError(f"{out} holds no report.html; analyze the logs again")
+        show_page(page)
