@@ -8,7 +8,7 @@ READY  := $(VENV)/.ready
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup analyze test lint bench docs serve lock clean
+.PHONY: help setup analyze test lint bench fuzz docs serve lock clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -39,6 +39,9 @@ lint: setup  ## ruff, mypy --strict and the import direction
 bench: setup  ## compare speed and accuracy with the peers, print one table
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e ".[dev,peers]"
 	@$(BIN)/python -m benchmarks
+
+fuzz: setup  ## read 100,000 damaged logs of every format (COUNT=n for another number)
+	@$(BIN)/python -m tests.fuzz $(or $(COUNT),100000)
 
 docs: setup  ## build the documentation into out/docs
 	@$(BIN)/python -m sphinx -b html -q -W --keep-going docs out/docs

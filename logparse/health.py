@@ -11,6 +11,7 @@ import pandas as pd
 from logparse.findings import Finding, Severity
 from logparse.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
 from logparse.rest import at_rest, calibration
+from logparse.units import numbers
 from logparse.vehicle import pwm_range
 
 if TYPE_CHECKING:
@@ -265,7 +266,7 @@ def vibration(log: "FlightLog", start: float, stop: float) -> dict[str, float] |
     frame = frame[(frame.index >= start) & (frame.index <= stop)]
     if not len(frame) or not set(axes) <= set(frame.columns):
         return None
-    worst = frame[list(axes)].to_numpy(float).max(axis=1)
+    worst = np.column_stack([numbers(frame, axis) for axis in axes]).max(axis=1)
     worst = worst[np.isfinite(worst)]
     if not len(worst):
         return None
@@ -274,13 +275,19 @@ def vibration(log: "FlightLog", start: float, stop: float) -> dict[str, float] |
     by = "IMU" if "IMU" in frame else None
     parts = [part for _, part in frame.groupby(by)] if by else [frame]
     count = max(
-        (float(part[column].iloc[-1] - part[column].iloc[0]) for part in parts for column in clips), default=0.0
+        (float(counter[-1] - counter[0]) for part in parts for column in clips if len(counter := _known(part, column))),
+        default=0.0,
     )
     return {
         "p95": float(np.percentile(worst, 95.0)),
         "above": float((worst > _VIBRATION).mean()),
         "clips": count,
     }
+
+
+def _known(rows: pd.DataFrame, column: str) -> npt.NDArray[np.float64]:
+    values = numbers(rows, column)
+    return values[np.isfinite(values)]
 
 
 def _vibration(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:

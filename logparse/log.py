@@ -19,6 +19,7 @@ from logparse.source import LONG, Boot, MessageSource
 from logparse.summary import Summarised, listed
 from logparse.tables import COLUMNS
 from logparse.timebase import utc_from_gps
+from logparse.units import numbers
 
 if TYPE_CHECKING:
     from logparse.flights import Flight
@@ -26,6 +27,11 @@ if TYPE_CHECKING:
     from logparse.vehicle import Vehicle
 
 _HEAD = 1 << 16
+
+#: UTC that a log may have, s since 1970: from 2001 to 2100. What is outside is damage, not a date.
+_FIRST_UTC, _LAST_UTC = 1.0e9, 4.1e9
+#: The GPS week in which 2100 begins.
+_LAST_WEEK = 6261
 
 #: Reader modules in the order of asking; the surest signs first.
 _READERS = (
@@ -197,8 +203,8 @@ class FlightLog(Summarised):
             found = _last_values(rows, "Name", "Value")
         elif "PARAM_VALUE" in self.messages:
             rows = self.messages["PARAM_VALUE"]
-            if "system" in rows:
-                rows = rows[rows["system"] == rows["system"].mode().iloc[0]]
+            if "system" in rows and len(often := rows["system"].mode()):
+                rows = rows[rows["system"] == often.iloc[0]]
             found = _last_values(rows, "param_id", "param_value")
         else:
             found = {}
@@ -385,9 +391,10 @@ def _start_utc(messages: Mapping[str, pd.DataFrame]) -> datetime | None:
     for name, column in (("SYSTEM_TIME", "time_unix_usec"), ("vehicle_gps_position", "time_utc_usec")):
         if name in messages and column in messages[name]:
             rows = messages[name]
-            known = rows[rows[column] > 1e15]
-            if len(known):
-                offset = np.median(known[column].to_numpy(np.float64) * 1e-6 - known.index.to_numpy(np.float64))
+            stamps = numbers(rows, column)
+            known = (stamps > _FIRST_UTC * 1e6) & (stamps < _LAST_UTC * 1e6)
+            if known.any():
+                offset = np.median(stamps[known] * 1e-6 - rows.index.to_numpy(np.float64)[known])
                 return datetime.fromtimestamp(float(offset), UTC)
     return None
 
@@ -397,11 +404,11 @@ def _start_from_gps(rows: pd.DataFrame) -> datetime | None:
     names = ("GWk", "GMS") if "GWk" in rows else ("Week", "TimeMS")
     if not set(names) <= set(rows.columns):
         return None
-    week, ms = (rows[name].to_numpy(np.float64) for name in names)
+    week, ms = (numbers(rows, name) for name in names)
     ms = np.rint(ms / rows.attrs.get("multipliers", {}).get(names[1], 1.0))
-    fixed = week > 1000
+    fixed = (week > 1000) & (week < _LAST_WEEK) & (ms >= 0.0) & (ms <= 604_800_000.0)
     if "Status" in rows:
-        fixed &= rows["Status"].to_numpy() >= 3
+        fixed &= numbers(rows, "Status") >= 3
     if not fixed.any():
         return None
     seconds = week * 604800.0 + ms * 1e-3 - rows.index.to_numpy(np.float64)

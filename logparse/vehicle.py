@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from logparse.frames import FRAME_CLASSES, FRAME_TYPES, MOTOR_COUNTS, Motor, motor_table, servo_function_motor
+from logparse.units import numbers
 
 __all__ = ["Motor", "PwmRange", "Vehicle", "describe", "pwm_range"]
 
@@ -236,8 +237,9 @@ def _firmware(messages: Mapping[str, pd.DataFrame], texts: Iterable[str]) -> tup
         if match:
             return match["name"].replace("APM:", "Ardu"), match["version"], match["hash"]
     if "AUTOPILOT_VERSION" in messages and len(messages["AUTOPILOT_VERSION"]):
-        packed = int(messages["AUTOPILOT_VERSION"]["flight_sw_version"].iloc[-1])
-        if packed > 0:
+        version = numbers(messages["AUTOPILOT_VERSION"], "flight_sw_version")[-1]
+        if version > 0.0 and np.isfinite(version):
+            packed = int(version)
             return None, f"{packed >> 24}.{packed >> 16 & 255}.{packed >> 8 & 255}", None
     return None, None, None
 
@@ -290,7 +292,8 @@ def _autopilot(messages: Mapping[str, pd.DataFrame]) -> str | None:
     beats = vehicle_heartbeats(messages)
     if beats is None or not len(beats):
         return None
-    return {3: "ArduPilot", 12: "PX4"}.get(int(beats["autopilot"].mode().iloc[0]))
+    often = beats["autopilot"].mode()
+    return {3: "ArduPilot", 12: "PX4"}.get(int(often.iloc[0])) if len(often) else None
 
 
 #: MAV_TYPE of what is no multirotor: aeroplanes, helicopters, balloons, rockets, rovers, boats, VTOLs, parafoils.
@@ -351,7 +354,8 @@ def _frame(
         frame_type = said_type
 
     beats = vehicle_heartbeats(messages)
-    beat = None if beats is None or not len(beats) else int(beats["type"].mode().iloc[0])
+    kinds = pd.Series(dtype=float) if beats is None else beats["type"].mode()
+    beat = int(kinds.iloc[0]) if len(kinds) else None
     if beat in _NO_MULTIROTORS:
         return None, None, None
     declared = FRAME_CLASSES.get(int(parameters.get("FRAME_CLASS", 0)))

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from logparse.canonical.series import series
-from logparse.canonical.units import numbers
+from logparse.units import numbers
 
 #: Name of the tables and of their columns by sensor type.
 _SENSORS: Mapping[int, tuple[str, str]] = {0: ("accel_batch", "accel"), 1: ("gyro_batch", "gyro")}

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 
+import numpy as np
 import pandas as pd
 
 from logparse.canonical import dataflash_control as control
@@ -11,6 +12,7 @@ from logparse.canonical.batches import batches
 from logparse.canonical.deferred import Later
 from logparse.canonical.remarks import Remarks
 from logparse.tables import Tables
+from logparse.units import numbers
 from logparse.vehicle import Vehicle
 
 #: Messages that the tables of which there may be a row for every step of the fast loop are made of.
@@ -87,4 +89,5 @@ def _old_receiver(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str,
     recent = "FRAME_CLASS" in parameters if match is None else (int(match[1]), int(match[2])) >= (3, 5)
     if recent or "GPS" not in messages or "NSats" not in messages["GPS"]:
         return not recent
-    return int(messages["GPS"]["NSats"].max()) <= 13
+    seen = numbers(messages["GPS"], "NSats")
+    return not (seen[np.isfinite(seen)] > 13).any()

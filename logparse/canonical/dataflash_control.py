@@ -9,8 +9,8 @@ import pymap3d
 from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances
 from logparse.canonical.series import Array, euler_angles, join, quaternions, sample, series, wrap
-from logparse.canonical.units import numbers, quantity
 from logparse.tables import COLUMNS, Geodetic
+from logparse.units import numbers, quantity
 from logparse.vehicle import Vehicle
 
 Messages = Mapping[str, pd.DataFrame]
@@ -305,5 +305,6 @@ def truth(messages: Messages) -> pd.DataFrame | None:
     flips = np.cumsum(np.append(False, np.sum(values[1:] * values[:-1], axis=1) < 0.0)) % 2
     values[flips == 1] *= -1.0
     at = sample(pd.DataFrame(values, index=turned.index, columns=names), result.index.to_numpy(), gap=0.2)
-    result[names] = at / np.linalg.norm(at, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a damaged quaternion of zeros has no direction: NaN
+        result[names] = at / np.linalg.norm(at, axis=1, keepdims=True)
     return result

@@ -7,7 +7,7 @@ import pandas as pd
 
 from logparse.canonical.modes import COPTER_EVENTS, COPTER_SUBSYSTEMS, copter_mode
 from logparse.canonical.series import distinct
-from logparse.canonical.units import numbers
+from logparse.units import numbers
 
 Messages = Mapping[str, pd.DataFrame]
 
@@ -28,7 +28,7 @@ def _mode_name(value: object) -> str:
     """Mode by number; text logs of 3.1 have the name instead."""
     try:
         return copter_mode(int(float(str(value))))
-    except ValueError:
+    except (ValueError, OverflowError):
         return str(value).strip().upper().replace(" ", "_")
 
 

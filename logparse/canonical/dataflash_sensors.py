@@ -11,9 +11,9 @@ from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances, pick
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, frozen, sample, series
-from logparse.canonical.units import numbers, quantity
 from logparse.findings import Finding, Severity
 from logparse.frames import Motor
+from logparse.units import numbers, quantity
 
 Messages = Mapping[str, pd.DataFrame]
 Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from logparse.canonical.units import numbers
+from logparse.units import numbers
 
 #: Columns that hold the instance, by age of the firmware.
 _INSTANCE_COLUMNS = ("I", "Instance", "Inst")

@@ -69,7 +69,11 @@ def distinct(t: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
     order = order[np.isfinite(times[order])]
     steps = 1e-6 * np.arange(len(order))
     # The running maximum of (t - k us) plus k us is the smallest strictly increasing sequence not before t.
-    return order, np.maximum.accumulate(times[order] - steps) + steps
+    moved = np.maximum.accumulate(times[order] - steps) + steps
+    # Times of a damaged clock may be so large that a microsecond is nothing beside them.
+    for k in np.flatnonzero(np.diff(moved) <= 0.0):
+        moved[k + 1] = np.nextafter(max(moved[k], moved[k + 1]), np.inf)
+    return order, moved
 
 
 def sample(table: pd.DataFrame, t: Array, *, gap: float, angles: bool = False) -> Array:
@@ -155,7 +159,8 @@ def wrap(angle: npt.ArrayLike) -> Array:
     angles = np.asarray(angle, dtype=np.float64)
     # Angles that are in the interval already stay as they are, to the last bit.
     inside = (angles > -np.pi) & (angles <= np.pi)
-    return np.where(inside, angles, np.pi - np.mod(np.pi - angles, 2.0 * np.pi))
+    with np.errstate(invalid="ignore"):  # damaged angles may be infinite: they have no direction, and become NaN
+        return np.where(inside, angles, np.pi - np.mod(np.pi - angles, 2.0 * np.pi))
 
 
 def euler_angles(q_w: Array, q_x: Array, q_y: Array, q_z: Array) -> tuple[Array, Array, Array]:

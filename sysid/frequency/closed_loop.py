@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from logparse import FlightLog
 from logparse.canonical.series import wrap
-from logparse.canonical.units import quantity
+from logparse.units import quantity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of
 from sysid.frequency.cost import POOR
 from sysid.frequency.estimate import response_of_records

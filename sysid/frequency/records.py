@@ -11,7 +11,7 @@ from scipy.fft import next_fast_len
 from scipy.interpolate import make_interp_spline
 
 from logparse import FlightLog
-from logparse.canonical.units import quantity
+from logparse.units import quantity
 from sysid.frequency.axes import AXES, Axis, FrequencyError
 from sysid.frequency.excitation import Chirp
 from sysid.frequency.response import Complex, Floats
