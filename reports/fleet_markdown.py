@@ -49,18 +49,23 @@ def _craft(craft: Numbers, titled: bool) -> Iterator[str]:
     yield from (escaped(" ".join(summary.joint_sentences(craft))), "")
     table = average_table(craft)
     if table:
-        marks = {model["title"]: _MARKS[model["verdict"]["trust"]] for model in craft["models"]}
+        marks = {
+            model["title"]: [summary.predicts(model), _MARKS[model["verdict"]["trust"]]] for model in craft["models"]
+        }
         rows = [
             {
                 "kind": row["kind"],
                 "label": row["label"],
-                "cells": [*map(str.strip, row["cells"]), marks.get(row["label"], "")],
+                "cells": [*map(str.strip, row["cells"]), *marks.get(row["label"], ["", ""])],
             }
             for row in table["rows"]
         ]
-        heads = [*(f"RMSE {output} (m)" for output in table["outputs"]), "trust"]
+        heads = [*(f"RMSE {output} (m)" for output in table["outputs"]), "predicts", "free run"]
         yield from (markdown_table({"caption": "", "label": table["label"], "heads": heads, "rows": rows}), "")
         yield from (f"<sub>{escaped(table['caption'])}</sub>", "")
+    uses = [model for model in craft["models"] if model["model"] is not None]
+    if uses:
+        yield from (*(f"- {escaped(model['title'])}. {escaped(model['uses']['sentence'])}" for model in uses), "")
     found = [row for row in craft["parameters"] or [] if row["value"] is not None]
     if found:
         yield from ("<details><summary>Parameters</summary>", "")

@@ -81,6 +81,7 @@ def flight_summary(numbers: Numbers, folder: str) -> Numbers:
                 "key": model["key"],
                 "title": model["title"],
                 "verdict": model["verdict"],
+                "uses": model["uses"],
                 "model": None if model["model"] is None else {"kind": model["model"]["kind"]},
                 "rmse": held_out(model),
                 "rmse_average_m": model["rmse_average_m"],

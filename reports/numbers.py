@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pipeline.flight.excitation import BAND, in_band
-from pipeline.flight.verdict import Trust, Verdict, judge, summarise
+from pipeline.flight.purposes import PredictionUse, Trust, uses_of
+from pipeline.flight.verdict import Verdict, judge, summarise
 from pipeline.names import printable
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult, ModelResult, Span
@@ -55,8 +56,10 @@ def flight_numbers(result: FlightResult) -> Numbers:
 
 def group_numbers(group: GroupResult) -> Numbers:
     """Gather what is known of one craft from several flights; whatever is not finite becomes None."""
+    outside = {each.flight for each in group.coverage.outside} if group.coverage is not None else set()
     models = [
-        model_numbers(each, "joint", "flights that it was not fitted to", craft=group.name) for each in group.models
+        model_numbers(each, "joint", "flights that it was not fitted to", craft=group.name, outside=outside)
+        for each in group.models
     ]
     return plain(
         {
@@ -103,16 +106,33 @@ def _models(name: str, result: FlightResult | GroupResult) -> Numbers:
 
 
 def model_numbers(
-    result: ModelResult, scope: str, unseen: str, flight: str | None = None, craft: str | None = None
+    result: ModelResult,
+    scope: str,
+    unseen: str,
+    flight: str | None = None,
+    craft: str | None = None,
+    outside: Collection[str] = (),
 ) -> Numbers:
-    """Gather one of several models with what it is worth; `unseen` says in words what judged it."""
+    """Gather one of several models with what it is worth.
+
+    Parameters
+    ----------
+    result : ModelResult
+    scope : str
+    unseen : str
+        What judged it, in words.
+    flight, craft : str, optional
+    outside : collection of str
+        Held-out flights that leave the envelope of those fitted.
+    """
     rows = _rmse_rows(result, scope, flight, craft)
-    verdict = judge(result.validation, unseen)
+    verdict = judge(result.validation, unseen, outside)
     return {
         "key": result.key,
         "title": result.title,
         "note": result.note,
         "verdict": {"trust": str(verdict.trust), "sentence": verdict.sentence},
+        "uses": uses_of(result.validation, result.model, outside).to_dict(),
         "rmse": rows,
         "rmse_average_m": average(held_out({"rmse": rows})),
         "horizons": _horizons(result.validation),
@@ -153,7 +173,14 @@ def overall(models: Sequence[Numbers]) -> Numbers:
         for model in models
         if model["model"] is not None
     }
-    verdict = summarise(verdicts)
+    predictions = {
+        model["title"]: PredictionUse(
+            horizons=tuple(model["uses"]["prediction"]["horizons_s"]), errors=model["uses"]["prediction"]["rmse_m"]
+        )
+        for model in models
+        if model["model"] is not None
+    }
+    verdict = summarise(verdicts, predictions)
     return {"trust": str(verdict.trust), "sentence": verdict.sentence}
 
 

@@ -154,6 +154,12 @@ def best(models: list[Numbers]) -> Numbers | None:
     return min(judged, key=rank, default=None)
 
 
+def predicts(result: Numbers) -> str:
+    """Write how far ahead a model's predictions are worth having in every axis: ``5 s``; a dash where nowhere."""
+    horizon = result["uses"]["prediction"]["horizon_s"]
+    return "–" if horizon is None else f"{horizon:g} s"
+
+
 #: What was found but not used, as a report's numbers have it, and what it is called.
 LEFT_OUT = {
     "passed_over": "Passed over",

@@ -92,13 +92,16 @@ def _models(models: list[Numbers]) -> list[RenderableType]:
     outputs = list(judged[0]["rmse_average_m"])
     for output in outputs:
         table.add_column(f"{output} (m)", justify="right", no_wrap=True)
-    table.add_column("verdict")
+    table.add_column("predicts", justify="right", no_wrap=True)
+    table.add_column("free run")
     mean = average(held_out(judged[0]), "rmse_mean_m")
     rows = [*(result["rmse_average_m"] for result in judged), mean]
     columns = [column([row[output] for row in rows]) for output in outputs]
     for place, result in enumerate(judged):
-        table.add_row(Text(result["title"]), *(cells[place] for cells in columns), _word(result))
-    table.add_row("always predicting the mean", *(cells[-1] for cells in columns), "", style="dim")
+        table.add_row(
+            Text(result["title"]), *(cells[place] for cells in columns), summary.predicts(result), _word(result)
+        )
+    table.add_row("always predicting the mean", *(cells[-1] for cells in columns), "", "", style="dim")
     return [table]
 
 

@@ -43,6 +43,7 @@ def verdicts(models: Sequence[Numbers]) -> list[View]:
             "trust": result["verdict"]["trust"],
             "word": summary.TRUST_WORDS[result["verdict"]["trust"]],
             "sentence": result["verdict"]["sentence"],
+            "uses": result["uses"]["sentence"],
         }
         for result in models
         if result["model"] is not None

@@ -2,38 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from pipeline.flight.purposes import SHORTEST_JUDGE, PredictionUse, Trust, free_run_use
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from sysid import Validation
 
-#: A free run follows a flight when its error is below half of the flight's RMS movement: 50 per cent of fit.
-CLOSE_PERCENT = 50.0
-
-#: Shortest held-out record that can judge a model, s: the first three seconds give the initial state and do not count.
-SHORTEST_JUDGE = 10.0
-
-#: Held-out records that it takes to trust a model: on a single one a bad model does well now and then.
-FEWEST_JUDGES = 2
-
 #: An error of more than so many times that of always predicting the mean is called worse: a tie is not.
 WORSE = 1.05
-
-
-class Trust(StrEnum):
-    """How far a model may be trusted to predict flights like those that judged it."""
-
-    YES = "yes"
-    LIMITED = "limited"
-    NO = "no"
-    UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +27,11 @@ class Verdict:
     sentence: str
 
 
-def judge(validation: Validation | None, unseen: str = "flight time that it was not fitted to") -> Verdict:
+def judge(
+    validation: Validation | None,
+    unseen: str = "flight time that it was not fitted to",
+    outside: Collection[str] = (),
+) -> Verdict:
     """Sum a validation up.
 
     Parameters
@@ -52,12 +39,20 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     validation : Validation or None
     unseen : str
         What judged the model, in words.
+    outside : collection of str
+        Held-out flights that leave the envelope of those fitted.
     """
     if validation is None:
         return Verdict(Trust.UNKNOWN, "There is no model of the motion to judge.")
     if not validation.unseen:
         return Verdict(Trust.UNKNOWN, "The model is not judged: every flight was used to fit it.")
     scored = validation.table[~validation.table["trained"]]
+    within = scored[~scored["flight"].isin(list(outside))]
+    average = dict(validation.average)
+    if 0 < len(within) < len(scored):
+        # Flights outside the fitted envelope are counted apart (`Uses`), and do not blur the others' error.
+        scored = within
+        average = {str(name): float(rmse) for name, rmse in within.groupby("output", sort=False)["rmse"].mean().items()}
     outputs = [str(output) for output in scored["output"].unique()]
     longest = float(scored["duration"].max())
     if longest < SHORTEST_JUDGE:
@@ -66,9 +61,7 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
             f"The model could not be judged: {longest:.0f} s of held-out flight are too short; {SHORTEST_JUDGE:.0f} s "
             "or more are needed.",
         )
-    fit = scored.groupby("output", sort=False)["fit_percent"].mean()
-    beats = [output for output in outputs if validation.trusted[output]]
-    errors = ", ".join(_metres(validation.average[output]) for output in outputs)
+    errors = ", ".join(_metres(average[output]) for output in outputs)
     means = scored.groupby("output", sort=False)["rmse_mean"].mean()
     baseline = ", ".join(_metres(means[output]) for output in outputs)
     references = scored.groupby("output", sort=False)["rmse_reference"].mean()
@@ -79,37 +72,59 @@ def judge(validation: Validation | None, unseen: str = "flight time that it was 
     if references.notna().all():
         asked = ", ".join(_metres(references[output]) for output in outputs)
         measured += f" and taking the target itself by {asked} m"
-    if not all(np.isfinite(validation.average[output]) for output in outputs):
+    if not all(np.isfinite(average[output]) for output in outputs):
         return Verdict(Trust.NO, f"Do not trust the model: its free run on {unseen} diverges.")
-    trained = validation.table[validation.table["trained"].astype(bool)]
-    own = trained.groupby("output", sort=False)["fit_percent"].mean()
-    # What does not even follow the flight that it was fitted to is right elsewhere by luck.
-    unfit = [output for output in outputs if output in own and not own[output] > 0.0]
-    follows = [output for output in beats if fit[output] >= CLOSE_PERCENT and output not in unfit]
-    if len(follows) == len(outputs) and scored["flight"].nunique() < FEWEST_JUDGES:
+    use = free_run_use(validation, outside)
+    lost = [output for output in outputs if output not in use.follows]
+    if use.trust is Trust.YES:
+        return Verdict(
+            Trust.YES, f"The model can be trusted for flights like these: {measured}.{_target(use.as_good_as_target)}"
+        )
+    if not lost and use.trust is Trust.LIMITED:
+        if use.outside:
+            count = f"{use.within} held-out record{'s' if use.within != 1 else ''} within the fitted envelope"
+            return Verdict(
+                Trust.LIMITED, f"The model looks right, but {count} judged it: {measured}; judge it on other flights."
+            )
         return Verdict(
             Trust.LIMITED,
             f"The model looks right, but only one record has judged it: {measured}; judge it on other flights.",
         )
-    if len(follows) == len(outputs):
-        return Verdict(Trust.YES, f"The model can be trusted for flights like these: {measured}.")
-    if follows:
-        lost = [output for output in outputs if output not in follows]
-        return Verdict(
-            Trust.LIMITED,
-            f"Trust the model in {_and(follows)} only: {measured}. {_hardly(validation, means, lost, unfit)}.",
-        )
-    return Verdict(Trust.NO, f"Do not trust the model: {measured}. {_hardly(validation, means, outputs, unfit)}.")
+    hardly = _hardly(validation, average, means, lost or outputs)
+    if use.trust is Trust.LIMITED:
+        return Verdict(Trust.LIMITED, f"Trust the model in {_and(list(use.follows))} only: {measured}. {hardly}.")
+    apart = ""
+    if use.follows and use.far:
+        apart = f" A free run is no better than its worst axis, however good it is in {_and(list(use.follows))}."
+    elif use.follows:
+        apart = " A single record must hold in every axis."
+    return Verdict(Trust.NO, f"Do not trust the model: {measured}. {hardly}.{apart}")
 
 
-def summarise(verdicts: Mapping[str, Verdict]) -> Verdict:
+def _target(outputs: tuple[str, ...]) -> str:
+    return f" In {_and(list(outputs))} taking the target itself is as good." if outputs else ""
+
+
+def summarise(verdicts: Mapping[str, Verdict], predictions: Mapping[str, PredictionUse] | None = None) -> Verdict:
     """Sum up several models of one motion: what the best can be trusted with, and what holds for the others.
 
     Parameters
     ----------
     verdicts : mapping of str to Verdict
         By the models' titles.
+    predictions : mapping of str to PredictionUse, optional
+        By the same: how far ahead a model predicts is said also of one whose free runs are not to be trusted.
     """
+    verdict = _summed(verdicts)
+    ahead = {title: use for title, use in (predictions or {}).items() if use.longest is not None}
+    if not ahead:
+        return verdict
+    best = max(ahead, key=lambda title: ahead[title].longest or 0.0)
+    told = ahead[best].sentence().removeprefix("prediction: ")
+    return Verdict(verdict.trust, f"{verdict.sentence} With measurements {best} predicts {told}.")
+
+
+def _summed(verdicts: Mapping[str, Verdict]) -> Verdict:
     if not verdicts:
         return judge(None)
     if len(verdicts) == 1:
@@ -129,14 +144,16 @@ def summarise(verdicts: Mapping[str, Verdict]) -> Verdict:
     return Verdict(Trust.LIMITED if mixed else best, f"{sentence[0].upper()}{sentence[1:]}.")
 
 
-def _hardly(validation: Validation, means: pd.Series[float], outputs: list[str], unfit: list[str]) -> str:
+def _hardly(validation: Validation, average: Mapping[str, float], means: pd.Series[float], outputs: list[str]) -> str:
     """Say how little a model achieves on outputs that it does not follow, output by output where they differ."""
+    trained = validation.table[validation.table["trained"].astype(bool)]
+    own = trained.groupby("output", sort=False)["fit_percent"].mean()
     words: dict[str, list[str]] = {}
     for output in outputs:
-        error, mean = validation.average[output], means[output]
+        error, mean = average[output], means[output]
         if error > WORSE * mean:
             word = "worse than always predicting the mean"
-        elif output in unfit and validation.trusted[output]:
+        elif output in own and not own[output] > 0.0 and validation.trusted[output]:
             word = "worse than the mean on the very flight time that it was fitted to"
         elif validation.trusted[output]:
             word = "hardly better than a guess without any model"

@@ -1,9 +1,12 @@
 """One word and one sentence on a model."""
 
+from types import SimpleNamespace
+
 import pandas as pd
 import pytest
 
-from pipeline.flight.verdict import Trust, Verdict, judge, summarise
+from pipeline.flight.purposes import Trust, uses_of
+from pipeline.flight.verdict import Verdict, judge, summarise
 from sysid import Validation
 
 
@@ -103,11 +106,124 @@ def test_axes_that_differ_are_told_apart():
     )
 
 
-def test_a_closed_loop_must_beat_the_target_itself():
-    verdict = judge(validation({"x": 95.0, "z": 96.0}, {"x": True, "z": False}, reference=0.9))
-    assert verdict.trust is Trust.LIMITED
-    assert "and taking the target itself by 0.900, 0.900 m" in verdict.sentence
-    assert "In z that is no better than taking the target itself." in verdict.sentence
+def test_a_target_that_is_as_good_is_said_and_does_not_condemn_the_model():
+    """Off by 0.1 m where the target is off by 0.1 m too, of flights that move by metres: `do not trust` misled."""
+    found = validation({"x": 95.0, "z": 96.0}, {"x": False, "z": False}, mean=20.0, reference=1.02)
+    verdict = judge(found)
+    assert verdict.trust is Trust.YES
+    assert "and taking the target itself by 1.02, 1.02 m" in verdict.sentence
+    assert verdict.sentence.endswith("In x and z taking the target itself is as good.")
+    assert uses_of(found, None).free_run.as_good_as_target == ("x", "z")
+
+
+def test_an_axis_that_did_not_move_condemns_no_model_that_does_as_its_target():
+    found = validation({"x": 95.0, "z": -55.0}, {"x": True, "z": False}, mean=20.0, reference=0.99)
+    found.table.loc[found.table["output"] == "z", "rmse_mean"] = 0.6
+    assert judge(found).trust is Trust.LIMITED
+    without = validation({"x": 95.0, "z": -55.0}, {"x": True, "z": False}, mean=20.0)
+    without.table.loc[without.table["output"] == "z", "rmse_mean"] = 0.6
+    assert judge(without).trust is Trust.NO
+
+
+def errors(*rows, mean=(14.0, 17.0, 7.0)):
+    """Make a validation of held-out flights with these errors in x, y, z."""
+    found = validation({"x": 0.0, "y": 0.0, "z": 0.0}, dict.fromkeys("xyz", True), flights="abcdefgh"[: len(rows)])
+    table = found.table
+    for flight, row in zip("abcdefgh", rows, strict=False):
+        for output, error, size in zip("xyz", row, mean, strict=True):
+            at = (table["flight"] == flight) & (table["output"] == output)
+            table.loc[at, ["rmse", "rmse_mean"]] = error, size
+            table.loc[at & ~table["trained"], "fit_percent"] = 100.0 * (1.0 - error / size)
+            table.loc[at & table["trained"], "fit_percent"] = 90.0
+    average = {output: float(table.loc[table["output"] == output, "rmse"].mean()) for output in "xyz"}
+    return Validation(**{name: getattr(found, name) for name in found.__slots__} | {"average": average})
+
+
+def test_one_axis_far_beyond_the_mean_is_no_for_free_runs():
+    """64, 59 and 2.7 m, where the mean errs by 14, 17 and 7 m, was `with care`."""
+    found = errors((64.0, 59.0, 2.7), (64.0, 59.0, 2.7))
+    run = uses_of(found, None).free_run
+    assert (run.trust, run.follows, run.far) == (Trust.NO, ("z",), ("x", "y"))
+    assert "x 4.6 times and y 3.5 times the error of always predicting the mean" in run.sentence()
+    verdict = judge(found)
+    assert verdict.trust is Trust.NO
+    assert "no better than its worst axis" in verdict.sentence
+
+
+def test_a_single_record_must_hold_in_all_axes():
+    assert uses_of(errors((1.0, 1.0, 5.0)), None).free_run.trust is Trust.NO
+    assert "A single record must hold in every axis" in judge(errors((1.0, 1.0, 5.0))).sentence
+    assert uses_of(errors((1.0, 1.0, 1.0)), None).free_run.trust is Trust.LIMITED
+    assert uses_of(errors((1.0, 1.0, 5.0), (1.0, 1.0, 5.0)), None).free_run.trust is Trust.LIMITED
+    assert uses_of(errors((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)), None).free_run.trust is Trust.YES
+
+
+def test_flights_outside_the_envelope_are_counted_apart():
+    good, bad, away = (1.4, 1.7, 0.7), (10.0, 1.7, 0.7), (90.0, 90.0, 90.0)
+    found = errors(good, good, good, good, bad, away)
+    run = uses_of(found, None, outside={"f"}).free_run
+    assert (run.within, run.followed, run.outside, run.followed_outside) == (5, 4, 1, 0)
+    assert run.flights() == (
+        "4 of 5 flights within the envelope are followed in every axis to 90–90 %; 0 of 1 outside it"
+    )
+    assert run.trust is Trust.YES, "on average over those within, every axis is followed"
+    assert judge(found, outside={"f"}).trust is Trust.YES
+    assert "errs by 3.12, 1.70, 0.700 m" in judge(found, outside={"f"}).sentence
+    assert judge(found).trust is Trust.NO
+    # Where all are outside, nothing else judges, and they do not make a model trusted.
+    assert uses_of(errors(good, good), None, outside={"a", "b"}).free_run.trust is Trust.LIMITED
+
+
+def ahead(curves, flights="ab"):
+    """Make a validation with errors by horizon: horizon -> (error, constant position, constant velocity) by output."""
+    found = validation({"x": 90.0, "z": 90.0}, {"x": True, "z": True}, flights=flights)
+    rows = [
+        {"flight": flight, "output": output, "trained": False, "horizon": horizon}
+        | dict(zip(("rmse", "rmse_constant_position", "rmse_constant_velocity"), values, strict=True))
+        for flight in flights
+        for horizon, by_output in curves.items()
+        for output, values in by_output.items()
+    ]
+    return Validation(**{name: getattr(found, name) for name in found.__slots__} | {"horizons": pd.DataFrame(rows)})
+
+
+GOOD, FAIR = (0.1, 1.0, 0.5), (0.3, 1.0, 0.5)
+
+
+def test_the_horizon_is_the_longest_at_which_every_axis_halves_both_guesses():
+    curves = {0.1: {"x": GOOD, "z": GOOD}, 1.0: {"x": GOOD, "z": GOOD}, 5.0: {"x": GOOD, "z": FAIR}}
+    use = uses_of(ahead(curves), None).prediction
+    assert (use.horizons, use.longest, use.errors) == ((0.1, 1.0), 1.0, {"x": 0.1, "z": 0.1})
+    assert use.sentence() == "prediction: up to 1 s ahead (there 0.100, 0.100 m in x and z)"
+    # A good horizon behind a bad one is chance, and is not the answer.
+    curves[10.0] = {"x": GOOD, "z": GOOD}
+    assert uses_of(ahead(curves), None).prediction.longest == 1.0
+    late = {0.1: {"x": FAIR, "z": GOOD}, 0.5: {"x": GOOD, "z": GOOD}, 1.0: {"x": GOOD, "z": GOOD}}
+    assert "prediction: 0.5 to 1 s ahead" in uses_of(ahead(late), None).prediction.sentence()
+    never = uses_of(ahead({1.0: {"x": FAIR, "z": GOOD}}), None).prediction
+    assert (never.longest, never.sentence().startswith("prediction: no")) == (None, True)
+
+
+def test_what_is_not_finite_predicts_nothing():
+    nan = (float("nan"), 1.0, 0.5)
+    assert uses_of(ahead({1.0: {"x": nan, "z": GOOD}}), None).prediction.longest is None
+    assert uses_of(ahead({1.0: {"x": (0.1, float("nan"), float("nan")), "z": GOOD}}), None).prediction.longest is None
+
+
+def test_parameters_count_and_need_a_prediction_that_confirms_them():
+    model = SimpleNamespace(parameters={name: SimpleNamespace(determined=name != "c") for name in "abc"})
+    good = {0.1: {"x": GOOD, "z": GOOD}}
+    use = uses_of(ahead(good), model).parameters
+    assert (use.trust, use.determined, use.total, use.confirmed) == (Trust.LIMITED, 2, 3, True)
+    del model.parameters["c"]
+    assert uses_of(ahead(good), model).parameters.trust is Trust.YES
+    alone = uses_of(ahead({0.1: {"x": FAIR, "z": GOOD}}), model).parameters
+    assert alone.trust is Trust.LIMITED
+    assert "no prediction confirms them" in alone.sentence()
+    assert uses_of(None, None).parameters.trust is Trust.UNKNOWN
+    assert uses_of(None, None).sentence() == (
+        "Prediction: not judged; free simulation: not judged; parameters: not judged."
+    )
 
 
 def test_one_good_model_does_not_speak_for_a_bad_one():
@@ -117,3 +233,12 @@ def test_one_good_model_does_not_speak_for_a_bad_one():
     both = summarise({"motors": bad, "reference": good, "mixer": bad})
     assert both == Verdict(Trust.LIMITED, "Trust reference for flights like these; do not trust motors and mixer.")
     assert summarise({"motors": bad, "mixer": bad}) == Verdict(Trust.NO, "Do not trust motors and mixer.")
+
+
+def test_how_far_a_model_predicts_is_said_beside_its_free_run():
+    uses = {"body": uses_of(ahead({0.1: {"x": GOOD, "z": GOOD}, 2.0: {"x": GOOD, "z": GOOD}}), None).prediction}
+    found = summarise({"body": Verdict(Trust.NO, "Do not trust the model.")}, uses)
+    assert found.trust is Trust.NO
+    assert found.sentence == (
+        "Do not trust the model. With measurements body predicts up to 2 s ahead (there 0.100, 0.100 m in x and z)."
+    )

@@ -57,7 +57,7 @@ def test_each_flights_predictions_can_be_chosen(fleet):
 def test_markdown_has_tables_and_verdicts(fleet):
     text = (fleet / "report.md").read_text("utf-8")
     assert len(text) < 10_000
-    assert "| Model | RMSE x (m) | RMSE y (m) | RMSE z (m) | trust |" in text
+    assert "| Model | RMSE x (m) | RMSE y (m) | RMSE z (m) | predicts | free run |" in text
     numbers = strict((fleet / "report.json").read_text("utf-8"))
     for model in numbers["groups"][0]["models"][:2]:
         assert f"| {model['title']} | " in text
