@@ -20,7 +20,11 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def innovation_statistics(segments: list[Filtered]) -> dict[str, dict[str, float]]:
+#: Of one sensor: count, refused, nis, lower, upper, sigma (see `innovation_statistics`).
+SensorStatistics = Mapping[str, float]
+
+
+def innovation_statistics(segments: list[Filtered]) -> dict[str, SensorStatistics]:
     """Mean normalised innovation squared of each sensor with its 95 % bounds, and how much was refused.
 
     Returns
@@ -34,7 +38,7 @@ def innovation_statistics(segments: list[Filtered]) -> dict[str, dict[str, float
     innovation = np.concatenate([s.innovation for s in segments])
     inverse = np.concatenate([s.inverse_variance for s in segments])
     variance = np.concatenate([s.white_scale[s.observations.scalar_kind] * s.observations.variance for s in segments])
-    statistics = {}
+    statistics: dict[str, SensorStatistics] = {}
     for kind, name in enumerate(KIND_NAMES):
         mine = kinds == kind
         accepted = mine & (inverse > 0.0)

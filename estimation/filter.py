@@ -136,6 +136,8 @@ class Filtered:
     log_likelihood : float
     last_state, last_covariance : ndarray, shapes (27,), (26, 26)
         As of `ForwardPass`.
+    shocks : Shocks
+        Steps that the IMU missed.
     """
 
     observations: Observations
@@ -146,6 +148,7 @@ class Filtered:
     log_likelihood: float
     last_state: np.ndarray
     last_covariance: np.ndarray
+    shocks: Shocks
 
 
 def assemble(

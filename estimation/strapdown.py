@@ -21,6 +21,13 @@ from estimation.states import SENSOR_ERROR_COLUMNS, SIZE, SensorNoise
 from estimation.surroundings import Surroundings
 from estimation.timing import TICK, TURNING, InertialSignal, imu_delays, sample_rate, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
+from estimation.trust import (
+    contradicted_receiver,
+    doubtful_sensors,
+    late_receivers,
+    missed_steps,
+    only_one_withdrawal,
+)
 from estimation.tuning import WINDOW, Tuned, relinearised, tune
 from logparse import Geodetic, MissingDataError, Tables
 
@@ -90,11 +97,18 @@ def estimate_strapdown(
     for estimated in done:
         findings += gps_troubles(estimated.filtered)
     diagnostics = _diagnostics(tables, done, place, tuned)
+    doubts = doubtful_sensors(innovation_statistics([e.filtered for e in done]))
+    doubts += missed_steps([e.filtered.shocks for e in done], sum(e.segment.length for e in done))
+    doubts += late_receivers(tuned.lags)
+    lag = tuned.lags.get("gps", 0.0)
     rows = [e.rows for e in done]
     # What comes now is as large as the IMU's samples, which nobody needs any more.
     del found, longest, segment, estimated, done
     tables.release()
     states, sigma = _frames(rows)
+    if place.origin is not None:
+        doubts += contradicted_receiver(tables, states, place.origin, lag)
+    findings += only_one_withdrawal(doubts)
     return Trajectory(
         states=states,
         sigma=sigma,
@@ -178,7 +192,7 @@ def _estimate(
             x = plan.relinearise(observations, x)
             known, estimates = plan.smooth(observations, x)
             admitted = admit(observations, estimates.deletion, gate)
-            shocks = plan.shocks.widened(estimates.nodes, estimates.shock, estimates.shock_size, gate)
+            shocks = plan.shocks.widened(estimates.nodes, estimates.shock, estimates.shock_size)
             if np.array_equal(admitted, observations.admitted) and np.array_equal(shocks.t, plan.shocks.t):
                 break
             observations, plan.shocks = replace(observations, admitted=admitted), shocks
@@ -281,6 +295,7 @@ class _Plan:
             log_likelihood=log_likelihood,
             last_state=x,
             last_covariance=P,
+            shocks=self.shocks,
         )
         return known, begun
 

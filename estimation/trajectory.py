@@ -73,6 +73,11 @@ class Trajectory(Summarised):
     diagnostics: Mapping[str, object] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
+    @property
+    def inconsistency(self) -> str:
+        """Why nothing may be concluded from it: the reason of `trajectory-inconsistent`; empty when it can be used."""
+        return next((f.reason for f in self.findings if f.id == "trajectory-inconsistent"), "")
+
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
         t = self.states.index

@@ -65,9 +65,13 @@ def analyze(
     rates = None if flight is None else stages.run("health", lambda _: logged_rates(tables, flight))
     timeline = stages.run("health", lambda _: assess_health(log, flight))
     sound = flight if timeline is None else timeline.sound
-    trajectory = stages.run(
+    estimated = stages.run(
         "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
     )
+    # What contradicts its own sensors is no result; what it found out about them is.
+    trajectory = estimated
+    if estimated is not None and estimated.inconsistency:
+        trajectory, stages.missing["trajectory"] = None, estimated.inconsistency
     # Where the fast loop is logged its tables are as large as the log: not needed at a time, they are built again.
     tables.release()
     if flight is None and trajectory is None:
@@ -111,7 +115,7 @@ def analyze(
         tables.release()
 
     # Findings about the fits stay with their models; those of the experiments are about the log.
-    later = (part.findings for part in (trajectory, thrust, *experiments.values()) if part is not None)
+    later = (part.findings for part in (estimated, thrust, *experiments.values()) if part is not None)
     told = len(stages.findings)
     result = FlightResult(
         name=name,

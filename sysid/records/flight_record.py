@@ -69,6 +69,8 @@ def record_flight(
     label = name or log.path.name
     if log.flight is None:
         raise MissingDataError(f"{label}: the craft never left the ground, so that there is nothing to identify")
+    if trajectory.inconsistency:
+        raise MissingDataError(f"{label}: {trajectory.inconsistency}")
     try:
         source = read_inputs(log.tables, log.vehicle, trajectory, inputs, frame)
         states = trajectory.states

@@ -66,6 +66,7 @@ def test_a_clock_that_is_off_is_found(flight, truth, clean, lag):
     gps = flight.tables.gps
     result = estimate(replace(flight.tables, gps=gps.assign(t_valid=gps["t_valid"] + lag)), rate=10.0)
     assert result.diagnostics["lags"]["gps"] == pytest.approx(lag, abs=0.03)
+    assert [f.id for f in result.findings] == ["gps-late"]
     assert compare(result, truth).horizontal_velocity < 1.5 * clean.horizontal_velocity
     assert nees(result, truth)["velocity"] < 3.0
 
@@ -118,3 +119,30 @@ def test_an_impact_that_the_imu_misses(flight, truth, clean):
     away = states[np.abs(states.index - at) > 1.0]
     assert compare(result, away).horizontal_velocity < 0.15
     assert nees(result, away)["velocity"] < 3.0
+    assert "imu-steps" in [f.id for f in result.findings]
+    assert not result.inconsistency
+
+
+@pytest.mark.parametrize("what", ["gps", "baro"])
+def test_a_sensor_that_lies_for_long_withdraws_the_trajectory(flight, what):
+    """Noise cannot explain it, and whether the sensor or all the rest is wrong is not for an estimator to decide."""
+    rng = np.random.default_rng(3)
+    table = getattr(flight.tables, what).copy()
+    rows = rng.choice(len(table), round(0.35 * len(table)), replace=False)
+    if what == "gps":
+        table.iloc[rows, table.columns.get_loc("lat")] += rng.uniform(30.0, 90.0, len(rows)) / 6.37e6
+    else:
+        table.iloc[rows, table.columns.get_loc("alt")] += rng.uniform(30.0, 90.0, len(rows))
+    result = estimate(replace(flight.tables, **{what: table}), rate=10.0)
+    assert "trajectory-inconsistent" in [f.id for f in result.findings]
+    assert "sensor-refused" in [f.id for f in result.findings]
+    assert result.inconsistency.endswith("neither speeds nor models are stated.")
+
+
+def test_a_receiver_that_wanders_off_is_contradicted(flight):
+    """Positions that drift away at 1 m/s, which neither velocities nor the IMU know."""
+    gps = flight.tables.gps.copy()
+    gps["lat"] += np.clip(gps["t_valid"] - 30.0, 0.0, 50.0) / 6.37e6
+    gps["h_acc"] = 1.0
+    result = estimate(replace(flight.tables, gps=gps), rate=10.0)
+    assert result.inconsistency or compare(result, flight.truth).horizontal_velocity < 0.1

@@ -1,0 +1,169 @@
+"""Can a trajectory be believed: what the sensors say against it, as findings.
+
+Below a twentieth of readings refused a sensor is sound. Up to a fifth it has had a bad moment, which is said. Beyond,
+or where trajectory and a receiver of stated accuracy contradict each other, nobody knows which of the two is wrong.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from estimation.consistency import SensorStatistics
+from estimation.local_frame import LocalFrame, is_simulated
+from estimation.observations import usable_fixes
+from estimation.shocks import Shocks
+from logparse import Finding, Geodetic, Severity, Tables
+
+#: Share of refused readings, and mean normalised innovation squared, beyond which a sensor is named.
+SUSPECT_SHARE, SUSPECT_NIS = 0.05, 2.0
+#: Share of refused readings beyond which the trajectory is as doubtful as the sensor.
+DOUBTFUL_SHARE = 0.20
+#: A receiver is contradicted by what is further from it than so many times its stated accuracy, and the trajectory is
+#: doubtful where that holds for this share of its fixes.
+CONTRADICTION, CONTRADICTED_SHARE = 5.0, 0.10
+#: Accuracies below these are not believed, m and m/s: what a fix means between two rows is no better.
+BEST_POSITION, BEST_SPEED = 0.5, 0.3
+#: A receiver's clock that is further off than this is named, s: some hundredths are its driver's.
+LATE = 0.25
+
+#: What each sensor is called in a sentence.
+SPOKEN: Mapping[str, str] = {
+    "gps_position": "GPS positions",
+    "gps_velocity": "GPS velocities",
+    "baro": "barometer readings",
+    "mag": "compass readings",
+    "gps2_position": "positions of the second GPS",
+    "gps2_velocity": "velocities of the second GPS",
+    "range_finder": "range finder readings",
+}
+
+
+def doubtful_sensors(innovations: Mapping[str, SensorStatistics]) -> list[Finding]:
+    """Name every sensor that was refused, or disagrees, more than noise explains."""
+    findings, doubts = [], []
+    for name, sensor in innovations.items():
+        total = sensor["count"] + sensor["refused"]
+        share, nis = sensor["refused"] / total, sensor["nis"]
+        if share > SUSPECT_SHARE or nis > SUSPECT_NIS:
+            findings.append(_suspect(name, share, nis))
+        if share > DOUBTFUL_SHARE:
+            doubts.append(f"{share:.0%} of the {SPOKEN[name]}")
+    if doubts:
+        findings.append(inconsistent(f"it had to refuse {' and '.join(doubts)}"))
+    return findings
+
+
+def _suspect(name: str, share: float, nis: float) -> Finding:
+    return Finding(
+        "sensor-refused",
+        Severity.WARNING,
+        f"{share:.0%} of the {SPOKEN[name]} were refused, and the others differ from the trajectory by "
+        f"{np.sqrt(nis):.1f} times what their noise explains (root mean square).",
+        "Look at that sensor: its mounting, cables, and what is switched on near it.",
+        {"sensor": name, "refused_share": share, "nis": nis},
+    )
+
+
+def inconsistent(why: str, evidence: Mapping[str, float] | None = None) -> Finding:
+    """Return the error that withdraws a trajectory."""
+    return Finding(
+        "trajectory-inconsistent",
+        Severity.ERROR,
+        f"The trajectory contradicts the sensors: {why}. Which of them is wrong cannot be decided, so neither speeds "
+        "nor models are stated.",
+        "Look at GPS, compass, barometer and the IMU's vibration; logs of flights before and after may tell which.",
+        evidence or {},
+    )
+
+
+def contradicted_receiver(
+    tables: Tables, states: pd.DataFrame, origin: Geodetic, lag: float, *, velocities: bool = True
+) -> list[Finding]:
+    """Compare a trajectory with the GPS by the accuracy that the receiver states.
+
+    Parameters
+    ----------
+    states : DataFrame
+        `Trajectory.states`.
+    lag : float
+        By which the receiver was found later than its tables say, s.
+    velocities : bool
+        Whether the velocities of the receiver were used.
+    """
+    fixes = usable_fixes(tables.gps)
+    if fixes is None or not np.isfinite(origin.lat):
+        return []
+    when = fixes["t_valid"].to_numpy(float)
+    when = np.where(np.isfinite(when), when, fixes.index.to_numpy(float)) - lag
+    t = states.index.to_numpy(float)
+    after = np.clip(np.searchsorted(t, when), 1, len(t) - 1)
+    known = (when >= t[0]) & (when <= t[-1]) & (t[after] - t[after - 1] < 1.0)
+    frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))
+    place = frame.to_ned(*(fixes[c].to_numpy(float) for c in ("lat", "lon", "alt")))
+    found = []
+    for what, columns, measured, accuracy, best in (
+        ("positions", ("p_n", "p_e"), place[:, :2], fixes["h_acc"], BEST_POSITION),
+        ("velocities", ("v_n", "v_e"), fixes[["v_n", "v_e"]].to_numpy(float), fixes["s_acc"], BEST_SPEED),
+    ):
+        stated = accuracy.to_numpy(float)
+        judged = known & np.isfinite(measured).all(axis=1) & np.isfinite(stated) & (stated > 0.0)
+        if np.count_nonzero(judged) < 20 or (what == "velocities" and not velocities):
+            continue
+        estimate = np.column_stack([np.interp(when[judged], t, states[c].to_numpy(float)) for c in columns])
+        distance = np.hypot(*(estimate - measured[judged]).T)
+        beyond = distance > CONTRADICTION * np.maximum(stated[judged], best)
+        share = float(beyond.mean())
+        if share > CONTRADICTED_SHARE:
+            unit = "m" if what == "positions" else "m/s"
+            found.append(
+                inconsistent(
+                    f"{share:.0%} of the GPS {what} lie more than {CONTRADICTION:g} times their stated accuracy from "
+                    f"it, up to {distance.max():.0f} {unit}",
+                    {"contradicted_share": share, "largest": float(distance.max())},
+                )
+            )
+    return found
+
+
+def late_receivers(lags: Mapping[str, float]) -> list[Finding]:
+    """Name receivers whose clock is off; their data are used at the times that were found."""
+    return [
+        Finding(
+            "gps-late",
+            Severity.WARNING,
+            f"The {'second ' if sensor == 'gps2' else ''}GPS is {abs(lag):.2f} s {'later' if lag > 0 else 'earlier'} "
+            "than its rows say, by the IMU's movement; its data are used at the times found.",
+            "Set GPS_DELAY_MS, and look at the receiver's rate and cable.",
+            {"sensor": sensor, "lag_s": lag},
+        )
+        for sensor, lag in lags.items()
+        if sensor != "mag" and abs(lag) > LATE
+    ]
+
+
+def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
+    """Name an IMU that missed steps of attitude or velocity which the other sensors saw."""
+    t = np.concatenate([s.t for s in shocks])
+    if t.size == 0:
+        return []
+    share = len(np.unique(np.floor(t))) / max(length, 1.0)
+    findings = [
+        Finding(
+            "imu-steps",
+            Severity.WARNING,
+            f"At {len(t)} moments from t = {t.min():.1f} to {t.max():.1f} s, in {share:.0%} of the log's seconds, the "
+            "craft's motion changed by more than its IMU tells: impacts, saturation, or vibration beyond its range.",
+            "Look at vibration (VIBE) and the IMU's mount.",
+            {"steps": len(t), "share_of_seconds": share},
+        )
+    ]
+    if share > DOUBTFUL_SHARE:
+        findings.append(inconsistent(f"the IMU missed what the other sensors saw in {share:.0%} of the log's seconds"))
+    return findings
+
+
+def only_one_withdrawal(findings: list[Finding]) -> list[Finding]:
+    """Keep the first `trajectory-inconsistent` of several: one reason is enough to withdraw a trajectory."""
+    first = next((f for f in findings if f.id == "trajectory-inconsistent"), None)
+    return [f for f in findings if f.id != "trajectory-inconsistent" or f is first]
