@@ -25,6 +25,8 @@ _FAST, _OVER = 3.0, np.radians(60.0)
 _FREE, _FALLING = 0.3 * _G, 0.3
 #: Height lost [m] after disarming, within `_AFTER` seconds, that shows that the craft was in the air.
 _DROP, _AFTER = 1.5, 5.0
+#: Time after a blow within which a craft that still flies has risen by that much, s.
+_RISEN_WITHIN = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +140,7 @@ def _blows(
         piece = (t >= first) & (t <= last)
         blow = _Blow(first, float(values[piece].max()))
         crash, evidence = _how_bad(blow, tables, height, dropped)
+        crash = crash and not _flew_on(height, last)
         if crash and not crashed:
             crashed = True
             yield FlightEvent(
@@ -160,6 +163,14 @@ def _blows(
                 advice="Inspect legs, arms and propellers." if landing else "Look for contact with ground or objects.",
                 evidence=evidence,
             )
+
+
+def _flew_on(height: "pd.Series[float] | None", t: float) -> bool:
+    """Return whether the craft rose again after a blow: it was a touch then, not the end of a flight."""
+    if height is None:
+        return False
+    low, later = height.loc[t : t + 1.0].dropna(), height.loc[t + 1.0 : t + _RISEN_WITHIN].dropna()
+    return len(low) > 0 and len(later) > 1 and float(np.percentile(later, 90.0) - low.min()) > _DROP
 
 
 def _told(blow: _Blow, evidence: dict[str, str | int | float | bool]) -> str:

@@ -18,6 +18,8 @@ _GLITCH_SOURCE = "ArduCopter 3.2, GPSGLITCH_RADIUS 5 m, GPSGLITCH_ACCEL 10 m/s^2
 #: Fewest satellites of a three-dimensional fix; losses closer together than the pause [s] are one.
 _FEWEST, _PAUSE = 4, 2.0
 _EARTH = 6.371e6
+#: Time without a word from the receiver, s.
+_SILENT = 2.0
 #: State of jamming at which a receiver warns.
 _JAMMED = 2.0
 
@@ -42,6 +44,7 @@ def navigation_events(
     spans = [(flight.start, flight.stop) for flight in flights]
     if tables.gps is not None and len(tables.gps) > 3:
         yield from _gps(tables.gps, spans)
+        yield from _silence(tables.gps, tables, spans)
     yield from _jamming(messages, spans)
     yield from _ratios(messages, spans)
 
@@ -93,6 +96,32 @@ def _gps(gps: pd.DataFrame, spans: list[tuple[float, float]]) -> Iterator[Flight
             evidence={"jump_m": leap},
             source=_GLITCH_SOURCE,
         )
+
+
+def _silence(gps: pd.DataFrame, tables: Tables, spans: list[tuple[float, float]]) -> Iterator[FlightEvent]:
+    """Find times in flight without a word from the receiver while the log went on."""
+    others = tables.times("attitude")
+    if others is None:
+        return
+    t = gps.index.to_numpy(np.float64)
+    limit = max(_SILENT, 5.0 * float(np.median(np.diff(t))))
+    for first, last in spans:
+        inside = np.concatenate(([max(first, t[0])], t[(t > first) & (t < last)], [last]))
+        for k in np.flatnonzero(np.diff(inside) > limit):
+            begin, end = float(inside[k]), float(inside[k + 1])
+            between = np.concatenate(([begin], others[(others > begin) & (others < end)], [end]))
+            # Where the other tables stop too, it is the log that is silent.
+            if float(np.max(np.diff(between))) > 0.5 * (end - begin):
+                continue
+            yield FlightEvent(
+                id="gps-lost",
+                t=begin,
+                end=end,
+                severity=Severity.ERROR if end - begin > 5.0 else Severity.WARNING,
+                reason=f"The GPS receiver was silent for {end - begin:.1f} s.",
+                advice="Check the receiver's plug, cable and supply.",
+                evidence={"seconds": end - begin},
+            )
 
 
 def _jumps(gps: pd.DataFrame) -> Array:

@@ -12,6 +12,8 @@ from sysid.rotors.motor_loss import MotorLoss, find_motor_losses
 _ENDING = ("crash", "disarmed-in-air", "motor-loss")
 #: Time before such an event that is left out with it, s: a change is timed to a few tenths of a second.
 _MARGIN = 0.3
+#: Time for which a craft out of control still tells its motors apart, s: later it tumbles, or lies on the ground.
+_TUMBLING = 2.0
 #: Time between the end of a loss of control and the crash that it led to, s.
 _LED_TO = 2.0
 
@@ -64,13 +66,18 @@ def health_findings(health: FlightHealth) -> tuple[Finding, ...]:
 
 
 def _undisturbed(flight: Flight, events: list[FlightEvent]) -> float:
-    """Last moment of a flight at which its motors can be compared, s: before the blow of a crash, and the landing."""
+    """Last moment of a flight at which its motors can be compared, s: before it is lost, hits the ground or lands."""
     blows = [
         event.t - 0.1
         for event in events
         if event.id in ("crash", "disarmed-in-air") and flight.start < event.t < flight.stop + 2.0
     ]
-    return min([*blows, flight.stop - 2.0])
+    tumbles = [
+        event.t + _TUMBLING
+        for event in events
+        if event.id == "loss-of-control" and event.duration > _TUMBLING and flight.start < event.t < flight.stop
+    ]
+    return min([*blows, *tumbles[:1], flight.stop - 2.0])
 
 
 def _motor_event(loss: MotorLoss, losses: tuple[MotorLoss, ...]) -> FlightEvent:

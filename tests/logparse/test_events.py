@@ -134,10 +134,23 @@ def test_a_hard_landing_is_no_crash():
     assert event.t == pytest.approx(69.8, abs=0.05)
 
 
+def test_a_touch_from_which_the_craft_rises_again_is_no_crash():
+    imu = flown().imu.copy()
+    imu.loc[40.0:40.1, "accel_z"] = -60.0
+    roll = between(39.0, 40.2, 0.6)
+    course = lambda t: np.interp(t, (0, 10, 14, 38, 40, 44, 55, 70), (0, 0, 20, 20, 0, 20, 20, 0))  # noqa: E731
+    tables = flown(
+        imu=imu,
+        attitude=table(10.0, roll=roll, pitch=0.0, yaw=0.0),
+        baro=table(10.0, alt=course, pressure=1e5, temperature=290.0),
+    )
+    assert [event.id for event in notable(tables)] == ["loss-of-control", "blow-in-flight"]
+
+
 def test_loss_of_control_is_timed_and_what_follows_a_crash_is_left_out():
     roll = between(50.0, 53.0, 1.2)
     imu = flown().imu.copy()
-    imu.loc[52.0:52.1, "accel_z"] = -150.0
+    imu.loc[52.0:52.1, "accel_z"] = -150.0  # and down for good
     tables = flown(attitude=table(10.0, roll=roll, pitch=0.0, yaw=0.0), imu=imu)
     found = notable(tables)
     assert [event.id for event in found] == ["loss-of-control", "crash"]
@@ -226,6 +239,16 @@ def test_a_glitch_is_a_jump_against_its_own_speed():
 def test_a_receiver_that_never_had_a_fix_loses_none():
     gps = flown().gps.assign(fix=0.0, satellites=0.0)
     assert notable(flown(gps=gps)) == []
+
+
+def test_a_silent_receiver_is_told_from_a_log_that_stopped():
+    gps = flown().gps
+    gps = gps[(gps.index < 40.0) | (gps.index > 46.0)]
+    event = only("gps-lost", notable(flown(gps=gps)))
+    assert (event.t, event.end) == pytest.approx((39.8, 46.2), abs=0.21)
+    attitude = flown().attitude
+    attitude = attitude[(attitude.index < 40.0) | (attitude.index > 46.0)]
+    assert notable(flown(gps=gps, attitude=attitude)) == []
 
 
 def test_motors_at_their_limit_and_lack_of_lift():
