@@ -35,7 +35,7 @@ class FrequencyResponse:
         rad/s.
     response : ndarray of complex, shape (K,)
     sigma_gain : ndarray, shape (K,)
-        Standard deviation of ln |G|, that is the relative one of the gain.
+        Standard deviation of the gain's logarithm, that is the relative one of the gain.
     sigma_phase : ndarray, shape (K,)
         rad.
     """
@@ -52,7 +52,7 @@ class FrequencyResponse:
 
     @property
     def gain(self) -> Floats:
-        """|G|, shape (K,)."""
+        """Absolute value of the response, shape (K,)."""
         return np.asarray(np.abs(self.response))
 
     @property
