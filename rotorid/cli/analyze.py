@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,10 +19,18 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from pipeline.results.fleet import Failure
+    from pipeline.results.flight import FlightResult
     from pipeline.storage.sources import Found, Source
     from reports.rows import Numbers
 
 _DEFAULT = AnalysisConfig()
+
+
+class PlotFormat(StrEnum):
+    """Formats of plots as files."""
+
+    PNG = "png"
+    SVG = "svg"
 
 
 def analyze(
@@ -87,6 +96,9 @@ def analyze(
             "must be on disks that they share, or URLs (needs rotorid[cluster])."
         ),
     ] = None,
+    plots: Annotated[
+        PlotFormat | None, typer.Option(help="Also write the plots of one log as files, below OUT/plots.")
+    ] = None,
     redo: Annotated[
         bool, typer.Option("--redo", help="Analyse all logs anew, also those whose results are in --out already.")
     ] = False,
@@ -122,8 +134,12 @@ def analyze(
     prepare(out)
     single = len(found.sources) == 1 and found.sources[0].named and scheduler is None
     if single and not (config.training or config.validation):
-        _one_log(found.sources[0], Path(out), config, as_json)
+        _one_log(found.sources[0], Path(out), config, as_json, plots)
     else:
+        if plots is not None:
+            from pipeline.errors import ConfigError
+
+            raise ConfigError("--plots draws the plots of one log; of several, give one after the other")
         sizes = [source.size for source in found.sources if source.named or source.called_a_log]
         workers = _processes(jobs, sizes) if scheduler is None else _cluster(scheduler, jobs, paths, out)
         try:
@@ -151,7 +167,9 @@ def _require_files(found: "Found", paths: Sequence[str]) -> None:
         raise ConfigError(f"no files in {', '.join(paths)} ({'; '.join(closed)})")
 
 
-def _one_log(source: "Source", out: Path, config: AnalysisConfig, as_json: bool) -> None:
+def _one_log(
+    source: "Source", out: Path, config: AnalysisConfig, as_json: bool, plots: "PlotFormat | None" = None
+) -> None:
     """Analyse a log anew and write its report."""
     import pipeline
     import reports
@@ -166,6 +184,8 @@ def _one_log(source: "Source", out: Path, config: AnalysisConfig, as_json: bool)
         advance("report", 0.0)
         try:
             report = reports.write(result, out)
+            if plots is not None:
+                _write_plots(result, out, plots)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
             _show(flight_numbers(result), "", as_json)
             fail(f"the report could not be written: {error.filename or out}: {error.strerror}", SOME_FAILED)
@@ -173,6 +193,15 @@ def _one_log(source: "Source", out: Path, config: AnalysisConfig, as_json: bool)
     numbers = json.loads((out / "report.json").read_text("utf-8"))
     _show(numbers, str(report), as_json)
     _end(numbers, ())
+
+
+def _write_plots(result: "FlightResult", out: Path, plots: PlotFormat) -> None:
+    """Write the plots of the page as files."""
+    from reports.flight_figures import flight_figures
+    from reports.health_figures import health_figures
+    from reports.plot_images import write_images
+
+    write_images([*flight_figures(result), *health_figures(result)], out, plots.value)
 
 
 def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManager[Executor]":
