@@ -1,7 +1,7 @@
 """One log to one result: read, estimate, identify on the first part of the flight, judge on the rest."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.log_health import logged_rates
 from pipeline.names import printable
 from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, Span, horizontal_sigma
+from sysid.rotors.motor_order import MotorOrder, motor_order
 
 #: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
 SHORTEST_EXPERIMENT = 20.0
@@ -114,8 +115,9 @@ def analyze(
         )
         tables.release()
 
+    order = _motor_order(experiments)
     # Findings about the fits stay with their models; those of the experiments are about the log.
-    later = (part.findings for part in (estimated, thrust, *experiments.values()) if part is not None)
+    later = (part.findings for part in (estimated, thrust, order, *experiments.values()) if part is not None)
     told = len(stages.findings)
     result = FlightResult(
         name=name,
@@ -133,6 +135,7 @@ def analyze(
         thrust=thrust,
         parameters=parameters,
         coverage=coverage,
+        motor_order=order,
         health=timeline,
         findings=(
             *log.findings,
@@ -192,6 +195,17 @@ def _record(
 
 def _thrust(fitted: sysid.Experiment, config: AnalysisConfig, stages: Stages) -> sysid.ThrustModel | None:
     return stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
+
+
+def _motor_order(experiments: Mapping[str, sysid.Experiment]) -> MotorOrder | None:
+    """Hold motor outputs against the mixer, by the fastest record that has both; None where there is none."""
+    for key in (RIGID_BODY_KEY, THRUST_KEY):
+        if key in experiments:
+            try:
+                return motor_order(experiments[key])
+            except MissingDataError:
+                continue
+    return None
 
 
 def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pipeline.results.health import FlightHealth
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.records.excitation import Coherence
+    from sysid.rotors.motor_order import MotorOrder
 
 
 #: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
@@ -208,6 +209,8 @@ class FlightResult(Summarised):
         By every method, from the first part of the flight.
     coverage : Coverage or None
         How fast, how high, in which wind it flew, how it moved and how well that was logged.
+    motor_order : MotorOrder or None
+        Whether motor outputs are those that the mixer asked for; None where the log does not tell.
     health : FlightHealth or None
         What happened, by time, and which part of the flight serves models.
     advice : tuple of Advice
@@ -235,6 +238,7 @@ class FlightResult(Summarised):
     thrust: ThrustModel | None = None
     parameters: PhysicalParameters | None = None
     coverage: Coverage | None = None
+    motor_order: MotorOrder | None = None
     health: FlightHealth | None = None
     advice: tuple[Advice, ...] = ()
     findings: tuple[Finding, ...] = ()

@@ -109,3 +109,22 @@ def _allocation(motors: pd.DataFrame, vehicle: Vehicle) -> tuple[list[str], list
             f"the motors of a {vehicle.frame_class} do not make {', '.join(made)} independently of one another"
         )
     return names, made, allocation
+
+
+def expectation(outputs: Floats, factors: Floats) -> Floats:
+    """Return the thrust that the mixer asks of each motor for given outputs of the controllers.
+
+    Parameters
+    ----------
+    outputs : ndarray, shape (N, 4)
+        Thrust, roll, pitch and yaw (RATE's AOut, ROut, POut, YOut).
+    factors : ndarray, shape (n, 3)
+        Roll, pitch and yaw factor of each motor (`logparse.Motor`).
+
+    Returns
+    -------
+    ndarray, shape (N, n)
+        In parts of a motor's full thrust, before the mixer's limits and what the firmware does about voltage and
+        density, which is the same factor for all motors.
+    """
+    return np.asarray(outputs[:, :1] + outputs[:, 1:] @ factors.T)
