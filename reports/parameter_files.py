@@ -18,7 +18,9 @@ def write_parameters(result: FlightResult | GroupResult, folder: Path) -> Path:
     A parameter comes in SI units where mass (and arm) were given, otherwise in those in which motion alone gives it.
     """
     own = isinstance(result, FlightResult)
-    craft = result.log.craft if isinstance(result, FlightResult) else result.name
+    vehicle = result.log.vehicle if isinstance(result, FlightResult) else None
+    frame = " ".join(part for part in (vehicle.frame_class, vehicle.frame_type) if part) if vehicle else ""
+    craft = frame if isinstance(result, FlightResult) else result.name
     rows = []
     if result.parameters is not None:
         for row in result.parameters.table.reset_index().to_dict("records"):
