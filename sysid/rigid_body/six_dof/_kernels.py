@@ -209,6 +209,7 @@ def ahead(
     marks: Integers,
     dt: float,
     substeps: int,
+    given: bool,
 ) -> Floats:
     """Run from the measured state at each start and return the states at the marked numbers of samples after it.
 
@@ -223,6 +224,11 @@ def ahead(
     starts : ndarray, shape (S,)
     marks : ndarray, shape (M,)
         Increasing, at least 1.
+    dt : float
+        s.
+    substeps : int
+    given : bool
+        Attitude and rates are those of `states` at every sample.
 
     Returns
     -------
@@ -237,6 +243,8 @@ def ahead(
         for step in range(marks[-1]):
             row = first + step
             advance(theta, drives[row], wind[first], pushes[s], dt, substeps, state)
+            if given:
+                state[6:] = states[row + 1, 6:]
             if step + 1 == marks[mark]:
                 out[s, mark] = state
                 mark += 1
@@ -245,14 +253,16 @@ def ahead(
 
 @njit(cache=True)
 def free_run(
-    theta: Floats, drives: Floats, wind: Floats, push: Floats, first: Floats, dt: float, substeps: int
+    theta: Floats, drives: Floats, wind: Floats, push: Floats, states: Floats, dt: float, substeps: int, given: bool
 ) -> Floats:
-    """Run through a whole record from one state; shape (N, 18)."""
+    """Run through a whole record from its first state; shape (N, 18)."""
     out = np.empty((len(drives), STATES))
-    state = first.copy()
+    state = states[0].copy()
     out[0] = state
     for row in range(len(drives) - 1):
         advance(theta, drives[row], wind[row], push, dt, substeps, state)
+        if given:
+            state[6:] = states[row + 1, 6:]
         out[row + 1] = state
     return out
 

@@ -94,6 +94,12 @@ FLOORS: Mapping[str, tuple[float, float]] = {
     "tilt": (0.0, 1e-4),
 }
 
+#: Place of a delay or lag that all rotors share.
+ALL = -1
+
+#: Where parameters of rotation begin in theta.
+ROTATION = THETA.index("roll_gain")
+
 _FURTHER = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -116,6 +122,7 @@ def fit_six_dof(
     winds: Mapping[str, tuple[float, float]] | None = None,
     horizons: Sequence[float] = HORIZONS,
     most_runs: int = MOST_RUNS,
+    attitude: str = "state",
     name: str = "rigid body, six degrees of freedom",
 ) -> SixDofModel:
     """Identify a rigid body whose attitude and rates are states, from records of motion and inputs.
@@ -134,6 +141,10 @@ def fit_six_dof(
     horizons : sequence of float
         s.
     most_runs : int
+        Runs over all records; fewer are faster and less exact.
+    attitude : {"state", "measured"}
+        With ``"measured"`` attitude and rates are inputs, and only translation is identified: for inputs that are too
+        slow or too noisy for rotation.
     name : str
 
     Raises
@@ -143,6 +154,9 @@ def fit_six_dof(
     MissingDataError
         When motion or the places of motors are missing.
     """
+    if attitude not in ("state", "measured"):
+        raise ValueError(f"attitude must be state or measured, not {attitude!r}")
+    given = attitude == "measured"
     records = require_alike(experiments)
     kinds = input_kinds(records[0])
     bodies = [body_record(record, kinds) for record in records]
@@ -154,7 +168,7 @@ def fit_six_dof(
             f"{total} samples are too few to fit runs of {horizons[-1]:g} s; give longer records or shorter horizons"
         )
     known = {each: np.asarray(wind, dtype=np.float64) for each, wind in (winds or {}).items()}
-    unknowns = _unknowns(kinds, bodies, indoors, known)
+    unknowns = _unknowns(kinds, bodies, indoors, known, given)
     shape = _shape(kinds, bodies, records)
 
     def unpack(values: Floats) -> tuple[Floats, InputShape, dict[str, Floats]]:
@@ -174,7 +188,7 @@ def fit_six_dof(
             air = np.zeros((len(body.t), 3))
             air[:, :2] = wind.get(body.name, np.zeros(2))
             still = np.zeros((len(first), 6))
-            predicted = ahead(theta, drive, air, still, body.states, first, marks, dt, substeps(dt))
+            predicted = ahead(theta, drive, air, still, body.states, first, marks, dt, substeps(dt), given)
             out.append(state_errors(predicted, body.states[first[:, None] + marks]))
         return out
 
@@ -204,18 +218,21 @@ def fit_six_dof(
         training=tuple(record.name for record in records),
         findings=findings,
         mass=mass,
+        attitude_given=given,
         wind_sigma=_wind_sigma(unknowns, found),
     )
 
 
 def _unknowns(
-    kinds: InputKinds, bodies: Sequence[BodyRecord], indoors: bool, winds: Mapping[str, Floats]
+    kinds: InputKinds, bodies: Sequence[BodyRecord], indoors: bool, winds: Mapping[str, Floats], given: bool
 ) -> list[_Unknown]:
     """List what is estimated for these inputs."""
     speeds = kinds.quantity is Quantity.SPEED
     left_out = set() if speeds else {"gyroscopic_x", "gyroscopic_y", "rotor_inertia"}
     if speeds or kinds.mixer:
         left_out.add("thrust_offset")
+    if given:
+        left_out |= set(THETA[ROTATION:])
     families = ("drag_rotor", "drag_quadratic", "gyroscopic")
     out = []
     for at, name in enumerate(THETA):
@@ -229,12 +246,16 @@ def _unknowns(
     for k, further in enumerate(kinds.further_names):
         out += [
             _Unknown(f"{further}_{part}", "force" if j < 3 else "torque", "theta", SHARED + PER_INPUT * k + j)
-            for j, part in enumerate(_FURTHER)
+            for j, part in enumerate(_FURTHER[:3] if given else _FURTHER)
         ]
     names = [kinds.names[at] for at in kinds.thrusting]
-    out += [_Unknown(f"delay_{name}", "delay", "delay", k) for k, name in enumerate(names)]
-    if not speeds:
-        out += [_Unknown(f"lag_{name}", "lag", "lag", k) for k, name in enumerate(names)]
+    if given:
+        # Translation sees the sum of the rotors only.
+        out += [_Unknown(each, each, each, ALL) for each in (("delay",) if speeds else ("delay", "lag"))]
+    else:
+        out += [_Unknown(f"delay_{name}", "delay", "delay", k) for k, name in enumerate(names)]
+        if not speeds:
+            out += [_Unknown(f"lag_{name}", "lag", "lag", k) for k, name in enumerate(names)]
     if kinds.further:
         out.append(_Unknown("lag_further", "lag", "further_lag", 0))
     if kinds.quantity is Quantity.PWM and kinds.motors:
@@ -294,9 +315,9 @@ def _unpack(
             case "theta":
                 theta[unknown.at] = value
             case "delay":
-                delays[unknown.at] = value
+                delays[slice(None) if unknown.at == ALL else unknown.at] = value
             case "lag":
-                lags[unknown.at] = value
+                lags[slice(None) if unknown.at == ALL else unknown.at] = value
             case "further_lag":
                 further_lag = float(value)
             case "expo":

@@ -97,6 +97,12 @@ class SixDofModel(Summarised):
         Usual error of position [m], velocity [m/s], attitude [rad], rates [rad/s] by horizon [s] on training records.
     training : tuple of str
     findings : tuple of Finding
+    mass : float or None
+        kg.
+    attitude_given : bool
+        Attitude and rates are inputs, as measured; only position and velocity are predicted.
+    wind_sigma : mapping of str to ndarray, shape (2,)
+        Standard errors of the winds that were estimated, m/s.
     """
 
     name: str
@@ -113,6 +119,7 @@ class SixDofModel(Summarised):
     correction: HorizonCorrection | None = None
     findings: tuple[Finding, ...] = ()
     mass: float | None = None
+    attitude_given: bool = False
     wind_sigma: Mapping[str, Floats] = field(default_factory=dict)
 
     def summary(self) -> dict[str, str]:
@@ -137,7 +144,9 @@ class SixDofModel(Summarised):
         dt = record.dt
         drive = drives(record, self.kinds, self.shape)
         return np.asarray(
-            free_run(self.theta, drive, self._wind(record), np.zeros(6), record.states[0].copy(), dt, substeps(dt))
+            free_run(
+                self.theta, drive, self._wind(record), np.zeros(6), record.states, dt, substeps(dt), self.attitude_given
+            )
         )
 
     def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
@@ -165,16 +174,9 @@ class SixDofModel(Summarised):
         push = np.zeros((len(starts), 6))
         if self.observer is not None:
             push = pushes(self.observer, self.theta, drive, wind, record, substeps(dt))[starts]
+        first, after = starts.astype(np.int64), marks.astype(np.int64)
         predicted = ahead(
-            self.theta,
-            drive,
-            wind,
-            push,
-            record.states,
-            starts.astype(np.int64),
-            marks.astype(np.int64),
-            dt,
-            substeps(dt),
+            self.theta, drive, wind, push, record.states, first, after, dt, substeps(dt), self.attitude_given
         )
         if self.correction is not None:
             predicted = self.correction.corrected(record, starts, marks, predicted)

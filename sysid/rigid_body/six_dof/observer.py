@@ -46,7 +46,9 @@ def pushes(
     """
     n, dt = len(record.t), record.dt
     starts = np.arange(n - 1, dtype=np.int64)
-    one = ahead(theta, drives, wind, np.zeros((n - 1, 6)), record.states, starts, np.array([1]), dt, substeps)[:, 0]
+    one = ahead(theta, drives, wind, np.zeros((n - 1, 6)), record.states, starts, np.array([1]), dt, substeps, False)[
+        :, 0
+    ]
     missed = np.zeros((n, 6))
     missed[1:, :3] = (record.states[1:, 3:6] - one[:, 3:6]) / dt
     missed[1:, 3:] = (record.states[1:, 15:] - one[:, 15:]) / dt
