@@ -1,6 +1,7 @@
 """Run every benchmark module of this folder, or those named, and print one table.
 
-`python -m benchmarks [NAME ...] [--data DIR]`. Peers that are not installed are named as such; `make bench` installs them.
+`python -m benchmarks [NAME ...] [--data DIR]`.
+Peers that are not installed are named as such; `make bench` installs them.
 """
 
 import importlib

@@ -1,9 +1,9 @@
 """Real flights of others with ground truth: nanodrone, neural-fly, tailsitter; published protocols and rows.
 
 `python -m benchmarks real_flights [--data DIR]`. DIR (default ../shared/bench) has the folders nanodrone, neural-fly
-and tailsitter, or the files of one of them. Flights that are named as test flights (melon; controllers other than indi;
-runs other than 1) are judged, after training on all others there, or in ../shared/bench where DIR has none; without test
-flights one kind is left out at a time.
+and tailsitter, or the files of one of them. Flights that are named as test flights (melon; other controllers than indi;
+runs other than 1) are judged, after training on all others there, or in ../shared/bench where DIR has none; without
+test flights one kind is left out at a time.
 """
 
 import re

@@ -99,6 +99,13 @@ def analyze(
     plots: Annotated[
         PlotFormat | None, typer.Option(help="Also write the plots of one log as files, below OUT/plots.")
     ] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option(
+            help="YAML that says which column is what (docs/tables.md): the paths are then tables of one craft (CSV, "
+            "Parquet, .mat) instead of logs."
+        ),
+    ] = None,
     redo: Annotated[
         bool, typer.Option("--redo", help="Analyse all logs anew, also those whose results are in --out already.")
     ] = False,
@@ -128,6 +135,9 @@ def analyze(
     from pipeline.names import is_url
     from pipeline.storage.sources import find
 
+    if columns is not None:
+        _tables(paths, columns, out, config, as_json)
+        return
     found = find(_existing(paths), besides=None if is_url(out) else Path(out))
     _require_files(found, paths)
     check_choices(found, config)
@@ -146,6 +156,33 @@ def analyze(
             _several_logs(found, out, config, workers, redo, as_json)
         except KeyboardInterrupt:
             fail("interrupted; what is done is kept, and the same command goes on from there", INTERRUPTED)
+
+
+def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfig, as_json: bool) -> None:
+    """Analyse tables of other origin and write their report."""
+    from logparse.foreign.files import is_table
+    from pipeline.errors import ConfigError
+    from pipeline.flight.table_analysis import analyze_tables
+    from reports.tables_page import tables_page
+
+    files: list[Path] = []
+    for path in map(Path, _existing(paths)):
+        files += sorted(each for each in path.iterdir() if is_table(each)) if path.is_dir() else [path]
+    if not files:
+        raise ConfigError(f"no tables (CSV, Parquet, .mat) in {', '.join(paths)}")
+    prepare(out)
+    result = analyze_tables(files, columns, config)
+    text = json.dumps(result.to_dict(), indent=1, allow_nan=False, ensure_ascii=False)
+    (Path(out) / "report.json").write_text(text, encoding="utf-8")
+    (Path(out) / "report.html").write_text(tables_page(result), encoding="utf-8")
+    if as_json:
+        sys.stdout.write(text + "\n")
+        return
+    for verdict in result.verdicts:
+        console().print(verdict, markup=False, soft_wrap=True)
+    for finding in result.findings:
+        console().print(f"{finding.severity}: {finding.reason}", markup=False, soft_wrap=True)
+    console().print(f"\nReport: {Path(out) / 'report.html'}", markup=False, soft_wrap=True)
 
 
 def _existing(paths: Sequence[str]) -> Sequence[str]:

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from logparse import Finding, RotoridError, Vehicle
-from logparse.foreign.motion import read_motion
+from logparse.foreign.motion import MotionTable, read_motion
 from logparse.summary import Summarised, listed
 from sysid.records.arrays import MIN_SAMPLES as MIN_SAMPLES
 from sysid.records.arrays import Floats as Floats
@@ -279,7 +279,11 @@ class Experiment(Summarised):
         TableError
             When columns are missing or contradict each other; the text names them, with the evidence.
         """
-        motion = read_motion(source, columns, name)
+        return cls.from_motion(read_motion(source, columns, name))
+
+    @classmethod
+    def from_motion(cls, motion: MotionTable) -> Experiment:
+        """Make a record of a table that is read already; see `from_table`."""
         signals = table_signals(motion)
         return cls.from_arrays(
             motion.t,

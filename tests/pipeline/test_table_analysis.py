@@ -1,0 +1,59 @@
+"""Tables from the command line's side: fitted, judged on what was not seen, and a page that says so."""
+
+import json
+
+import pytest
+import yaml
+
+from pipeline.config import AnalysisConfig
+from pipeline.errors import ConfigError
+from pipeline.flight.table_analysis import analyze_tables
+from reports.tables_page import tables_page
+from tests.sysid.six_dof import flown
+
+COLUMNS = {
+    "time": "t",
+    "position": ["pn", "pe", "pd"],
+    "velocity": ["vn", "ve", "vd"],
+    "attitude": {"columns": ["qw", "qx", "qy", "qz"], "order": "wxyz"},
+    "rates": ["p", "q", "r"],
+    "motors": {"columns": ["m1", "m2", "m3", "m4"], "quantity": "rad/s", "frame": "quad/x"},
+    "mass": flown.MASS,
+    "indoors": True,
+}
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("table")
+    flight = flown.fly(16.0, 4)
+    record = flown.experiment(flight, "flight", 4)
+    frame = record.context.reset_index(names="t")
+    frame.columns = ["t", "vn", "ve", "vd", "p", "q", "r", "qw", "qx", "qy", "qz"]
+    frame[["pn", "pe", "pd"]] = record.y * [1.0, 1.0, -1.0]
+    frame[["m1", "m2", "m3", "m4"]] = record.u
+    path = folder / "flight.parquet"
+    frame.to_parquet(path)
+    columns = folder / "columns.yaml"
+    columns.write_text(yaml.safe_dump(COLUMNS), encoding="utf-8")
+    return path, columns
+
+
+@pytest.mark.slow
+def test_a_table_is_fitted_on_its_first_part_and_judged_on_the_rest(table):
+    path, columns = table
+    result = analyze_tables([path], columns, AnalysisConfig())
+    assert result.judged[0].startswith("flight.parquet [")
+    half = {each.state: each for each in result.errors if each.horizon == 0.5}
+    assert all(each.model < 0.2 * each.held for each in half.values()), half
+    numbers = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert numbers["model"]["parameters"]["thrust"]["si_value"] == pytest.approx(flown.THRUST, rel=0.02)
+    page = tables_page(result)
+    assert "What can be predicted" in page
+    assert "roll gain" in page
+
+
+def test_tables_of_which_none_is_chosen_are_refused(table):
+    path, columns = table
+    with pytest.raises(ConfigError, match="nothing to fit"):
+        analyze_tables([path, path], columns, AnalysisConfig(training=("march*",)))
