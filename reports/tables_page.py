@@ -43,9 +43,7 @@ def _facts(result: TableResult) -> str:
 
 
 def _mean(result: TableResult, state: str, horizon: float, which: str) -> float | None:
-    values = [
-        getattr(each, which) for each in result.errors if each.state == state and each.horizon == horizon
-    ]
+    values = [getattr(each, which) for each in result.errors if each.state == state and each.horizon == horizon]
     known = [value for value in values if value is not None]
     return float(np.mean(known)) if known else None
 
