@@ -18,6 +18,7 @@ from rotorid.cli.bench import bench
 from rotorid.cli.bifilar import bifilar
 from rotorid.cli.compare import compare
 from rotorid.cli.craft import craft
+from rotorid.cli.design import design
 from rotorid.cli.exits import INTERRUPTED, OK, SOME_FAILED, WRONG_USAGE, fail
 from rotorid.cli.export import export
 from rotorid.cli.frequency import frequency
@@ -82,6 +83,7 @@ for _command, _summary in (
     (bench, "Thrust and torque coefficients from a thrust stand."),
     (bifilar, "Moment of inertia from a bifilar pendulum."),
     (tune, "Gains that the flights support, or why none."),
+    (design, "What to fly next, as files for the autopilot."),
     (prove, "Predicted against measured after a change of gains."),
     (simulate, "Fly a case of the papers, or run models.json."),
     (serve, "Start the web service."),

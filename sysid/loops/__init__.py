@@ -1,6 +1,8 @@
 """The autopilot's own loops: controllers and filters as firmware runs them, margins, tuning, proof, next flights."""
 
+from sysid.loops.chirps import Limits
 from sysid.loops.controller import AngleController, PidTerms, RateController
+from sysid.loops.design import Design, design
 from sysid.loops.errors import LoopError
 from sysid.loops.loop import Margins, RateLoop, rate_loop
 from sysid.loops.proof import Proof, prove
@@ -11,7 +13,9 @@ __all__ = [
     "AIMS",
     "Aim",
     "AngleController",
+    "Design",
     "GyroPath",
+    "Limits",
     "LoopError",
     "LoopSettings",
     "Margins",
@@ -20,6 +24,7 @@ __all__ = [
     "RateController",
     "RateLoop",
     "Tuning",
+    "design",
     "prove",
     "rate_loop",
     "read_settings",

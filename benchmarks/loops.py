@@ -1,0 +1,189 @@
+"""Loops foretold and flown: pairs of firmware flights, pairs and random craft of the simulator, tuning, real logs.
+
+The tables of issue 16: margins predicted from one flight against those measured on a later one with other gains, how
+many 95 % intervals hold, what tuned gains do in truth, and that nothing is proposed without the evidence.
+"""
+
+import lzma
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from logparse import FlightLog, RotoridError, read_log
+from simulation.copter_loop import LoopGains, fly_chirp, random_axis
+from sysid.loops import prove, tune
+from sysid.loops.evidence import two_ways_apart, weak_band
+from sysid.loops.loop import Margins
+from sysid.loops.margins import margins_of
+from sysid.loops.tuning import Aim, tune_axis
+from tests.sysid.loops.flown import loop_of_flight, true_loop
+
+LOGS = Path(__file__).parents[1].parent / "shared" / "logs"
+CRAFT = ("quad15", "octa3", "octa8", "hexa3", "y6high", "quadslow")
+QUANTITIES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")
+HZ = np.geomspace(0.1, 120.0, 4000)
+Row = tuple[str, str, str, str, str]
+
+
+def run() -> list[Row]:
+    rows: list[Row] = []
+    if (LOGS / "pairs").exists():
+        with tempfile.TemporaryDirectory() as folder:
+            rows += _firmware(Path(folder))
+    rows += _simulated_pairs()
+    rows += _random_craft()
+    if (LOGS / "real").exists():
+        rows += _real_logs()
+    return rows
+
+
+class Errors:
+    """Differences between predicted and measured, by quantity, with whether the interval held."""
+
+    def __init__(self) -> None:
+        self.absolute: dict[str, list[float]] = defaultdict(list)
+        self.relative: dict[str, list[float]] = defaultdict(list)
+        self.held: list[bool] = []
+
+    def add(self, name: str, predicted: float, measured: float, *, held: bool) -> None:
+        if np.isfinite(predicted) and np.isfinite(measured):
+            self.absolute[name].append(abs(predicted - measured))
+            self.relative[name].append(abs(predicted / measured - 1.0))
+            self.held.append(held)
+
+    def rows(self, what: str) -> Iterable[Row]:
+        def spread(values: list[float], unit: str, scale: float = 1.0) -> str:
+            return f"{scale * np.median(values):.2g} median, {scale * max(values):.2g} worst {unit} ({len(values)})"
+
+        yield (f"{what}: crossover", spread(self.relative["crossover_hz"], "%", 100.0), "", "", "5 %")
+        yield (f"{what}: phase margin", spread(self.absolute["phase_deg"], "deg"), "", "", "3 median, 6 worst")
+        yield (f"{what}: gain margin", spread(self.absolute["gain_db"], "dB"), "", "", "1 dB")
+        yield (f"{what}: rejection bandwidth", spread(self.relative["rejection_hz"], "%", 100.0), "", "", "10 %")
+        yield (f"{what}: 95 % intervals hold", f"{100.0 * np.mean(self.held):.0f} %", "", "", "90-98 %")
+
+
+def _read(folder: Path, name: str) -> FlightLog:
+    path = folder / f"{name}.BIN"
+    if not path.exists():
+        path.write_bytes(lzma.decompress((LOGS / "pairs" / f"{name}.BIN.xz").read_bytes()))
+    return read_log(path)
+
+
+def _firmware(folder: Path) -> list[Row]:
+    errors, ways, fits, cpu, proposed = Errors(), Errors(), [], [], 0
+    for craft in CRAFT:
+        for later in ("g1", "g2"):
+            proof = prove(_read(folder, f"{craft}_id"), _read(folder, f"{craft}_{later}"))
+            for axis, (_, second) in proof.loops.items():
+                for name in QUANTITIES:
+                    row = proof.table.loc[(axis, name)]
+                    spread = 1.96 * np.hypot(row["predicted_sigma"], row["measured_sigma"])
+                    held = abs(row["predicted"] - row["measured"]) <= spread
+                    errors.add(name, row["predicted"], row["measured"], held=bool(held))
+                fits.append(float(proof.table.loc[(axis, "step_fit"), "predicted"]))
+                _both_ways(ways, second.margins, second.measured_margins)
+        start = time.process_time()
+        proposed += tune(_read(folder, f"{craft}_id")).refused is None
+        cpu.append(time.process_time() - start)
+    hot = prove(_read(folder, "quad15_id"), _read(folder, "quad15_hot"))
+    called = all(predicted.margins.unstable > 0.95 for predicted, _ in hot.loops.values())
+    return [
+        *errors.rows("firmware, before -> after"),
+        *ways.rows("firmware, computed -> measured by chirp"),
+        ("firmware: closed-loop step fit", f"{min(fits):.1f} % worst, {np.median(fits):.1f} % median", "", "", "90 %"),
+        ("firmware: gains of quad15_hot", "called unstable" if called else "MISSED", "", "", "unstable"),
+        ("firmware: tune proposes", f"{proposed} of {len(CRAFT)}", "", "", ""),
+        ("firmware: tune, CPU of a 5 min log", f"{max(cpu):.1f} s worst", "", "", "5 s for 3 min"),
+    ]
+
+
+def _both_ways(errors: Errors, computed: Margins, measured: Margins) -> None:
+    for name in QUANTITIES:
+        a, b = getattr(computed, name), getattr(measured, name)
+        if a.value is not None and b.value is not None:
+            errors.add(name, a.value, b.value, held=abs(a.value - b.value) <= 1.96 * np.hypot(a.sigma, b.sigma))
+
+
+def _simulated_pairs(count: int = 40) -> list[Row]:
+    """Identify, change gains at random, and fly again: the truth and the later flight's own measurement."""
+    rng = np.random.default_rng(1)
+    truth_errors, errors = Errors(), Errors()
+    flown = 0
+    while flown < count:
+        axis, gains = random_axis(rng)
+        p, i, d = (float(rng.uniform(0.6, 1.5)) for _ in range(3))
+        other = replace(gains, P=p * gains.P, I=i * gains.I, D=d * gains.D, FLTD=float(rng.choice([15.0, 20.0, 30.0])))
+        truth = margins_of(HZ, true_loop(axis, other, HZ)).row(0)
+        if not truth["stable"] or not margins_of(HZ, true_loop(axis, gains, HZ)).stable[0]:
+            continue
+        flown += 1
+        loop = loop_of_flight(fly_chirp(axis, gains, seed=flown), gains)
+        foretold = loop.with_gains(P=other.P, I=other.I, D=other.D, FLTD=other.FLTD).margins
+        later = loop_of_flight(fly_chirp(axis, other, seed=1000 + flown), other).measured_margins
+        for name in QUANTITIES:
+            value = getattr(foretold, name).value
+            if value is not None:
+                low, high = foretold.intervals[name]
+                truth_errors.add(name, value, truth[name], held=low <= truth[name] <= high)
+        _both_ways(errors, foretold, later)
+    return [*truth_errors.rows("simulator, before -> truth"), *errors.rows("simulator, before -> after")]
+
+
+def _random_craft(count: int = 100) -> list[Row]:
+    """Tune random craft and look at the truth of what was proposed."""
+    rng = np.random.default_rng(2)
+    accepted = unsafe = better = broken = tried = 0
+    while tried < count:
+        axis, gains = random_axis(rng)
+        before = margins_of(HZ, true_loop(axis, gains, HZ)).row(0)
+        if not before["stable"]:
+            continue
+        tried += 1
+        loop = loop_of_flight(fly_chirp(axis, gains, seed=tried), gains)
+        if weak_band(loop) or two_ways_apart(loop):
+            continue
+        tuning = tune_axis(loop, Aim())
+        if tuning.tuned is None:
+            continue
+        accepted += 1
+        after = margins_of(HZ, true_loop(axis, _gains(gains, tuning.tuned.settings.parameters()), HZ)).row(0)
+        unsafe += after["phase_deg"] < 30.0 or after["gain_db"] < 4.0 or not after["stable"]
+        better += after["rejection_hz"] > before["rejection_hz"]
+        worst = tuning.worst
+        broken += (
+            after["gain_db"] < worst["gain_db"]
+            or after["phase_deg"] < worst["phase_deg"]
+            or after["peak_db"] > worst["peak_db"]
+        )
+    share = f"{accepted} of {tried}"
+    return [
+        ("simulator: random craft accepted", share, "", "", "70 of 100"),
+        ("simulator: accepted with true PM < 30 deg or GM < 4 dB", str(unsafe), "", "", "0"),
+        ("simulator: rejection bandwidth better than before", f"{better} of {accepted}", "", "", "80 %"),
+        ("simulator: true margins worse than promised", str(broken), "", "", "0"),
+    ]
+
+
+def _gains(gains: LoopGains, parameters: dict[str, float]) -> LoopGains:
+    names = ("P", "I", "D", "FLTD")
+    return replace(gains, **{name: parameters[f"ATC_RAT_RLL_{name}"] for name in names})
+
+
+def _real_logs() -> list[Row]:
+    refused = proposed = 0
+    for path in sorted((LOGS / "real").iterdir()):
+        if path.suffix == ".tsv":
+            continue
+        try:
+            log = read_log(path)
+        except RotoridError:
+            continue
+        result = tune(log)
+        refused += result.refused is not None
+        proposed += result.refused is None
+    return [("tune on real logs", f"{refused} refused with a sentence, {proposed} proposals", "", "", "no traceback")]

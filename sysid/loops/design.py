@@ -1,0 +1,230 @@
+"""`design`: the next flight as files that an autopilot takes, with the errors that it will leave and its limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from logparse import FlightLog, RotoridError
+from sysid.loops.chirps import SID_AXIS, ChirpDesign, Limits, chirp_errors, design_chirp, first_chirp
+from sysid.loops.errors import LoopError
+from sysid.loops.loop import RateLoop, rate_loop
+from sysid.loops.lua import multisine_script
+from sysid.loops.missions import (
+    Leg,
+    drag_errors,
+    drag_legs,
+    position_legs,
+    thrust_errors,
+    thrust_legs,
+    waypoints,
+)
+from sysid.loops.multisine import Multisine, orthogonal_multisines
+from sysid.loops.parameter_file import parameter_file
+from sysid.loops.settings import read_settings
+
+#: What a flight can be designed for.
+PURPOSES = ("rates", "drag", "inertia", "thrust", "position")
+
+#: Bits of LOG_BITMASK that the loops need: fast attitude (RATE) and PID.
+_LOG_BITS = 1 | 1 << 12
+
+#: Band [Hz] and period [s] of multisines that a script can play: it runs at 25 to 90 Hz, with gaps up to 0.24 s.
+_SCRIPT_BAND, _SCRIPT_PERIOD = (0.3, 4.5), 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """A predicted standard deviation."""
+
+    name: str
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """Files of the next flight.
+
+    Attributes
+    ----------
+    purpose : str
+    files : dict of str to str
+        Text by file name; empty where refused.
+    expected : tuple of Expected
+    limits : Limits
+    chirps : tuple of ChirpDesign
+    refused : str or None
+    """
+
+    purpose: str
+    files: dict[str, str]
+    expected: tuple[Expected, ...]
+    limits: Limits
+    chirps: tuple[ChirpDesign, ...]
+    refused: str | None
+
+
+def design(log: FlightLog, purpose: str, limits: Limits | None = None) -> Design:
+    """Design the next flight of a craft from a log.
+
+    Parameters
+    ----------
+    log : FlightLog
+        Of the craft; for inertia with chirps at the mixer, however small.
+    purpose : {"rates", "drag", "inertia", "thrust", "position"}
+    limits : Limits, optional
+
+    Raises
+    ------
+    LoopError
+        For an unknown purpose.
+    """
+    limits = limits or Limits()
+    if purpose not in PURPOSES:
+        raise LoopError(f"there is no purpose {purpose!r}; a flight can be designed for {', '.join(PURPOSES)}")
+    try:
+        if purpose == "rates":
+            return _rates(log, limits)
+        if purpose == "inertia":
+            return _inertia(log, limits)
+        return _mission(log, purpose, limits)
+    except RotoridError as error:
+        return Design(purpose, {}, (), limits, (), str(error))
+
+
+def _rates(log: FlightLog, limits: Limits) -> Design:
+    files: dict[str, str] = {}
+    expected: list[Expected] = []
+    chirps: list[ChirpDesign] = []
+    reasons = []
+    for axis in SID_AXIS:
+        try:
+            chirp = _chirp(log, axis, limits)
+        except RotoridError as error:
+            reasons.append(str(error))
+            continue
+        chirps.append(chirp)
+        expected += _of_chirp(chirp)
+        files[f"rates_{axis}.param"] = _chirp_file(log, chirp, limits)
+    if not files:
+        raise LoopError("; ".join(dict.fromkeys(reasons)))
+    return Design("rates", files, tuple(expected), limits, tuple(chirps), None)
+
+
+def _chirp(log: FlightLog, axis: str, limits: Limits) -> ChirpDesign:
+    """Design from the craft's response, or, before its first chirp, from the gains alone."""
+    try:
+        return design_chirp(rate_loop(log, axis), limits)
+    except RotoridError:
+        return first_chirp(read_settings(log, axis), limits)
+
+
+def _of_chirp(chirp: ChirpDesign) -> list[Expected]:
+    if chirp.gain_sigma is None or chirp.delay_sigma is None:
+        return []
+    return [
+        Expected(f"{chirp.axis} gain", chirp.gain_sigma, "1 (relative)"),
+        Expected(f"{chirp.axis} delay", chirp.delay_sigma, "s"),
+    ]
+
+
+def _predicted(chirp: ChirpDesign) -> list[str]:
+    if chirp.gain_sigma is None or chirp.delay_sigma is None:
+        return ["a first, careful chirp from the gains alone: its errors are known once it is flown"]
+    return [
+        f"predicted standard deviations (random): gain {100.0 * chirp.gain_sigma:.2g} %, "
+        f"delay {1e3 * chirp.delay_sigma:.2g} ms"
+    ]
+
+
+def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
+    values = {
+        "SID_AXIS": float(SID_AXIS[chirp.axis]),
+        "SID_MAGNITUDE": chirp.magnitude,
+        "SID_F_START_HZ": chirp.low,
+        "SID_F_STOP_HZ": chirp.high,
+        "SID_T_FADE_IN": 3.0,
+        "SID_T_REC": chirp.seconds,
+        "SID_T_FADE_OUT": 1.0,
+        "LOG_BITMASK": float(int(log.parameters.get("LOG_BITMASK", 0.0)) | _LOG_BITS),
+    }
+    comments = (
+        f"rotorid design --for rates: {chirp.axis} of the craft of {log.path.name}",
+        *_predicted(chirp),
+        f"expected at most: lean {chirp.lean_deg:.1f} deg (limit {limits.lean_deg:.0f}), rate "
+        f"{chirp.rate_deg:.0f} deg/s (limit {limits.rate_deg:.0f}), mixer {chirp.mixer:.2f} (limit {limits.mixer:.2f})",
+        f"fly in calm air, {limits.height_m:.0f} m or more above ground; hover, switch to SYSTEMID, sticks still",
+        "SYSTEMID ends itself beyond 30 deg of lean; switch back to ALT_HOLD or LOITER at any time",
+        "load these before the flight, one axis a run; put SID_AXIS back to 0 afterwards",
+    )
+    return parameter_file(values, comments)
+
+
+def _inertia(log: FlightLog, limits: Limits) -> Design:
+    loops = {axis: rate_loop(log, axis) for axis in ("roll", "pitch")}
+    sines = orthogonal_multisines(3, *_SCRIPT_BAND, _SCRIPT_PERIOD)
+    scales = [_rate_scale(sine, limits) for sine in sines]
+    expected = []
+    for (axis, loop), sine, scale in zip(loops.items(), sines, scales, strict=False):
+        expected.append(
+            Expected(f"{axis} gain (torque per inertia)", _multisine_error(loop, sine, scale), "1 (relative)")
+        )
+    hover = log.parameters.get("MOT_THST_HOVER")
+    if hover is None:
+        raise LoopError(f"{log.path.name} has no MOT_THST_HOVER: the script cannot hold the height")
+    script = multisine_script(sines, scales, hover, limits, [(e.name, e.sigma) for e in expected])
+    return Design("inertia", {"inertia.lua": script}, tuple(expected), limits, (), None)
+
+
+def _rate_scale(sine: Multisine, limits: Limits) -> float:
+    """Return the peak rate [rad/s] at which neither lean nor rate reach half of their limits."""
+    t = np.arange(4000) / 4000.0 * sine.period
+    lean = -np.cos(2.0 * np.pi * np.outer(t, sine.hz) + sine.phase) @ (sine.amplitude / (2.0 * np.pi * sine.hz))
+    lean -= lean[0]
+    return float(0.5 * min(np.radians(limits.lean_deg) / np.max(np.abs(lean)), np.radians(limits.rate_deg)))
+
+
+def _multisine_error(loop: RateLoop, sine: Multisine, scale: float) -> float:
+    """Predict the standard deviation of ln gain from one period, through the rate loop from its target."""
+    tiny = chirp_errors(loop, sine.hz[0], sine.hz[-1], 1.0, sine.period)[0]
+    # A chirp at the mixer of unit magnitude and this band has the mean square 1/2; the target acts as a chirp of
+    # target_response times its rate.
+    controller = loop.flown.controller
+    drive = np.abs(controller.target_response(sine.hz)) * sine.amplitude * scale
+    return float(tiny * np.sqrt(0.5 / np.sum(0.5 * drive**2)))
+
+
+def _mission(log: FlightLog, purpose: str, limits: Limits) -> Design:
+    origin = log.tables.origin
+    gps = log.tables.gps
+    if gps is not None and len(gps.dropna(subset=["lat", "lon"])):
+        first = gps.dropna(subset=["lat", "lon"]).iloc[0]
+        home = (float(np.degrees(first["lat"])), float(np.degrees(first["lon"])), float(first["alt"]))
+    elif origin is not None:
+        home = (float(np.degrees(origin.lat)), float(np.degrees(origin.lon)), origin.alt)
+    else:
+        raise LoopError(f"{log.path.name} has no position: a mission needs the place where it is flown")
+    legs: tuple[Leg, ...]
+    if purpose == "drag":
+        legs = drag_legs(limits.height_m)
+        units = {"drag_linear": "1/s", "drag_quadratic": "1/m", "wind": "m/s"}
+        expected = tuple(Expected(name, sigma, units[name]) for name, sigma in drag_errors(legs).items())
+    elif purpose == "thrust":
+        legs = thrust_legs(limits.height_m)
+        expected = tuple(Expected(name, sigma, "1 (relative)") for name, sigma in thrust_errors(legs).items())
+    else:
+        legs = position_legs(limits.height_m)
+        expected = tuple(Expected(name, sigma, "1 (relative)") for name, sigma in thrust_errors(legs).items())
+    reach = max(float(np.hypot(leg.north, leg.east)) for leg in legs)
+    lines = [
+        f"Mission for {purpose}, made from {log.path.name}.",
+        f"It reaches {reach:.0f} m from home and {max(leg.height for leg in legs):.0f} m above it, at up to "
+        f"{max(leg.speed for leg in legs):.0f} m/s: look at the map first, and set a fence.",
+        "Predicted standard deviations:",
+        *(f"  {item.name} {item.sigma:.2g} {item.unit}" for item in expected),
+        "Fly in mode AUTO; switch to LOITER or RTL at any time.",
+    ]
+    files = {f"{purpose}.waypoints": waypoints(home, legs), f"{purpose}.txt": "\n".join(lines) + "\n"}
+    return Design(purpose, files, expected, limits, (), None)

@@ -1,0 +1,130 @@
+"""Missions for drag, wind, thrust and position as ``.waypoints`` files (QGC WPL 110), with their expected errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+#: MAVLink commands.
+_WAYPOINT, _TAKEOFF, _LAND, _SPEED, _DELAY = 16, 22, 21, 178, 93
+
+#: Relative altitude, and the frame of commands without a place.
+_RELATIVE, _MISSION = 3, 2
+
+#: Metres per degree of latitude.
+_METRES_PER_DEGREE = 111_320.0
+
+#: What ordinary logs leave of the mean acceleration of a leg: standard deviation [m/s^2] of a sample, and the time [s]
+#: over which samples are alike.
+_ACCELERATION_NOISE, _ALIKE = 0.15, 2.0
+
+#: Linear and quadratic drag [1/s, 1/m] that errors are computed at: of a usual multirotor.
+_LINEAR, _QUADRATIC = 0.15, 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A straight leg: north and east [m] from home, height [m] above it, speed [m/s] and a stay [s] at its end."""
+
+    north: float
+    east: float
+    height: float
+    speed: float
+    stay: float = 0.0
+
+
+def waypoints(home: tuple[float, float, float], legs: Sequence[Leg]) -> str:
+    """Write a mission: take-off, legs with their speeds, landing at home.
+
+    Parameters
+    ----------
+    home : tuple of float
+        Latitude and longitude in degrees, height above sea in m.
+    legs : sequence of Leg
+    """
+    lat, lon, alt = home
+    lines = ["QGC WPL 110", _line(0, 1, 0, _WAYPOINT, (0.0, 0.0), lat, lon, alt)]
+    lines.append(_line(1, 0, _RELATIVE, _TAKEOFF, (0.0, 0.0), 0.0, 0.0, legs[0].height))
+    speed = None
+    for leg in legs:
+        if leg.speed != speed:
+            lines.append(_line(len(lines) - 1, 0, _MISSION, _SPEED, (1.0, leg.speed), 0.0, 0.0, 0.0))
+            speed = leg.speed
+        north = lat + leg.north / _METRES_PER_DEGREE
+        east = lon + leg.east / (_METRES_PER_DEGREE * math.cos(math.radians(lat)))
+        lines.append(_line(len(lines) - 1, 0, _RELATIVE, _WAYPOINT, (leg.stay, 0.0), north, east, leg.height))
+    lines.append(_line(len(lines) - 1, 0, _RELATIVE, _LAND, (0.0, 0.0), lat, lon, 0.0))
+    return "\n".join(lines) + "\n"
+
+
+def _line(
+    k: int, current: int, frame: int, command: int, two: tuple[float, float], x: float, y: float, z: float
+) -> str:
+    numbers = [f"{value:.8f}" for value in (*two, 0.0, 0.0, x, y, z)]
+    return "\t".join([str(k), str(current), str(frame), str(command), *numbers, "1"])
+
+
+def drag_legs(height: float, length: float = 120.0) -> tuple[Leg, ...]:
+    """Return there and back at four speeds in each of two directions, so that wind and drag part."""
+    legs: list[Leg] = [Leg(0.0, 0.0, height, 3.0, 5.0)]
+    for speed in (3.0, 6.0, 9.0, 12.0):
+        legs += [Leg(length, 0.0, height, speed, 3.0), Leg(0.0, 0.0, height, speed, 3.0)]
+        legs += [Leg(0.0, length, height, speed, 3.0), Leg(0.0, 0.0, height, speed, 3.0)]
+    return tuple(legs)
+
+
+def thrust_legs(height: float) -> tuple[Leg, ...]:
+    """Return climbs and descents between two heights with stays in hover."""
+    legs = [Leg(0.0, 0.0, height, 3.0, 15.0)]
+    for _ in range(5):
+        legs += [Leg(0.0, 0.0, height + 15.0, 3.0, 8.0), Leg(0.0, 0.0, height, 3.0, 8.0)]
+    return tuple(legs)
+
+
+def position_legs(height: float) -> tuple[Leg, ...]:
+    """Return moves in all three directions with stays: what position models are fitted to."""
+    corners = [(0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0)]
+    legs = [Leg(0.0, 0.0, height, 4.0, 10.0)]
+    for turn, speed in enumerate((2.0, 4.0, 6.0)):
+        for k, (north, east) in enumerate(corners):
+            legs.append(Leg(north, east, height + 6.0 * ((k + turn) % 2), speed, 4.0))
+    return (*legs, Leg(0.0, 0.0, height, 4.0, 10.0))
+
+
+def drag_errors(legs: Sequence[Leg]) -> dict[str, float]:
+    """Predict standard deviations of linear drag [1/s], quadratic drag [1/m] and wind [m/s] from legs there and back.
+
+    Each leg gives its mean acceleration ``-(c1 + c2 |v - w|) (v - w)`` along and across itself; the wind is fitted too.
+    """
+    rows, weights = [], []
+    before = legs[0]
+    for leg in legs[1:]:
+        move = np.array([leg.north - before.north, leg.east - before.east])
+        distance = float(np.hypot(*move))
+        before = leg
+        if distance < 20.0:
+            continue
+        velocity = move / distance * leg.speed
+        steps = np.diag([1e-5, 1e-5, 1e-4, 1e-4])
+        at = np.array([_LINEAR, _QUADRATIC, 0.5, 0.5])
+        base = _deceleration(at, velocity)
+        rows.append(np.stack([(_deceleration(at + step, velocity) - base) / step.sum() for step in steps], axis=1))
+        seconds = max(distance / leg.speed - 4.0, 1.0)
+        weights.append(seconds / _ALIKE / _ACCELERATION_NOISE**2)
+    information = sum(weight * row.T @ row for weight, row in zip(weights, rows, strict=True))
+    sigma = np.sqrt(np.diag(np.linalg.inv(np.asarray(information))))
+    return {"drag_linear": float(sigma[0]), "drag_quadratic": float(sigma[1]), "wind": float(max(sigma[2:]))}
+
+
+def _deceleration(parameters: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    air = velocity - parameters[2:]
+    return np.asarray(-(parameters[0] + parameters[1] * np.hypot(*air)) * air)
+
+
+def thrust_errors(legs: Sequence[Leg]) -> dict[str, float]:
+    """Predict the relative standard deviation of the thrust scale from the time in hover and climb."""
+    seconds = sum(leg.stay for leg in legs)
+    return {"thrust_scale": float(_ACCELERATION_NOISE / 9.80665 / math.sqrt(max(seconds / _ALIKE, 1.0)))}

@@ -1,0 +1,76 @@
+"""Orthogonal multisines of low peak factor (Morelli 2012, "Optimal input design for aircraft stability and control").
+
+Each input has its own harmonics of one period, so that all are excited at once and none looks like another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.loops.filters import Floats
+
+#: Rounds of the clipping algorithm (Van der Ouderaa et al. 1988) that lowers the peak factor, and where it clips.
+_ROUNDS, _CLIP = 300, 0.85
+
+#: Samples per period in which peaks are looked for.
+_SAMPLES = 4096
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Multisine:
+    """A sum of sines ``amplitude sin(2 pi hz t + phase)``, periodic in `period` s and zero at its start."""
+
+    hz: Floats
+    amplitude: Floats
+    phase: Floats
+    period: float
+
+    def at(self, t: Floats) -> Floats:
+        """Return values at times, s."""
+        return np.asarray(np.sin(2.0 * np.pi * np.outer(t, self.hz) + self.phase) @ self.amplitude)
+
+    @property
+    def peak_factor(self) -> float:
+        """Return (max - min) / (2 sqrt 2 rms): 1 for a sine."""
+        x = self.at(np.arange(_SAMPLES) / _SAMPLES * self.period)
+        return float((x.max() - x.min()) / (2.0 * np.sqrt(2.0) * np.sqrt(np.mean(x**2))))
+
+
+def orthogonal_multisines(inputs: int, low: float, high: float, period: float) -> tuple[Multisine, ...]:
+    """Design multisines of unit peak for several inputs: harmonics of 1 / period dealt out in turn.
+
+    Parameters
+    ----------
+    inputs : int
+    low, high : float
+        Band, Hz.
+    period : float
+        s.
+    """
+    harmonics = np.arange(np.ceil(low * period), np.floor(high * period) + 1.0)
+    return tuple(_optimised(harmonics[k::inputs], period) for k in range(inputs))
+
+
+def _optimised(harmonics: Floats, period: float) -> Multisine:
+    """Choose phases: Schroeder's, then clipping in time and keeping the phases of what results."""
+    count = len(harmonics)
+    order = np.arange(1, count + 1)
+    phase = -np.pi * order * (order - 1) / count
+    amplitude = np.full(count, 1.0 / np.sqrt(count))
+    bins = harmonics.astype(int)
+    best = Multisine(harmonics / period, amplitude, phase, period)
+    for _ in range(_ROUNDS):
+        x = Multisine(harmonics / period, amplitude, phase, period).at(np.arange(_SAMPLES) / _SAMPLES * period)
+        limit = _CLIP * np.max(np.abs(x))
+        spectrum = np.fft.rfft(np.clip(x, -limit, limit))[bins]
+        phase = np.angle(spectrum) + 0.5 * np.pi
+        candidate = Multisine(harmonics / period, amplitude, phase, period)
+        if candidate.peak_factor < best.peak_factor:
+            best = candidate
+    grid = np.arange(_SAMPLES) / _SAMPLES * period
+    x = best.at(grid)
+    start = grid[int(np.flatnonzero((x[:-1] <= 0.0) & (x[1:] > 0.0))[0])]
+    shifted = np.mod(best.phase + 2.0 * np.pi * best.hz * start, 2.0 * np.pi)
+    return Multisine(best.hz, amplitude / np.max(np.abs(x)), shifted, period)

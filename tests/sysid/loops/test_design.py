@@ -1,0 +1,118 @@
+"""Designed flights: limits kept in simulation, errors as predicted, files that can be read."""
+
+import lzma
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from logparse import read_log
+from simulation.copter_loop import CraftAxis, LoopGains, fly_chirp
+from sysid.loops import Limits, LoopError, design
+from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_MAGNITUDE, chirp_errors, design_chirp, first_chirp
+from sysid.loops.missions import drag_errors, drag_legs, thrust_legs, waypoints
+from sysid.loops.multisine import orthogonal_multisines
+from sysid.loops.parameter_file import read_parameter_file
+from tests.sysid.loops.flown import loop_of_flight, settings_of
+
+PAIRS = Path(__file__).parents[4] / "shared" / "logs" / "pairs"
+CRAFT = CraftAxis(gain=300.0, damping=1.0, lag=0.02, delay=0.003)
+GAINS = LoopGains(P=0.07, I=0.07, D=0.002, gyro_filter=30.0)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    packed = PAIRS / "octa8_id.BIN.xz"
+    if not packed.exists():
+        pytest.skip("../shared/logs/pairs is not here")
+    path = tmp_path_factory.mktemp("pairs") / "octa8_id.BIN"
+    path.write_bytes(lzma.decompress(packed.read_bytes()))
+    return read_log(path)
+
+
+def test_a_designed_chirp_keeps_its_limits_and_tells_more_than_the_default():
+    limits = Limits()
+    loop = loop_of_flight(fly_chirp(CRAFT, GAINS, seed=1, magnitude=0.03), GAINS)
+    chirp = design_chirp(loop, limits)
+    flight = fly_chirp(CRAFT, GAINS, seed=2, magnitude=chirp.magnitude, band=(chirp.low, chirp.high))
+    assert np.degrees(np.abs(flight.angle).max()) < limits.lean_deg
+    assert np.degrees(np.abs(flight.measured).max()) < limits.rate_deg
+    assert np.abs(flight.output).max() < limits.mixer
+    gain, _ = chirp_errors(loop, *DEFAULT_BAND, DEFAULT_MAGNITUDE, chirp.seconds)
+    assert gain > 2.0 * chirp.gain_sigma
+
+
+@pytest.mark.slow
+def test_errors_are_those_predicted():
+    """Ten flights of one design: gains scatter by 0.5 to 1.8 of the bound (ten samples know a scatter to 24 %)."""
+    loop = loop_of_flight(fly_chirp(CRAFT, GAINS, seed=1, magnitude=0.03), GAINS)
+    chirp = design_chirp(loop, Limits())
+    band = (chirp.low, chirp.high)
+    gains = []
+    for seed in range(10):
+        frf = loop_of_flight(fly_chirp(CRAFT, GAINS, seed=50 + seed, magnitude=chirp.magnitude, band=band), GAINS).frf
+        keep = frf.sigma < 0.3
+        truth = CRAFT.response(frf.hz[keep]) * settings_of(GAINS).gyro.response(frf.hz[keep])
+        weight = frf.weight_of_points[keep] / np.maximum(frf.sigma[keep], 1e-4) ** 2
+        gains.append(np.average(np.log(np.abs(frf.response[keep] / truth)), weights=weight))
+    assert 0.5 < np.std(gains, ddof=1) / chirp.gain_sigma < 1.8
+
+
+def test_a_first_chirp_needs_no_chirp_before_it():
+    chirp = first_chirp(settings_of(GAINS), Limits())
+    flight = fly_chirp(CRAFT, GAINS, seed=3, magnitude=chirp.magnitude, band=(chirp.low, chirp.high))
+    assert np.degrees(np.abs(flight.angle).max()) < Limits().lean_deg
+    assert chirp.gain_sigma is None
+
+
+def test_multisines_are_orthogonal_start_at_zero_and_have_low_peaks():
+    sines = orthogonal_multisines(3, 0.3, 4.5, 20.0)
+    t = np.arange(4000) / 200.0
+    signals = np.stack([sine.at(t) for sine in sines])
+    correlation = np.corrcoef(signals)
+    assert np.max(np.abs(correlation - np.eye(3))) < 1e-9
+    assert np.max(np.abs(signals[:, 0])) < 0.05
+    assert np.max(np.abs(signals)) == pytest.approx(1.0, abs=0.01)
+    assert max(sine.peak_factor for sine in sines) < 1.35  # Schroeder's phases leave about 1.7
+
+
+def test_missions_are_numbered_and_end_with_a_landing():
+    text = waypoints((47.4, 8.5, 488.0), drag_legs(20.0))
+    lines = text.splitlines()
+    assert lines[0] == "QGC WPL 110"
+    rows = [line.split("\t") for line in lines[1:]]
+    assert [int(row[0]) for row in rows] == list(range(len(rows)))
+    assert {len(row) for row in rows} == {12}
+    assert rows[1][3] == "22"
+    assert rows[-1][3] == "21"
+
+
+def test_drag_needs_speeds_that_differ():
+    """All at one speed leaves linear and quadratic drag apart by the wind alone: ten times the error and more."""
+    legs = drag_legs(20.0)
+    alike = tuple(type(leg)(leg.north, leg.east, leg.height, 6.0, leg.stay) for leg in legs)
+    assert drag_errors(alike)["drag_quadratic"] > 5.0 * drag_errors(legs)["drag_quadratic"]
+    assert thrust_legs(10.0)[0].height == 10.0
+
+
+@pytest.mark.parametrize("purpose", ["rates", "drag", "inertia", "thrust", "position"])
+def test_files_for_a_firmware_craft(log, purpose):
+    result = design(log, purpose)
+    assert result.refused is None
+    assert result.expected
+    assert all(item.sigma > 0.0 for item in result.expected)
+    for name, text in result.files.items():
+        if name.endswith(".param"):
+            values = read_parameter_file(text)
+            assert 0.0 < values["SID_MAGNITUDE"] < 0.3
+            assert int(values["LOG_BITMASK"]) & 0x1001 == 0x1001
+            assert "30 deg of lean" in text
+        if name.endswith(".lua"):
+            assert not re.search(r"[{}]{3}|nan|inf\b", text)
+            assert "set_target_rate_and_throttle" in text
+
+
+def test_an_unknown_purpose_is_a_sentence(log):
+    with pytest.raises(LoopError, match="purpose"):
+        design(log, "fun")
