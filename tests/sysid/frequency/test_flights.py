@@ -1,0 +1,195 @@
+"""Chirps, sticks and bad logs of simulated rate loops, whose response is a formula, through the whole chain."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import loadmat
+
+import logparse
+from logparse import FlightLog
+from simulation.rate_loop import AxisController, AxisPlant, Excitation, run_axis, write_rate_log
+from sysid import Experiment, frequency
+from sysid.frequency.export import to_control, write
+from sysid.frequency.rational import scan_orders
+from sysid.frequency.survey import survey
+from sysid.frequency.time_domain import fit_in_time, verify
+
+PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
+CONTROLLER = AxisController.crossing_at(PLANT, 3.0)
+CHIRP = Excitation(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.4, noise=0.005)
+STICKS = Excitation(duration=90.0, stick=0.2, gust=0.2, noise=0.003)
+
+
+def flown(
+    folder: Path, excitation: Excitation, seed: int = 1, plant: AxisPlant = PLANT, rate: float = 100.0
+) -> FlightLog:
+    path = folder / f"{seed}.BIN"
+    controller = AxisController.crossing_at(plant, 3.0)
+    write_rate_log(path, {"roll": run_axis(plant, controller, excitation, seed)}, rate=rate, filter_hz=plant.filter_hz)
+    return logparse.read_log(path)
+
+
+@pytest.fixture(scope="module")
+def chirped(tmp_path_factory: pytest.TempPathFactory) -> FlightLog:
+    return flown(tmp_path_factory.mktemp("chirp"), CHIRP)
+
+
+@pytest.fixture(scope="module")
+def found(chirped: FlightLog) -> frequency.FrequencyFit:
+    return frequency.fit(frequency.response(chirped, "roll"))
+
+
+def test_chirp_in_a_closed_loop_with_gusts_gives_the_true_response(chirped: FlightLog) -> None:
+    frf = frequency.response(chirped, "roll")
+    good = frf.usable & (frf.hz >= 0.5) & (frf.hz <= 15.0)
+    error = np.log(frf.response / PLANT.response(frf.hz))[good]
+    assert np.mean(good[(frf.hz >= 0.5) & (frf.hz <= 15.0)]) > 0.9
+    # 1 dB and 5 deg are what margins are worth.
+    assert np.percentile(np.abs(error.real), 95) * 8.686 < 1.0
+    assert np.percentile(np.degrees(np.abs(error.imag)), 95) < 5.0
+    score = np.sqrt(np.mean(np.abs(error) ** 2 / (2.0 * frf.sigma[good] ** 2)))
+    assert 0.4 < score < 1.6
+
+
+def test_plain_regression_is_biased_where_the_instrument_is_not(tmp_path: Path) -> None:
+    # Gusts beat the chirp at low frequency: regression finds the controller's inverse, not the craft.
+    logs = [flown(tmp_path, replace(CHIRP, gust=4.0), seed) for seed in range(3)]
+    frf = frequency.response(logs, "roll")
+    low = (frf.hz > 0.7) & (frf.hz < 2.0)
+    truth = PLANT.response(frf.hz)
+    bias_direct = np.mean(np.log(np.abs(frf.direct / truth))[low])
+    bias = np.mean(np.log(np.abs(frf.response / truth))[low])
+    assert bias_direct < -0.5
+    assert abs(bias) < 3.0 * np.median(frf.sigma[low])
+
+
+def test_parameters_of_a_chirp(found: frequency.FrequencyFit) -> None:
+    value = {name: known.value for name, known in found.parameters.items()}
+    sigma = {name: known.sigma for name, known in found.parameters.items()}
+    assert found.cost < 50.0
+    assert value["gain"] == pytest.approx(300.0, rel=0.05)
+    assert value["lag"] == pytest.approx(0.03, rel=0.05)
+    assert value["delay"] == pytest.approx(PLANT.total_delay, abs=0.005)
+    truth = {"gain": 300.0, "lag": 0.03, "delay": PLANT.total_delay, "damping": 2.0}
+    assert all(abs(value[name] - true) < 3.0 * sigma[name] for name, true in truth.items())
+
+
+def test_the_time_domain_agrees_with_the_frequency_domain(found: frequency.FrequencyFit, chirped: FlightLog) -> None:
+    other = fit_in_time(found, chirped)
+    for name in ("gain", "lag"):
+        known = found.parameters[name]
+        assert abs(other[name].value - known.value) < 3.0 * np.hypot(other[name].sigma, known.sigma)
+
+
+def test_verification_on_sticks_that_were_not_fitted(found: frequency.FrequencyFit, tmp_path: Path) -> None:
+    good = verify(found, flown(tmp_path, STICKS, 5))
+    assert good.theil < 0.3
+    wrong = found.at(found.values * np.where(np.array(found.names) == "gain", 3.0, 1.0))
+    assert verify(wrong, flown(tmp_path, STICKS, 5)).theil > 2.0 * good.theil
+
+
+def test_ordinary_sticks_give_gain_and_delay(tmp_path: Path) -> None:
+    found = frequency.fit(frequency.response(flown(tmp_path, STICKS, 2, rate=50.0), "roll"))
+    assert found.parameters["gain"].value == pytest.approx(300.0, rel=0.10)
+    delay = found.parameters.get("effective_delay", found.parameters["delay"])
+    assert delay.value == pytest.approx(PLANT.total_delay + PLANT.lag, abs=0.010)
+
+
+def test_a_flexible_mode_is_found_with_its_damping(tmp_path: Path) -> None:
+    plant = replace(PLANT, flex_hz=18.0, flex_damping=0.04, flex_share=0.25, filter_hz=60.0)
+    frf = frequency.response(flown(tmp_path, replace(CHIRP, gust=0.3), 3, plant, rate=400.0), "roll")
+    found = frequency.fit(frf)
+    assert found.parameters["mode_frequency"].value == pytest.approx(2.0 * np.pi * 18.0, rel=0.03)
+    assert found.parameters["mode_damping"].value == pytest.approx(0.04, rel=0.15)
+    poles = found.transfer_function().poles
+    assert np.min(np.abs(np.abs(poles) - 2.0 * np.pi * 18.0)) < 4.0
+    assert found.transfer_function().state_space.A.shape == (4, 4)
+
+
+def test_orders_are_scanned_without_a_structure(chirped: FlightLog) -> None:
+    best = scan_orders(frequency.response(chirped, "roll"), most_poles=3)[0]
+    assert len(best.poles) == 2
+    assert best.poles.real == pytest.approx([-2.0, -1.0 / 0.03], rel=0.25)
+
+
+@pytest.mark.slow
+def test_several_axes_share_lag_and_delay(tmp_path: Path) -> None:
+    runs = {
+        name: run_axis(
+            replace(PLANT, gain=gain),
+            CONTROLLER,
+            replace(CHIRP, duration=80.0, chirp_start=start, sid_axis=axis),
+            axis,
+        )
+        for name, gain, start, axis in (("roll", 300.0, 0.0, 10), ("pitch", 250.0, 40.0, 11))
+    }
+    write_rate_log(tmp_path / "two.BIN", runs, rate=100.0)
+    log = logparse.read_log(tmp_path / "two.BIN")
+    joint = frequency.fit([frequency.response(log, axis) for axis in ("roll", "pitch")])
+    assert joint.parameters["lag"].value == pytest.approx(0.03, rel=0.05)
+    assert joint.parameters["roll.gain"].value == pytest.approx(300.0, rel=0.05)
+    assert joint.parameters["pitch.gain"].value == pytest.approx(250.0, rel=0.05)
+
+
+def test_experiments_give_responses_too() -> None:
+    rng = np.random.default_rng(4)
+    t = np.arange(6000) * 0.01
+    u = np.convolve(rng.normal(0.0, 0.1, len(t)), np.ones(5) / 5.0, "same")
+    rate = np.concatenate([[0.0], np.cumsum(200.0 * u)[:-1] * 0.01])
+    data = Experiment.from_arrays(t, u, rate, input_names=["roll"], output_names=["w_x"])
+    # Above 10 Hz a sum of samples is no integral any more.
+    found = frequency.fit(frequency.response([data], "roll"), band=(0.2, 10.0))
+    assert found.parameters["gain"].value == pytest.approx(200.0, rel=0.02)
+
+
+class TestBadInput:
+    def test_a_chirp_aborted_early_is_refused_with_advice(self, tmp_path: Path) -> None:
+        log = flown(tmp_path, replace(CHIRP, duration=1.5, chirp=(0.5, 40.0, 0.05)))
+        with pytest.raises(frequency.FrequencyError, match=r"aborted after 1\.\d s.*fly it again"):
+            frequency.response(log, "roll")
+
+    def test_an_axis_of_which_nothing_was_asked_is_refused_though_gusts_move_it(self, tmp_path: Path) -> None:
+        # The rate target answers gusts and would make a coherent instrument of minus the controller's inverse.
+        log = flown(tmp_path, Excitation(duration=60.0, gust=2.0, noise=0.01))
+        with pytest.raises(frequency.FrequencyError, match="nothing was asked of this axis"):
+            frequency.response(log, "roll")
+
+    def test_ten_hertz_is_said_to_fold(self, tmp_path: Path) -> None:
+        frf = frequency.response(flown(tmp_path, CHIRP, rate=10.0), "roll")
+        assert "rate-loop-folds" in {finding.id for finding in frf.findings}
+        assert frf.hz[-1] <= 4.5
+
+    def test_dropped_rows_within_a_chirp_cost_little(self, tmp_path: Path) -> None:
+        log = flown(tmp_path, CHIRP)
+        rows = log.messages["RATE"]
+        keep = np.random.default_rng(0).random(len(rows)) > 0.03
+        keep[800:860] = keep[1500:1530] = False
+        kept = rows[keep]
+        kept.attrs = rows.attrs
+        log.messages._frames["RATE"] = kept
+        found = frequency.fit(frequency.response(log, "roll"))
+        assert found.parameters["gain"].value == pytest.approx(300.0, rel=0.05)
+
+    def test_an_unknown_axis_is_named(self, chirped: FlightLog) -> None:
+        with pytest.raises(frequency.FrequencyError, match="the axes are roll, pitch, yaw, vertical"):
+            frequency.response(chirped, "rol")
+
+
+def test_files_for_other_tools(chirped: FlightLog, tmp_path: Path) -> None:
+    control = pytest.importorskip("control")
+    found = survey(chirped, ["roll"])
+    frf, fit = found.axes[0].response, found.axes[0].fit
+    assert frf is not None
+    assert fit is not None
+    write(found, tmp_path)
+    table = pd.read_csv(tmp_path / "frequency_roll.csv", index_col="hz")
+    np.testing.assert_allclose(table["real"] + 1j * table["imag"], frf.response)
+    np.testing.assert_allclose(loadmat(tmp_path / "frequency.mat")["roll"]["hz"][0, 0].ravel(), frf.hz)
+    measured, modelled = to_control(frf), to_control(fit)
+    assert isinstance(measured, control.FRD)
+    hz = 2.0
+    without_filter = fit.transfer_function().response(np.array([hz]))[0]
+    assert abs(modelled(2j * np.pi * hz)) == pytest.approx(abs(without_filter), rel=0.02)
