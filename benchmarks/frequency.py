@@ -51,20 +51,22 @@ def _unpacked(name: str, scratch: Path) -> FlightLog:
     return logparse.read_log(path)
 
 
-def _truth(name: str, axis: str, hz: np.ndarray, gyro: float | None) -> tuple[np.ndarray, float, float]:
-    """Return response, gain and damping of a firmware craft, as its truth and the prose beside it state them.
+def _truth(name: str, axis: str, frf: frequency.FrequencyResponse, climb: float) -> tuple[np.ndarray, float]:
+    """Return response and gain of a firmware craft, as its truth and the prose beside it state them.
 
-    Damping is that of the simulator and of the motors' momentum drag as they move with the turn; the delay is half a
-    period of the 400 Hz loop.
+    Damping is that of the simulator, of the motors' momentum drag as they move with the turn, and of their inflow where
+    the craft climbs (as it does by 1.5 m/s in SYSTEMID mode); the delay is half a period of the 400 Hz loop.
     """
     truth = json.loads((SHARED / "logs" / "pairs" / f"{name}_id.json").read_text())["truth"]
     count, mass = truth["num_motors"], truth["mass_kg"]
     density = 0.93 if name == "y6high" else 1.165
     momentum = truth["mdrag_coef_used"] * np.sqrt(density * truth["true_prop_area_per_motor"] * mass * 9.81 / count)
     damping = truth["rotational_damping_per_s"] + 0.5 * count * momentum / (0.0625 * mass)
+    inflow = density * truth["effective_prop_area_per_motor"] * max(climb, 0.0)
+    damping += 0.5 * count * inflow / (0.0625 * mass)
     gain = truth[f"{axis}_gain_rad_s2_per_unit_sea_level"]
-    s = 2j * np.pi * hz
-    return gain / (s + damping) * low_pass(hz, gyro) * np.exp(-0.00125 * s), gain, damping
+    s = 2j * np.pi * frf.hz
+    return gain / (s + damping) * low_pass(frf.hz, frf.gyro_filter_hz) * np.exp(-0.00125 * s), gain
 
 
 def _firmware(scratch: Path) -> Iterator[Row]:
@@ -77,7 +79,8 @@ def _firmware(scratch: Path) -> Iterator[Row]:
                 frf = frequency.response(log, axis)
                 fit = frequency.fit(frf)
                 costs.append(fit.cost)
-                truth, gain, _ = _truth(name, axis, frf.hz, frf.gyro_filter_hz)
+                climb = _climb(log, axis) if kind == "id" else 0.0
+                truth, gain = _truth(name, axis, frf, climb)
                 band = (frf.hz >= 0.5) & (frf.hz <= 15.0)
                 error = np.log(frf.response / truth)[band & frf.usable]
                 decibels.append(8.686 * np.abs(error.real))
@@ -105,6 +108,13 @@ def _firmware(scratch: Path) -> Iterator[Row]:
         yield f"firmware, {kind}: largest error of gain, delay", errors, "", "", target
         yield f"firmware, {kind}: gain within 2 sigma (%)", _share(scores), "", "", "90-98"
         yield f"firmware, {kind}: J median, largest", f"{np.median(costs):.1f}, {max(costs):.1f}", "", "", "50, 100"
+
+
+def _climb(log: FlightLog, axis: str) -> float:
+    """Return how fast the craft climbed in the slow part of a chirp, m/s."""
+    chirp = next(each for each in frequency.find_chirps(log) if each.axis == axis)
+    assert log.tables.truth is not None
+    return -float(log.tables.truth["v_d"].loc[chirp.start + 2.0 : chirp.start + 12.0].mean())
 
 
 def made_craft(number: int, scratch: Path, *, sticks: bool) -> tuple[AxisPlant, FlightLog]:
