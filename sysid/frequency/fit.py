@@ -27,6 +27,9 @@ _LARGEST_LAG, _MODE_DAMPED = 0.5, 0.4
 #: Damping [1/s] and delay [s] that a multirotor can have.
 _POSSIBLE: Mapping[str, tuple[float, float]] = {"damping": (-8.0, 40.0), "delay": (-0.06, 0.3)}
 
+#: Root mean square of the remainder in its errors up to which no mode is looked for.
+_RIGID_FITS = 1.3
+
 #: Damping and share of a mode below which it is a trick of the noise at one frequency.
 _LEAST_MODE = (0.004, 0.02)
 
@@ -203,6 +206,9 @@ def _choose(response: FrequencyResponse, structure: Structure | str | None) -> F
     for candidate in candidates:
         if worth < _PER_PARAMETER * len(candidate.specs) or np.count_nonzero(good) < len(candidate.specs) + 2:
             continue
+        flexible = "mode_frequency" in candidate.names
+        if flexible and found and min(attempt.excess for _, _, attempt in found) < _RIGID_FITS:
+            continue
         for start in _starts(response, candidate):
             attempt = _search((response,), (candidate,), None, (), start)
             found.append((attempt.excess**2 * worth, len(candidate.specs), attempt))
@@ -318,7 +324,7 @@ def _search(
         return np.concatenate(parts)
 
     x0 = np.where(positive, np.log(np.maximum(np.abs(guess), 1e-12)), guess / scale)
-    result = least_squares(remainder, x0, method="trf", max_nfev=200, x_scale="jac")
+    result = least_squares(remainder, x0, method="trf", max_nfev=80, x_scale="jac")
     values = values_of(result.x)
     worth = 2.0 * sum(float(np.sum(response.weight_of_points[_good(response)])) for response in responses)
     squares = 2.0 * float(result.cost)

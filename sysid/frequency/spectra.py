@@ -136,7 +136,8 @@ def _sum_of_record(record: AxisRecord, hz: Floats, length: float) -> SpectralSum
         return None
     taper = hann(size, sym=False)
     pieces = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(signals, size, axis=0)[starts])
-    phase = _detrended(taper[:, None] * np.exp(-2j * np.pi * np.outer(np.arange(size) * dt, hz)))
+    turning = np.exp(-2j * np.pi * np.outer(np.arange(size) * dt, hz)).astype(np.complex128)
+    phase = _detrended(np.asarray(taper[:, None] * turning, dtype=np.complex128))
     flat = pieces.reshape(-1, size)
     product = flat @ np.ascontiguousarray(phase.real) + 1j * (flat @ np.ascontiguousarray(phase.imag))
     transforms = np.moveaxis(product.reshape(len(starts), -1, len(hz)), 2, 1)  # (K, F, 2m+1)
