@@ -13,6 +13,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from pipeline.storage.kept import RESULT
 from pipeline.storage.manifest import MANIFEST
 from pipeline.storage.store import ENTRY, LOCK
 
@@ -123,7 +124,7 @@ def _analyze_several(task: Task, progress: Progress) -> None:
     reports.write_fleet(fleet)
     (task.folder / SHARED_SCRIPT).unlink(missing_ok=True)
     # What serves a second run names the places of the logs on this server, and there is none.
-    for file in (*task.folder.rglob(ENTRY), task.folder / MANIFEST, task.folder / LOCK):
+    for file in (*task.folder.rglob(ENTRY), *task.folder.rglob(RESULT), task.folder / MANIFEST, task.folder / LOCK):
         file.unlink(missing_ok=True)
 
 

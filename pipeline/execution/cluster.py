@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 from logparse import RotoridError
 from pipeline.execution.executors import WorkerDiedError
 from pipeline.names import is_url
-from pipeline.storage.manifest import software
+from pipeline.storage.manifest import installed as software
 
 R = TypeVar("R")
 

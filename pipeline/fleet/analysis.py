@@ -24,7 +24,7 @@ from pipeline.fleet.result import FleetResult
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import Failure, Publish
 from pipeline.storage.inventory import READERS, take_stock
-from pipeline.storage.manifest import FLIGHTS, LogRecord, Manifest, configuration, read_manifest, software
+from pipeline.storage.manifest import FLIGHTS, LogRecord, Manifest, configuration, page_key, read_manifest, software
 from pipeline.storage.removed import bring_back, set_aside
 from pipeline.storage.sources import Found, find
 from pipeline.storage.store import ENTRY, Store, TemporaryStore, open_store
@@ -86,10 +86,10 @@ def analyze_fleet(
     with _alone(store):
         progress(f"looking into {len(found.sources)} files", 0.0)
         former = Manifest() if redo else read_manifest(store)
-        records = take_stock(found.sources, former, config, publish, executor)
-        known = {} if redo else _known(records, former, store)
+        records = take_stock(found.sources, former, config, executor)
+        known = {} if redo else _known(records, former, store, page_key(publish))
         began = perf_counter()
-        new = _analyzed(records, known, found, config, store, publish, executor, part_of(progress, 0.0, 0.8))
+        new = _analyzed(records, known, found, config, store, publish, executor, part_of(progress, 0.0, 0.8), redo=redo)
         analyzed = perf_counter()
         records = _settled(records, {**known, **new})
         removed = tuple(_removed(former, records))
@@ -101,6 +101,7 @@ def analyze_fleet(
         manifest = Manifest(
             software=software(),
             configuration=configuration(config),
+            pages=page_key(publish),
             logs=tuple(records),
             # Those that could not be stored are wanted still: the next run finds them missing.
             crafts=tuple(entry.to_dict() for entry in (*crafts.entries, *crafts.unstored)),
@@ -166,8 +167,11 @@ def _alone(store: Store) -> Iterator[None]:
         lock.__exit__(None, None, None)
 
 
-def _known(records: Sequence[LogRecord], former: Manifest, store: Store) -> dict[str, Outcome]:
-    """Give what is in the store already, by URL: entries of flights, and why other logs have none."""
+def _known(records: Sequence[LogRecord], former: Manifest, store: Store, pages: str) -> dict[str, Outcome]:
+    """Return what is in the store already, by URL: entries of flights, and why other logs have none.
+
+    A flight whose result is there but not the pages that are wanted is not among them.
+    """
     last = {record.url: record for record in former.logs if record.state in ("failed", "no log") and record.key}
     known: dict[str, Outcome] = {}
     others = []
@@ -180,7 +184,7 @@ def _known(records: Sequence[LogRecord], former: Manifest, store: Store) -> dict
 
     def entry(record: LogRecord) -> FlightEntry | None:
         facts = store.read_json(f"{FLIGHTS}/{record.folder}/{ENTRY}")
-        if facts is None or facts.get("key") != record.key:
+        if facts is None or facts.get("key") != record.key or (pages and facts.get("pages") != pages):
             return None
         return FlightEntry.from_dict({**facts, "source": record.url})
 
@@ -198,6 +202,8 @@ def _analyzed(
     publish: Publish | None,
     executor: Executor | None,
     progress: Progress,
+    *,
+    redo: bool,
 ) -> dict[str, Outcome]:
     """Analyse what is not known, side by side where there is an executor; by URL."""
     new = [record for record in records if record.key and record.url not in known]
@@ -216,6 +222,8 @@ def _analyzed(
             config=of_one_flight(config),
             store=store.url,
             publish=publish,
+            pages=page_key(publish),
+            redo=redo,
         )
         for record in new
     ]
@@ -300,7 +308,8 @@ def _crafts(
     """Identify every craft of several flights jointly, unless that was done with these flights."""
     from pipeline.fleet.crafts import Crafts, identify_crafts, stands
 
-    before = tuple(GroupEntry.from_dict(craft) for craft in former.crafts)
+    pages = page_key(publish)
+    before = tuple(replace(GroupEntry.from_dict(craft), pages=pages) for craft in former.crafts)
     unchanged = (
         {record.key for record in former.logs if record.state == "analysed"} == {flight.key for flight in flights}
         and former.configuration == configuration(config)

@@ -13,7 +13,7 @@ from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import Failure, GroupResult, Publish
-from pipeline.storage.manifest import CRAFTS, craft_key
+from pipeline.storage.manifest import CRAFTS, craft_key, page_key
 from pipeline.storage.store import ENTRY, Store
 
 
@@ -76,12 +76,13 @@ def identify_crafts(
         entry = GroupEntry(
             name=first.craft_name,
             folder=first.vehicle,
-            key=craft_key(craft, split, findings, config, publish),
+            key=craft_key(craft, split, findings, config),
             craft=first.craft,
             vehicle=first.vehicle,
             training=split.training,
             held_out=split.held_out,
             split=split.sentence,
+            pages=page_key(publish),
         )
         if not redo and stands(store, entry):
             entries.append(entry)
@@ -92,9 +93,11 @@ def identify_crafts(
         def report(stage: str, fraction: float, number: int = number, what: str = what) -> None:
             progress(f"{what}: {stage}", (number + fraction) / len(joint))
 
-        from pipeline.fleet.joint import identify_craft
+        result = None if redo else known_result(store, entry)
+        if result is None:
+            from pipeline.fleet.joint import identify_craft
 
-        result = identify_craft(entry.name, craft, split, store.url, config, overall(report), executor, findings)
+            result = identify_craft(entry.name, craft, split, store.url, config, overall(report), executor, findings)
         try:
             keep(result, entry, store, publish)
         except OSError as error:
@@ -112,8 +115,20 @@ def _light(result: GroupResult) -> GroupResult:
 
 
 def stands(store: Store, entry: GroupEntry) -> bool:
-    """Tell whether the store has the products of a craft."""
-    return (store.read_json(f"{CRAFTS}/{entry.folder}/{ENTRY}") or {}).get("key") == entry.key
+    """Return whether the store has the products of a craft, with the pages that are wanted."""
+    facts = store.read_json(f"{CRAFTS}/{entry.folder}/{ENTRY}") or {}
+    return facts.get("key") == entry.key and (not entry.pages or facts.get("pages") == entry.pages)
+
+
+def known_result(store: Store, entry: GroupEntry) -> GroupResult | None:
+    """Return the result of a craft from the store, whose pages are to be written anew; None where it must be made."""
+    place = f"{CRAFTS}/{entry.folder}"
+    if (store.read_json(f"{place}/{ENTRY}") or {}).get("key") != entry.key:
+        return None
+    from pipeline.storage.kept import read_result
+
+    found = read_result(store, place)
+    return found if isinstance(found, GroupResult) else None
 
 
 def keep(result: GroupResult, entry: GroupEntry, store: Store, publish: Publish | None) -> None:
@@ -122,6 +137,9 @@ def keep(result: GroupResult, entry: GroupEntry, store: Store, publish: Publish 
         product = scratch / "product"
         product.mkdir()
         if publish is not None:
+            from pipeline.storage.kept import write_result
+
             publish(result, product)
+            write_result(result, product)
         (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")
         store.commit(product, f"{CRAFTS}/{entry.folder}")

@@ -18,6 +18,7 @@ from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import Failure, Publish
 from pipeline.results.flight import FlightResult
 from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, write_experiments, write_tables
+from pipeline.storage.kept import read_result, write_result
 from pipeline.storage.manifest import FLIGHTS
 from pipeline.storage.sources import Source, fetched
 from pipeline.storage.store import ENTRY, Store, open_store
@@ -41,6 +42,10 @@ class Job:
     store : str
         URL.
     publish : callable or None
+    pages : str
+        `pipeline.storage.manifest.page_key` of it.
+    redo : bool
+        Analyse anew what the store has.
     """
 
     source: Source
@@ -50,6 +55,8 @@ class Job:
     config: AnalysisConfig
     store: str
     publish: Publish | None
+    pages: str = ""
+    redo: bool = False
 
 
 def run(job: Job, progress: Progress | None = None) -> FlightEntry | Failure | None:
@@ -62,6 +69,9 @@ def run(job: Job, progress: Progress | None = None) -> FlightEntry | Failure | N
     """
     source = job.source
     try:
+        shown = None if job.redo else _shown_anew(job)
+        if shown is not None:
+            return shown
         with fetched(source.url) as file:
             result = analyze(file, job.config, progress, name=job.name)
         try:
@@ -93,13 +103,14 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
     store = open_store(job.store)
     # The report calls the log as its user does, not as it was fetched.
     result = replace(result, log=replace(result.log, path=Path(job.source.file)))
-    entry = flight_entry(result, folder=job.folder, source=job.source.url, key=job.key)
+    entry = replace(flight_entry(result, folder=job.folder, source=job.source.url, key=job.key), pages=job.pages)
     place = f"{FLIGHTS}/{job.folder}"
     with store.scratch() as scratch:
         product = scratch / "product"
         product.mkdir()
         if job.publish is not None:
             job.publish(result, product)
+            write_result(result, product)
         (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")
         tables = write_tables(result, scratch / TABLES)
         experiments = write_experiments(result, scratch / EXPERIMENTS)
@@ -112,6 +123,28 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
         for dataset, files in ((TABLES, tables), (EXPERIMENTS, experiments)):
             for name, file in files.items():
                 store.put(file, part(dataset, name, entry.vehicle, job.folder))
+        store.commit(product, place)
+    return entry
+
+
+def _shown_anew(job: Job) -> FlightEntry | None:
+    """Write the pages of a flight whose result the store has; None where it must be analysed."""
+    if job.publish is None:
+        return None
+    store, place = open_store(job.store), f"{FLIGHTS}/{job.folder}"
+    facts = store.read_json(f"{place}/{ENTRY}")
+    if facts is None or facts.get("key") != job.key:
+        return None
+    result = read_result(store, place)
+    if not isinstance(result, FlightResult):
+        return None
+    entry = replace(FlightEntry.from_dict({**facts, "source": job.source.url}), pages=job.pages)
+    with store.scratch() as scratch:
+        product = scratch / "product"
+        product.mkdir()
+        job.publish(result, product)
+        write_result(result, product)
+        (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")
         store.commit(product, place)
     return entry
 

@@ -103,12 +103,15 @@ class FlightEntry(FlightSummary):
     source : str
         Path or URL of the log.
     key : str
-        Equal for equal content of the log, name, configuration and software: then the products are the same too.
+        Equal for equal content of the log, name, configuration and software: then the result is the same too.
+    pages : str
+        Equal for equal pages of equal results, see `pipeline.storage.manifest.page_key`; empty where none were written.
     """
 
     folder: str
     source: str
     key: str
+    pages: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Give what JSON can say."""
@@ -148,6 +151,8 @@ class GroupEntry:
         Names of the flights fitted and of those kept to judge.
     split : str
         How the two were chosen, in a sentence.
+    pages : str
+        As of a flight.
     result : GroupResult or None
         The models, where they were fitted in this run; else they are read from the store.
     """
@@ -160,6 +165,7 @@ class GroupEntry:
     training: tuple[str, ...]
     held_out: tuple[str, ...]
     split: str
+    pages: str = ""
     result: GroupResult | None = field(default=None, compare=False, repr=False)
 
     def to_dict(self) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import PurePath
@@ -21,7 +21,6 @@ def take_stock(
     sources: Sequence[Source],
     former: Manifest,
     config: AnalysisConfig,
-    publish: Callable[..., object] | None,
     executor: Executor | None = None,
 ) -> list[LogRecord]:
     """Make a record of every file, in the order given.
@@ -34,8 +33,8 @@ def take_stock(
     sources : sequence of Source
     former : Manifest
         Of the last run: files that it knows, and that were not written since, are not read again and keep their names.
-    config, publish
-        What their products are made with, see `flight_key`.
+    config : AnalysisConfig
+        What their results are made with, see `flight_key`.
     executor : Executor, optional
         Where files behind URLs are read: they need not pass through this computer.
     """
@@ -57,7 +56,7 @@ def take_stock(
             records.append(replace(record, sha256=content, reason=reason, original=original, state="duplicate"))
         else:
             records.append(replace(record, sha256=content))
-    return _named(records, former, config, publish)
+    return _named(records, former, config)
 
 
 def _contents(sources: Sequence[Source], former: Manifest, executor: Executor | None) -> dict[str, str | OSError]:
@@ -105,9 +104,7 @@ def _originals(sources: Sequence[Source], contents: Mapping[str, str | OSError],
     return originals
 
 
-def _named(
-    records: Sequence[LogRecord], former: Manifest, config: AnalysisConfig, publish: Callable[..., object] | None
-) -> list[LogRecord]:
+def _named(records: Sequence[LogRecord], former: Manifest, config: AnalysisConfig) -> list[LogRecord]:
     single = [record for record in records if not record.reason]
     names = flight_names(
         [record.url for record in single], {record.url: record.name for record in former.logs if record.name}
@@ -120,7 +117,7 @@ def _named(
             record,
             name=names[record.url],
             folder=folders[names[record.url]],
-            key=flight_key(record.sha256, names[record.url], config, publish),
+            key=flight_key(record.sha256, names[record.url], config),
         )
         for record in records
     ]

@@ -30,13 +30,13 @@ MANIFEST = "manifest.json"
 #: Where the products of flights and crafts are in the store.
 FLIGHTS, CRAFTS = "flights", "crafts"
 
-#: Rooms whose code has a part in the products of logs and crafts.
-_ROOMS = ("logparse", "estimation", "sysid", "pipeline", "reports")
+#: Packages that numbers come from, and those that show them.
+_ANALYSIS, _PRESENTATION = ("logparse", "estimation", "sysid", "pipeline"), ("reports",)
 
 _SOURCES = (".py", ".html", ".css", ".js", ".json")
 
 #: Libraries that the numbers come from.
-_LIBRARIES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pymap3d", "pygeomag", "pymavlink", "filterpy", "plotly")
+_LIBRARIES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pymap3d", "pygeomag", "pymavlink", "filterpy")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +86,8 @@ class Manifest:
     Attributes
     ----------
     software, configuration : mapping
+    pages : str
+        `page_key` of what shows the results.
     logs : tuple of LogRecord
         Every file that was found, in the order of the report.
     crafts : tuple of mapping
@@ -102,6 +104,7 @@ class Manifest:
 
     software: Mapping[str, Any] = field(default_factory=dict)
     configuration: Mapping[str, Any] = field(default_factory=dict)
+    pages: str = ""
     logs: tuple[LogRecord, ...] = ()
     crafts: tuple[Mapping[str, Any], ...] = ()
     passed_over: tuple[tuple[str, str], ...] = ()
@@ -128,6 +131,7 @@ def read_manifest(store: Store) -> Manifest:
         return Manifest(
             software=facts["software"],
             configuration=facts["configuration"],
+            pages=facts["pages"],
             logs=tuple(LogRecord(**record) for record in facts["logs"]),
             crafts=tuple(facts["crafts"]),
             passed_over=tuple((place, reason) for place, reason in facts["passed_over"]),
@@ -141,9 +145,36 @@ def read_manifest(store: Store) -> Manifest:
 
 @cache
 def software() -> dict[str, Any]:
-    """Say which software computes: rotorid with a fingerprint of its sources, and the libraries beneath it."""
+    """Return which software computes: rotorid with a fingerprint of its sources, and the libraries beneath it.
+
+    What only shows results has no part in it: see `page_key`.
+    """
+    return {
+        "rotorid": version("rotorid"),
+        "sources": _fingerprint(_ANALYSIS),
+        "libraries": {name: _version(name) for name in _LIBRARIES},
+    }
+
+
+@cache
+def presentation() -> dict[str, Any]:
+    """Return which software shows results: a fingerprint of code, templates and style sheets, and Plotly's version."""
+    return {"sources": _fingerprint(_PRESENTATION), "plotly": _version("plotly")}
+
+
+def installed() -> dict[str, Any]:
+    """Return all software that has a part in products."""
+    return {**software(), "presentation": presentation()}
+
+
+def page_key(publish: Callable[..., object] | None) -> str:
+    """Name what writes pages of results: equal keys promise equal pages of equal results; empty for none."""
+    return "" if publish is None else _digest([presentation(), _named(publish)])
+
+
+def _fingerprint(packages: Iterable[str]) -> str:
     sources = hashlib.sha256()
-    for room in _ROOMS:
+    for room in packages:
         # Found and not imported: this must not wait for numerical packages.
         spec = find_spec(room)
         if spec is None or spec.origin is None:
@@ -152,11 +183,7 @@ def software() -> dict[str, Any]:
         for file in sorted(each for each in folder.rglob("*") if each.suffix in _SOURCES):
             sources.update(f"{room}/{file.relative_to(folder).as_posix()}\0".encode())
             sources.update(file.read_bytes())
-    return {
-        "rotorid": version("rotorid"),
-        "sources": sources.hexdigest(),
-        "libraries": {name: _version(name) for name in _LIBRARIES},
-    }
+    return sources.hexdigest()
 
 
 def _version(name: str) -> str | None:
@@ -177,9 +204,9 @@ def of_one_flight(config: AnalysisConfig) -> AnalysisConfig:
     return replace(config, training=(), validation=())
 
 
-def flight_key(sha256: str, name: str, config: AnalysisConfig, publish: Callable[..., object] | None) -> str:
-    """Name the products of a log: equal keys promise equal products."""
-    return _digest([sha256, name, configuration(of_one_flight(config)), software(), _named(publish)])
+def flight_key(sha256: str, name: str, config: AnalysisConfig) -> str:
+    """Name the result of a log: equal keys promise equal results."""
+    return _digest([sha256, name, configuration(of_one_flight(config)), software()])
 
 
 def craft_key(
@@ -187,13 +214,12 @@ def craft_key(
     split: Split,
     findings: Iterable[Finding],
     config: AnalysisConfig,
-    publish: Callable[..., object] | None,
 ) -> str:
-    """Name the products of a craft, from the keys of its flights and what was found of them together."""
+    """Name the result of a craft, from the keys of its flights and what was found of them together."""
     keys = {flight.name: flight.key for flight in flights}
     # The choice counts, and not the pattern that made it.
     made_of = [keys, split.training, split.held_out, split.sentence, [finding.to_dict() for finding in findings]]
-    return _digest([made_of, configuration(of_one_flight(config)), software(), _named(publish)])
+    return _digest([made_of, configuration(of_one_flight(config)), software()])
 
 
 def _named(function: Callable[..., object] | None) -> Any:

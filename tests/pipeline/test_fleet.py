@@ -16,6 +16,7 @@ from pipeline.fleet import analysis as fleet_module
 from pipeline.fleet import job, joint
 from pipeline.storage import manifest
 from pipeline.storage.dataset import part
+from pipeline.storage.kept import RESULT
 from pipeline.storage.store import FolderStore, open_store
 from tests.pipeline import flown
 
@@ -117,6 +118,40 @@ def test_other_software_does_everything_anew(logs, tmp_path, monkeypatch):
     run(logs, out)
     of_software(monkeypatch, "0.2.0")
     assert len(run(logs, out)[1]) == 4
+
+
+def test_another_style_sheet_draws_pages_anew_and_analyses_nothing(logs, tmp_path, monkeypatch):
+    """A wording fix of the reports analysed every log and fitted every craft again."""
+    out = tmp_path / "out"
+    fleet, analyzed = run(logs, out, publish=reports.publish)
+    reports.write_fleet(fleet)
+    fleet.confirm_report()
+    assert len(analyzed) == 4
+    before = {each: each.read_text() for each in out.rglob("report.json")}
+    written = {each: each.stat().st_mtime_ns for each in out.rglob("report.html")}
+    again, analyzed = run(logs, out, publish=reports.publish)
+    assert (analyzed, again.reused, again.reported) == ([], 4, True)
+
+    monkeypatch.setattr(manifest, "presentation", lambda: {"sources": "another style sheet"})
+    monkeypatch.setattr(joint, "identify_craft", None)  # would fail when it is called
+    styled, analyzed = run(logs, out, publish=reports.publish)
+    assert analyzed == []
+    assert not styled.reported, "the page on all flights is of the old style"
+    assert [each.name for each in styled.flights] == [each.name for each in fleet.flights]
+    assert all(each.stat().st_mtime_ns > written[each] for each in out.glob("flights/*/report.html"))
+    # Of the same result, except for what is said when it was drawn.
+    assert {each: each.read_text() for each in out.rglob("report.json")} == before
+    assert run(logs, out, publish=reports.publish)[0].reused == 4
+
+
+def test_a_result_that_is_not_there_is_made_again(logs, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    run(logs, out, publish=reports.publish)
+    (out / "flights" / "octa1" / RESULT).unlink()
+    (out / "flights" / "octa2" / RESULT).write_bytes(b"damaged")
+    monkeypatch.setattr(manifest, "presentation", lambda: {"sources": "another style sheet"})
+    assert sorted(run(logs, out, publish=reports.publish)[1]) == ["octa1", "octa2"]
+    assert len(run(logs, out, publish=reports.publish, redo=True)[1]) == 4
 
 
 def test_logs_that_are_gone_leave_the_report_but_not_the_store(logs, tmp_path):

@@ -15,7 +15,7 @@ CONFIG = AnalysisConfig()
 
 
 def stock(folder, former=None, config=CONFIG):
-    return take_stock(find([folder]).sources, former or Manifest(), config, None)
+    return take_stock(find([folder]).sources, former or Manifest(), config)
 
 
 def analyzed(records):
