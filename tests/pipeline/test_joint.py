@@ -34,9 +34,9 @@ def craft(store):
         flight = made_flight(f"flight0{k}", seed=k, fit=False)
         later = dataclasses.replace(flight.log, start_utc=flight.log.start_utc + timedelta(days=k))
         flight = dataclasses.replace(flight, log=later)
-        entry = flight_entry(
-            flight, folder=flight.name, source=f"{flight.name}.bin", key=str(k), coverage=moving("any").coverage
-        )
+        entry = flight_entry(flight, folder=flight.name, source=f"{flight.name}.bin", key=str(k))
+        # What was not measured does not train.
+        entry = dataclasses.replace(entry, coverage=moving("any").coverage)
         with store.scratch() as scratch:
             for kind, file in write_experiments(flight, scratch).items():
                 store.put(file, part(EXPERIMENTS, kind, entry.vehicle, entry.folder))
