@@ -120,7 +120,7 @@ def identify_craft(
     covered = stages.run("coverage", lambda _: envelope(flights, split.training, split.held_out))
     drift = stages.run("drift", lambda _: follow(flights))
     advice = stages.run("advice", lambda _: for_craft(flights, covered, drift, parameters))
-    found = (part.findings for part in (thrust, covered, drift) if part is not None)
+    found = (part.findings for part in (thrust, parameters, covered, drift) if part is not None)
     return GroupResult(
         name=name,
         vehicle=_vehicle(flights, store),

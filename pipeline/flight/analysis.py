@@ -117,7 +117,8 @@ def analyze(
 
     order = _motor_order(experiments)
     # Findings about the fits stay with their models; those of the experiments are about the log.
-    later = (part.findings for part in (estimated, thrust, order, *experiments.values()) if part is not None)
+    found = (estimated, thrust, parameters, order, *experiments.values())
+    later = (part.findings for part in found if part is not None)
     told = len(stages.findings)
     result = FlightResult(
         name=name,

@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.flight.kinds import THRUST_KEY
 from sysid.records.motor_scaling import curve, motor_commands
-from sysid.rigid_body.physical import METHODS
+from sysid.rigid_body.physical import HEADLINE, METHODS
 from sysid.rotors.thrust_regression import BLOCK_SECONDS, regress, vehicle_of
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ HOVER_SPEED, HOVER_CLIMB, HOVER_SECONDS = 1.5, 0.5, 15.0
 _SPREAD = METHODS[3]
 
 #: Refinement 2020 takes the air to be at rest: its drag is mostly the wind of the day.
-WIND_AS_DRAG = ("quadratic drag over mass", METHODS[4])
+WIND_AS_DRAG = ("whole drag in still air over mass", METHODS[4])
 
 #: Methods whose standard error holds that of the air's density, which flights at one place have in common.
 _WITH_AIR = METHODS[:2]
@@ -55,11 +55,12 @@ def flight_parameters(result: FlightResult) -> list[dict[str, Any]]:
         for key, row in zip(found.table.index, found.table.to_dict("records"), strict=True):
             parameter, method = (str(part) for part in key)
             value, sigma = float(row["value"]), float(row["sigma"])
-            if method == _SPREAD or (parameter, method) == WIND_AS_DRAG:
+            # The headline is one of the methods' own.
+            if method in (_SPREAD, HEADLINE) or (parameter, method) == WIND_AS_DRAG:
                 continue
             if not (np.isfinite([value, sigma]).all() and sigma > 0.0):
                 continue
-            if method in _WITH_AIR and parameter == "thrust over mass":
+            if method in _WITH_AIR and parameter.startswith("thrust over mass"):
                 sigma = max(sigma**2 - (air * value) ** 2, (1e-4 * value) ** 2) ** 0.5
             rows.append(
                 {"parameter": parameter, "method": method, "value": value, "sigma": sigma, "unit": str(row["unit"])}

@@ -22,7 +22,7 @@ from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, BodyParame
 from sysid.rigid_body.motor_effects import fit_motor_effects
 from sysid.rigid_body.output_error import Prior, fit_output_error, flight_slice
 from sysid.rigid_body.rotation import COHERENT, STILL, RotationFit, centre_of_gravity, fit_rotation, logged_motors
-from sysid.rigid_body.systematic import EXPONENT_ERROR, shared_errors, usual_speed, wind_error
+from sysid.rigid_body.systematic import unlike_motors, usual_speed, wind_error, with_shared_errors
 from sysid.rigid_body.trim import trim_from, trim_prior
 from sysid.rigid_body.wind import FlightTrim, wind_knots, wind_shapes
 from sysid.rotors.thrust_regression import vehicle_of
@@ -68,8 +68,12 @@ _DRAG_RELATIVE = 0.25
 _LAG_SIGMA = 0.005
 
 #: Part of a gain by which one lag and straight lines between samples misrepresent motors, filters and staircases of
-#: commands; the scatter of stretches, which all share it, does not show it.
-GAIN_FLOOR = 0.01
+#: commands; the scatter of stretches, which all share it, does not show it. Torque about yaw goes with thrust only
+#: nearly: on ArduPilot's simulator, where it goes with command times thrust, gains come out 3 % off.
+GAIN_FLOOR = {"roll": 0.015, "pitch": 0.015, "yaw": 0.03}
+
+#: The same for damping, 1/s: a millisecond of lag that is not of first order damps a swing of 3 Hz by 0.3 1/s.
+DAMPING_FLOOR = 0.3
 
 #: Part of the time at an end of its range from which a motor is worth a finding.
 SATURATED = 0.05
@@ -144,6 +148,7 @@ def fit_rigid_body(
     prior, start = _prior(motions, vehicle, priors or {})
     rough = fit_equation_error(motions, [np.ones((len(flight.t), 1)) for flight in motions], start, prior)
     fine, law = fit_best_law(motions, prior, rough, begun + time_limit, report)
+    fine = with_shared_errors(motions, fine, prior.sigma[:SHARED] == 0.0)
     if not fine.converged:
         findings.append(
             Finding(
@@ -157,7 +162,7 @@ def fit_rigid_body(
     trims, rmse = _trims(motions, fine, law, _knots(motions, wind_spacing), begun + time_limit)
     report("rotation", 0.8)
     turning = _rotation(records, vehicle, voltage)
-    parameters, covariance, estimated = _parameters(fine, prior, motions, records, vehicle, voltage, turning)
+    parameters, covariance, estimated = _parameters(fine, prior, records, vehicle, voltage, turning)
     findings += _undetermined(parameters) + _drag_apart(parameters, motions, fine, covariance)
     report("fitted", 1.0)
     return RigidBodyModel(
@@ -316,7 +321,7 @@ def _trims(
                 # Nothing is known worse than beforehand.
                 wind_sigma=float(1.0 / np.sqrt(1.0 / told + 1.0 / WIND_SIGMA**2)),
                 thrust_scale_sigma=float(np.sqrt(fine.covariance[scale, scale])),
-                wind_exponent_sigma=float(np.hypot(np.sqrt(fine.covariance[exponent, exponent]), EXPONENT_ERROR)),
+                wind_exponent_sigma=float(np.sqrt(fine.covariance[exponent, exponent])),
             )
         )
     return trims, paths.rmse
@@ -344,7 +349,6 @@ def _rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | 
 def _parameters(
     fine: FilterErrorFit,
     prior: Prior,
-    motions: Sequence[Motion],
     records: Sequence[Experiment],
     vehicle: Vehicle,
     voltage: float | None,
@@ -352,8 +356,7 @@ def _parameters(
 ) -> tuple[dict[str, BodyParameter], Floats, tuple[str, ...]]:
     """Judge every parameter; give them with the covariance of those that were estimated."""
     result: dict[str, BodyParameter] = {}
-    extra = np.where(prior.sigma[:SHARED] == 0.0, 0.0, shared_errors(motions, fine.values))
-    sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0) + extra**2)
+    sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
     unlogged = len(records[0].input_names) < len(vehicle.motors)
     for k, name in enumerate(THETA):
         value, reason = float(fine.values[k]), ""
@@ -368,7 +371,7 @@ def _parameters(
         result[name] = _parameter(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason)
     size = len(THETA) + len(ROTATION_UNITS)
     covariance = np.zeros((size, size))
-    covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED] + np.diag(extra**2)
+    covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
     numbers: dict[str, tuple[float, float, str]] = {}
     if turning is None:
         why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
@@ -378,10 +381,10 @@ def _parameters(
         for axis, fit in turning.axes.items():
             reason = "" if fit.coherent >= COHERENT else _incoherent(axis, fit.coherent, fit.moved, turning.source)
             # Noise in the command makes the gain too small by up to what is not coherent.
-            parts = np.array([fit.gain_sigma, (1.0 - fit.coherent) * fit.gain, GAIN_FLOOR * fit.gain])
+            parts = np.array([fit.gain_sigma, (1.0 - fit.coherent) * fit.gain, GAIN_FLOOR[axis] * fit.gain])
             spread = float(np.linalg.norm(parts))
             numbers[f"{axis}_gain"] = (fit.gain, spread, reason)
-            numbers[f"{axis}_damping"] = (fit.damping, fit.damping_sigma, reason)
+            numbers[f"{axis}_damping"] = (fit.damping, float(np.hypot(fit.damping_sigma, DAMPING_FLOOR)), reason)
         # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
         for name, value in (("torque_lag", turning.lag), ("torque_delay", turning.delay)):
             best = max(turning.axes.values(), key=lambda fit: fit.coherent)
@@ -391,7 +394,8 @@ def _parameters(
         constant = _constant_motors(records)
         why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
         for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, vehicle, voltage), strict=True):
-            numbers[name] = (value, spread, why if constant else "")
+            apart = float(np.hypot(spread, unlike_motors(len(vehicle.motors))))
+            numbers[name] = (value, apart, why if constant else "")
     for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):
         value, spread, reason = numbers[name]
         reason = reason or _doubt(name, value, spread)

@@ -9,18 +9,24 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 
-from logparse import RotoridError
+from logparse import Finding, RotoridError
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment
+from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.motor_signals import unexplained
 from sysid.records.thrust_curve import Law
+from sysid.rigid_body.consensus import Statement, consensus, disagreement
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
 from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
 from sysid.rotors.rotor import RotorModel, fit_rotor
 from sysid.rotors.thrust import ThrustModel, fit_thrust
+from sysid.rotors.thrust_regression import vehicle_of
 
 _Fitted = TypeVar("_Fitted")
+
+#: What counts of all of them (`sysid.rigid_body.consensus`), the first column of a report.
+HEADLINE = "headline"
 
 #: Methods, in the order of the columns of a report.
 METHODS = ("mean thrust", "rotor", "Kim 2017", "Refinement 2020, mean", "Refinement 2020, stacked", "rigid body")
@@ -30,6 +36,7 @@ SLOW = "motor signals are logged too slowly for rotation"
 
 #: Parameters that methods share, with the units in which motion alone gives them.
 UNITS = {
+    "thrust over mass at hover": "m/s^2, one motor at the command flown on average, in sea-level air",
     "thrust over mass": "m/s^2, one motor at full command in sea-level air",
     "thrust curve": "1 (MOT_THST_EXPO)",
     "motor lag": "s",
@@ -38,7 +45,12 @@ UNITS = {
     "yaw torque over inertia": "rad/s^2, one motor at full command",
     "linear drag over mass": "1/s, mean of body x and y",
     "quadratic drag over mass": "1/m, mean of body x and y",
+    "whole drag in still air over mass": "1/m, as if all of it were quadratic and there were no wind",
 }
+
+#: Why numbers stand without a standard error.
+WIND_WITHIN = "wind and linear drag are in it, by as much as nobody knows"
+SHORT_OF_TRUTH = "its standard errors are too small by several times on craft of known truth"
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -52,6 +64,8 @@ class PhysicalParameters(Summarised):
         ``si_sigma``, ``si_unit`` (with mass, and arm where it enters), ``note`` (why not, or what kind of number).
     thrust, rotor, kim2017, refinement2020, rigid_body
         The models; None where a method could not be applied.
+    findings : tuple of Finding
+        Where methods disagree.
     """
 
     table: pd.DataFrame
@@ -60,6 +74,7 @@ class PhysicalParameters(Summarised):
     kim2017: Kim2017Model | None
     refinement2020: Refinement2020Model | None
     rigid_body: RigidBodyModel | None
+    findings: tuple[Finding, ...] = ()
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
@@ -120,7 +135,12 @@ def physical_parameters(
     _from_kim(sheet, kim, inertia is not None and arm is not None and mass is not None, notes)
     _from_refinement(sheet, refinement, notes)
     _from_rigid_body(sheet, rigid_body)
-    return PhysicalParameters(sheet.table(), thrust, rotor, kim, refinement, rigid_body)
+    _at_hover(sheet, experiments, rotor, rigid_body)
+    air = thrust.air_sigma if thrust is not None else 0.0
+    disagree = _conclude(sheet, air)
+    return PhysicalParameters(
+        sheet.table(), thrust, rotor, kim, refinement, rigid_body, () if disagree is None else (disagree,)
+    )
 
 
 @dataclass(slots=True)
@@ -152,13 +172,15 @@ class _Sheet:
             return (self.mass * self.arm, "kg m^2") if self.arm is not None else (self.mass, "kg m (inertia over arm)")
         units = {
             "thrust over mass": "N at full command",
+            "thrust over mass at hover": "N at the command flown on average",
             "linear drag over mass": "N s/m",
             "quadratic drag over mass": "N s^2/m^2",
+            "whole drag in still air over mass": "N s^2/m^2",
         }
         return (self.mass, units[parameter]) if parameter in units else (float("nan"), "")
 
     def table(self) -> pd.DataFrame:
-        order = [(p, m) for p in UNITS for m in METHODS if (p, m) in self.rows]
+        order = [(p, m) for p in UNITS for m in (HEADLINE, *METHODS) if (p, m) in self.rows]
         index = pd.MultiIndex.from_tuples(order, names=["parameter", "method"])
         return pd.DataFrame([self.rows[key] for key in order], index=index)
 
@@ -173,14 +195,15 @@ def _from_thrust(sheet: _Sheet, thrust: ThrustModel | None, rotor: RotorModel | 
             sheet.put(parameter, "rotor", None, note=notes.get("rotor", ""))
         return
     if rotor.law is Law.COMMAND:
-        sheet.put("thrust over mass", "rotor", rotor.common.per_mass, rotor.common.sigma, rotor.common.reason)
+        sheet.put("thrust over mass", "rotor", rotor.common.per_mass, None, rotor.common.reason or SHORT_OF_TRUTH)
     else:
         value = rotor.common.per_mass
         told = "not determined" if value is None else f"{value:.4g} {rotor.law.specific_unit}"
         sheet.put("thrust over mass", "rotor", None, note=f"thrust goes with rotor speed squared: {told}")
-    sheet.put("thrust curve", "rotor", rotor.expo.value, rotor.expo.sigma, rotor.expo.reason)
+    sheet.put("thrust curve", "rotor", rotor.expo.value, None, rotor.expo.reason or SHORT_OF_TRUTH)
     lag = rotor.time_constant
-    sheet.put("motor lag", "rotor", lag.value, lag.sigma, lag.reason or "with every delay between log and thrust")
+    delays = f"with every delay between log and thrust; {SHORT_OF_TRUTH}"
+    sheet.put("motor lag", "rotor", lag.value, None, lag.reason or delays)
 
 
 def _from_kim(sheet: _Sheet, kim: Kim2017Model | None, given: bool, notes: dict[str, str]) -> None:
@@ -220,7 +243,7 @@ def _from_refinement(sheet: _Sheet, model: Refinement2020Model | None, notes: di
         "roll inertia over mass and arm": "Jx",
         "pitch inertia over mass and arm": "Jy",
         "yaw torque over inertia": "b/Jz",
-        "quadratic drag over mass": "C",
+        "whole drag in still air over mass": "C",
     }
     for parameter, name in names.items():
         if model is None:
@@ -233,9 +256,12 @@ def _from_refinement(sheet: _Sheet, model: Refinement2020Model | None, notes: di
             note = mean.reason or f"spread of {mean.used} instants; median {mean.median:.4g}"
             if name in ("Jx", "Jy") and mean.mean is not None:
                 note += "; one value for roll and pitch, as the paper takes them"
-            sheet.put(parameter, METHODS[3], mean.mean, mean.sigma, note)
+            sheet.put(parameter, METHODS[3], mean.mean, None if name in ("C", "k") else mean.sigma, note)
         stacked = model.stacked[name]
-        sheet.put(parameter, METHODS[4], stacked.value, stacked.sigma, stacked.reason)
+        if name == "C":
+            sheet.put(parameter, METHODS[4], stacked.value, None, stacked.reason or WIND_WITHIN)
+        else:
+            sheet.put(parameter, METHODS[4], stacked.value, stacked.sigma, stacked.reason)
 
 
 def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None) -> None:
@@ -269,3 +295,68 @@ def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None) -> None:
             float(np.mean([value for value in values if value is not None])),
             float(np.sqrt(sum(sigma**2 for sigma in sigmas if sigma is not None)) / 2.0),
         )
+
+
+def _at_hover(
+    sheet: _Sheet, experiments: Experiment | Sequence[Experiment], rotor: RotorModel | None, body: RigidBodyModel | None
+) -> None:
+    """Put thrust at the command flown on average beside that at full command, to which each method extrapolates."""
+    records = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    vehicle, _ = vehicle_of(records[0])
+    commands = [np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).ravel() for record in records]
+    command = float(np.mean(np.concatenate(commands)))
+    expos = dict.fromkeys(METHODS, vehicle.thrust_expo)
+    if rotor is not None:
+        expos["rotor"] = rotor.thrust_expo
+    for method, expo in expos.items():
+        full = sheet.rows.get(("thrust over mass", method))
+        if full is None:
+            continue
+        value, sigma, note = full["value"], full["sigma"], str(full["note"])
+        if method == "rigid body" and body is not None and np.isfinite(value):
+            value, sigma = _thrust_at(body, command)
+        else:
+            part = float(curve(np.array(command), expo))
+            value, sigma = float(value) * part, float(sigma) * part
+        sheet.put("thrust over mass at hover", method, float(value), float(sigma), note)
+
+
+def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:
+    """Compute thrust per mass at a command, and its standard error: less than that of thrust and curve apart."""
+    thrust, expo = body.value("thrust"), body.value("thrust_expo")
+    part = float(curve(np.array(command), expo))
+    slopes = {"thrust": part, "thrust_expo": thrust * (command**2 - command)}
+    weights = np.zeros(len(body.estimated))
+    for name, slope in slopes.items():
+        weights[body.estimated.index(name)] = slope
+    return thrust * part, float(np.sqrt(max(float(weights @ body.covariance @ weights), 0.0)))
+
+
+def _conclude(sheet: _Sheet, air: float) -> Finding | None:
+    """Put the headline of every parameter in; return the finding where methods disagree.
+
+    Parameters
+    ----------
+    sheet : _Sheet
+    air : float
+        Relative standard uncertainty of the air's density, which methods share.
+    """
+    stated: dict[str, list[Statement]] = {}
+    for (parameter, method), row in sheet.rows.items():
+        value, sigma = float(row["value"]), float(row["sigma"])
+        if np.isfinite([value, sigma]).all() and sigma > 0.0:
+            shared = air * value if parameter.startswith("thrust over mass") or parameter.startswith("yaw") else 0.0
+            own = float(np.sqrt(max(sigma**2 - shared**2, 0.0)))
+            stated.setdefault(parameter, []).append(Statement(method, value, sigma, own))
+    for parameter, found in stated.items():
+        best = consensus(found)
+        if best is not None:
+            note = f"by {best.method}"
+            if best.against:
+                note += (
+                    f"; {', '.join(best.against)} disagrees"
+                    if len(best.against) == 1
+                    else (f"; {', '.join(best.against)} disagree")
+                )
+            sheet.put(parameter, HEADLINE, best.value, best.sigma, note)
+    return disagreement(stated)

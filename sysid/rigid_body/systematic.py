@@ -8,12 +8,16 @@ between log lines, unlike motors); what that comes to on craft of known truth is
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.records.experiment import Floats
 from sysid.rigid_body._rigid_kernels import GRAVITY
 from sysid.rigid_body.body_motion import SHARED, THETA, Motion
+from sysid.rigid_body.filter_error import FilterErrorFit
+from sysid.rigid_body.output_error import flight_slice
 
 #: Part of the whole drag at the usual speed along an axis by which the laws of drag misrepresent it: half of the
 #: variance is linear, half quadratic.
@@ -27,7 +31,7 @@ _SLOWEST = 0.3
 FORM: Mapping[str, float] = {"thrust_expo": 0.015, "climb_loss": 0.003, "motor_lag": 0.012}
 
 #: Error of a wind's exponent by the height of the ground under its profile.
-EXPONENT_ERROR = 0.06
+EXPONENT_ERROR = 0.09
 
 
 #: Motors of one kind differ by this part (standard deviation), which cannot be told from a centre of gravity to one
@@ -35,15 +39,31 @@ EXPONENT_ERROR = 0.06
 UNLIKE_MOTORS = 0.04
 
 
-def shared_errors(motions: Sequence[Motion], values: Floats) -> Floats:
-    """Compute standard deviations, (SHARED,), of what flights do not show of errors in the shared parameters.
+def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDArray[np.bool_]) -> FilterErrorFit:
+    """Return the fit with what flights do not show of its errors added to its covariance.
 
     Parameters
     ----------
     motions : sequence of Motion
-    values : ndarray
-        Parameters in the order of `body_motion.THETA`, others may follow.
+    fit : FilterErrorFit
+    held : ndarray, shape (SHARED,)
+        Parameters that were given and not estimated.
     """
+    covariance = fit.covariance.copy()
+    places = np.flatnonzero(~held)
+    covariance[places, places] += _form_and_attitude(motions, fit.values)[places] ** 2
+    exponents = [flight_slice(k, 1).start for k in range(len(motions))]
+    covariance[exponents, exponents] += EXPONENT_ERROR**2
+    return replace(fit, covariance=covariance)
+
+
+def unlike_motors(count: int) -> float:
+    """Compute the standard deviation, in arms, of a centre of gravity that unlike motors feign."""
+    return UNLIKE_MOTORS / float(np.sqrt(2.0 * max(count, 1)))
+
+
+def _form_and_attitude(motions: Sequence[Motion], values: Floats) -> Floats:
+    """Compute standard deviations of errors that the laws and the attitude make in the shared parameters, (SHARED,)."""
     sigma = np.zeros(SHARED)
     for name, part in FORM.items():
         sigma[THETA.index(name)] = part

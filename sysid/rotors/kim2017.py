@@ -57,6 +57,9 @@ from sysid.rotors.thrust_regression import (
 #: of four motors have 300 to 1000, of eight motors driven by four commands 4e4 and more.
 SEPARABLE = 3e3
 
+#: Part by which torque goes otherwise with a command than thrust does.
+TORQUE_LAW = 0.03
+
 _GRAVITY = 9.80665
 
 
@@ -339,7 +342,7 @@ def fit_kim2017(
         lever=(float(best.lever[0]), float(best.lever[1])),
         lever_sigma=(lever_sigma[0], lever_sigma[1]),
         torque_per_inertia=None if torque is None else torque.value,
-        torque_sigma=None if torque is None else float(np.hypot(torque.sigma, air * torque.value)),
+        torque_sigma=None if torque is None else _torque_sigma(torque, air, law),
         yaw=() if torque is None else tuple(float(each) for each in torque.patterns @ motor_patterns(geometry)),
         mass=mass,
         inertia=inertia,
@@ -354,6 +357,12 @@ def fit_kim2017(
         findings=tuple(findings),
         bench=dict(bench or {}),
     )
+
+
+def _torque_sigma(torque: TorqueEstimate, air: float, law: Law) -> float:
+    """Add to the standard error that of the air, and for commands what they leave unexplained and `TORQUE_LAW`."""
+    indirect = 0.0 if law is Law.SPEED else float(np.hypot(1.0 - torque.explained, TORQUE_LAW))
+    return float(np.hypot(torque.sigma, float(np.hypot(air, indirect)) * torque.value))
 
 
 def _remarks(

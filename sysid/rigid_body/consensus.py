@@ -1,0 +1,94 @@
+"""What methods that read the same flight agree on: one value for each parameter, and where they disagree.
+
+Methods share the flight and its air: the density of the air is wrong by the same part in all of them, so that it is
+left out when they are compared. What is left must explain their differences; else at least one of them is wrong by more
+than it knows, and no average of them is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from logparse import Finding, Severity
+from logparse.quantity import uncertain
+
+#: Methods that may be the headline, from the one that predicts best: the rigid body follows unseen flights, and knows
+#: wind and gusts. Left out are the mean of instants, which noise biases, and the rotor model, whose standard errors
+#: are three to ten times too small on craft of known truth.
+TRUSTED = ("rigid body", "Refinement 2020, stacked", "Kim 2017", "mean thrust")
+
+#: Standard deviations beyond which two methods disagree, and the part of a value that two methods may always differ by.
+_APART, _ALWAYS = 3.0, 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """What a method states of a parameter: value, standard error, and the latter without that of the air's density."""
+
+    method: str
+    value: float
+    sigma: float
+    own: float
+
+
+@dataclass(frozen=True, slots=True)
+class Consensus:
+    """The value that counts, its standard error, whose it is, and which methods disagree with it."""
+
+    value: float
+    sigma: float
+    method: str
+    against: tuple[str, ...]
+
+
+def consensus(statements: Sequence[Statement]) -> Consensus | None:
+    """Choose the best method that at least half of the others agree with; None without any.
+
+    Where methods disagree, the standard error covers them: half of what lies between the farthest.
+
+    Parameters
+    ----------
+    statements : sequence of Statement
+        Of methods that are not among `TRUSTED` nothing is taken.
+    """
+    known = {each.method: each for each in statements if each.method in TRUSTED}
+    ranked = [known[method] for method in TRUSTED if method in known]
+    if not ranked:
+        return None
+    against = [[other for other in ranked if _apart(each, other)] for each in ranked]
+    place = next((k for k, others in enumerate(against) if 2 * len(others) <= len(ranked) - 1), 0)
+    chosen, sigma = ranked[place], ranked[place].sigma
+    if any(against):
+        values = [each.value for each in ranked]
+        sigma = float(np.hypot(sigma, 0.5 * (max(values) - min(values))))
+    return Consensus(chosen.value, sigma, chosen.method, tuple(each.method for each in against[place]))
+
+
+def disagreement(statements: Mapping[str, Sequence[Statement]]) -> Finding | None:
+    """Return a finding that names the parameters on which trusted methods disagree, with their values."""
+    told = []
+    for parameter, found in statements.items():
+        ranked = [each for each in found if each.method in TRUSTED]
+        if any(_apart(one, other) for one in ranked for other in ranked):
+            values = ", ".join(f"{each.method} {uncertain(each.value, each.own)}" for each in ranked)
+            told.append((parameter, values))
+    if not told:
+        return None
+    return Finding(
+        "methods-disagree",
+        Severity.WARNING,
+        "methods find different values from the same flights: "
+        + "; ".join(f"{parameter}: {values}" for parameter, values in told)
+        + "; their standard errors, without that of the air that they share, do not explain it",
+        "trust none of them further than they differ; look at wind, motor outputs and battery of the flight, or weigh "
+        "and measure on a bench",
+        {"parameters": ", ".join(parameter for parameter, _ in told)},
+    )
+
+
+def _apart(one: Statement, other: Statement) -> bool:
+    always = _ALWAYS * max(abs(one.value), abs(other.value))
+    return abs(one.value - other.value) > _APART * float(np.sqrt(one.own**2 + other.own**2 + always**2))
