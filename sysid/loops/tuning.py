@@ -332,7 +332,7 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
             "D": typed(flown.D * d),
             "FLTD": typed(flown.FLTD * fltd),
         }
-        if any(not low <= values[name] <= high for name, (low, high) in ranges.items() if getattr(flown, name) > 0.0):
+        if not all(_within(values[name], getattr(flown, name), ranges[name]) for name in ranges):
             continue
         candidates.append(values)
     settings = [loop.flown.changed(**values, gyro_filter=gyro) for values in candidates]
@@ -381,6 +381,11 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
         f"{aim.peak_db:g} dB for everything that the data leave possible",
         loop,
     )
+
+
+def _within(value: float, flown: float, span: tuple[float, float]) -> bool:
+    """Return whether a gain lies in its documented range, or no farther outside than the flown one."""
+    return flown == 0.0 or min(span[0], flown) <= value <= max(span[1], flown)
 
 
 def _gust_response(hz: Floats, plant: Complexes, broken: Complexes) -> Floats:

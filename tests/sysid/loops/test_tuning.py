@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from logparse import read_log
-from simulation.copter_loop import fly_chirp, random_axis
+from simulation.copter_loop import CraftAxis, LoopGains, fly_chirp, random_axis
 from sysid.loops import LoopError, prove, tune
 from sysid.loops.evidence import two_ways_apart, weak_band
 from sysid.loops.margins import margins_of
@@ -75,6 +75,15 @@ def test_a_loop_that_is_not_as_its_parameters_say_is_refused():
     axis, gains = random_axis(np.random.default_rng(8))
     flight = fly_chirp(axis, replace(gains, P=0.5 * gains.P), seed=1)
     assert "apart" in (two_ways_apart(loop_of_flight(flight, gains)) or "")
+
+
+def test_a_flown_gain_outside_its_documented_range_is_no_crash():
+    """An integral gain below ArduCopter's documented 0.01 left no candidate at all, and an index out of range."""
+    axis = CraftAxis(gain=900.0)
+    gains = LoopGains(P=0.02, I=0.004, D=0.0005, gyro_filter=40.0)
+    tuning = tune_axis(loop_of_flight(fly_chirp(axis, gains, seed=1), gains), Aim())
+    assert tuning.tuned is not None
+    assert tuning.tuned.settings.controller.I >= 0.004
 
 
 def test_values_come_back_as_typed():
