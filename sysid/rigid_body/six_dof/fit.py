@@ -115,7 +115,7 @@ class _Unknown:
 
 
 def fit_six_dof(
-    experiments: Sequence[Experiment],
+    experiments: Experiment | Sequence[Experiment],
     *,
     mass: float | None = None,
     indoors: bool = False,
@@ -129,7 +129,7 @@ def fit_six_dof(
 
     Parameters
     ----------
-    experiments : sequence of Experiment
+    experiments : Experiment or sequence of Experiment
         Inputs: motors ``m1 ...`` in rad/s, us or as commands 0..1, or ``thrust roll pitch yaw`` of a mixer; and any
         further inputs. Outputs x, y, z; context with velocity, attitude and rates.
     mass : float, optional
