@@ -10,35 +10,28 @@ import logging
 from collections.abc import Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from dataclasses import dataclass, replace
-from functools import partial
 
 import sysid
 from logparse import Finding, Vehicle
 from pipeline.config import AnalysisConfig
-from pipeline.execution.executors import busy
 from pipeline.execution.stages import Progress, Stages, silent
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.next_flights import for_craft
 from pipeline.flight.comparison import compare_parameters
 from pipeline.flight.identification import identify
-from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Fit, Kind
+from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import ModelResult, Prediction
 from pipeline.results.split import Split
 from pipeline.storage.dataset import EXPERIMENTS, part, read_experiment
 from pipeline.storage.store import open_store
-from sysid.transfer_functions.reduction import Spread
 
 _LOG = logging.getLogger("rotorid.pipeline")
 
 #: Rows of free runs that come back of each kind of model: enough for plots, however many flights there are.
 MOST_ROWS = 200_000
-
-#: Training flights from which a fit's steps are spread over workers. A search looks at some thousand samples, ten short
-#: flights or so, and is as long for any number of flights; from four times as many on, steps over all flights prevail.
-SPREAD_FROM = 40
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,17 +58,9 @@ class Records:
         """Read what the models are judged on."""
         return self._read(self.held_out)
 
-    def spread(self, executor: Executor, shares: int) -> Spread:
-        """Let the processes of an executor read what the models are fitted to."""
-        return Spread(executor, tuple(partial(_load, self.store, path) for path in self.training), shares)
-
     def _read(self, paths: Sequence[str]) -> list[sysid.Experiment]:
         store = open_store(self.store)
         return [read_experiment(store.read(path)) for path in paths]
-
-
-def _load(store: str, path: str) -> sysid.Experiment:
-    return read_experiment(open_store(store).read(path))
 
 
 def identify_craft(
@@ -153,20 +138,12 @@ def _identify_all(
     stages: Stages,
     executor: Executor | None,
 ) -> dict[str, ModelResult]:
-    """Identify every kind of model, side by side where there is an executor; by the kind's key.
-
-    With many flights and more workers than kinds, one kind after the other, its records spread over the workers.
-    """
+    """Identify every kind of model, side by side where there is an executor; by the kind's key."""
     models: dict[str, ModelResult] = {}
     jobs: dict[Future[tuple[ModelResult, Stages]], Kind] = {}
-    spread = executor is not None and len(training) >= SPREAD_FROM and busy(executor) > 2 * len(KINDS)
     for kind in KINDS:
         if not records[kind.key].training:
             models[kind.key] = _without(kind, _no_records(kind, training))
-            continue
-        if executor is not None and spread and kind.key != RIGID_BODY_KEY:
-            fit = partial(_fit_spread, kind.fit, records[kind.key].spread(executor, busy(executor)))
-            models[kind.key] = _identify(replace(kind, fit=fit), records[kind.key], config, stages)
             continue
         if executor is not None:
             try:
@@ -186,22 +163,6 @@ def _identify_all(
             stages.take(own)
         stages.progress(kind.key, 1.0)
     return models
-
-
-def _fit_spread(
-    fit: Fit,
-    spread: Spread,
-    experiments: Sequence[sysid.Experiment],
-    config: AnalysisConfig,
-    progress: Progress,
-    /,
-) -> sysid.Model:
-    """Fit with the records spread over the workers, or all here when these have died."""
-    try:
-        return fit(experiments, config, progress, spread=spread)
-    except BrokenExecutor:
-        _LOG.exception("the workers that held the records have died; going on without them")
-        return fit(experiments, config, progress)
 
 
 def _without(kind: Kind, reason: str) -> ModelResult:

@@ -9,7 +9,6 @@ from typing import Protocol
 import sysid
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress
-from sysid.transfer_functions.reduction import Spread
 
 #: Part of the time limit of a stage after which a fit gives the best model so far instead of being given up.
 FIT_PART = 0.5
@@ -30,9 +29,8 @@ class Fit(Protocol):
         config: AnalysisConfig,
         progress: Progress,
         /,
-        spread: Spread | None = None,
     ) -> sysid.Model:
-        """Fit, with the records held by other processes where `spread` is given and the kind can use it."""
+        """Fit one model to all records."""
 
 
 CarryOver = Callable[[sysid.Model, sysid.Experiment, sysid.Experiment], sysid.Model]
@@ -78,16 +76,16 @@ class Kind:
 
 
 def _motors(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
 ) -> sysid.TransferFunctionModel:
-    return _black_box(experiments, config, "per_input", progress, spread)
+    return _black_box(experiments, config, "per_input", progress)
 
 
 def _mixer(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
 ) -> sysid.TransferFunctionModel:
     # One craft answers to all commands, with the same modes.
-    return _black_box(experiments, config, "common", progress, spread)
+    return _black_box(experiments, config, "common", progress)
 
 
 def _black_box(
@@ -95,7 +93,6 @@ def _black_box(
     config: AnalysisConfig,
     structure: str,
     progress: Progress,
-    spread: Spread | None,
 ) -> sysid.TransferFunctionModel:
     return sysid.fit_transfer_functions(
         experiments,
@@ -104,19 +101,18 @@ def _black_box(
         structure=structure,
         time_limit=FIT_PART * config.time_limit,
         progress=progress,
-        spread=spread,
     )
 
 
 def _closed_loop(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
 ) -> sysid.ClosedLoopModel:
     # The order is that of the position controller with drag, whatever is asked of the black boxes.
-    return sysid.fit_closed_loop(experiments, time_limit=FIT_PART * config.time_limit, progress=progress, spread=spread)
+    return sysid.fit_closed_loop(experiments, time_limit=FIT_PART * config.time_limit, progress=progress)
 
 
 def _rigid_body(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress, spread: Spread | None = None
+    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
 ) -> sysid.RigidBodyModel:
     # Its paths are followed where it is fitted.
     return sysid.fit_rigid_body(

@@ -25,7 +25,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -45,7 +44,6 @@ from sysid.records.experiment import (
 from sysid.transfer_functions._kernels import recur_few
 from sysid.transfer_functions.disturbance import Disturbance, fit_disturbance
 from sysid.transfer_functions.pem import fit_transfer_functions
-from sysid.transfer_functions.reduction import Source, Spread
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.search import Progress
 from sysid.transfer_functions.transfer_function import FitReport, TransferFunction
@@ -199,7 +197,6 @@ def fit_closed_loop(
     seed: int = 0,
     time_limit: float = 60.0,
     progress: Progress | None = None,
-    spread: Spread | None = None,
 ) -> ClosedLoopModel:
     """Fit the closed loop from reference to motion, jointly over records.
 
@@ -210,7 +207,7 @@ def fit_closed_loop(
         same names.
     poles, zeros : int
         Of H; 2 <= zeros < poles. Two of the zeros are at s = 0.
-    ridge, starts, seed, time_limit, progress, spread
+    ridge, starts, seed, time_limit, progress
         As for `fit_transfer_functions`.
 
     Raises
@@ -249,7 +246,6 @@ def fit_closed_loop(
             starts=starts,
             seed=seed,
             time_limit=max(left / (len(groups) - done), 1.0),
-            spread=None if spread is None else spread.mapped(partial(_error_sources, tuple(columns), group)),
         )
         findings += [finding for finding in fitted.findings if finding not in findings]
         closed = _closed(fitted.transfer_functions["error"][group])
@@ -315,14 +311,6 @@ def _model(
         training=tuple(record.name for record in records),
         findings=(*findings, summary),
     )
-
-
-def _error_sources(columns: Sequence[int], group: str, source: Source) -> list[Source]:
-    return [partial(_load_error, source, column, group) for column in columns]
-
-
-def _load_error(source: Source, column: int, group: str) -> Experiment:
-    return _error_record(source(), column, group)
 
 
 def _error_record(record: Experiment, column: int, group: str) -> Experiment:

@@ -21,11 +21,11 @@ from sysid.records.excitation import Excitation, examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats, ModelOrderError, require_alike
 from sysid.transfer_functions._kernels import compile_kernels
 from sysid.transfer_functions.disturbance import Disturbance, fit_disturbance
-from sysid.transfer_functions.reduction import Cut, Elsewhere, Spread
+from sysid.transfer_functions.problem import Cut, Problem
 from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
 from sysid.transfer_functions.search import FIRST_RESIDUAL, Found, Plan, Progress, expected_energy, search
 from sysid.transfer_functions.sections import denominators_of_orders, resolvable_band
-from sysid.transfer_functions.separable import Problem, initial_states, reduced_information, squared_residual
+from sysid.transfer_functions.separable import initial_states, reduced_information, squared_residual
 from sysid.transfer_functions.transfer_function import FitReport, TransferFunction, TransferFunctionModel
 from sysid.transfer_functions.uncertainty import parameter_covariance
 
@@ -52,7 +52,6 @@ def fit_transfer_functions(
     seed: int = 0,
     time_limit: float = 60.0,
     progress: Progress | None = None,
-    spread: Spread | None = None,
 ) -> TransferFunctionModel:
     """Fit one transfer function from every input to every output, jointly over records.
 
@@ -87,9 +86,6 @@ def fit_transfer_functions(
         s, for the whole fit; the best model so far is returned, with a finding.
     progress : callable, optional
         ``progress(stage, fraction)``.
-    spread : Spread, optional
-        The same records, as the processes of an executor load them: these then do the steps over all records. The model
-        is the same but for rounding.
 
     Raises
     ------
@@ -144,7 +140,7 @@ def fit_transfer_functions(
                 report(f"fitting {output}: {words}", (column + fraction) / len(outputs))
 
             limit = begun + time_limit * (column + 1) / len(outputs)
-            fits[output] = _fit_output(records, excitation, task, limit, stage, spread)
+            fits[output] = _fit_output(records, excitation, task, limit, stage)
     report("fitted", 1.0)
     findings += _judge(records, {output: fit.report for output, fit in fits.items()}, fits)
     return TransferFunctionModel(
@@ -253,7 +249,6 @@ def _fit_output(
     task: _Task,
     deadline: float,
     stage: Progress,
-    spread: Spread | None,
 ) -> _OutputFit:
     begun = time.monotonic()
     column, active = task.column, list(task.active)
@@ -283,8 +278,7 @@ def _fit_output(
     )
     rng = np.random.default_rng([task.seed, column])
     plan = Plan(task.structure == "per_input", task.orders, task.ridge, task.starts, task.seed, excitation.independent)
-    elsewhere = None if spread is None else Elsewhere(spread, cut, common.lengths)
-    found = search(common, plan, rng, deadline, stage, elsewhere)
+    found = search(common, plan, rng, deadline, stage)
     report = _report(found, y, scale, task, time.monotonic() - begun)
     functions, undetermined = _transfer_functions(found, excitation, active, scale, records[0].input_names)
     report = replace(report, undetermined=undetermined)
@@ -310,7 +304,7 @@ def _fit_output(
         functions=functions,
         disturbance=fit_disturbance(residuals, records[0].dt),
         initial_energy=initial_energy,
-        initial_states=tuple(scale * local for local in initial_states(found.problem, found.descent.point)),
+        initial_states=tuple(scale * local for local in initial_states(found.descent.point)),
         report=report,
         slowest=_slowest(functions),
     )
@@ -345,7 +339,7 @@ def _without_inputs(
 
 def _report(found: Found, y: Sequence[Floats], scale: float, task: _Task, seconds: float) -> FitReport:
     problem, point = found.problem, found.descent.point
-    information, squares = reduced_information(problem, point)[0], scale**2 * squared_residual(problem, point)
+    information, squares = reduced_information(problem, point)[0], scale**2 * squared_residual(point)
     variation = float(np.linalg.norm(np.concatenate([values - values.mean() for values in y])))
     estimated = np.flatnonzero(np.diag(information) > 0.0)
     information = information[np.ix_(estimated, estimated)]

@@ -1,42 +1,24 @@
-"""What each record contributes to the normal equations, and their sum wherever the records are.
+"""What each record contributes to the normal equations, and their sum.
 
 At given poles a record's output is linear in the numerators, which all records share, and in an offset and an initial
 response of its own. Those of its own are eliminated within the record (a Schur complement), so that it contributes a
 matrix of the size of what is shared, however long it is. A Gauss-Newton step takes two such sums: the numerators at
 given poles (`eliminate`), then Hessian and gradient at those numerators (`linearise`).
-
-Records are here (`Part` keeps what the second sum needs) or `Elsewhere`: held by the processes of an executor, which
-load them by themselves, once, and send back nothing but the sums over their share of the records.
 """
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
-from typing import TYPE_CHECKING
-from uuid import uuid4
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import lapack
-from threadpoolctl import threadpool_limits
 
-from sysid.records.experiment import Experiment, Floats
-from sysid.statistics.covariance import coloured_information
+from sysid.records.experiment import Floats
 from sysid.transfer_functions._kernels import combine
+from sysid.transfer_functions.problem import Problem
 from sysid.transfer_functions.response import Discretised, delayed, discretise, trends, whole_and_part
 from sysid.transfer_functions.sections import denominators_of_orders
-
-if TYPE_CHECKING:
-    from sysid.transfer_functions.separable import Problem
-
-#: Loads a record; small when pickled, such as a store's URL and a path.
-Source = Callable[[], Experiment]
-
-#: Shares of records that a process keeps in memory, the last ones used.
-MOST_HELD = 32
 
 
 @dataclass(frozen=True)
@@ -314,52 +296,6 @@ def _by_delay(problem: Problem, basis: Basis, numerators: Floats, u: Floats, sta
     return problem.dt * np.asarray(result)
 
 
-def eliminated(problem: Problem, theta: Floats, delays: Floats) -> tuple[Floats]:
-    """Sum of what `eliminate` gives for the records of a problem."""
-    basis = basis_at(problem, theta, delays)
-    pairs = zip(problem.inputs, problem.outputs, strict=True)
-    return (_sum([(eliminate(problem, basis, u, y).information,) for u, y in pairs])[0],)
-
-
-def linearised(problem: Problem, theta: Floats, delays: Floats, numerators: Floats) -> tuple[Floats, ...]:
-    """Sum of what `linearise` gives for the records of a problem, solved for these numerators."""
-
-    def contribution(basis: Basis, part: Part, columns: Floats) -> tuple[Floats, ...]:
-        return linearise(problem, basis, part, columns)
-
-    return _sum(_each(problem, theta, delays, numerators, contribution))
-
-
-def lagged_products(problem: Problem, theta: Floats, delays: Floats, numerators: Floats, lags: int) -> tuple[Floats]:
-    """Sum the residuals' products with those 0 to `lags` samples later."""
-
-    def contribution(_: Basis, part: Part, __: Floats) -> tuple[Floats, ...]:
-        return (autoproducts(part.residual, lags),)
-
-    return (_sum(_each(problem, theta, delays, numerators, contribution))[0],)
-
-
-def scattered_scores(
-    problem: Problem, theta: Floats, delays: Floats, numerators: Floats, colour: Floats
-) -> tuple[Floats]:
-    """Covariance of the gradient's sum under coloured residuals, see `sysid.statistics.covariance`."""
-
-    def contribution(basis: Basis, part: Part, columns: Floats) -> tuple[Floats, ...]:
-        return (coloured_information([own_eliminated(basis, part, columns)], colour),)
-
-    return (_sum(_each(problem, theta, delays, numerators, contribution))[0],)
-
-
-def initial_responses(problem: Problem, theta: Floats, delays: Floats, numerators: Floats) -> tuple[Floats]:
-    """Give what each record has of its own, one row after the other; shape (records, local)."""
-
-    def contribution(_: Basis, part: Part, __: Floats) -> tuple[Floats, ...]:
-        return (part.local,)
-
-    rows = _each(problem, theta, delays, numerators, contribution)
-    return (np.array([row[0] for row in rows]),)
-
-
 def own_eliminated(basis: Basis, part: Part, columns: Floats) -> Floats:
     """Regressors of what is shared, without what the record's own parameters can explain of them; shape (N, q)."""
     locals_, first = len(part.local), part.trends.shape[1] - 1
@@ -372,150 +308,6 @@ def own_eliminated(basis: Basis, part: Part, columns: Floats) -> Floats:
 def autoproducts(residual: Floats, lags: int) -> Floats:
     """Sum products with the values 0 to `lags` samples later; shape (lags + 1,)."""
     return np.array([residual[k:] @ residual[: len(residual) - k] for k in range(lags + 1)])
-
-
-def _each(
-    problem: Problem,
-    theta: Floats,
-    delays: Floats,
-    numerators: Floats,
-    contribution: Callable[[Basis, Part, Floats], tuple[Floats, ...]],
-) -> list[tuple[Floats, ...]]:
-    """Solve one record after the other at these poles and numerators; nothing of it is kept but contributions."""
-    basis = basis_at(problem, theta, delays)
-    slopes = slopes_at(problem, basis, numerators)
-    result = []
-    for u, y in zip(problem.inputs, problem.outputs, strict=True):
-        part = eliminate(problem, basis, u, y)
-        part.finish(numerators)
-        result.append(contribution(basis, part, jacobian(problem, basis, slopes, numerators, u, part)))
-    return result
-
-
-def _sum(rows: Sequence[tuple[Floats, ...]]) -> tuple[Floats, ...]:
-    return tuple(sum_of(parts) for parts in zip(*rows, strict=True))
-
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """The records of a joint fit as the processes of an executor load them.
-
-    Attributes
-    ----------
-    executor : concurrent.futures.Executor
-    sources : tuple of callable
-        In the order of the records.
-    shares : int
-        Into how many shares the records are divided: as many as there are workers.
-    """
-
-    executor: Executor
-    sources: tuple[Source, ...]
-    shares: int
-
-    def mapped(self, change: Callable[[Source], Sequence[Source]]) -> Spread:
-        """Replace each source by others, such as one for each axis of its record."""
-        return replace(self, sources=tuple(new for source in self.sources for new in change(source)))
-
-
-@dataclass(frozen=True, slots=True)
-class Cut:
-    """Which columns of a record a problem is about, and the units in which it has them.
-
-    Attributes
-    ----------
-    column : int
-        Of the outputs.
-    active : tuple of int
-        Columns of the inputs.
-    input_scale : ndarray, shape (m,)
-    output_scale : float
-    """
-
-    column: int
-    active: tuple[int, ...]
-    input_scale: Floats
-    output_scale: float
-
-    def inputs(self, record: Experiment) -> Floats:
-        """Give inputs about their trim, scaled."""
-        return np.ascontiguousarray((record.u - record.input_trim)[:, list(self.active)] / self.input_scale)
-
-    def output(self, record: Experiment) -> Floats:
-        """Give the output about its trim, scaled."""
-        return np.asarray((record.y[:, self.column] - record.output_trim[self.column]) / self.output_scale)
-
-
-@dataclass(frozen=True, slots=True)
-class Elsewhere:
-    """Records that the processes of an executor hold.
-
-    Attributes
-    ----------
-    spread : Spread
-    cut : Cut
-    lengths : tuple of int
-        Samples of each record.
-    """
-
-    spread: Spread
-    cut: Cut
-    lengths: tuple[int, ...]
-    token: str = field(default_factory=lambda: uuid4().hex)
-
-    def total(self, problem: Problem, work: Callable[..., tuple[Floats, ...]], *shared: object) -> tuple[Floats, ...]:
-        """Let every share be summed where it is held, and add the sums in order."""
-        return _sum(self.gathered(problem, work, *shared))
-
-    def gathered(
-        self, problem: Problem, work: Callable[..., tuple[Floats, ...]], *shared: object
-    ) -> list[tuple[Floats, ...]]:
-        """Let ``work(problem with the records of a share, *shared)`` be done for every share."""
-        plain = replace(problem, elsewhere=None)
-        edges = np.linspace(0, len(self.lengths), min(self.spread.shares, len(self.lengths)) + 1).round().astype(int)
-        shares = [(f"{self.token}/{first}", self.spread.sources[first:last]) for first, last in pairwise(edges)]
-
-        def submitted(token: str, sources: Sequence[Source] | None) -> Future[tuple[Floats, ...] | None]:
-            return self.spread.executor.submit(_work_on, token, sources, self.cut, plain, work, shared)
-
-        jobs = [submitted(token, None) for token, _ in shares]
-        results = []
-        for (token, sources), job in zip(shares, jobs, strict=True):
-            result = job.result()
-            while result is None:  # another process than those that hold this share
-                result = submitted(token, sources).result()
-            results.append(result)
-        return results
-
-
-#: Records by the token of their share, in normalised units, the last ones used at the end.
-_held: OrderedDict[str, tuple[tuple[Floats, ...], tuple[Floats, ...]]] = OrderedDict()
-
-
-def _work_on(
-    token: str,
-    sources: Sequence[Source] | None,
-    cut: Cut,
-    problem: Problem,
-    work: Callable[..., tuple[Floats, ...]],
-    shared: tuple[object, ...],
-) -> tuple[Floats, ...] | None:
-    """Do the work on a share, whose records this process loads when it is told where they are.
-
-    None when it neither holds them nor was told: lists of records are long, and travel only when they are asked for.
-    """
-    held = _held.pop(token, None)
-    if held is None and sources is None:
-        return None
-    if held is None and sources is not None:
-        records = [source() for source in sources]
-        held = tuple(cut.inputs(record) for record in records), tuple(cut.output(record) for record in records)
-    assert held is not None
-    _held[token] = held
-    while len(_held) > MOST_HELD:
-        _held.popitem(last=False)
-    with threadpool_limits(limits=1, user_api="blas"):
-        return work(replace(problem, inputs=held[0], outputs=held[1]), *shared)
 
 
 def sum_of(parts: Sequence[Floats]) -> Floats:

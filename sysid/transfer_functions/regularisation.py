@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions.reduction import eliminated
+from sysid.transfer_functions.problem import Problem
+from sysid.transfer_functions.reduction import basis_at, eliminate, sum_of
 from sysid.transfer_functions.response import INITIAL_SECONDS
-from sysid.transfer_functions.separable import Problem, descend, solve, solve_again
+from sysid.transfer_functions.separable import descend, solve, solve_again
 
 #: Candidates, weakest first. The strongest leaves next to nothing of the inputs' effect: what a black box should say
 #: of an output that the inputs do not explain.
@@ -132,7 +133,9 @@ def _errors(division: Division, theta: Floats, delays: Floats) -> list[float]:
     assert division.held_back is not None
     seen = division.seen
     held = replace(division.held_back, initial=seen.initial, group=seen.group, orders=seen.orders)
-    point, (judged,) = solve(seen, theta, delays), eliminated(held, theta, delays)
+    point = solve(seen, theta, delays)
+    basis = basis_at(held, theta, held.start_delays if delays is None else delays)
+    judged = sum_of([eliminate(held, basis, u, y).information for u, y in zip(held.inputs, held.outputs, strict=True)])
     errors = []
     for ridge in RIDGES:
         numerators = solve_again(replace(seen, ridge=ridge), point.basis, point.information).numerators

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions.reduction import Elsewhere
+from sysid.transfer_functions.problem import Problem
 from sysid.transfer_functions.regularisation import RIDGES, Division, choose_ridge, divide
 from sysid.transfer_functions.sections import Band, take
-from sysid.transfer_functions.separable import Descent, Point, Problem, descend, solve
+from sysid.transfer_functions.separable import Descent, Point, descend, solve
 from sysid.transfer_functions.srivc import srivc
 from sysid.transfer_functions.starts import likeliest_initial, separate
 from sysid.transfer_functions.uncertainty import effective_parameters
@@ -120,7 +120,6 @@ def search(
     rng: np.random.Generator,
     deadline: float,
     report: Progress,
-    elsewhere: Elsewhere | None = None,
 ) -> Found:
     """Find starts and regularisation without the flight time held back, then fit to all of it.
 
@@ -134,9 +133,6 @@ def search(
     deadline : float
         On `time.monotonic`.
     report : callable
-    elsewhere : Elsewhere, optional
-        The records as other processes hold them, who then do the steps over all of them, unless the search looks at all
-        anyway.
     """
     own = plan.own and len(common.group) > 1
     steps, by_channel = 0, None
@@ -147,7 +143,7 @@ def search(
         some = portion(common, CHANNELS_SEARCHED * few.samples)
         by_channel, good = _from_channels(some, plan, rng, deadline)
         if by_channel is not None and good:
-            return by_channel if some is common else _on_all(by_channel, common, elsewhere, deadline)
+            return by_channel if some is common else _on_all(by_channel, common, deadline)
         steps = by_channel.steps if by_channel is not None else 0
     division = divide(few) if plan.ridge is None else Division(few, None)
     report("start", 0.1)
@@ -162,7 +158,7 @@ def search(
         # Regularisation cannot win more than the whole of what the parameters' errors cost.
         if effective_parameters(free, first.point) < COSTLY * common.samples:
             found = Found(free, first, steps)
-            return found if few is common else _on_all(found, common, elsewhere, deadline)
+            return found if few is common else _on_all(found, common, deadline)
     seen = replace(division.seen, delays=_delays(best.point))
     if own:
         seen = _with_own(seen, plan)
@@ -179,21 +175,19 @@ def search(
         seen, theta, delays = replace(seen, ridge=chosen.ridge), chosen.theta, chosen.delays
         steps += chosen.steps
     report("refinement", 0.9)
-    problem = _with_all(seen, common, None if few is common else elsewhere)
+    problem = _with_all(seen, common)
     descent = descend(problem, theta, MOST_STEPS, deadline, delays)
     return Found(problem, descent, steps + descent.iterations)
 
 
-def _with_all(problem: Problem, common: Problem, elsewhere: Elsewhere | None) -> Problem:
-    """Pose a problem for all records, where they are."""
-    if elsewhere is not None:
-        return replace(problem, inputs=(), outputs=(), elsewhere=elsewhere)
+def _with_all(problem: Problem, common: Problem) -> Problem:
+    """Pose a problem for all records."""
     return replace(problem, inputs=common.inputs, outputs=common.outputs)
 
 
-def _on_all(found: Found, common: Problem, elsewhere: Elsewhere | None, deadline: float) -> Found:
+def _on_all(found: Found, common: Problem, deadline: float) -> Found:
     """Go on with all records from what was found with some of them."""
-    problem, point = _with_all(found.problem, common, elsewhere), found.descent.point
+    problem, point = _with_all(found.problem, common), found.descent.point
     descent = descend(problem, point.theta, MOST_STEPS, deadline, point.delays)
     return Found(problem, descent, found.steps + descent.iterations)
 

@@ -15,27 +15,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.records.experiment import Floats
+from sysid.transfer_functions.problem import Problem
 from sysid.transfer_functions.reduction import (
     Basis,
-    Elsewhere,
     Part,
     backward,
     basis_at,
     eliminate,
-    eliminated,
     factorise,
     forward,
-    initial_responses,
     jacobian,
     linearise,
-    linearised,
     missing_powers,
     powers_over_square,
     slopes_at,
     sum_of,
 )
 from sysid.transfer_functions.response import Discretised, gramians
-from sysid.transfer_functions.sections import Band, clip, denominators_of_orders
+from sysid.transfer_functions.sections import clip, denominators_of_orders
 
 #: Largest change in one step of a logarithmic parameter, and of a delay in samples.
 LONGEST_STEP = 1.0
@@ -48,104 +45,6 @@ MOST_RELIEF = 1.0 / 3.0
 #: parameter is worth a whole one. Residuals that resemble the one before are worth fewer independent ones, and the
 #: noise in a parameter more: then two such steps in a row are the last.
 ENOUGH = 0.02
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Problem:
-    """One output of several records, in normalised units.
-
-    Attributes
-    ----------
-    inputs : tuple of ndarray, shape (N_r, m)
-        About their trim, each of unit variance over all records.
-    outputs : tuple of ndarray, shape (N_r,)
-        About their trim, of unit variance over all records.
-    group : tuple of int, shape (m,)
-        Which denominator each input passes.
-    order : int
-        Poles of each denominator, integrators included; the most where `orders` differ.
-    numerators : int
-        Coefficients of each numerator, zeros + 1; the most where `counts` differ.
-    dt : float
-        s.
-    hold : {"zoh", "foh"}
-    band : Band
-        Where poles may lie.
-    ridge : float
-        Weight of the numerators' impulse-response energy relative to the information in the data.
-    initial : float
-        Variance of the residual over the energy [s] that the response to an initial state is expected to have.
-    integrators : int
-        How many poles of every denominator are fixed at zero.
-    orders : tuple of int, shape (groups,)
-        Poles of each denominator; empty when all have `order`.
-    counts : tuple of int, shape (m,)
-        Coefficients of each numerator; empty when all have `numerators`.
-    delays : tuple of float, shape (m,)
-        Of each input, s; empty for none. Where a descent starts when they are estimated.
-    longest_delay : float
-        Delays are estimated from 0 to this, s; 0 takes them as given.
-    elsewhere : Elsewhere or None
-        Records that other processes hold; `inputs` and `outputs` are then empty.
-    """
-
-    inputs: tuple[Floats, ...]
-    outputs: tuple[Floats, ...]
-    group: tuple[int, ...]
-    order: int
-    numerators: int
-    dt: float
-    hold: str
-    band: Band
-    ridge: float
-    initial: float
-    integrators: int = 0
-    orders: tuple[int, ...] = ()
-    counts: tuple[int, ...] = ()
-    delays: tuple[float, ...] = ()
-    longest_delay: float = 0.0
-    elsewhere: Elsewhere | None = None
-
-    @property
-    def groups(self) -> int:
-        """Number of denominators."""
-        return max(self.group) + 1
-
-    @property
-    def samples(self) -> int:
-        """Samples of all records together."""
-        return sum(self.lengths)
-
-    @property
-    def lengths(self) -> tuple[int, ...]:
-        """Samples of each record."""
-        return tuple(map(len, self.outputs)) if self.elsewhere is None else self.elsewhere.lengths
-
-    @property
-    def lags(self) -> int:
-        """Parameters of each denominator: poles that are not integrators."""
-        return self.order - self.integrators
-
-    @property
-    def all_orders(self) -> tuple[int, ...]:
-        """Poles of each denominator."""
-        return self.orders or (self.order,) * self.groups
-
-    @property
-    def used(self) -> Floats:
-        """1 for the coefficients that numerators have, 0 for those above their count; shape (numerators, m)."""
-        counts = self.counts or (self.numerators,) * len(self.group)
-        return (np.arange(self.numerators)[:, None] < np.array(counts)).astype(np.float64)
-
-    @property
-    def start_delays(self) -> Floats:
-        """Delays of the inputs, s, shape (m,)."""
-        return np.array(self.delays or (0.0,) * len(self.group))
-
-    @property
-    def delay_parameters(self) -> int:
-        """How many delays are estimated: those of all inputs, or none."""
-        return len(self.group) if self.longest_delay > 0.0 else 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +63,7 @@ class Point:
         Inner products of the numerators' regressors and the output, what each record has of its own eliminated.
     penalty : ndarray, shape (numerators m, numerators m)
     parts : tuple of Part
-        What each record has of its own; empty where records are elsewhere.
+        What each record has of its own.
     """
 
     basis: Basis
@@ -191,20 +90,15 @@ class Point:
 
     @property
     def residuals(self) -> tuple[Floats, ...]:
-        """Of each record here, shape (N_r,)."""
+        """Of each record, shape (N_r,)."""
         return tuple(part.residual for part in self.parts)
 
 
 def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Point:
     """Solve for the linear parameters at given poles and delays, by default those of the problem."""
     basis = basis_at(problem, theta, problem.start_delays if delays is None else delays)
-    parts: tuple[Part, ...] = ()
-    if problem.elsewhere is None:
-        parts = tuple(eliminate(problem, basis, u, y) for u, y in zip(problem.inputs, problem.outputs, strict=True))
-        information = sum_of([part.information for part in parts])
-    else:
-        (information,) = problem.elsewhere.total(problem, eliminated, theta, basis.delays)
-    point = solve_again(problem, basis, information, parts)
+    parts = tuple(eliminate(problem, basis, u, y) for u, y in zip(problem.inputs, problem.outputs, strict=True))
+    point = solve_again(problem, basis, sum_of([part.information for part in parts]), parts)
     for part in parts:
         part.finish(point.numerators)
     return point
@@ -233,7 +127,7 @@ def sensitivities(problem: Problem, point: Point) -> tuple[Floats, ...]:
     Returns
     -------
     tuple of ndarray, shape (N_r, lags groups + delay parameters)
-        Of the records here. Of the poles parameter-major: all denominators' first parameters first. Delays in samples.
+        Of each record. Of the poles parameter-major: all denominators' first parameters first. Delays in samples.
     """
     slopes = slopes_at(problem, point.basis, point.numerators)
     return tuple(
@@ -276,30 +170,20 @@ def reduced_information(
     return information, gradient
 
 
-def squared_residual(problem: Problem, point: Point) -> float:
-    """Sum of squared residuals over all records, wherever they are."""
-    if problem.elsewhere is None:
-        return sum(float(residual @ residual) for residual in point.residuals)
-    return float(_linearised(problem, point)[3][0])
+def squared_residual(point: Point) -> float:
+    """Sum of squared residuals over all records."""
+    return sum(float(residual @ residual) for residual in point.residuals)
 
 
-def initial_states(problem: Problem, point: Point) -> list[Floats]:
-    """Give what each record has of its own, wherever it is, shape (1 + integrators + lags groups,)."""
-    if problem.elsewhere is None:
-        return [part.local for part in point.parts]
-    shares = problem.elsewhere.gathered(problem, initial_responses, point.theta, point.delays, point.numerators)
-    return [local for (rows,) in shares for local in rows]
+def initial_states(point: Point) -> list[Floats]:
+    """Return what each record has of its own, shape (1 + integrators + lags groups,)."""
+    return [part.local for part in point.parts]
 
 
 def _linearised(
     problem: Problem, point: Point, jacobians: tuple[Floats, ...] | None = None
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Sum over the records what `sysid.transfer_functions.reduction.linearise` gives."""
-    if problem.elsewhere is not None:
-        information, gradient, outer, following = problem.elsewhere.total(
-            problem, linearised, point.theta, point.delays, point.numerators
-        )
-        return information, gradient, outer, following
     jacobians = sensitivities(problem, point) if jacobians is None else jacobians
     each = [
         linearise(problem, point.basis, part, columns) for part, columns in zip(point.parts, jacobians, strict=True)

@@ -15,9 +15,10 @@ import numpy as np
 from scipy.linalg import lstsq
 
 from sysid.records.experiment import Floats
+from sysid.transfer_functions.problem import Problem
 from sysid.transfer_functions.response import Discretised, discretise
 from sysid.transfer_functions.sections import clip, denominators, from_poles
-from sysid.transfer_functions.separable import Point, Problem, instruments, solve
+from sysid.transfer_functions.separable import Point, instruments, solve
 
 #: Iterations without a new lowest cost after which there will be none.
 VAIN = 6

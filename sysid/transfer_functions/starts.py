@@ -25,8 +25,9 @@ import numpy as np
 
 from sysid.records.experiment import Floats
 from sysid.statistics.covariance import independent_samples
+from sysid.transfer_functions.problem import Problem
 from sysid.transfer_functions.sections import Band
-from sysid.transfer_functions.separable import Descent, Point, Problem, descend, solve
+from sysid.transfer_functions.separable import Descent, Point, descend, solve
 
 #: Shared modes at least: a coarser grid of frequencies may leave a mode without a section near it.
 LEAST_SECTIONS = 8

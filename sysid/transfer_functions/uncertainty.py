@@ -9,8 +9,9 @@ from scipy.signal import lfilter
 
 from sysid.records.experiment import Floats
 from sysid.statistics.covariance import coloured_information
-from sysid.transfer_functions.reduction import autoproducts, lagged_products, own_eliminated, scattered_scores, sum_of
-from sysid.transfer_functions.separable import Point, Problem, reduced_information, sensitivities
+from sysid.transfer_functions.problem import Problem
+from sysid.transfer_functions.reduction import autoproducts, own_eliminated, sum_of
+from sysid.transfer_functions.separable import Point, reduced_information, sensitivities
 
 #: An autocovariance ends where it stays below this part of the variance.
 FADED = 1e-4
@@ -60,16 +61,9 @@ def residual_colour(residuals: Sequence[Floats]) -> Floats:
         From lag 0 until it has faded.
     """
     lengths = tuple(map(len, residuals))
-    return _colour(sum_of([autoproducts(residual, _highest_order(lengths)) for residual in residuals]), lengths)
-
-
-def _highest_order(lengths: Sequence[int]) -> int:
-    return int(min(round(10.0 * np.log10(sum(lengths))), min(lengths) // 4))
-
-
-def _colour(products: Floats, lengths: Sequence[int]) -> Floats:
-    """Autocovariance from the residuals' products with those 0 to so many samples later; see `residual_colour`."""
-    samples, longest, highest = sum(lengths), max(lengths), len(products) - 1
+    samples, longest = sum(lengths), max(lengths)
+    highest = int(min(round(10.0 * np.log10(samples)), min(lengths) // 4))
+    products = sum_of([autoproducts(residual, highest) for residual in residuals])
     gamma = products / samples
     if gamma[0] <= 0.0:
         return gamma[:1]
@@ -97,14 +91,9 @@ def _colour(products: Floats, lengths: Sequence[int]) -> Floats:
 
 def _sandwich(problem: Problem, point: Point) -> tuple[Floats, Floats, Floats, float]:
     """Inverse of H and M, both scaled to a unit diagonal of H; the scale, and the residual's variance."""
-    elsewhere, lengths = problem.elsewhere, problem.lengths
-    at = point.theta, point.delays, point.numerators
-    jacobians = () if elsewhere is not None else sensitivities(problem, point)
-    information, _ = reduced_information(problem, point, jacobians or None)
-    if elsewhere is None:
-        colour = residual_colour(point.residuals)
-    else:
-        colour = _colour(elsewhere.total(problem, lagged_products, *at, _highest_order(lengths))[0], lengths)
+    jacobians = sensitivities(problem, point)
+    information, _ = reduced_information(problem, point, jacobians)
+    colour = residual_colour(point.residuals)
     estimated = np.diag(information) > 0.0
     freedom = max(problem.samples - int(estimated.sum()), 1)
     colour = colour * (problem.samples / freedom)
@@ -112,12 +101,7 @@ def _sandwich(problem: Problem, point: Point) -> tuple[Floats, Floats, Floats, f
     # A trace of white prior keeps directions without information finite, and their covariance huge.
     trace = 1e-11 * np.eye(len(size))
     bread = information * size * size[:, None] + trace + np.diag((~estimated).astype(np.float64))
-    if elsewhere is None:
-        reduced = [
-            own_eliminated(point.basis, part, columns) for part, columns in zip(point.parts, jacobians, strict=True)
-        ]
-        filling = coloured_information(reduced, colour)
-    else:
-        (filling,) = elsewhere.total(problem, scattered_scores, *at, colour)
+    reduced = [own_eliminated(point.basis, part, columns) for part, columns in zip(point.parts, jacobians, strict=True)]
+    filling = coloured_information(reduced, colour)
     filling = filling * size * size[:, None] + colour[0] * trace
     return np.asarray(np.linalg.inv(bread)), np.asarray(filling), size, float(colour[0])

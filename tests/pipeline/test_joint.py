@@ -109,24 +109,3 @@ def test_free_runs_of_many_flights_come_back_thin(craft, store, here, monkeypatc
     for few, many in zip(thin.models[0].predictions, here.models[0].predictions, strict=True):
         assert len(few.experiment.t) == len(few.y_hat) <= 500 < len(many.experiment.t)
         assert np.isin(few.y_hat, many.y_hat).all()
-
-
-@pytest.mark.parametrize("dead", [False, True])
-def test_records_spread_over_many_workers_give_the_same_models(craft, store, here, monkeypatch, dead):
-    class Wide(ThreadPoolExecutor):
-        in_flight = 100
-
-        def submit(self, work, /, *args, **named):
-            if dead and work.__module__ == "sysid.transfer_functions.reduction":
-                raise BrokenExecutor("killed")
-            return super().submit(work, *args, **named)
-
-    monkeypatch.setattr(joint, "SPREAD_FROM", 1)
-    monkeypatch.setattr("sysid.transfer_functions.search.LEAST_SEARCHED", 100)
-    monkeypatch.setattr("sysid.transfer_functions.search.SEARCHED", 5)
-    alone = identify(craft, store)
-    with Wide(1) as executor:
-        spread = identify(craft, store, executor)
-    for model, other in zip(spread.models, alone.models, strict=True):
-        assert (model.model is None) == (other.model is None)
-    assert spread.models[0].validation.average == pytest.approx(alone.models[0].validation.average, rel=1e-4)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sysid.transfer_functions.problem import Problem
 from sysid.transfer_functions.sections import Band
 from sysid.transfer_functions.separable import (
-    Problem,
     descend,
     nonlinear_system,
     reduced_information,

@@ -7,9 +7,10 @@ import pytest
 from scipy.signal import lfilter
 
 from sysid import fit_transfer_functions
+from sysid.transfer_functions.problem import Problem
 from sysid.transfer_functions.response import discretise
 from sysid.transfer_functions.sections import Band, denominators, resolvable_band
-from sysid.transfer_functions.separable import Problem, solve
+from sysid.transfer_functions.separable import solve
 from sysid.transfer_functions.starts import likeliest_initial, separate
 from tests.sysid.table_a1 import NOISE, record
 
