@@ -79,26 +79,33 @@ def sentences(axis: AxisSurvey) -> list[str]:
 
 def parameter_table(found: FrequencySurvey) -> dict[str, Any]:
     """Return the table of parameters for the page."""
+    shown = _columns(found)
     return {
         "caption": "Parameters with one standard deviation; in brackets Cramér-Rao's error and insensitivity in "
         "percent. J up to 50 is excellent, up to 100 good.",
         "label": "Axis",
-        "heads": list(_HEADS),
-        "rows": [{"kind": "", "label": axis.axis, "cells": _cells(axis)} for axis in found.axes],
+        "heads": [_HEADS[k] for k in shown],
+        "rows": [{"kind": "", "label": axis.axis, "cells": [_cells(axis)[k] for k in shown]} for axis in found.axes],
     }
 
 
 def terminal_table(found: FrequencySurvey) -> Table:
     """Return the table of parameters for the terminal."""
     table = Table(title="Frequency responses")
-    heads = [head for k, head in enumerate(_HEADS) if any(_cells(axis)[k] != "–" for axis in found.axes)]
+    shown = _columns(found)
     table.add_column("axis")
-    for head in heads:
-        table.add_column(head, justify="right")
+    for k in shown:
+        table.add_column(_HEADS[k], justify="right")
     for axis in found.axes:
-        cells = dict(zip(_HEADS, _cells(axis), strict=True))
-        table.add_row(axis.axis, *(cells[head] for head in heads))
+        cells = _cells(axis)
+        table.add_row(axis.axis, *(cells[k] for k in shown))
     return table
+
+
+def _columns(found: FrequencySurvey) -> list[int]:
+    """Return which columns of the table say something of any axis."""
+    rows = [_cells(axis) for axis in found.axes]
+    return [k for k in range(len(_HEADS)) if any(row[k] != "–" for row in rows)]
 
 
 def _cells(axis: AxisSurvey) -> list[str]:
