@@ -90,7 +90,8 @@ def _settings(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterat
             _, lacking = asked.setdefault(str(evidence["parameter"]), {}).setdefault(bit.number, (bit, []))
             lacking.append((str(finding["id"]), flight))
     for parameter, bits in asked.items():
-        setting = LogSetting(parameter, _present(flights, parameter), tuple(bit for bit, _ in bits.values()))
+        ordered = tuple(bits[number][0] for number in sorted(bits))
+        setting = LogSetting(parameter, _present(flights, parameter), ordered)
         lacking = [each for bit in setting.added for each in bits[bit.number][1]]
         ids = {name for name, _ in lacking}
         if not ids or (ids == {"no-fast-rates"} and set(_FAST) <= set(told)):
