@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
+from pipeline.fleet.homogeneity import unlike_findings
 from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.results.entry import FlightEntry, GroupEntry
@@ -72,7 +73,7 @@ def identify_crafts(
         first = craft[0]
         split = choose_split(craft, config)
         left_out += [(each.source, split.unused[each.name]) for each in craft if each.name in split.unused]
-        findings = (*changes(craft), *apart.get(first.craft, ()))
+        findings = (*changes(craft), *apart.get(first.craft, ()), *unlike_findings(craft))
         entry = GroupEntry(
             name=first.craft_name,
             folder=first.vehicle,

@@ -18,7 +18,7 @@ from pipeline.fleet.history import ALPHA, history, sentence_of
 from pipeline.fleet.meta_analysis import holm
 from pipeline.fleet.motor_drift import motor_drift, trims
 from pipeline.flight.craft import in_order, took_off
-from pipeline.flight.flight_parameters import SHARES
+from pipeline.flight.flight_parameters import BATTERY, SHARES
 from pipeline.results.drift import Drift, History, Point, Trend
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
     series: dict[str, dict[str, list[Point]]] = defaultdict(lambda: defaultdict(list))
     units: dict[str, str] = {}
     for flight in flights:
-        rows = [row for row in flight.parameters if row["method"] != SHARES]
+        rows = [row for row in flight.parameters if row["method"] not in (SHARES, BATTERY)]
         for row in (*rows, *trims(flight)):
             series[row["parameter"]][row["method"]].append(_point(flight, number[flight.name], row))
             units[row["parameter"]] = str(row["unit"])

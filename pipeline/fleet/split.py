@@ -26,6 +26,7 @@ from fnmatch import fnmatch
 from itertools import accumulate
 from typing import TYPE_CHECKING
 
+from pipeline.fleet.homogeneity import unlike_flights
 from pipeline.flight.craft import took_off
 from pipeline.flight.training import (
     excitation,
@@ -61,14 +62,16 @@ def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Spli
     if config.training or config.validation:
         return _by_user(flights, config)
     never = {flight.name: reason for flight in flights if (reason := exclusion_of(flight))}
-    usable = [flight for flight in flights if flight.name not in never]
+    unlike = {name: each.reason for name, each in unlike_flights(flights).items()}
+    usable = [flight for flight in flights if flight.name not in never and flight.name not in unlike]
     half = _half(usable)
     chosen = _thinned(half)
     names = {flight.name for flight in chosen}
-    judges = [flight for flight in flights if flight.name not in names]
+    judges = [flight for flight in flights if flight.name not in names and flight.name not in unlike]
     return Split(
         training=tuple(sorted(names)),
         held_out=tuple(flight.name for flight in judges),
+        unused=unlike,
         never_train=never,
         sentence=_sentence(usable, chosen, judges, never, capped=len(chosen) < len(half)),
     )

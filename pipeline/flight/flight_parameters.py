@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline.flight.kinds import THRUST_KEY
 from sysid.records.motor_scaling import curve, motor_commands
+from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.physical import HEADLINE, METHODS
 from sysid.rotors.thrust_regression import BLOCK_SECONDS, regress, vehicle_of
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 #: Rows of `flight_parameters` that are motors' shares of the hover command carry this method.
 SHARES = "motor shares"
+
+#: The row with a flight's battery voltage carries this method.
+BATTERY = "battery monitor"
 
 #: Ground speed and climb rate below which a craft hovers, m/s; hovering this long is enough to look at that alone, s.
 HOVER_SPEED, HOVER_CLIMB, HOVER_SECONDS = 1.5, 0.5, 15.0
@@ -66,6 +70,8 @@ def flight_parameters(result: FlightResult) -> list[dict[str, Any]]:
                 {"parameter": parameter, "method": method, "value": value, "sigma": sigma, "unit": str(row["unit"])}
             )
     record = result.experiments.get(THRUST_KEY)
+    if record is not None and (volts := reference_voltage([record])) is not None:
+        rows.append({"parameter": "voltage", "method": BATTERY, "value": volts, "sigma": 0.01 * volts, "unit": "V"})
     if record is not None:
         rows += [
             {"parameter": motor, "method": SHARES, "value": share, "sigma": sigma, "unit": "mean of all motors"}

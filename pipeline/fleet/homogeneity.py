@@ -1,0 +1,153 @@
+"""Whether flights of one craft are alike enough to be fitted together, from what each says by itself.
+
+Thrust over mass (at one voltage), inertias over mass and arm, and yaw torque over inertia of every flight, with their
+standard errors and what air temperature, batteries and methods make them scatter by, must pass a chi-square test. Where
+they do not, the largest set of flights that passes is kept, and every other flight that is by itself too far from that
+set's mean is named: another payload, another battery, changed propellers or motors, or another craft with the same
+parameters in its autopilot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from logparse import Finding, Severity
+from pipeline.flight.flight_parameters import BATTERY
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pipeline.results.entry import FlightEntry
+
+    Floats = NDArray[np.float64]
+
+#: What flights of one craft may differ by, as a standard deviation of the logarithm: 10 K of the air and a warm or cold
+#: battery in thrust, the same and fuel or a camera's place in inertia, the same and yaw's poor excitation.
+SCATTER: Mapping[str, float] = {
+    "thrust over mass": 0.04,
+    "roll inertia over mass and arm": 0.06,
+    "pitch inertia over mass and arm": 0.06,
+    "yaw torque over inertia": 0.08,
+}
+
+#: Chance of a false alarm for one craft and quantity.
+LEVEL = 1e-3
+
+#: Relative standard error beyond which a value says nothing.
+_VAGUE = 0.15
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unlike:
+    """A flight that is not like the others.
+
+    Attributes
+    ----------
+    flight : str
+    quantity : str
+    ratio : float
+        Its value over the mean of those that are alike.
+    sigmas : float
+        Departure in standard deviations.
+    """
+
+    flight: str
+    quantity: str
+    ratio: float
+    sigmas: float
+
+    @property
+    def reason(self) -> str:
+        """Why it is not pooled, in words."""
+        return (
+            f"its {self.quantity} is {self.ratio:.2f} times that of the others, {self.sigmas:.1f} standard deviations "
+            "off: another payload, battery, propellers or motors, or another craft"
+        )
+
+
+def unlike_flights(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
+    """Find the flights that must not be pooled with the others, by name.
+
+    Parameters
+    ----------
+    flights : sequence of FlightEntry
+        Of one craft.
+    """
+    found: dict[str, Unlike] = {}
+    for quantity, scatter in SCATTER.items():
+        names, values, sigmas = _values([each for each in flights if each.name not in found], quantity)
+        if len(names) < 2:
+            continue
+        spread = np.hypot(sigmas, scatter)
+        kept = _largest(values, spread)
+        weights = spread[kept] ** -2.0
+        mean = float(weights @ values[kept] / weights.sum())
+        limit = float(norm.isf(0.5 * LEVEL / len(names)))
+        for k, name in enumerate(names):
+            off = float(values[k] - mean) / float(np.hypot(spread[k], weights.sum() ** -0.5))
+            if not kept[k] and abs(off) > limit:
+                ratio = float(np.exp(values[k] - mean))
+                found[name] = Unlike(flight=name, quantity=quantity, ratio=ratio, sigmas=abs(off))
+    return found
+
+
+def unlike_findings(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
+    """Name the flights of a craft that are not like the others."""
+    return tuple(
+        Finding(
+            "flights-not-alike",
+            Severity.WARNING,
+            f"{each.flight} is not fitted together with the other flights: {each.reason}",
+            "weigh the craft and compare its battery, propellers and motors; name flights of one build with --training "
+            "and --validation to fit them anyway",
+            {"flight": each.flight, "quantity": each.quantity, "ratio": each.ratio, "sigmas": each.sigmas},
+        )
+        for each in unlike_flights(flights).values()
+    )
+
+
+def _values(flights: Sequence[FlightEntry], quantity: str) -> tuple[list[str], Floats, Floats]:
+    """Return names, logarithms and relative errors of a quantity by the method that most flights have."""
+    rows = [(flight, row) for flight in flights for row in flight.parameters if row["parameter"] == quantity]
+    sure = [(flight, row) for flight, row in rows if row["value"] > 0.0 and row["sigma"] < _VAGUE * row["value"]]
+    counts: dict[str, int] = {}
+    for _, row in sure:
+        counts[row["method"]] = counts.get(row["method"], 0) + 1
+    method = max(counts, key=lambda name: counts[name], default="")
+    chosen = [(flight, row) for flight, row in sure if row["method"] == method]
+    volts = [_voltage(flight) for flight, _ in chosen]
+    # Motors at full command give thrust with the square of the voltage, which is each flight's own.
+    known = quantity == "thrust over mass" and all(volt is not None for volt in volts)
+    values = [
+        np.log(row["value"]) - (2.0 * np.log(volt) if known and volt else 0.0)
+        for (_, row), volt in zip(chosen, volts, strict=True)
+    ]
+    errors = [row["sigma"] / row["value"] for _, row in chosen]
+    return [flight.name for flight, _ in chosen], np.array(values), np.array(errors)
+
+
+def _voltage(flight: FlightEntry) -> float | None:
+    return next((float(row["value"]) for row in flight.parameters if row["method"] == BATTERY), None)
+
+
+def _largest(values: Floats, spread: Floats) -> NDArray[np.bool_]:
+    """Return the largest set of neighbouring values that passes the chi-square test; the tightest of several."""
+    order = np.argsort(values)
+    best: tuple[int, float, NDArray[np.int64]] = (0, 0.0, order[:0])
+    for first in range(len(order)):
+        for last in range(first + 1, len(order) + 1):
+            members = order[first:last]
+            weights = spread[members] ** -2.0
+            mean = weights @ values[members] / weights.sum()
+            q = float(weights @ (values[members] - mean) ** 2)
+            passes = len(members) == 1 or q < float(chi2.isf(LEVEL, len(members) - 1))
+            if passes and (len(members), -q) > (best[0], -best[1]):
+                best = (len(members), q, members)
+    kept = np.zeros(len(values), dtype=bool)
+    kept[best[2]] = True
+    return kept
