@@ -207,6 +207,7 @@ def with_priors(aligned: Alignment, before: SensorNoise, noise: SensorNoise) -> 
         (GYRO_BIAS, noise.gyro_bias / before.gyro_bias),
         (ACCEL_BIAS, noise.accel_bias / before.accel_bias),
         (HARD_IRON, noise.hard_iron / before.hard_iron),
+        (GPS_ERROR, noise.gps_error_share / before.gps_error_share),
     ):
         P[block : block + 3, block : block + 3] *= factor**2
     if aligned.levelled:

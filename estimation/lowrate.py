@@ -7,7 +7,7 @@ smoothers know no input, and of its two the module's function pairs the wrong F 
 Rauch-Tung-Striebel recursion stands here, on the priors that the filter itself made.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -15,11 +15,13 @@ from filterpy.kalman import KalmanFilter
 from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline
 
 from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
+from estimation.consistency import SensorStatistics
 from estimation.local_frame import LocalFrame, is_simulated
 from estimation.observations import find_origin, observe_gps, reported, usable_fixes
 from estimation.states import SensorNoise
 from estimation.timing import TICK, segments, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
+from estimation.trust import contradicted_receiver, doubtful_sensors, only_one_withdrawal
 from logparse import Finding, Geodetic, MissingDataError, Severity, Tables
 
 GRAVITY = 9.80665
@@ -38,18 +40,34 @@ GPS_ERROR_TIME = 1000.0
 LONGEST_STEP, LONGEST_HOLE = 0.25, 20.0
 #: The autopilot's positions are used where GPS fixes are further away than this, s.
 FILL_AFTER = 1.0
+#: What a row may differ by from all the others without being refused whatever its own noise, m and m/s: attitude at
+#: telemetry rate tells no more of what lies between two rows.
+TOLERANCE = 0.5
+#: How well the time of a telemetry row is known, s: a fast craft's rows differ by that times its speed.
+LATENESS = 0.2
+#: Passes over a stretch of telemetry at most, each leaving out what disagrees with all the rest.
+PASSES = 6
+#: The gate of a sensor narrows from its farthest reading over this. Nothing bounds the pull of a spike on the first
+#: pass, so that the readings between are moved with it, and come back later.
+NARROWING = 3.0
+#: Readings of the barometer whose median is its height at the start: any one may be a spike.
+FIRST_HEIGHTS = 9
+#: What a reading of the barometer differs by from the median of its neighbours at most, m.
+SPIKE = 10.0
 #: States: position, velocity, disturbance, GPS error (three each), baro offset.
 SIZE = 13
 
 
 @dataclass(frozen=True, slots=True)
 class _Measured:
-    """One row of measurements: time [s], rows of H, values, variances."""
+    """One row of measurements: time [s], sensor, rows of H, values, variances, and whether it may be fused."""
 
     t: float
+    sensor: str
     H: np.ndarray
     z: np.ndarray
     variance: np.ndarray
+    admitted: bool = True
 
 
 def is_low_rate(tables: Tables) -> bool:
@@ -80,8 +98,10 @@ def estimate_low_rate(
             "attitude and positions are logged, but at no time both for long enough to make a trajectory: raise the "
             "telemetry rates of position and attitude to 4 Hz or more"
         )
-    states = pd.concat([states for states, _, _ in parts])
-    sigma = pd.concat([sigma for _, sigma, _ in parts])
+    states = pd.concat([part[0] for part in parts])
+    sigma = pd.concat([part[1] for part in parts])
+    innovations = _refusals([part[3] for part in parts])
+    doubts = doubtful_sensors(innovations) + contradicted_receiver(tables, states, origin, 0.0, velocities=False)
     finding = Finding(
         "low-rate-trajectory",
         Severity.WARNING,
@@ -93,15 +113,25 @@ def estimate_low_rate(
     return Trajectory(
         states=states,
         sigma=sigma,
-        covariance=np.concatenate([covariance for _, _, covariance in parts]),
+        covariance=np.concatenate([part[2] for part in parts]),
         origin=origin,
         method="low-rate",
         diagnostics={
             "position_source": source,
-            "segments": [(float(s.index[0]), float(s.index[-1])) for s, _, _ in parts],
+            "segments": [(float(s.index[0]), float(s.index[-1])) for s, *_ in parts],
+            "innovations": innovations,
         },
-        findings=(finding,),
+        findings=(finding, *only_one_withdrawal(doubts)),
     )
+
+
+def _refusals(counts: list[dict[str, tuple[int, int]]]) -> dict[str, SensorStatistics]:
+    """Sum up rows fused and refused of each sensor over the stretches of a log."""
+    found: dict[str, SensorStatistics] = {}
+    for sensor in sorted({name for part in counts for name in part}):
+        total, refused = (sum(part.get(sensor, (0, 0))[k] for part in counts) for k in range(2))
+        found[sensor] = {"count": total - refused, "refused": refused}
+    return found
 
 
 def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_Measured], np.ndarray, str]:
@@ -127,7 +157,7 @@ def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_M
         both = np.hstack([position, velocity]), np.hstack([p_variance, v_variance])
         for when, z, variance in zip(fixed, *both, strict=True):
             there = np.isfinite(z)
-            rows.append(_Measured(when, selector[there], z[there], variance[there]))
+            rows.append(_Measured(when, "gps_position", selector[there], z[there], variance[there]))
         sources.append("GPS fixes")
     if ekf is not None and (tables.origin is not None or fixes is None):
         t = ekf.index.to_numpy(float)
@@ -137,14 +167,17 @@ def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_M
         lonely = _distance(t, fixed) > FILL_AFTER
         for when, row, alone in zip(t, z, lonely, strict=True):
             part = slice(0 if alone else 3, 6)
-            rows.append(_Measured(when, selector[part], row[part], variance[part]))
+            rows.append(_Measured(when, "autopilot", selector[part], row[part], variance[part]))
         sources.append("the autopilot's " + ("positions" if lonely.any() else "velocities"))
     baro = usable(tables.baro, ["alt"])
     if baro is not None:
         H = np.zeros((1, SIZE))
         H[0, 2], H[0, 12] = -1.0, 1.0
-        for when, alt in zip(baro.index.to_numpy(float), baro["alt"].to_numpy(float), strict=True):
-            rows.append(_Measured(when, H, np.array([alt]), np.array([noise.baro**2])))
+        # A spike among its neighbours does not even enter the first pass, which nothing protects.
+        usual = baro["alt"].rolling(FIRST_HEIGHTS, center=True, min_periods=1).median()
+        steady = ((baro["alt"] - usual).abs() < SPIKE).to_numpy(bool)
+        for when, alt, good in zip(baro.index.to_numpy(float), baro["alt"].to_numpy(float), steady, strict=True):
+            rows.append(_Measured(when, "baro", H, np.array([alt]), np.array([noise.baro**2]), bool(good)))
     rows.sort(key=lambda row: row.t)
     return origin or Geodetic(float("nan"), float("nan"), 0.0), rows, gps_sigma, " and ".join(sources)
 
@@ -163,8 +196,11 @@ def _estimate_segment(
     gps_sigma: np.ndarray,
     noise: SensorNoise,
     smoothed: bool,
-) -> tuple[pd.DataFrame, pd.DataFrame, np.ndarray]:
-    """Filter, smooth and lay out one stretch of telemetry; gives states, sigma and covariance (n, 3, 3, 3)."""
+) -> tuple[pd.DataFrame, pd.DataFrame, np.ndarray, dict[str, tuple[int, int]]]:
+    """Filter, smooth and lay out one stretch of telemetry.
+
+    Returns states, sigma, covariance (n, 3, 3, 3), and of each sensor how many rows there were and were refused.
+    """
     when = attitude.index.to_numpy(float)
     quat = quat_from_euler(*attitude[["roll", "pitch", "yaw"]].to_numpy(float).T)
     turning = Akima1DInterpolator(when, continuous(quat))
@@ -181,8 +217,13 @@ def _estimate_segment(
             ]
         )
     )
-    x, P = _filter(nodes * TICK, thrust, measured, gps_sigma, noise, smoothed=smoothed)
     node_t = nodes * TICK
+    for _ in range(PASSES if smoothed else 1):
+        x, P = _filter(node_t, thrust, measured, gps_sigma, noise, smoothed=smoothed)
+        judged = _judged(measured, node_t, x, P, noise.gate) if smoothed else measured
+        if all(a.admitted == b.admitted for a, b in zip(measured, judged, strict=True)):
+            break
+        measured = judged
     t_in = np.clip(t, node_t[0], node_t[-1])
     position = CubicHermiteSpline(node_t, x[:, :3], x[:, 3:6])(t_in)
     at_node = thrust(np.clip(node_t, when[0], when[-1]))
@@ -207,7 +248,43 @@ def _estimate_segment(
     covariance[:, 2] = np.diag([TILT_SIGMA, TILT_SIGMA, YAW_SIGMA]) ** 2
     variance = np.diagonal(covariance, axis1=2, axis2=3).reshape(-1, 9)
     sigma = pd.DataFrame(np.sqrt(variance), index=index, columns=[*SIGMA_COLUMNS])
-    return states, sigma, covariance
+    return states, sigma, covariance, _counts(measured)
+
+
+def _judged(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarray, gate: float) -> list[_Measured]:
+    """Leave out what is far from the smoothed states, and take back what is not (as `admission.admit` does)."""
+    node = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
+    worst = np.zeros(len(measured))
+    speed = _measured_speed(measured)
+    for k, (m, at) in enumerate(zip(measured, node, strict=True)):
+        late = (LATENESS * speed[k]) ** 2
+        variance = m.variance + np.einsum("ij,jk,ik->i", m.H, P[at], m.H) + TOLERANCE**2 + late
+        worst[k] = np.sqrt(np.max((m.z - m.H @ x[at]) ** 2 / variance, initial=0.0))
+    sensors = np.array([m.sensor for m in measured])
+    fused = np.array([m.admitted for m in measured])
+    limit = np.full(len(measured), gate)
+    for sensor in np.unique(sensors):
+        mine = (sensors == sensor) & fused
+        limit[mine] = max(gate, float(worst[mine].max(initial=0.0)) / NARROWING)
+    return [replace(m, admitted=bool(w <= most)) for m, w, most in zip(measured, worst, limit, strict=True)]
+
+
+def _measured_speed(measured: list[_Measured]) -> np.ndarray:
+    """Return the speed about each row by what receiver and autopilot measured, m/s; the states may have a spike's."""
+    known = [(m.t, float(np.linalg.norm(m.z[m.H[:, 3:6].any(axis=1)]))) for m in measured if m.H[:, 3:6].any()]
+    if not known:
+        return np.zeros(len(measured))
+    t, speed = np.array(known).T
+    return np.asarray(np.interp([m.t for m in measured], t, speed))
+
+
+def _counts(measured: list[_Measured]) -> dict[str, tuple[int, int]]:
+    """Count rows and refused rows of each sensor."""
+    counts: dict[str, tuple[int, int]] = {}
+    for m in measured:
+        total, refused = counts.get(m.sensor, (0, 0))
+        counts[m.sensor] = (total + 1, refused + (not m.admitted))
+    return counts
 
 
 def _filter(
@@ -226,7 +303,7 @@ def _filter(
     kf.x[:3, 0] = first.z[:3]
     offsets = [m for m in measured if len(m.z) == 1]
     if offsets:
-        kf.x[12, 0] = offsets[0].z[0] + first.z[2]
+        kf.x[12, 0] = np.median([m.z[0] for m in offsets[:FIRST_HEIGHTS]]) + first.z[2]
     disturbance = np.array([DISTURBANCE_H, DISTURBANCE_H, DISTURBANCE_V])
     kf.P = np.diag(np.concatenate([np.full(3, 10.0), np.full(3, 10.0), disturbance, gps_sigma, [10.0]]) ** 2)
     nodes = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
@@ -245,8 +322,10 @@ def _filter(
         F[k], prior_x[k], prior_P[k] = kf.F, kf.x[:, 0], kf.P
         while done < len(measured) and nodes[done] == k:
             m = measured[done]
-            kf.update(m.z[:, None], R=np.diag(m.variance), H=m.H)
             done += 1
+            if not m.admitted:
+                continue
+            kf.update(m.z[:, None], R=np.diag(m.variance), H=m.H)
         x[k], P[k] = kf.x[:, 0], kf.P
     for k in range(len(t) - 2, -1, -1) if smoothed else ():
         gain = np.linalg.solve(prior_P[k + 1], F[k + 1] @ P[k]).T

@@ -36,6 +36,7 @@ SPOKEN: Mapping[str, str] = {
     "gps2_position": "positions of the second GPS",
     "gps2_velocity": "velocities of the second GPS",
     "range_finder": "range finder readings",
+    "autopilot": "autopilot's positions and velocities",
 }
 
 
@@ -44,7 +45,7 @@ def doubtful_sensors(innovations: Mapping[str, SensorStatistics]) -> list[Findin
     findings, doubts = [], []
     for name, sensor in innovations.items():
         total = sensor["count"] + sensor["refused"]
-        share, nis = sensor["refused"] / total, sensor["nis"]
+        share, nis = sensor["refused"] / total, sensor.get("nis", 1.0)
         if share > SUSPECT_SHARE or nis > SUSPECT_NIS:
             findings.append(_suspect(name, share, nis))
         if share > DOUBTFUL_SHARE:

@@ -59,8 +59,9 @@ TILT_KNOWN, BIAS_KNOWN = 0.2, 0.5
 WIDE_GYRO_BIAS, WIDE_ACCEL_BIAS = 0.1, 3.0
 PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
+GPS_ERROR_SHARES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
-GPS_WHITE_SCALES = (0.01, 0.0625, 0.25, 1.0, 4.0, 16.0)
+GPS_WHITE_SCALES = (0.04, 0.1, 0.25, 1.0, 4.0, 16.0)
 #: Ladder of the factor on the IMU's noise as `timing.noise_density` sees it.
 IMU_SCALES = (0.25, 0.5, 1.0, 2.0, 4.0)
 
@@ -133,6 +134,7 @@ def tune(
     for setting, ladder in LADDERS.items():
         problem = _set_noise(problem, start.aligned, setting, ladder)
     if np.any(problem.observations.kind == _kernels.GPS_POSITION):
+        problem = _set_noise(problem, start.aligned, "gps_error_share", GPS_ERROR_SHARES)
         problem = _split_gps_error(problem)
     imu_scale = np.ones(2)
     for column in range(2):

@@ -54,6 +54,19 @@ def test_sigma_covers_the_error(flight, trajectory):
         assert np.sqrt(np.mean((error[column] / sigma[column]) ** 2)) < bound
 
 
+@pytest.mark.parametrize("share", [0.02, 0.15])
+def test_barometer_spikes_change_less_than_a_sigma(telemetry, trajectory, share):
+    """A barometer of an old log jumped to 210 m; without a gate the craft had 90 m/s."""
+    baro = telemetry.baro.copy()
+    struck = np.random.default_rng(5).choice(len(baro), max(3, round(share * len(baro))), replace=False)
+    baro.iloc[[*struck, 0], baro.columns.get_loc("alt")] = 210.0
+    spiked = estimate(replace(telemetry, baro=baro), rate=20.0)
+    for column in ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d"):
+        change = (spiked.states[column] - trajectory.states[column]).abs()
+        assert (change < trajectory.sigma[column]).all(), column
+    assert ("sensor-refused" in [f.id for f in spiked.findings]) == (share > 0.05)
+
+
 def test_the_autopilots_velocities_are_used_and_its_positions_fill_holes(flight, telemetry):
     truth = flight.truth[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]]
     ekf = thinned(truth, 0.25).assign(roll=np.nan, pitch=np.nan, yaw=np.nan)
@@ -70,10 +83,12 @@ def test_smoother_agrees_with_filterpy_where_there_is_no_input():
     t = np.cumsum(rng.uniform(0.1, 0.3, 60))
     selector = np.zeros((3, SIZE))
     selector[:, 0:3] = selector[:, 9:12] = np.eye(3)
-    measured = [_Measured(when, selector, rng.normal(size=3), np.full(3, 0.04)) for when in np.round(t, 4)]
+    measured = [
+        _Measured(when, "gps_position", selector, rng.normal(size=3), np.full(3, 0.04)) for when in np.round(t, 4)
+    ]
     baro = np.zeros((1, SIZE))
     baro[0, 2], baro[0, 12] = -1.0, 1.0
-    measured.append(_Measured(measured[-1].t, baro, np.array([0.3]), np.array([0.02])))
+    measured.append(_Measured(measured[-1].t, "baro", baro, np.array([0.3]), np.array([0.02])))
     nodes = np.array([m.t for m in measured[:-1]])
     idle = Akima1DInterpolator(nodes, np.zeros((len(nodes), 3)))
     gps_sigma = np.array([1.0, 1.0, 1.5])
