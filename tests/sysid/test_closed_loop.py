@@ -168,23 +168,28 @@ def test_what_is_no_closed_loop_is_refused():
         fit_closed_loop([record], poles=3, zeros=1)
 
 
+def altitude_error(log):
+    """Return the standard deviation of the autopilot's own altitude about the simulator's truth in flight, m."""
+    own, truth = (table.loc[log.flight.start : log.flight.stop, "p_d"] for table in (log.tables.ekf, log.tables.truth))
+    return float(np.std(own - np.interp(own.index, truth.index, truth)))
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not SITL.is_dir(), reason="shared logs are not here")
 def test_one_flight_tells_where_the_next_will_be():
     """Trained on the calm mission: 0.10 m horizontally and 0.06 m vertically on flights in calm and light wind.
 
-    In Quito the autopilot's own altitude is 0.074 m off the truth (noise of its barometer); no model of the loop can
-    know that, so it adds to the bound.
+    The autopilot holds the height that it believes in. Its own altitude is 0.03 to 0.07 m off the truth (its barometer
+    drifts) while our trajectory is right to 2 mm; no model of the loop can know that, so it adds to the bound.
     """
-    records = {}
+    records, believed = {}, {}
     for name in ("octa01_auto_calm", "octa02_auto_wind2", "octa05_auto_quito", "paper04", "octa09_systemid_mixer"):
         log = read_log(SITL / f"{name}.BIN")
         records[name] = Experiment.from_flight(log, estimate(log.tables), inputs="reference", name=name)
+        believed[name] = altitude_error(log)
     first, *others = records.values()
     result = validate(fit_closed_loop([first], time_limit=PATIENCE), others)
     table = result.table.pivot(index="flight", columns="output", values="rmse")
     assert (table[["x", "y"]] < 0.10).to_numpy().all()
-    noisy = table.index == "octa05_auto_quito"
-    assert (table["z"][~noisy] < 0.06).all()
-    assert (table["z"][noisy] < np.hypot(0.06, 0.074)).all()
+    assert all(table["z"][name] < np.hypot(0.06, believed[name]) for name in table.index)
     assert all(result.trusted.values())
