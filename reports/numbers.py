@@ -46,6 +46,7 @@ def flight_numbers(result: FlightResult) -> Numbers:
             "trajectory": _trajectory(result),
             "coverage": None if result.coverage is None else result.coverage.to_dict(),
             "health": _health(result.health),
+            "rotation": None if result.rotation is None else result.rotation.to_dict(),
             "advice": [each.to_dict() for each in result.advice],
             "findings": _findings(result.findings),
             "missing": dict(result.missing),

@@ -18,6 +18,7 @@ def missing_stages(numbers: Numbers) -> list[tuple[str, str]]:
     names = {
         "tables": "Tables",
         "flight": "Flight",
+        "rotation": "How it turns",
         "trajectory": "Trajectory",
         "experiment": "Identification",
         "thrust": "Thrust coefficients",

@@ -25,7 +25,7 @@ from sysid.rotors.thrust import ThrustModel, fit_thrust
 from sysid.rotors.thrust_regression import ThrustCoefficient
 from sysid.transfer_functions.arx import ArxModel, fit_arx
 from sysid.transfer_functions.closed_loop import ClosedLoopModel, fit_closed_loop
-from sysid.transfer_functions.frequency_response import FrequencyResponse, frequency_response, poles, zeros
+from sysid.transfer_functions.frequency_response import ModelResponse, frequency_response, poles, zeros
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.transfer_function import FitReport, TransferFunction, TransferFunctionModel
 from sysid.validation.assessment import Model, Predictor, Validation, validate
@@ -42,10 +42,10 @@ __all__ = [
     "FitReport",
     "FlightTrim",
     "FrameExport",
-    "FrequencyResponse",
     "HoverModel",
     "Kim2017Model",
     "Model",
+    "ModelResponse",
     "OrderScan",
     "PhysicalParameters",
     "Predictor",

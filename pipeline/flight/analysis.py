@@ -19,6 +19,7 @@ from pipeline.flight.flight_health import assess_health, health_findings
 from pipeline.flight.identification import identify
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.log_health import logged_rates
+from pipeline.flight.rotation import find_rotation
 from pipeline.names import printable
 from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, Span, horizontal_sigma
 from sysid.rotors.motor_order import MotorOrder, motor_order
@@ -66,6 +67,7 @@ def analyze(
     rates = None if flight is None else stages.run("health", lambda _: logged_rates(tables, flight))
     timeline = stages.run("health", lambda _: assess_health(log, flight))
     sound = flight if timeline is None else timeline.sound
+    rotation = None if sound is None else stages.run("rotation", lambda _: find_rotation(log, sound))
     estimated = stages.run(
         "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
     )
@@ -138,10 +140,12 @@ def analyze(
         coverage=coverage,
         motor_order=order,
         health=timeline,
+        rotation=rotation,
         findings=(
             *log.findings,
             *checked,
             *(() if timeline is None else health_findings(timeline)),
+            *(() if rotation is None else rotation.findings),
             *(finding for part in later for finding in part),
             *stages.findings,
         ),

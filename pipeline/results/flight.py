@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pipeline.results.advice import Advice
     from pipeline.results.coverage import Coverage
     from pipeline.results.health import FlightHealth
+    from pipeline.results.rotation import RotationResult
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.records.excitation import Coherence
     from sysid.rotors.motor_order import MotorOrder
@@ -184,8 +185,8 @@ class FlightResult(Summarised):
     """One log, analysed as far as its content allows.
 
     A stage that could not be done leaves None here and its reason in `missing` under the stage's name:
-    ``"flight"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``, ``"parameters"``, ``"coverage"``; a model says
-    itself why it is not there.
+    ``"flight"``, ``"rotation"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``, ``"parameters"``, ``"coverage"``; a
+    model says itself why it is not there.
 
     Attributes
     ----------
@@ -213,6 +214,8 @@ class FlightResult(Summarised):
         Whether motor outputs are those that the mixer asked for; None where the log does not tell.
     health : FlightHealth or None
         What happened, by time, and which part of the flight serves models.
+    rotation : RotationResult or None
+        How the craft turns: frequency responses, attitude following, margins of the loops; axis by axis.
     advice : tuple of Advice
         How to log and fly better next time, most useful first.
     findings : tuple of Finding
@@ -240,6 +243,7 @@ class FlightResult(Summarised):
     coverage: Coverage | None = None
     motor_order: MotorOrder | None = None
     health: FlightHealth | None = None
+    rotation: RotationResult | None = None
     advice: tuple[Advice, ...] = ()
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)

@@ -14,6 +14,7 @@ from logparse.units import quantity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of
 from sysid.frequency.cost import POOR
 from sysid.frequency.estimate import response_of_records
+from sysid.frequency.excitation import Within
 from sysid.frequency.fit import FrequencyFit, fit
 from sysid.frequency.records import AxisRecord, flight_span, on_uniform_clock
 from sysid.frequency.response import Floats, FrequencyResponse
@@ -67,7 +68,11 @@ class AttitudeResponse:
 
 
 def attitude_response(
-    data: FlightLog | Sequence[FlightLog], axis: str, *, part: tuple[float, float] = (0.0, 1.0)
+    data: FlightLog | Sequence[FlightLog],
+    axis: str,
+    *,
+    part: tuple[float, float] = (0.0, 1.0),
+    within: Within | None = None,
 ) -> AttitudeResponse:
     """Parameter how an axis follows its attitude target, from any flight with attitude and target at 8 Hz or more.
 
@@ -77,6 +82,8 @@ def attitude_response(
     axis : {"roll", "pitch", "yaw"}
     part : tuple of float
         From where to where in each flight, in parts of its length.
+    within : tuple of float, optional
+        From when to when a log counts, s on its boot clock; default its longest flight.
 
     Raises
     ------
@@ -90,7 +97,7 @@ def attitude_response(
     records, reasons = [], []
     for log in logs:
         try:
-            records.append(_record(log, which, part))
+            records.append(_record(log, which, part, within))
         except FrequencyError as error:
             reasons.append(str(error))
     if not records:
@@ -112,9 +119,9 @@ def _following(axis: Axis) -> Axis:
     return Axis(axis.name, f"{axis.attitude} target", axis.attitude, "rad/rad", "", "", axis.letter)
 
 
-def _record(log: FlightLog, axis: Axis, part: tuple[float, float]) -> AxisRecord:
+def _record(log: FlightLog, axis: Axis, part: tuple[float, float], within: Within | None) -> AxisRecord:
     t, target, angle = _target_and_angle(log, axis)
-    start, stop = flight_span(log, float(t[0]), float(t[-1]))
+    start, stop = flight_span(log, float(t[0]), float(t[-1]), within)
     start, stop = (start + share * (stop - start) for share in part)
     rows = (t >= start) & (t <= stop)
     if np.count_nonzero(rows) < 32:

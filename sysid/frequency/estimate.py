@@ -10,7 +10,7 @@ import numpy as np
 from logparse import Finding, FlightLog, Severity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of
 from sysid.frequency.composite import merge
-from sysid.frequency.excitation import find_chirps
+from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.fit import FrequencyFit, fit, refit
 from sysid.frequency.limits import limits_of
 from sysid.frequency.records import AxisRecord, chirp_record, experiment_record, flight_record, rate_signals
@@ -48,7 +48,7 @@ _LOWEST_RATE = 8.0
 Data = FlightLog | Experiment
 
 
-def response(data: Data | Sequence[Data], axis: str) -> FrequencyResponse:
+def response(data: Data | Sequence[Data], axis: str, within: Within | None = None) -> FrequencyResponse:
     """Estimate the frequency response of an axis: controller output to body rate, or thrust to vertical acceleration.
 
     Chirps on the axis are used where there are any, with the chirp as instrument; other flights by what their pilot or
@@ -60,6 +60,8 @@ def response(data: Data | Sequence[Data], axis: str) -> FrequencyResponse:
         Several are summed. An experiment needs an input and an output of the axis (see `experiment_record`), or one
         input and one output.
     axis : {"roll", "pitch", "yaw", "vertical"}
+    within : tuple of float, optional
+        From when to when a log counts, s on its boot clock; default its longest flight, and chirps wherever they are.
 
     Raises
     ------
@@ -68,7 +70,7 @@ def response(data: Data | Sequence[Data], axis: str) -> FrequencyResponse:
     """
     which = axis_of(axis)
     findings: list[Finding] = []
-    records = records_of(data, which, findings)
+    records = records_of(data, which, findings, within)
     sources = [data] if isinstance(data, FlightLog | Experiment) else list(data)
     logs = [source for source in sources if isinstance(source, FlightLog)]
     filters = {log.parameters.get("INS_GYRO_FILTER") for log in logs}
@@ -88,7 +90,9 @@ def response(data: Data | Sequence[Data], axis: str) -> FrequencyResponse:
     return replace(frf, findings=tuple(findings), systematic=_ROUNDED if rounded else 0.0)
 
 
-def records_of(data: Data | Sequence[Data], axis: Axis, findings: list[Finding] | None = None) -> list[AxisRecord]:
+def records_of(
+    data: Data | Sequence[Data], axis: Axis, findings: list[Finding] | None = None, within: Within | None = None
+) -> list[AxisRecord]:
     """Cut the records of an axis: its chirps where there are any, else ordinary flying.
 
     Parameters
@@ -97,6 +101,8 @@ def records_of(data: Data | Sequence[Data], axis: Axis, findings: list[Finding] 
     axis : Axis
     findings : list of Finding, optional
         Takes what there is to say of them.
+    within : tuple of float, optional
+        From when to when a log counts, s on its boot clock; default its longest flight, and chirps wherever they are.
 
     Raises
     ------
@@ -114,10 +120,10 @@ def records_of(data: Data | Sequence[Data], axis: Axis, findings: list[Finding] 
             if isinstance(source, Experiment):
                 ordinary.append(experiment_record(source, axis))
                 continue
-            found = _chirped(source, axis, [] if findings is None else findings, reasons)
+            found = _chirped(source, axis, [] if findings is None else findings, reasons, within)
             chirped += found
             if not found:
-                ordinary.append(flight_record(source, rate_signals(source), axis))
+                ordinary.append(flight_record(source, rate_signals(source), axis, within))
         except FrequencyError as error:
             reasons.append(str(error))
     records = chirped or ordinary
@@ -129,9 +135,11 @@ def records_of(data: Data | Sequence[Data], axis: Axis, findings: list[Finding] 
     return records
 
 
-def _chirped(log: FlightLog, axis: Axis, findings: list[Finding], reasons: list[str]) -> list[AxisRecord]:
+def _chirped(
+    log: FlightLog, axis: Axis, findings: list[Finding], reasons: list[str], within: Within | None
+) -> list[AxisRecord]:
     """Cut the records of a log's chirps on an axis, and say of those that cannot be used why."""
-    chirps = [chirp for chirp in find_chirps(log) if chirp.axis == axis.name]
+    chirps = [chirp for chirp in find_chirps(log, within) if chirp.axis == axis.name]
     if not chirps:
         return []
     signals = rate_signals(log)

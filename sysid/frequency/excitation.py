@@ -10,6 +10,9 @@ import numpy as np
 from logparse import FlightLog
 from sysid.frequency.axes import SID_AXES
 
+#: From when to when on the boot clock a log counts, s.
+Within = tuple[float, float]
+
 #: Pause [s] in SIDD that ends a run even when its clock goes on.
 _PAUSE = 2.0
 
@@ -60,8 +63,8 @@ class Chirp:
         return self.high > 0.0 and self.duration * max(self.low, 1e-3) >= _SHORTEST
 
 
-def find_chirps(log: FlightLog) -> tuple[Chirp, ...]:
-    """Find the runs of SYSTEMID mode in a log, in order.
+def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ...]:
+    """Find the runs of SYSTEMID mode in a log, or of those within a stretch of time [s] of it, in order.
 
     A run ends where its clock (SIDD.Time) starts again, where the axis changes, or where SIDD pauses. Without SIDS the
     parameter SID_AXIS tells the axis.
@@ -95,7 +98,7 @@ def find_chirps(log: FlightLog) -> tuple[Chirp, ...]:
         complete = not plan or length >= _COMPLETE * plan[-1]
         limits = float(swept.min()), float(swept.max())
         found.append(Chirp(name, number, float(t[first]), float(t[last - 1]), *limits, at_mixer, complete))
-    return tuple(found)
+    return tuple(chirp for chirp in found if within is None or (within[0] <= chirp.start and chirp.stop <= within[1]))
 
 
 def _planned(log: FlightLog) -> list[tuple[float, float]]:

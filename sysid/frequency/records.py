@@ -13,7 +13,7 @@ from scipy.interpolate import make_interp_spline
 from logparse import FlightLog
 from logparse.units import quantity
 from sysid.frequency.axes import AXES, Axis, FrequencyError
-from sysid.frequency.excitation import Chirp
+from sysid.frequency.excitation import Chirp, Within
 from sysid.frequency.response import Complex, Floats
 from sysid.records.experiment import Experiment
 
@@ -251,8 +251,10 @@ def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp)
     )
 
 
-def flight_span(log: FlightLog, first: float, last: float) -> tuple[float, float]:
+def flight_span(log: FlightLog, first: float, last: float, within: Within | None = None) -> tuple[float, float]:
     """Return when a flight counts: in the air, without take-off and landing; all of a log that never tells.
+
+    Of a stretch `within` the flight nothing is left out at an end that is neither take-off nor landing.
 
     Raises
     ------
@@ -261,14 +263,18 @@ def flight_span(log: FlightLog, first: float, last: float) -> tuple[float, float
     """
     flight = log.flight
     start, stop = (flight.start, flight.stop) if flight is not None else (first, last)
-    if not np.isfinite([start, stop]).all() or stop - start < _SHORTEST_FLIGHT:
+    start, stop = start + _TAKEOFF, stop - _TAKEOFF
+    if within is not None:
+        start, stop = max(start, within[0]), min(stop, within[1])
+    if not np.isfinite([start, stop]).all() or stop - start < _SHORTEST_FLIGHT - 2.0 * _TAKEOFF:
         raise FrequencyError(
-            f"{log.path.name}: {max(stop - start, 0.0):.0f} s in the air; {_SHORTEST_FLIGHT:.0f} s are needed"
+            f"{log.path.name}: {max(stop - start + 2.0 * _TAKEOFF, 0.0):.0f} s in the air; "
+            f"{_SHORTEST_FLIGHT:.0f} s are needed"
         )
-    return start + _TAKEOFF, stop - _TAKEOFF
+    return start, stop
 
 
-def flight_record(log: FlightLog, signals: RateSignals, axis: Axis) -> AxisRecord:
+def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: Within | None = None) -> AxisRecord:
     """Cut the record of an ordinary flight: the attitude target, which comes from outside the loop, is the instrument.
 
     Without it the rate target is, of which a part comes from the angle loop.
@@ -278,7 +284,7 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis) -> AxisRecor
     FrequencyError
         Without a flight, or without the signals of the axis in it.
     """
-    start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]))
+    start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]), within)
     rows = (signals.t >= start) & (signals.t <= stop)
     t = signals.t[rows]
     wanted = [name for name in (axis.input, axis.output, axis.reference) if name in signals.columns]

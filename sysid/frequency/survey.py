@@ -9,6 +9,7 @@ from logparse import FlightLog
 from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.closed_loop import AttitudeResponse, attitude_response
 from sysid.frequency.estimate import response
+from sysid.frequency.excitation import Within
 from sysid.frequency.fit import FrequencyFit, fit
 from sysid.frequency.response import FrequencyResponse
 
@@ -65,13 +66,17 @@ class FrequencySurvey:
         return any(axis.determined for axis in self.axes)
 
 
-def survey(logs: FlightLog | Sequence[FlightLog], axes: Sequence[str] = tuple(AXES)) -> FrequencySurvey:
+def survey(
+    logs: FlightLog | Sequence[FlightLog], axes: Sequence[str] = tuple(AXES), within: Within | None = None
+) -> FrequencySurvey:
     """Estimate what can be had of each axis from logs of one craft.
 
     Parameters
     ----------
     logs : FlightLog or sequence of FlightLog
     axes : sequence of str
+    within : tuple of float, optional
+        From when to when a log counts, s on its boot clock; default its longest flight, and chirps wherever they are.
 
     Raises
     ------
@@ -79,10 +84,10 @@ def survey(logs: FlightLog | Sequence[FlightLog], axes: Sequence[str] = tuple(AX
         For an axis that does not exist.
     """
     given = [logs] if isinstance(logs, FlightLog) else list(logs)
-    return FrequencySurvey(tuple(log.path.name for log in given), tuple(_axis(given, axis) for axis in axes))
+    return FrequencySurvey(tuple(log.path.name for log in given), tuple(_axis(given, axis, within) for axis in axes))
 
 
-def _axis(logs: list[FlightLog], axis: str) -> AxisSurvey:
+def _axis(logs: list[FlightLog], axis: str, within: Within | None) -> AxisSurvey:
     frf: FrequencyResponse | None = None
     found: FrequencyFit | None = None
     attitude: AttitudeResponse | None = None
@@ -90,13 +95,13 @@ def _axis(logs: list[FlightLog], axis: str) -> AxisSurvey:
     if axis not in AXES:
         raise FrequencyError(f"there is no axis {axis!r}; the axes are {', '.join(AXES)}")
     try:
-        frf = response(logs, axis)
+        frf = response(logs, axis, within)
         found = fit(frf)
     except FrequencyError as error:
         reason = str(error)
     if AXES[axis].attitude:
         try:
-            attitude = attitude_response(logs, axis)
+            attitude = attitude_response(logs, axis, within=within)
         except FrequencyError as error:
             attitude_reason = str(error)
     return AxisSurvey(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from logparse import FlightLog
+from sysid.frequency.excitation import Within
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Complexes, Floats
@@ -151,13 +152,15 @@ class RateLoop:
         )
 
 
-def rate_loop(log: FlightLog | Sequence[FlightLog], axis: str) -> RateLoop:
+def rate_loop(log: FlightLog | Sequence[FlightLog], axis: str, within: Within | None = None) -> RateLoop:
     """Identify an axis' loop from the chirps of one or several flights with the same settings.
 
     Parameters
     ----------
     log : FlightLog or sequence of FlightLog
     axis : {"roll", "pitch", "yaw"}
+    within : tuple of float, optional
+        From when to when chirps of a log count, s on its boot clock; default all of it.
 
     Raises
     ------
@@ -174,7 +177,7 @@ def rate_loop(log: FlightLog | Sequence[FlightLog], axis: str) -> RateLoop:
         raise LoopError(
             "the flights differ in their settings: identify each on its own, or compare them with `rotorid prove`"
         )
-    records = tuple(record for one in logs for record in loop_records(one, axis))
+    records = tuple(record for one in logs for record in loop_records(one, axis, within))
     return loop_of_records(", ".join(one.path.name for one in logs), records, settings[0])
 
 

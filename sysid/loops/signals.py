@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from logparse import FlightLog
 from sysid.frequency.axes import axis_of
 from sysid.frequency.estimate import response_of_records
-from sysid.frequency.excitation import Chirp, find_chirps
+from sysid.frequency.excitation import Chirp, Within, find_chirps
 from sysid.frequency.records import AxisRecord, RateSignals, chirp_record, on_uniform_clock, rate_signals
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.errors import LoopError
@@ -48,8 +48,8 @@ class LoopRecord:
     chirp: Chirp | None = None
 
 
-def loop_records(log: FlightLog, axis: str) -> tuple[LoopRecord, ...]:
-    """Cut a log's chirps at the mixer on one axis, in order.
+def loop_records(log: FlightLog, axis: str, within: Within | None = None) -> tuple[LoopRecord, ...]:
+    """Cut a log's chirps at the mixer on one axis, or those within a stretch of time [s] of it, in order.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def loop_records(log: FlightLog, axis: str) -> tuple[LoopRecord, ...]:
     """
     which = axis_of(axis)
     signals = rate_signals(log)
-    chirps = [c for c in find_chirps(log) if c.axis == axis and c.at_mixer and c.worthwhile]
+    chirps = [c for c in find_chirps(log, within) if c.axis == axis and c.at_mixer and c.worthwhile]
     if not chirps:
         number = {"roll": 10, "pitch": 11, "yaw": 12}.get(axis, 0)
         raise LoopError(

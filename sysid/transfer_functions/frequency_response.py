@@ -26,7 +26,7 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
-class FrequencyResponse:
+class ModelResponse:
     """G(j omega) with its uncertainty.
 
     Attributes
@@ -67,7 +67,7 @@ class FrequencyResponse:
         return self.gain * np.exp(-reach), self.gain * np.exp(reach)
 
 
-def frequency_response(function: TransferFunction, omega: Floats) -> FrequencyResponse:
+def frequency_response(function: TransferFunction, omega: Floats) -> ModelResponse:
     """Evaluate a transfer function and its uncertainty.
 
     Parameters
@@ -87,7 +87,7 @@ def frequency_response(function: TransferFunction, omega: Floats) -> FrequencyRe
     none = np.zeros_like(omega)
     late = function.delay_std * omega
     if function.covariance is None or not np.any(function.num):
-        return FrequencyResponse(omega, response, none, late)
+        return ModelResponse(omega, response, none, late)
     s = 1j * omega[:, None]
     num, den = function.num, function.den
     above = s ** np.arange(len(num) - 1, -1, -1) / np.polyval(num, s)
@@ -95,7 +95,7 @@ def frequency_response(function: TransferFunction, omega: Floats) -> FrequencyRe
     slope = np.hstack([above, below])
     variances = [np.einsum("ki,ij,kj->k", part, function.covariance, part) for part in (slope.real, slope.imag)]
     gain, phase = (np.sqrt(np.maximum(variance, 0.0)) for variance in variances)
-    return FrequencyResponse(omega, response, gain, np.hypot(phase, late))
+    return ModelResponse(omega, response, gain, np.hypot(phase, late))
 
 
 @dataclass(frozen=True, slots=True)

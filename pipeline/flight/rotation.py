@@ -1,0 +1,124 @@
+"""From a log to how its craft turns: frequency responses, attitude following, and margins of the loops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from logparse import Finding, FlightLog, RotoridError, Severity
+from pipeline.results.flight import Span
+from pipeline.results.rotation import (
+    LEAST_GAIN_DB,
+    LEAST_PHASE_DEG,
+    AttitudeFollowing,
+    AxisRotation,
+    FittedResponse,
+    LoopMargins,
+    LoopState,
+    RotationResult,
+)
+from sysid.frequency.fit import FrequencyFit
+from sysid.frequency.response import FrequencyResponse
+from sysid.frequency.survey import AxisSurvey, survey
+from sysid.loops.evidence import saturation, two_ways_apart, unfit_log, weak_band
+from sysid.loops.loop import rate_loop
+
+#: The axes about which a craft turns.
+AXES = ("roll", "pitch", "yaw")
+
+
+def find_rotation(log: FlightLog, sound: Span) -> RotationResult:
+    """Estimate what a flight tells of each axis; whatever cannot be had is a reason there, not an error.
+
+    Parameters
+    ----------
+    log : FlightLog
+    sound : Span
+        The part of the flight that serves models.
+    """
+    within = (sound.start, sound.stop)
+    unfit = unfit_log(log) or ""
+    axes = tuple(_axis(log, axis, within, unfit) for axis in survey(log, AXES, within).axes)
+    return RotationResult(axes=axes, findings=tuple(_findings(axes)))
+
+
+def _axis(log: FlightLog, found: AxisSurvey, within: tuple[float, float], unfit: str) -> AxisRotation:
+    loop, reason = None, unfit
+    if not unfit:
+        try:
+            loop = _loop(log, found.axis, within)
+        except RotoridError as error:
+            reason = str(error)
+    following = found.attitude
+    return AxisRotation(
+        axis=found.axis,
+        rate=None if found.response is None else _fitted(found.response, found.fit),
+        reason=found.reason,
+        attitude=None
+        if following is None
+        else AttitudeFollowing(
+            bandwidth=following.bandwidth,
+            phase_delay=following.phase_delay,
+            peak=following.peak,
+            response=_fitted(following.frf, following.fit),
+        ),
+        attitude_reason=found.attitude_reason,
+        loop=loop,
+        loop_reason=reason,
+    )
+
+
+def _fitted(frf: FrequencyResponse, fit: FrequencyFit | None) -> FittedResponse:
+    if fit is None:
+        return FittedResponse(measured=frf)
+    return FittedResponse(
+        measured=frf,
+        model=fit.response(frf.hz),
+        structure=fit.structure[0].name,
+        parameters=dict(fit.parameters),
+        insensitivity={name: float(value) for name, value in zip(fit.names, fit.insensitivity, strict=True)},
+        cost=fit.cost,
+        verdict=fit.verdict,
+    )
+
+
+def _loop(log: FlightLog, axis: str, within: tuple[float, float]) -> LoopMargins:
+    """Compute the margins of a loop, in two ways where the log allows it, with what makes them doubtful."""
+    loop = rate_loop(log, axis, within)
+    doubts = (saturation(log, axis), weak_band(loop), two_ways_apart(loop))
+    return LoopMargins(
+        gains=loop.settings.parameters(),
+        computed=loop.margins,
+        measured=None if loop.measured is None else loop.measured_margins,
+        remarks=tuple(doubt for doubt in doubts if doubt),
+    )
+
+
+def _findings(axes: tuple[AxisRotation, ...]) -> Iterator[Finding]:
+    """Warn of thin margins, and pass on what limits the responses, each once."""
+    responses = (axis.rate.measured for axis in axes if axis.rate is not None)
+    once = {(finding.id, finding.reason): finding for frf in responses for finding in frf.findings}
+    yield from once.values()
+    for axis in axes:
+        if axis.loop is None:
+            continue
+        margins, state = axis.loop.computed, axis.loop.state
+        known = {"gain_db": margins.gain_db.value, "phase_deg": margins.phase_deg.value}
+        evidence: dict[str, str | int | float | bool] = {"axis": axis.axis, "unstable_part": margins.unstable}
+        evidence |= {name: value for name, value in known.items() if value is not None}
+        if state is LoopState.UNSTABLE:
+            yield Finding(
+                "loop-unstable",
+                Severity.ERROR,
+                f"The {axis.axis} loop is unstable with the gains of this log, by the response that was measured.",
+                "Do not fly these gains: restore the former ones, or lower P and D of this axis by half.",
+                evidence,
+            )
+        elif state is LoopState.THIN:
+            yield Finding(
+                "margins-thin",
+                Severity.WARNING,
+                f"The {axis.axis} loop has a gain margin of {margins.gain_db} and a phase margin of "
+                f"{margins.phase_deg}; {LEAST_GAIN_DB:.0f} dB and {LEAST_PHASE_DEG:.0f} deg are sound.",
+                "`rotorid tune` proposes gains; until then lower P and D of this axis by a quarter.",
+                evidence,
+            )

@@ -1,0 +1,267 @@
+"""How a craft turns: frequency responses of its axes, how it follows its attitude target, and what its loops have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from logparse import Finding
+    from sysid.frequency.response import FrequencyResponse
+    from sysid.loops.loop import Margins
+    from sysid.statistics.parameter import Parameter
+
+#: Margins that a loop should have (MIL-F-9490D, table III: 6 dB and 45 deg), dB and deg.
+LEAST_GAIN_DB, LEAST_PHASE_DEG = 6.0, 45.0
+
+#: Part of the responses that the data leave possible, for which a loop may be unstable without being called so.
+_MAY_BE_UNSTABLE = 0.05
+
+
+class LoopState(StrEnum):
+    """What the margins of a loop say."""
+
+    GOOD = "good"
+    THIN = "thin"
+    UNSTABLE = "unstable"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FittedResponse:
+    """A measured frequency response, and the model fitted to it.
+
+    Attributes
+    ----------
+    measured : FrequencyResponse
+    model : ndarray of complex, shape (n,), or None
+        The model at the frequencies of `measured`, with the filter of the measurement; None where none could be fitted.
+    structure : str
+        Family of the model; empty without one.
+    parameters : mapping of str to Parameter
+        By name, such as ``"gain"``, ``"damping"``, ``"delay"``.
+    insensitivity : mapping of str to float
+        Smallest change of a parameter that shows, in parts of its value.
+    cost : float or None
+        J; up to 50 is excellent, up to 100 good (Tischler and Remple 2012, section 11.2).
+    verdict : str
+        What the fit is good for, in words; empty without one.
+    """
+
+    measured: FrequencyResponse
+    model: NDArray[np.complex128] | None = None
+    structure: str = ""
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    insensitivity: Mapping[str, float] = field(default_factory=dict)
+    cost: float | None = None
+    verdict: str = ""
+
+    @property
+    def band(self) -> tuple[float, float] | None:
+        """Return the lowest and the highest frequency with a coherence of 0.6 or more, Hz; None where there is none."""
+        hz = self.measured.hz[self.measured.usable]
+        return (float(hz[0]), float(hz[-1])) if len(hz) else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        frf = self.measured
+        return {
+            "input": frf.input,
+            "output": frf.output,
+            "unit": frf.unit,
+            "method": frf.method,
+            "instrument": frf.instrument,
+            "seconds": frf.duration,
+            "band_hz": None if self.band is None else list(self.band),
+            "structure": self.structure,
+            "parameters": {
+                name: known.to_dict() | {"insensitivity": self.insensitivity.get(name)}
+                for name, known in self.parameters.items()
+            },
+            "cost": self.cost,
+            "verdict": self.verdict,
+            "hz": frf.hz.tolist(),
+            "gain_db": frf.gain_db.tolist(),
+            "phase_deg": np.degrees(frf.phase).tolist(),
+            "coherence": frf.coherence.tolist(),
+            "sigma": frf.sigma.tolist(),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeFollowing:
+    """How an axis follows its attitude target (ADS-33E-PRF, figure 5).
+
+    Attributes
+    ----------
+    bandwidth : Parameter
+        rad/s.
+    phase_delay : Parameter
+        s.
+    peak : Parameter
+        Largest gain over that at low frequency, dB.
+    response : FittedResponse
+    """
+
+    bandwidth: Parameter
+    phase_delay: Parameter
+    peak: Parameter
+    response: FittedResponse
+
+    @property
+    def determined(self) -> bool:
+        """Return whether bandwidth and delay are known."""
+        return self.bandwidth.value is not None and self.phase_delay.value is not None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "bandwidth": self.bandwidth.to_dict(),
+            "phase_delay": self.phase_delay.to_dict(),
+            "peak": self.peak.to_dict(),
+            "response": self.response.to_dict(),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LoopMargins:
+    """Margins of one axis' rate and angle loop, with the gains flown.
+
+    Attributes
+    ----------
+    gains : mapping of str to float
+        Gains and filters by the names of the autopilot's parameters.
+    computed : Margins
+        From the craft's response and the controller of the log's parameters.
+    measured : Margins or None
+        Straight from the chirp: the second way; None where the log does not part the two.
+    remarks : tuple of str
+        What the margins rest on too weakly: limits reached, weak coherence, two ways that disagree.
+    """
+
+    gains: Mapping[str, float]
+    computed: Margins
+    measured: Margins | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def state(self) -> LoopState:
+        """Return what the margins say: thin below 6 dB or 45 deg."""
+        margins = self.computed
+        if not margins.stable:
+            return LoopState.UNSTABLE
+        gain, phase = margins.gain_db.value, margins.phase_deg.value
+        thin = (gain is not None and gain < LEAST_GAIN_DB) or (phase is not None and phase < LEAST_PHASE_DEG)
+        if thin or margins.unstable > _MAY_BE_UNSTABLE:
+            return LoopState.THIN
+        return LoopState.UNKNOWN if gain is None or phase is None else LoopState.GOOD
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "state": str(self.state),
+            "gains": dict(self.gains),
+            "computed": _margins(self.computed),
+            "measured": None if self.measured is None else _margins(self.measured),
+            "remarks": list(self.remarks),
+        }
+
+
+def _margins(margins: Margins) -> dict[str, Any]:
+    names = ("gain_db", "phase_deg", "crossover_hz", "rejection_hz", "peak_db")
+    return {
+        "stable": margins.stable,
+        "unstable_part": margins.unstable,
+        **{
+            name: getattr(margins, name).to_dict()
+            | {"interval95": list(margins.intervals[name]) if name in margins.intervals else None}
+            for name in names
+        },
+    }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisRotation:
+    """What a flight tells of one axis.
+
+    Attributes
+    ----------
+    axis : str
+        ``"roll"``, ``"pitch"`` or ``"yaw"``.
+    rate : FittedResponse or None
+        From the rate controller's output to the body rate.
+    reason : str
+        Why there is no response or no model of it, with what to fly or log; empty where there are both.
+    attitude : AttitudeFollowing or None
+    attitude_reason : str
+        Why not; empty where there is.
+    loop : LoopMargins or None
+    loop_reason : str
+        Why not, with what to fly or log; empty where there are.
+    """
+
+    axis: str
+    rate: FittedResponse | None = None
+    reason: str = ""
+    attitude: AttitudeFollowing | None = None
+    attitude_reason: str = ""
+    loop: LoopMargins | None = None
+    loop_reason: str = ""
+
+    @property
+    def rate_determined(self) -> bool:
+        """Return whether it is known how strongly the axis answers its controller."""
+        return self.rate is not None and "gain" in self.rate.parameters and self.rate.parameters["gain"].determined
+
+    @property
+    def determined(self) -> bool:
+        """Return whether the answer to the controller, or to the attitude target, is known."""
+        return self.rate_determined or (self.attitude is not None and self.attitude.determined)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "axis": self.axis,
+            "determined": self.determined,
+            "rate": None if self.rate is None else self.rate.to_dict(),
+            "reason": self.reason,
+            "attitude": None if self.attitude is None else self.attitude.to_dict(),
+            "attitude_reason": self.attitude_reason,
+            "loop": None if self.loop is None else self.loop.to_dict(),
+            "loop_reason": self.loop_reason,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RotationResult:
+    """What a flight tells of how its craft turns, axis by axis.
+
+    Attributes
+    ----------
+    axes : tuple of AxisRotation
+        Roll, pitch and yaw.
+    findings : tuple of Finding
+    """
+
+    axes: tuple[AxisRotation, ...]
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def determined(self) -> bool:
+        """Return whether anything is known of any axis."""
+        return any(axis.determined for axis in self.axes)
+
+    @property
+    def loops(self) -> Mapping[str, LoopMargins]:
+        """Return the margins that are known, by axis."""
+        return {axis.axis: axis.loop for axis in self.axes if axis.loop is not None}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {"determined": self.determined, "axes": [axis.to_dict() for axis in self.axes]}
