@@ -25,7 +25,7 @@ def names() -> list[str]:
 
 
 def versions(packages: Iterable[str]) -> str:
-    """Say which version of each peer stands in this environment."""
+    """Report which version of each peer stands in this environment."""
     found = []
     for package in packages:
         try:

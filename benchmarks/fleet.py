@@ -73,7 +73,7 @@ class Measuring(Executor):
         self.costs: list[dict[str, Any]] = []
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **named: Any) -> Future[Any]:
-        """Have a function called there."""
+        """Make a function called there."""
         outcome: Future[Any] = Future()
 
         def unwrap(done: Future[Any]) -> None:

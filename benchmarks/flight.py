@@ -58,7 +58,7 @@ def memory(kind: str) -> float:
 
 
 def forget_peak() -> None:
-    """Let VmHWM begin again at what is in memory now."""
+    """Reset VmHWM to what is in memory now."""
     Path("/proc/self/clear_refs").write_text("5")
 
 

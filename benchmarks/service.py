@@ -45,7 +45,7 @@ def run() -> list[tuple[str, str, str, str, str]]:
 
 
 def upload_many(address: str, *, clients: int, size: int) -> int:
-    """Let many upload different logs at the same moment; gives how many are not kept as they were sent."""
+    """Upload different logs at the same moment; return how many are not kept as they were sent."""
 
     def upload(number: int) -> bool:
         digest = hashlib.sha256()
@@ -92,7 +92,7 @@ def status_reads(address: str) -> tuple[float, float, list[str]]:
 
 
 def peak_memory(pid: int) -> float:
-    """Give the most memory that a process has had, MB."""
+    """Return the most memory that a process has had, MB."""
     found = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
     assert found is not None
     return int(found[1]) * 1024 / MB

@@ -119,7 +119,7 @@ def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float) -> N
 
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
 def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: float) -> None:
-    """Take lam <- F' lam and Lam <- F' Lam F in place, the transpose of `_propagate_covariance`."""
+    """Compute lam <- F' lam and Lam <- F' Lam F in place, the transpose of `_propagate_covariance`."""
     for j in range(3):
         lam[9 + j] -= C[0, j] * lam[6] + C[1, j] * lam[7] + C[2, j] * lam[8]
         lam[12 + j] -= C[0, j] * lam[3] + C[1, j] * lam[4] + C[2, j] * lam[5]
@@ -590,7 +590,7 @@ def forward(
 def _unfuse(
     lam: Array, Lam: Array, nu: float, inv: float, S: float, K: Array, index: Array, value: Array, u: Array
 ) -> tuple[float, float]:
-    """Take the adjoint back over one scalar measurement with gain K, in place; u (26,) is scratch.
+    """Propagate the adjoint back over one scalar measurement with gain K, in place; u (26,) is scratch.
 
     Returns what the measurement differs by from all the others together, and the variance of that by the filter's own
     account (the deletion residual: de Jong & Penzer 1998). One that was not fused, ``inv`` 0, leaves the adjoint.

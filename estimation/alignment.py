@@ -67,7 +67,7 @@ class Alignment:
 
 
 def still_span(imu: pd.DataFrame) -> float:
-    """Give the seconds from the first row for which the craft stands as still as on the ground."""
+    """Return the seconds from the first row for which the craft stands as still as on the ground."""
     t = imu.index.to_numpy(float)
     head = imu[t <= t[0] + STILL_LONGEST]
     gyro, force = head[GYRO].to_numpy(float), head[ACCEL].to_numpy(float)
@@ -247,7 +247,7 @@ def carried_over(aligned: Alignment, last: Filtered, gap: float, noise: SensorNo
 
 
 def _logged_attitude(tables: Tables, start: float) -> np.ndarray | None:
-    """Give the autopilot's attitude near the start [rad], None when it is not logged there."""
+    """Return the autopilot's attitude near the start [rad], None when it is not logged there."""
     attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
     if attitude is None:
         return None

@@ -239,7 +239,7 @@ def ticks(t: np.ndarray) -> np.ndarray:
 
 
 def new_memory(x: np.ndarray) -> np.ndarray:
-    """Give what the filter remembers of a segment that begins with state x (see `_kernels`)."""
+    """Return what the filter remembers of a segment that begins with state x (see `_kernels`)."""
     memory = np.zeros(_kernels.MEMORY)
     memory[_kernels.FIELD : _kernels.RATE] = x[23:26]
     return memory

@@ -17,7 +17,7 @@ GLITCH_PAUSE = 2.0
 
 
 def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
-    """Say which aiding sensors are not there, each flag telling whether it is."""
+    """Report which aiding sensors are not there, each flag telling whether it is."""
     findings = []
     if not gps:
         findings.append(
@@ -63,7 +63,7 @@ def stuck_magnetometer() -> list[Finding]:
 
 
 def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
-    """Say where no IMU was logged: between the samples of successive segments."""
+    """Report where no IMU was logged: between the samples of successive segments."""
     return [
         Finding(
             "imu-hole",
@@ -79,7 +79,7 @@ def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
 
 
 def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
-    """Say that another IMU than the first carries a segment, and by how much it is likelier (inf: the only one)."""
+    """Report that another IMU than the first carries a segment, and by how much it is likelier (inf: the only one)."""
     if imu == 0:
         return []
     start, stop = float(piece.index[0]), float(piece.index[-1])
@@ -98,7 +98,7 @@ def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
 
 
 def gps_troubles(segment: Filtered) -> list[Finding]:
-    """Say where GPS positions stayed away or were refused, in one segment."""
+    """Report where GPS positions stayed away or were refused, in one segment."""
     o = segment.observations
     mine = np.flatnonzero(o.kind == _kernels.GPS_POSITION)
     if mine.size == 0:

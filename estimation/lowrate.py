@@ -71,7 +71,7 @@ class _Measured:
 
 
 def is_low_rate(tables: Tables) -> bool:
-    """Tell whether there is enough for this path: attitude, and positions by GPS or by the autopilot."""
+    """Return whether there is enough for this path: attitude, and positions by GPS or by the autopilot."""
     attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
     position = usable_fixes(tables.gps) is not None or usable(tables.ekf, ["p_n", "p_e", "p_d"]) is not None
     return attitude is not None and len(attitude) >= 4 and position
@@ -135,7 +135,7 @@ def _refusals(counts: list[dict[str, tuple[int, int]]]) -> dict[str, SensorStati
 
 
 def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_Measured], np.ndarray, str]:
-    """Give origin, measurements in order of time, 1-sigma of the GPS error (3,) and what the positions came from."""
+    """Return origin, measurements in order of time, 1-sigma of the GPS error (3,) and what the positions came from."""
     fixes = usable_fixes(tables.gps)
     ekf = usable(tables.ekf, ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"])
     rows: list[_Measured] = []

@@ -31,7 +31,7 @@ class MagneticField:
 
 
 def world_field(place: Geodetic, parameters: Mapping[str, float], date: datetime | None) -> MagneticField:
-    """Give the World Magnetic Model's field, with the autopilot's declination where the date is not known.
+    """Return the World Magnetic Model's field, with the autopilot's declination where the date is not known.
 
     The world of the firmware's simulator has the field of the autopilot's tables, which differs from the model's by up
     to 0.5 uT and, where declination changes fast, a degree.
@@ -54,7 +54,7 @@ def world_field(place: Geodetic, parameters: Mapping[str, float], date: datetime
 
 
 def _elements(lat: float, lon: float, alt: float, year: float) -> np.ndarray:
-    """Give the model's declination and inclination [rad] and intensity [T] at a place [deg, m]."""
+    """Return the model's declination and inclination [rad] and intensity [T] at a place [deg, m]."""
     model = GeoMag(base_year=int(year)).calculate(
         glat=lat, glon=lon, alt=alt / 1000.0, time=year, allow_date_outside_lifespan=True
     )
@@ -62,7 +62,7 @@ def _elements(lat: float, lon: float, alt: float, year: float) -> np.ndarray:
 
 
 def _table(place: Geodetic) -> np.ndarray:
-    """Give the elements as the autopilot looks them up: linear between the corners of a grid of ten degrees."""
+    """Return the elements as the autopilot looks them up: linear between the corners of a grid of ten degrees."""
     lat, lon = np.degrees(place.lat), np.degrees(place.lon)
     south = min(np.floor(lat / _TABLE_STEP), 90.0 / _TABLE_STEP - 1.0) * _TABLE_STEP
     west = np.floor(lon / _TABLE_STEP) * _TABLE_STEP

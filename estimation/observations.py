@@ -98,7 +98,7 @@ class Observations:
         )
 
     def earlier(self, kinds: Sequence[int], lag: float) -> "Observations":
-        """Say that the groups of some kinds were true by `lag` seconds before the time they have here."""
+        """Report that the groups of some kinds were true by `lag` seconds before the time they have here."""
         if lag == 0.0:
             return self
         t = self.t - lag * np.isin(self.kind, kinds)
@@ -127,7 +127,7 @@ def usable_fixes(gps: pd.DataFrame | None) -> pd.DataFrame | None:
 
 
 def find_origin(tables: Tables) -> Geodetic | None:
-    """Give the autopilot's origin where logged, else the first good fix, else None."""
+    """Return the autopilot's origin where logged, else the first good fix, else None."""
     fixes = usable_fixes(tables.gps)
     if tables.origin is not None or fixes is None:
         return tables.origin
@@ -136,7 +136,7 @@ def find_origin(tables: Tables) -> Geodetic | None:
 
 
 def reported(table: pd.DataFrame, column: str, default: float) -> np.ndarray:
-    """Give the reported accuracy, or the default where the receiver says nothing, which some drivers write as 0."""
+    """Return the reported accuracy, or the default where the receiver says nothing, which some drivers write as 0."""
     value = table[column].to_numpy(float)
     return np.where(np.isfinite(value) & (value > 0.0), value, default)
 

@@ -96,14 +96,14 @@ def _is_long(piece: Piece) -> bool:
 
 
 def _outside(piece: Piece, first: float, last: float) -> Iterator[Piece]:
-    """Give what of a piece lies before and after a span."""
+    """Yield what of a piece lies before and after a span."""
     number, samples = piece
     yield number, samples[samples.index < first]
     yield number, samples[samples.index > last]
 
 
 def _imus(tables: Tables) -> Iterator[tuple[int, pd.DataFrame]]:
-    """Give number and usable rows of every IMU that is logged fast enough; the first one is the caller's care."""
+    """Yield number and usable rows of every IMU that is logged fast enough; the first one is the caller's care."""
     for number, table in enumerate((tables.imu, *tables.further.get("imu", ()))):
         imu = usable(table, GYRO + ACCEL)
         if imu is not None and (number == 0 or sample_rate(imu) >= SLOWEST_IMU):
@@ -130,7 +130,7 @@ def _aligned(
 
 
 def _fit(segment: Segment, observations: Observations, place: Surroundings, noise: SensorNoise) -> float:
-    """Give the log-likelihood of a segment's beginning with everything as documented."""
+    """Return the log-likelihood of a segment's beginning with everything as documented."""
     signal, aligned = segment.signal, segment.aligned
     outputs = np.array([signal.start])
     stop = signal.start + WINDOW

@@ -44,7 +44,7 @@ class Estimates:
 
 
 def new_adjoint() -> Adjoint:
-    """Give the adjoint at the end of a segment, which nothing follows."""
+    """Return the adjoint at the end of a segment, which nothing follows."""
     return np.zeros(SIZE), np.zeros((SIZE, SIZE))
 
 

@@ -123,7 +123,7 @@ def estimate_strapdown(
 
 
 def _diagnostics(tables: Tables, done: list[_Estimated], place: Surroundings, tuned: Tuned) -> dict[str, object]:
-    """Say what the filter found of itself and of the sensors."""
+    """Report what the filter found of itself and of the sensors."""
     gyro_delay, accel_delay = imu_delays(tables.parameters)
     field = place.field
     return {

@@ -139,7 +139,7 @@ class InertialSignal:
         return self._along(t, slice(3, 6), self.accel_delay, integrate=False)
 
     def samples_between(self, start: float, stop: float) -> np.ndarray:
-        """Give the times of the gyro samples in a span of time, s."""
+        """Return the times of the gyro samples in a span of time, s."""
         first, last = np.searchsorted(self.t, [start + self.gyro_delay, stop + self.gyro_delay])
         return self.t[first:last] - self.gyro_delay
 
@@ -254,7 +254,7 @@ def noise_density(
 
 
 def _level(power: np.ndarray, rows: int, first: int, step: float) -> np.ndarray:
-    """Give the running median of the misfit's power, as a mean of normal noise, at all `rows` of the signal.
+    """Return the running median of the misfit's power, as a mean of normal noise, at all `rows` of the signal.
 
     `power` begins at row `first`.
     """

@@ -282,7 +282,7 @@ def _scale_imu(problem: Problem, column: int) -> tuple[float, Problem]:
 
 
 def _nearest(ladder: Sequence[float], value: float) -> float:
-    """Give the rung nearest to a positive value, by ratio."""
+    """Return the rung nearest to a positive value, by ratio."""
     return min(ladder, key=lambda rung: abs(np.log(rung / value)))
 
 

@@ -24,7 +24,7 @@ class Span:
 def boot_spans(
     rows: npt.NDArray[np.int64], state: npt.NDArray[np.int64], messages: int, size: int
 ) -> dict[Boot, Span]:  # fmt: skip
-    """Give the boots and their messages.
+    """Return the boots and their messages.
 
     Parameters
     ----------

@@ -46,14 +46,14 @@ class MappedPages:
         self._released = position - position % _HUGE_PAGE
 
     def release_up_to(self, position: int) -> None:
-        """Give back what was read before `position`, a good piece at a time."""
+        """Return what was read before `position`, a good piece at a time."""
         position -= position % _HUGE_PAGE
         if self._map is not None and self.matter and position - self._released >= _KEEP:
             self._map.madvise(mmap.MADV_DONTNEED, self._released, position - self._released)
             self._released = position
 
     def release(self) -> None:
-        """Give back everything."""
+        """Return everything."""
         if self._map is not None and self.matter:
             self._map.madvise(mmap.MADV_DONTNEED)
         self._released = 0

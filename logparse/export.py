@@ -104,7 +104,7 @@ def _frames(
 
 
 def unit(table: str, column: str) -> str:
-    """Give the unit of a canonical column: the part of its description before the semicolon; empty without one."""
+    """Return the unit of a canonical column: the part of its description before the semicolon; empty without one."""
     columns = COLUMNS[table]
     described = columns.get(column) or columns.get(re.sub(r"\d+$", "{k}", column), "")
     first = described.partition(";")[0]

@@ -40,7 +40,7 @@ class Finding:
     evidence: Mapping[str, str | int | float | bool] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """Give it as text and numbers for JSON; None for evidence that is not finite."""
+        """Return it as text and numbers for JSON; None for evidence that is not finite."""
         return {
             "id": self.id,
             "severity": str(self.severity),

@@ -102,7 +102,7 @@ def _alternating(first: float, step: float, count: int) -> tuple[tuple[float, fl
 
 
 def _reversed(factors: Sequence[tuple[float, float, float]]) -> tuple[tuple[float, float, float], ...]:
-    """Give the same arms with every propeller turning the other way."""
+    """Return the same arms with every propeller turning the other way."""
     return tuple((roll, pitch, -yaw) for roll, pitch, yaw in factors)
 
 

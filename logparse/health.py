@@ -102,7 +102,7 @@ def _missing(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
 
 
 def _why_no_flight(log: "FlightLog") -> str:
-    """Say in a clause what speaks against a flight."""
+    """Report in a clause what speaks against a flight."""
     motors = log.tables.motors
     if motors is None:
         return "motor outputs are missing and the height never rises while armed."

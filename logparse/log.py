@@ -357,7 +357,7 @@ def _reader(head: bytes) -> Callable[[Buffer], MessageSource] | None:
 
 
 def _what_it_is(head: bytes) -> str:
-    """Say of an unknown file what it seems to be, for the person who gave it."""
+    """Report of an unknown file what it seems to be, for the person who gave it."""
     stripped = head.lstrip()
     if not stripped.strip(b"\0\xff"):
         return "it holds nothing but zeros or erased flash"

@@ -155,7 +155,7 @@ def complex_numbers(
 
 
 def per_degree(unit: str) -> tuple[float, str]:
-    """Give the factor and the unit in which people read a quantity: degrees for radians, else itself."""
+    """Return the factor and the unit in which people read a quantity: degrees for radians, else itself."""
     if unit in ("rad", "rad/s"):
         return 180.0 / math.pi, unit.replace("rad", "°", 1)
     return 1.0, unit.replace("^2", "²").replace("^3", "³")

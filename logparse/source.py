@@ -54,4 +54,4 @@ class MessageSource(Protocol):
         """
 
     def units(self, name: str) -> Mapping[str, str]:
-        """Give the unit of each field as the file or the protocol declares it; absent where it does not."""
+        """Return the unit of each field as the file or the protocol declares it; absent where it does not."""

@@ -177,15 +177,15 @@ class Tables:
         return getattr(self, name) is not None
 
     def columns(self, name: str, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
-        """Give columns of a table one by one, for who needs no more than one at a time; none without the table."""
+        """Yield columns of a table one by one, for who needs no more than one at a time; none without the table."""
         table = getattr(self, name)
         if table is not None:
             yield from (table[column] for column in wanted)
 
     def times(self, name: str) -> npt.NDArray[np.float64] | None:
-        """Give the times of a table's rows, s; None without the table."""
+        """Return the times of a table's rows, s; None without the table."""
         table = getattr(self, name)
         return None if table is None else table.index.to_numpy(np.float64)
 
     def release(self) -> None:
-        """Let go of tables that can be built anew when they are asked for again; here there are none."""
+        """Release tables that can be built anew when they are asked for again; here there are none."""

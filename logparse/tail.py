@@ -9,7 +9,7 @@ from logparse.findings import Finding, Severity
 
 
 def erased_tail(data: npt.NDArray[Any], start: int) -> Finding | None:
-    """Tell storage that was never written from a tail of other bytes.
+    """Distinguish storage that was never written from a tail of other bytes.
 
     Parameters
     ----------

@@ -116,7 +116,7 @@ class UlogSource:
 
     @property
     def boots(self) -> tuple[Boot, ...]:
-        """Give the one power-up of the log."""
+        """Return the one power-up of the log."""
         return self._boots
 
     @property
@@ -143,7 +143,7 @@ class UlogSource:
         return {name: count for name, count in counts.items() if count}
 
     def units(self, name: str) -> Mapping[str, str]:
-        """Give nothing: PX4 logs do not declare units; topics are in SI units unless a name says otherwise."""
+        """Return nothing: PX4 logs do not declare units; topics are in SI units unless a name says otherwise."""
         return {}
 
     def parameters(self, boot: Boot) -> Mapping[str, float]:

@@ -151,7 +151,7 @@ def describe(
     parameters: Mapping[str, float],
     elsewhere: Iterable[str] = (),
 ) -> Vehicle:
-    """Say what a log knows about its craft.
+    """Report what a log knows about its craft.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def _first(parameters: Mapping[str, float], *names: str) -> float:
 
 
 def printed(messages: Mapping[str, pd.DataFrame]) -> Iterable[str]:
-    """Give the text messages of the autopilot in the order logged, without repetition."""
+    """Return the text messages of the autopilot in the order logged, without repetition."""
     seen: dict[str, None] = {}
     for name, column in (("MSG", "Message"), ("STATUSTEXT", "text")):
         if name in messages and column in messages[name]:
@@ -266,7 +266,7 @@ _TELLING_PARAMETERS: Mapping[str, str] = {
 
 
 def _firmware_of(parameters: Mapping[str, float]) -> str | None:
-    """Tell the firmware by its parameters, in a log that lost the message that names it."""
+    """Return the firmware by its parameters, in a log that lost the message that names it."""
     kind = parameters.get("SYSID_SW_TYPE")
     if kind is not None:
         return _SOFTWARE_TYPES.get(int(kind))
@@ -435,7 +435,7 @@ def _channels(
 
 
 def assumed_outputs(motors: Iterable[Motor], parameters: Mapping[str, float]) -> tuple[int, ...]:
-    """Give the motors taken to be on the output of their number although other motors have a SERVOn_FUNCTION."""
+    """Return the motors taken to be on the output of their number although other motors have a SERVOn_FUNCTION."""
     if not any(
         re.fullmatch(r"SERVO\d+_FUNCTION", name) and math.isfinite(value) and servo_function_motor(int(value))
         for name, value in parameters.items()

@@ -51,7 +51,7 @@ class AnalysisConfig:
             raise ConfigError(wrong)
 
     def _wrong(self) -> str:
-        """Say which setting cannot be and what it may be; empty when all can."""
+        """Report which setting cannot be and what it may be; empty when all can."""
         if not 0.5 <= self.rate <= 400.0:
             return f"rate is {self.rate:g} Hz; choose 0.5 to 400 Hz (motor outputs are logged at 10 Hz)"
         if not 1 <= self.poles <= 12:

@@ -21,17 +21,17 @@ def printable(text: str) -> str:
 
 
 def is_url(place: str | Path) -> bool:
-    """Tell a URL from a path; one letter before the colon is a drive of Windows."""
+    """Report a URL from a path; one letter before the colon is a drive of Windows."""
     return not isinstance(place, Path) and "://" in place and len(urlsplit(place).scheme) > 1
 
 
 def file_name(url: str) -> str:
-    """Give the last part of a path or URL, as text that can be shown."""
+    """Return the last part of a path or URL, as text that can be shown."""
     return printable(PurePosixPath(urlsplit(url).path).name if is_url(url) else Path(url).name)
 
 
 def folder_names(names: Iterable[str], known: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Give every flight a folder name that any file system takes, unique without regard to case.
+    """Return every flight a folder name that any file system takes, unique without regard to case.
 
     Parameters
     ----------

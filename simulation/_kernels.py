@@ -375,7 +375,7 @@ def put(row: np.ndarray, start: int, values: np.ndarray) -> None:
 
 @inner
 def sensible(x: np.ndarray) -> bool:
-    """Tell whether a state is finite and within 1e6 m, 1e4 m/s and 1e4 rad/s."""
+    """Return whether a state is finite and within 1e6 m, 1e4 m/s and 1e4 rad/s."""
     for i in range(x.size):
         if not isfinite(x[i]):
             return False
@@ -743,13 +743,13 @@ def record(
 
 @inner
 def touched_down(x: np.ndarray) -> bool:
-    """Tell whether the craft stands nearly still on the ground."""
+    """Return whether the craft stands nearly still on the ground."""
     return bool(x[2] > -0.05 and x[3] * x[3] + x[4] * x[4] + x[5] * x[5] < 0.01)
 
 
 @inner
 def at_rest() -> AutopilotState:
-    """Give the autopilot's memory at boot."""
+    """Return the autopilot's memory at boot."""
     return AutopilotState(
         np.zeros(3),
         np.zeros(3),

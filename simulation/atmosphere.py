@@ -43,7 +43,7 @@ class Atmosphere:
 
     @classmethod
     def standard(cls, altitude: float, *, warmer: float = 0.0) -> Self:
-        """Take the standard atmosphere, `warmer` [K] than standard, its ground at `altitude` [m above sea level]."""
+        """Return the standard atmosphere, `warmer` [K] than standard, its ground at `altitude` [m above sea level]."""
         if not -500.0 <= altitude <= TROPOPAUSE:
             raise ParameterError(f"altitude {altitude:g} m is outside the standard troposphere (-500 to 11000 m)")
         temperature = SEA_LEVEL_TEMPERATURE - LAPSE_RATE * altitude
@@ -63,5 +63,5 @@ class Atmosphere:
         return self.pressure_at(height) / (GAS_CONSTANT * self.temperature_at(height))
 
     def kernel_parameters(self) -> AirParameters:
-        """Give the numbers that the equations of motion read."""
+        """Return the numbers that the equations of motion read."""
         return AirParameters(self.density_at(0.0), self.temperature, LAPSE_RATE, PRESSURE_EXPONENT - 1.0)

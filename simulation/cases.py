@@ -87,7 +87,7 @@ GROUPS: Mapping[str, tuple[Case, ...]] = MappingProxyType(
 
 
 def find(name: str) -> tuple[Case, ...]:
-    """Give the case of this name, or the cases of the group of this name.
+    """Return the case of this name, or the cases of the group of this name.
 
     Raises
     ------

@@ -73,7 +73,7 @@ class Cascade:
             raise ParameterError(f"filter frequency {self.filter_frequency:g} Hz must lie between 1 and 300 Hz")
 
     def kernel_parameters(self, vehicle: Multirotor, hover_thrust: float) -> CascadeParameters:
-        """Give the numbers that the flight loop reads; `hover_thrust` is the fraction of thrust that hovers."""
+        """Return the numbers that the flight loop reads; `hover_thrust` is the fraction of thrust that hovers."""
         return CascadeParameters(
             mixer=mixer(vehicle),
             angle_p=np.array(self.angle_p),

@@ -24,7 +24,7 @@ def table(
     t: npt.ArrayLike,
     columns: dict[str, object],
 ) -> MessageTable:
-    """Give one message table; scalars are repeated, `t` is on the simulation's clock."""
+    """Return one message table; scalars are repeated, `t` is on the simulation's clock."""
     time_us = np.rint((np.asarray(t, dtype=float) + log.boot) * 1e6).astype(np.uint64)
     frame = pd.DataFrame({"TimeUS": time_us, **columns})
     for label, char in zip(frame.columns, form, strict=True):
@@ -335,5 +335,5 @@ def truth_tables(log: Instruments) -> list[MessageTable]:
 
 
 def columns_of(frame: pd.DataFrame, *names: str) -> tuple[Column, ...]:
-    """Give columns as arrays."""
+    """Return columns as arrays."""
     return tuple(frame[name].to_numpy(dtype=float) for name in names)

@@ -55,7 +55,7 @@ class ThirdOrder:
         return 3
 
     def kernel_parameters(self) -> ResponseParameters:
-        """Give the numbers that the equations of motion read."""
+        """Return the numbers that the equations of motion read."""
         coefficients = np.array([self.lead, self.a1, self.a2, self.a3])
         return ResponseParameters(self.catch_up, coefficients, self.speed_limit, self.acceleration_limit)
 
@@ -81,7 +81,7 @@ class FirstOrder:
         return 0
 
     def kernel_parameters(self) -> ResponseParameters:
-        """Give the numbers that the equations of motion read."""
+        """Return the numbers that the equations of motion read."""
         return ResponseParameters(self.time_constant, np.empty(0), math.inf, math.inf)
 
 
@@ -179,7 +179,7 @@ class Battery:
 
 
 def drive_parameters(drive: Drive, battery: Battery) -> DriveParameters:
-    """Give the numbers that the flight loop reads."""
+    """Return the numbers that the flight loop reads."""
     return DriveParameters(
         speed_max=drive.speed_max,
         expo=drive.expo,

@@ -73,7 +73,7 @@ class Instruments:
         self.battery["current"] += 0.2 * seeds[3].standard_normal(len(self.battery))
 
     def rows(self, rate: float) -> pd.DataFrame:
-        """Give the records of the flight at `rate` [Hz]."""
+        """Return the records of the flight at `rate` [Hz]."""
         truth = self.truth
         step = round(1.0 / rate / (truth.index[1] - truth.index[0]))
         return truth.iloc[::step]

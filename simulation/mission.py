@@ -102,7 +102,7 @@ class Chirp:
         return frequency
 
     def signal(self, t: np.ndarray) -> np.ndarray:
-        """Give what is added at times [s] from the start of the chirp; zero outside it."""
+        """Return what is added at times [s] from the start of the chirp; zero outside it."""
         growth = math.log(self.stop_hz / self.start_hz) / self.seconds
         swept = np.clip(t - self.hold, 0.0, self.seconds)
         turns = self.start_hz * (np.minimum(t, self.hold) + np.expm1(growth * swept) / growth)
@@ -225,7 +225,7 @@ class Reference:
     tick: float
 
     def excitation(self) -> np.ndarray:
-        """Give what the chirps add to roll, pitch, yaw and throttle at each attitude-control step; shape (5 M, 4)."""
+        """Return what the chirps add to roll, pitch, yaw and throttle at each attitude-control step; shape (5 M, 4)."""
         added = np.zeros((5 * len(self.phase), 4))
         t = np.arange(len(added)) * (self.tick / 5.0)
         for start, chirp in self.chirps:

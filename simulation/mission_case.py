@@ -61,7 +61,7 @@ class MissionSettings:
 
 
 def settings_of(sample: SampleFlight) -> MissionSettings:
-    """Give the settings with which a sample is what it is."""
+    """Return the settings with which a sample is what it is."""
     setup = sample.setup
     return MissionSettings(
         mass=setup.vehicle.mass,

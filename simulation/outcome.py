@@ -100,7 +100,7 @@ def write(outcome: Outcome, folder: Path) -> list[Path]:
 
 
 def characteristics(outcome: Outcome) -> str:
-    """Give the characteristics of the flight as text."""
+    """Return the characteristics of the flight as text."""
     width = max(len(fact.name) for fact in outcome.facts) + 2
     lines = [f"{outcome.name}: {outcome.summary}", "simulated by rotorid, not flown", ""]
     lines += [f"{fact.name:{width}}{fact.text}" for fact in outcome.facts]

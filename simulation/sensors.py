@@ -63,7 +63,7 @@ class Inertial:
         return np.ascontiguousarray(sigma * (wander - wander[0]))
 
     def kernel_parameters(self, dt: float, hover_speed: float) -> SensorParameters:
-        """Give the numbers that the flight loop reads; `hover_speed` [rad/s] is that of the rotors."""
+        """Return the numbers that the flight loop reads; `hover_speed` [rad/s] is that of the rotors."""
         density = math.sqrt(0.5 / dt)
         return SensorParameters(
             gyro_white=self.gyro_noise * density,

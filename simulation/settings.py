@@ -17,7 +17,7 @@ Settings = TypeVar("Settings")
 
 
 def changed(settings: Settings, changes: Mapping[str, object]) -> Settings:
-    """Give settings with some of them changed.
+    """Return settings with some of them changed.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ _MODEL = {
 
 
 def describe_mission(flight: Flight, log: Instruments, name: str, summary: str, imu_rate: float) -> dict[str, object]:
-    """Say in numbers what an identification of a mission should find; keys carry their units.
+    """Report in numbers what an identification of a mission should find; keys carry their units.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def describe_sensors(log: Instruments, imu_rate: float) -> dict[str, object]:
 
 
 def describe_vehicle(vehicle: Multirotor, voltage: float) -> dict[str, object]:
-    """Give the craft, with the mean voltage of its battery in the air, in numbers."""
+    """Return the craft, with the mean voltage of its battery in the air, in numbers."""
     drive, rotor, battery = vehicle.drive, vehicle.rotors[0].rotor, vehicle.battery
     truth: dict[str, object] = {
         "name": vehicle.name,

@@ -209,7 +209,7 @@ class Multirotor:
         return fraction
 
     def kernel_parameters(self, gravity: float, *, ground: bool = True) -> AirframeParameters:
-        """Give the numbers that the equations of motion read.
+        """Return the numbers that the equations of motion read.
 
         Parameters
         ----------

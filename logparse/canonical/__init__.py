@@ -40,7 +40,7 @@ def gather_tables(
     parameters: Mapping[str, float],
     vehicle: Vehicle,
 ) -> tuple[Tables, Callable[[], tuple[Finding, ...]]]:
-    """Give the canonical tables of one boot, the longest of which are built when they are asked for.
+    """Return the canonical tables of one boot, the longest of which are built when they are asked for.
 
     Parameters
     ----------

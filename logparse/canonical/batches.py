@@ -73,5 +73,5 @@ def batches(messages: Mapping[str, pd.DataFrame]) -> dict[str, tuple[pd.DataFram
 
 
 def _samples(column: "pd.Series[int]", rows: list[int]) -> np.ndarray:
-    """Give the samples of one axis, shape (len(rows), 32)."""
+    """Return the samples of one axis, shape (len(rows), 32)."""
     return np.array([np.asarray(block, dtype=np.float64) for block in column.iloc[rows]], dtype=np.float64)

@@ -72,7 +72,7 @@ def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd
 
 
 def unmapped(number: int, message: str) -> Finding:
-    """Say that a motor's output is not in the log."""
+    """Report that a motor's output is not in the log."""
     return Finding(
         id="motor-without-output",
         severity=Severity.WARNING,

@@ -86,7 +86,7 @@ class Later:
         return None, ()
 
     def findings(self, remarks: Remarks) -> tuple[Finding, ...]:
-        """Give all findings, those of tables that nobody has asked for included."""
+        """Return all findings, those of tables that nobody has asked for included."""
         for name, build in self.builders.items():
             if name not in self.remarks and name not in self.columns:
                 build()
@@ -110,7 +110,7 @@ class DeferredTables(Tables):
 
     @classmethod
     def of(cls, tables: Tables, later: Later) -> "DeferredTables":
-        """Give the same tables, with those that `later` knows."""
+        """Return the same tables, with those that `later` knows."""
         made = cls(**{each.name: getattr(tables, each.name) for each in fields(tables)})
         object.__setattr__(made, "_later", later)
         return made
@@ -126,14 +126,14 @@ class DeferredTables(Tables):
         return name in self._later.builders or super().has(name)
 
     def columns(self, name: str, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
-        """Give columns of a table one by one; of a long one no more than one is in memory at a time."""
+        """Yield columns of a table one by one; of a long one no more than one is in memory at a time."""
         if name in self._later.columns and name not in self._long:
             yield from self._later.columns[name](wanted)
         else:
             yield from super().columns(name, wanted)
 
     def times(self, name: str) -> npt.NDArray[np.float64] | None:
-        """Give the times of a table's rows; those of long tables are kept when the tables are not."""
+        """Return the times of a table's rows; those of long tables are kept when the tables are not."""
         if name not in self._later.builders:
             return super().times(name)
         if name not in self._times:
@@ -144,7 +144,7 @@ class DeferredTables(Tables):
         return self._times[name]
 
     def release(self) -> None:
-        """Let go of the long table that is kept, and of times; they are built anew when they are asked for again."""
+        """Release the long table that is kept, and of times; they are built anew when they are asked for again."""
         self._long.clear()
         self._times.clear()
 

@@ -62,7 +62,7 @@ class Remarks:
             self.add(finding)
 
     def findings(self) -> tuple[Finding, ...]:
-        """Give all remarks, removed values first."""
+        """Return all remarks, removed values first."""
         removed = tuple(
             Finding(
                 id="impossible-values",

@@ -63,7 +63,7 @@ class DataflashSource:
         self._chain.pages.release()
 
     def _read_units(self) -> None:
-        """Give each definition the units and multipliers that the FMTU rows behind it name."""
+        """Return each definition the units and multipliers that the FMTU rows behind it name."""
         for values in self._chain.distinct_rows("UNIT", {"Id": int, "Label": bytes}):
             self._units.add_unit(values[1], clean_text(values[2]))
         for values in self._chain.distinct_rows("MULT", {"Id": int, "Mult": float}):

@@ -186,7 +186,7 @@ class Chain:
         self.spans = boot_spans(boots, state, len(self.sequence), len(self.data))
 
     def _define(self, definition: Definition, index: int) -> None:
-        """Take a FMT row into account from message `index` on."""
+        """Account for a FMT row from message `index` on."""
         if definition.id == FMT_ID:
             return  # The layout of FMT rows is fixed; some firmwares describe it wrongly.
         asked = definition.format_length
@@ -270,7 +270,7 @@ class Chain:
         return positions, indices
 
     def distinct_rows(self, name: str, columns: Mapping[str, type]) -> list[tuple[Any, ...]]:
-        """Give stored values of a few columns of UNIT, MULT, FMTU or DSF, each row behind its message index.
+        """Return stored values of a few columns of UNIT, MULT, FMTU or DSF, each row behind its message index.
 
         Of rows that are the same in these columns only the first is given: logs repeat themselves. Nothing is given
         where a damaged FMT row makes the columns something else than int, float or bytes as asked.

@@ -26,7 +26,7 @@ def scan_findings(chain: "Chain") -> list[Finding]:
 
 
 def decoding_findings(crowded: Collection[str], mended: Mapping[str, int]) -> list[Finding]:
-    """Tell what decoding came upon: names with more layouts than are read, rows by name whose time was mended."""
+    """Return what decoding came upon: names with more layouts than are read, rows by name whose time was mended."""
     findings = [
         Finding(
             "implausible-time",

@@ -213,7 +213,7 @@ class Definition:
         return tuple(fields)
 
     def pack(self) -> bytes:
-        """Give the FMT row that declares this message, with its header."""
+        """Return the FMT row that declares this message, with its header."""
         return (
             HEADER
             + bytes((FMT_ID, self.id, self.length))
@@ -269,11 +269,11 @@ class UnitTable:
         self._multipliers: dict[str, float] = {}
 
     def add_unit(self, unit_id: int, label: str) -> None:
-        """Take a UNIT row."""
+        """Read a UNIT row."""
         self._labels[chr(unit_id & 0xFF)] = label
 
     def add_multiplier(self, multiplier_id: int, multiplier: float) -> None:
-        """Take a MULT row."""
+        """Read a MULT row."""
         # What ArduPilot knows lies between 1e-9 and 3600; the rest comes from damaged rows.
         if multiplier == 0.0 or 1e-12 < multiplier < 1e12:
             self._multipliers[chr(multiplier_id & 0xFF)] = decimal_multiplier(multiplier)

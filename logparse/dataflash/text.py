@@ -159,7 +159,7 @@ class DataflashTextSource:
         self._size = number + 1
 
     def _read_units(self) -> None:
-        """Take the UNIT, MULT and FMTU lines; ids are printed as numbers or as the characters they are."""
+        """Read the UNIT, MULT and FMTU lines; ids are printed as numbers or as the characters they are."""
         by_id = {group.definition.id: group for group in self._groups}
         for group in self._groups:
             columns = dict(zip((field.name for field in group.fields), group.cells, strict=True))

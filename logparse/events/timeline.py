@@ -74,7 +74,7 @@ def flight_events(
 
 
 def _until_crash(event: FlightEvent, crashes: list[float]) -> FlightEvent:
-    """Let an event that lasts beyond a crash end there."""
+    """End an event at a crash that it would outlast."""
     end = min((crash for crash in crashes if event.t < crash < event.end), default=event.end)
     return replace(event, end=end) if event.id in _AFTERMATH and end < event.end else event
 

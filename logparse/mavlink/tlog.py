@@ -118,7 +118,7 @@ def _columns(name: str) -> tuple[_Column, ...]:
 
 @cache
 def _units(name: str) -> Mapping[str, str]:
-    """Give the unit of each column that has one."""
+    """Return the unit of each column that has one."""
     declared = definitions()[name].units
     units = {column.name: declared.get(column.name.partition("[")[0]) for column in _columns(name)}
     return {column: unit for column, unit in units.items() if unit is not None}

@@ -100,7 +100,7 @@ class Cluster(Executor):
         return max(1, sum(threads.values()))
 
     def submit(self, function: Callable[..., R], /, *args: Any, **named: Any) -> Future[R]:
-        """Have a function called on the cluster.
+        """Make a function called on the cluster.
 
         The future raises `WorkerDiedError` where the call took down every worker that it was tried on, and
         `SchedulerError` where the connection to the scheduler is lost.
@@ -121,7 +121,7 @@ class Cluster(Executor):
         return future
 
     def _hand_over(self, future: Future[Any], theirs: Any) -> None:
-        """Give the outcome of a call on the cluster to whoever waits for it; in Dask's thread."""
+        """Return the outcome of a call on the cluster to whoever waits for it; in Dask's thread."""
         from distributed.scheduler import KilledWorker
 
         try:
@@ -205,7 +205,7 @@ def _differing_dask(versions: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
-    """Say which versions differ; empty when none do."""
+    """Report which versions differ; empty when none do."""
     differing = [
         f"{name} {there.get(name) or 'missing'} instead of {here[name]}"
         for name in here
@@ -215,7 +215,7 @@ def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
 
 
 def _sentence(answer: str | Exception) -> str:
-    """Say what is wrong with a worker, from what it answered."""
+    """Report what is wrong with a worker, from what it answered."""
     if isinstance(answer, ModuleNotFoundError):
         return f"has no module {answer.name}: install rotorid {software()['rotorid']} there"
     if isinstance(answer, Exception):
@@ -235,7 +235,7 @@ def _marked(store: Path | None) -> Iterator[str | None]:
 
 
 def look(places: Sequence[str], mark: str | None) -> str:
-    """Say, on a worker, what it does not see of the other computer's folders; empty when it sees all."""
+    """Report, on a worker, what it does not see of the other computer's folders; empty when it sees all."""
     everywhere = "must be on a disk that all workers share under the same path, or given by a URL such as s3://"
     for place in places:
         if not Path(place).exists():

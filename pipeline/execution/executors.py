@@ -74,7 +74,7 @@ def count_workers(sizes: Sequence[int], memory: int | None = None, cores: int | 
 
 @contextmanager
 def processes(count: int | None, sizes: Sequence[int], preload: Sequence[str] = PRELOAD) -> Iterator["Processes"]:
-    """Give an executor of `count` processes, or as many as suit this computer and the logs' sizes in bytes.
+    """Return an executor of `count` processes, or as many as suit this computer and the logs' sizes in bytes.
 
     Whatever ends the ``with`` early, such as Ctrl-C, ends the processes at once.
     """
@@ -84,7 +84,7 @@ def processes(count: int | None, sizes: Sequence[int], preload: Sequence[str] = 
 
 
 def as_done(executor: Executor, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[tuple[T, Future[R]]]:
-    """Have a function called for each task, and give each with its outcome as it ends.
+    """Make a function called for each task, and give each with its outcome as it ends.
 
     However many tasks there are, only a few more than there are workers are in flight.
 
@@ -108,7 +108,7 @@ def as_done(executor: Executor, function: Callable[[T], R], tasks: Iterable[T]) 
 
 
 def busy(executor: Executor) -> int:
-    """Say how many calls keep all workers of an executor busy."""
+    """Report how many calls keep all workers of an executor busy."""
     width = getattr(executor, "in_flight", None)
     return width if isinstance(width, int) else 2 * processors()
 
@@ -162,7 +162,7 @@ class Processes(Executor):
         return 2 * self.count
 
     def submit(self, function: Callable[..., R], /, *args: Any, **named: Any) -> Future[R]:
-        """Have a function called in one of the processes.
+        """Make a function called in one of the processes.
 
         The future raises `WorkerDiedError` where the call took down every process that it was tried in.
         """
@@ -199,7 +199,7 @@ class Processes(Executor):
         return self
 
     def _call(self, function: Callable[..., R], args: tuple[Any, ...], named: dict[str, Any]) -> R:
-        """Have one call done, from the thread that waits for it."""
+        """Run one call, from the thread that waits for it."""
         call = pickle.dumps((function, args, named), pickle.HIGHEST_PROTOCOL)
         for attempt in range(ATTEMPTS):
             # What took a process down, by taking too much memory for one, is tried again with nobody beside it.
@@ -220,7 +220,7 @@ class Processes(Executor):
         raise WorkerDiedError(_epitaph(exit_code))
 
     def _take(self) -> "_Worker":
-        """Take an idle worker, or start one."""
+        """Return an idle worker, or a new one."""
         with self._lock:
             if self._killed:
                 raise CancelledError
@@ -240,7 +240,7 @@ class Processes(Executor):
 
 
 def _epitaph(exit_code: int | None) -> str:
-    """Say what the processes died of."""
+    """Report what the processes died of."""
     if exit_code is not None and exit_code < 0:
         try:
             name = signal.Signals(-exit_code).name
@@ -313,7 +313,7 @@ class _Worker:
         self.grown = 0
 
     def do(self, call: bytes) -> tuple[bool, Any]:
-        """Have a call done: whether it succeeded, and its result or exception."""
+        """Make a call done: whether it succeeded, and its result or exception."""
         try:
             self._pipe.send_bytes(call)
             answer = self._pipe.recv_bytes()
@@ -329,7 +329,7 @@ class _Worker:
         self._process.kill()
 
     def close(self) -> None:
-        """Let the process end, which waits for calls, and clear up after it."""
+        """End the process, which waits for calls, and clear up after it."""
         self._pipe.close()
         self._process.join()
         self._process.close()

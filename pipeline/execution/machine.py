@@ -14,7 +14,7 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA
 
 
 def pin_threads() -> None:
-    """Have processes that start from now on compute with one thread each, unless the user has said otherwise.
+    """Limit processes that start from now on to one thread each, unless the user has said otherwise.
 
     Our matrices are small: threads of BLAS only hurt them, and each other where logs are analysed side by side.
     """
@@ -37,7 +37,7 @@ def processors(root: Path = _ROOT) -> int:
 
 
 def available_memory(root: Path = _ROOT) -> int:
-    """Tell the memory that processes may still take before the system ends one of them, bytes."""
+    """Return the memory that processes may still take before the system ends one of them, bytes."""
     available = psutil.virtual_memory().available
     for folder in _control_groups("memory", root):
         for limit, usage, cached in (

@@ -6,7 +6,7 @@ from functools import cache
 
 
 def give_back() -> None:
-    """Give memory that was freed back to the system.
+    """Return memory that was freed back to the system.
 
     The C library keeps what large arrays have left, in pieces between what lives on: after the trajectory of a long
     log, twice of what is in use. Where it cannot be told to give that back, nothing is done.

@@ -58,7 +58,7 @@ class Watch:
         self._tell()
 
     def within(self, url: str) -> Progress:
-        """Give a log's own progress its part."""
+        """Return a log's own progress its part."""
         done, part = self._fraction, self._weights[url] / self._whole
         what = f"{self._counted}; {file_name(url)}"
         return overall(lambda stage, fraction: self._progress(f"{what}: {stage}", done + part * fraction))
@@ -79,7 +79,7 @@ class Watch:
 
 @contextmanager
 def shown(quiet: bool = False) -> Iterator[Progress]:
-    """Give a progress callback that draws a bar on a terminal and writes a line per stage elsewhere."""
+    """Return a progress callback that draws a bar on a terminal and writes a line per stage elsewhere."""
     if quiet:
         yield lambda stage, fraction: None
     elif sys.stderr.isatty():
@@ -90,7 +90,7 @@ def shown(quiet: bool = False) -> Iterator[Progress]:
 
 
 def to_go(elapsed: float, fraction: float) -> str:
-    """Say how long it takes from here if it goes on as it went, such as ``"about 3 min to go"``; empty at first."""
+    """Report how long it takes from here if it goes on as it went, such as ``"about 3 min to go"``; empty at first."""
     if not TELLING <= fraction < 1.0:
         return ""
     seconds = elapsed * (1.0 - fraction) / fraction
@@ -131,7 +131,7 @@ class _Lines:
         self.stage = ""
 
     def __call__(self, stage: str, fraction: float) -> None:
-        """Take note of progress."""
+        """Note progress."""
         if stage != self.stage:
             self.stage = stage
             elapsed = perf_counter() - self.start

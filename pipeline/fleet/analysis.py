@@ -231,7 +231,7 @@ def _analyzed(
     full = ""
 
     def wanted() -> Iterator[Job]:
-        """Give jobs as long as their results can be stored."""
+        """Yield jobs as long as their results can be stored."""
         for job in jobs:
             if full:
                 return
@@ -251,7 +251,7 @@ def _analyzed(
 
 
 def _done(jobs: Iterator[Job], executor: Executor | None, watch: Watch) -> Iterator[tuple[Job, Outcome]]:
-    """Give each job with its outcome as it ends."""
+    """Yield each job with its outcome as it ends."""
     from pipeline.fleet.job import run
 
     if executor is None:

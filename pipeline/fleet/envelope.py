@@ -118,7 +118,7 @@ def _counts(name: str, flights: Iterable[FlightEntry]) -> list[Mapping[str, Any]
 
 
 def _excursion(entry: FlightEntry, name: str, flown: RangeFlown) -> Excursion | None:
-    """Tell how much of a flight lies more than a bin outside the fitted range; None where it is hardly any."""
+    """Return how much of a flight lies more than a bin outside the fitted range; None where it is hardly any."""
     count = entry.coverage["quantities"].get(name)
     if count is None or flown.fitted is None:
         return None

@@ -53,7 +53,7 @@ def history(parameter: str, unit: str, methods: Mapping[str, Sequence[Point]]) -
 
 
 def design_of(points: Sequence[Point], change: Trend | Step) -> Floats:
-    """Give the design in which a change of this kind, and at this place, is the second coefficient; (n, 2)."""
+    """Return the design in which a change of this kind, and at this place, is the second coefficient; (n, 2)."""
     numbers = np.array([float(point.number) for point in points])
     x = numbers - numbers.mean() if isinstance(change, Trend) else (numbers >= change.number).astype(np.float64)
     return np.column_stack([np.ones(len(points)), x])
@@ -104,7 +104,7 @@ def _step(points: Sequence[Point], values: Floats, sigmas: Floats, together: Met
 
 
 def sentence_of(each: History, questions: int) -> str:
-    """Say of one parameter what it is, how it scatters, and whether it changed."""
+    """Report of one parameter what it is, how it scatters, and whether it changed."""
     unit = each.unit.split(",")[0]
     n = len(each.points)
     text = f"{each.parameter}: {each.mean:.4g} ± {each.mean_sigma:.1g} {unit}".rstrip() + f" over {n} flights"

@@ -170,7 +170,7 @@ def _without(kind: Kind, reason: str) -> ModelResult:
 
 
 def _no_records(kind: Kind, training: Sequence[FlightEntry]) -> str:
-    """Say why there is nothing to fit a kind of model to."""
+    """Explain why there is nothing to fit a kind of model to."""
     if not training:
         return "none of its flights was chosen for training"
     alone = (flight.missing.get(kind.key, "") for flight in training)

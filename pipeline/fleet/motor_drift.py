@@ -39,7 +39,7 @@ _NONE = 1e-6
 
 
 def trims(flight: FlightEntry) -> list[dict[str, Any]]:
-    """Give roll, pitch and yaw trim of a flight's hover command as rows like those of `flight_parameters`.
+    """Return roll, pitch and yaw trim of a flight's hover command as rows like those of `flight_parameters`.
 
     They have no unit: root of the sum of squares over the motors of the change in their shares.
     """

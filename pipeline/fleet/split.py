@@ -78,7 +78,7 @@ def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Spli
 
 
 def named(name: str, patterns: Iterable[str]) -> bool:
-    """Tell whether one of the user's patterns means a flight."""
+    """Return whether one of the user's patterns means a flight."""
     return any(fnmatch(name.casefold(), pattern.casefold()) for pattern in patterns)
 
 
@@ -94,7 +94,7 @@ def day_of(flight: FlightEntry) -> str:
 
 
 def places_of(flights: Sequence[FlightEntry]) -> dict[str, int]:
-    """Tell places of take-off apart by numbers, by flight's name; -1 where the log does not tell."""
+    """Number the places of take-off, by flight's name; -1 where the log does not tell."""
     centres: list[tuple[float, float]] = []
     numbers: dict[str, int] = {}
     for flight in sorted(flights, key=lambda each: (_place(each) or (math.inf, math.inf), each.name)):
@@ -184,7 +184,7 @@ def _trails(cells: Sequence[tuple[int, str]]) -> list[list[tuple[int, str]]]:
 
 
 def _turned(chains: Sequence[Sequence[int]], count: int) -> set[int]:
-    """Take every other member of each chain, so that takers and others are spread alike over the ranks.
+    """Choose every other member of each chain, so that takers and others are spread alike over the ranks.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def _sentence(
     *,
     capped: bool,
 ) -> str:
-    """Say how the flights were divided, with the numbers."""
+    """Report how the flights were divided, with the numbers."""
     never = "; ".join(f"{name} never trains: {unable[name].reason}" for name in sorted(unable)[:5])
     if len(unable) > 5:
         never += f"; {len(unable) - 5} more never train"

@@ -45,7 +45,7 @@ class Advice:
     flights: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
+        """Return plain values for JSON."""
         return {
             "id": self.id,
             "rank": self.rank,

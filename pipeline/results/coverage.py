@@ -33,7 +33,7 @@ class AxisExcitation:
     word: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
@@ -66,7 +66,7 @@ class Excitation:
     coherence: Mapping[str, Mapping[str, float]] | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {
             "acceleration_rms": self.acceleration_rms,
             "acceleration_noise": self.acceleration_noise,
@@ -109,7 +109,7 @@ class LogHealth:
     format: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {
             "rates": {name: dict(rate) for name, rate in self.rates.items()},
             "gps": None if self.gps is None else dict(self.gps),
@@ -172,7 +172,7 @@ class Distribution:
     seconds: tuple[float, ...]
 
     def to_dict(self, quantity: Quantity) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {
             "title": quantity.title,
             "unit": quantity.unit,
@@ -208,7 +208,7 @@ class Wind:
     source: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON; ``from`` is where the wind comes from, rad clockwise from north."""
+        """Return plain values for JSON; ``from`` is where the wind comes from, rad clockwise from north."""
         return {
             "speed": float(np.hypot(self.north, self.east)),
             "from": atan2(-self.east, -self.north) % (2.0 * pi),
@@ -247,7 +247,7 @@ class Coverage:
     missing: Mapping[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
+        """Return plain values for JSON."""
         return {
             "seconds": self.seconds,
             "quantities": {name: each.to_dict(QUANTITIES[name]) for name, each in self.quantities.items()},

@@ -20,7 +20,7 @@ class Point:
     sigma: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
@@ -36,7 +36,7 @@ class Trend:
     significant: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
@@ -54,7 +54,7 @@ class Step:
     significant: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
@@ -102,7 +102,7 @@ class History:
         return min(found, key=lambda each: each.p, default=None)
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
+        """Return plain values for JSON."""
         return {
             "parameter": self.parameter,
             "unit": self.unit,
@@ -143,7 +143,7 @@ class MotorDrift:
     findings: tuple[Finding, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
+        """Return plain values for JSON."""
         return {
             "points": [dict(point) for point in self.points],
             "weakening": self.weakening,
@@ -176,7 +176,7 @@ class Drift:
     findings: tuple[Finding, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
+        """Return plain values for JSON."""
         return {
             "order": self.order,
             "flights": list(self.flights),

@@ -114,7 +114,7 @@ class FlightEntry(FlightSummary):
     pages: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Give what JSON can say."""
+        """Return what JSON can hold."""
         entry = {each.name: getattr(self, each.name) for each in fields(self)}
         entry["start_utc"] = None if self.start_utc is None else self.start_utc.isoformat()
         entry["flight"] = None if self.flight is None else [self.flight.start, self.flight.stop]
@@ -169,7 +169,7 @@ class GroupEntry:
     result: GroupResult | None = field(default=None, compare=False, repr=False)
 
     def to_dict(self) -> dict[str, Any]:
-        """Give what JSON can say; the result is not among it."""
+        """Return what JSON can hold; the result is not among it."""
         return {each.name: _plain(getattr(self, each.name)) for each in fields(self) if each.name != "result"}
 
     @classmethod

@@ -35,7 +35,7 @@ class RangeFlown:
     fitted: tuple[float, float] | None
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         numbers = {name: getattr(self, name) for name in ("title", "unit", "step", "first")}
         return numbers | {
             "training": list(self.training),
@@ -55,7 +55,7 @@ class Excursion:
     fitted: tuple[float, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in ("flight", "quantity", "part", "reach")} | {
             "fitted": list(self.fitted)
         }
@@ -90,7 +90,7 @@ class Envelope:
     findings: tuple[Finding, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
+        """Return plain values for JSON."""
         return {
             "training": list(self.training),
             "held_out": list(self.held_out),

@@ -275,6 +275,6 @@ class FlightResult(Summarised):
 
 
 def horizontal_sigma(trajectory: Trajectory, span: Span | None) -> float:
-    """Give the largest horizontal 1-sigma of position in a stretch of time, m."""
+    """Return the largest horizontal 1-sigma of position in a stretch of time, m."""
     sigma = trajectory.sigma if span is None else trajectory.sigma.loc[span.start : span.stop]
     return float((sigma["p_n"] ** 2 + sigma["p_e"] ** 2).max() ** 0.5)

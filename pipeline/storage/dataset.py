@@ -32,7 +32,7 @@ _METADATA = b"rotorid"
 
 
 def part(dataset: str, name: str, vehicle: str, flight: str) -> str:
-    """Say where in the store a flight's part of a table lies."""
+    """Report where in the store a flight's part of a table lies."""
     return f"{dataset}/{name}/vehicle={vehicle}/flight={flight}/part.parquet"
 
 

@@ -60,7 +60,7 @@ def take_stock(
 
 
 def _contents(sources: Sequence[Source], former: Manifest, executor: Executor | None) -> dict[str, str | OSError]:
-    """Give the SHA-256 of every file, or why it cannot be read."""
+    """Return the SHA-256 of every file, or why it cannot be read."""
     last = {record.url: record for record in former.logs}
     contents: dict[str, str | OSError] = {}
     for source in sources:

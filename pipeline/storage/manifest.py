@@ -75,7 +75,7 @@ class LogRecord:
     state: str = "interrupted"
 
     def as_failure(self) -> Failure:
-        """Give the file with its reason."""
+        """Return the file with its reason."""
         return Failure(self.url, self.reason, lasting=self.state == "failed")
 
 
@@ -194,13 +194,13 @@ def _version(name: str) -> str | None:
 
 
 def configuration(config: AnalysisConfig) -> dict[str, Any]:
-    """Give settings as JSON has them."""
+    """Return settings as JSON has them."""
     facts: dict[str, Any] = json.loads(json.dumps(asdict(config)))
     return facts
 
 
 def of_one_flight(config: AnalysisConfig) -> AnalysisConfig:
-    """Give the settings without those that choose among flights and do not touch a single one."""
+    """Return the settings without those that choose among flights and do not touch a single one."""
     return replace(config, training=(), validation=())
 
 

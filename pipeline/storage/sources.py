@@ -60,7 +60,7 @@ class Source:
 
 
 def called_a_log(file: str) -> bool:
-    """Tell whether the ending of a file promises a log, packed (``flight.bin.gz``) or not."""
+    """Return whether the ending of a file promises a log, packed (``flight.bin.gz``) or not."""
     name = PurePosixPath(file)
     if name.suffix.lower() in PACKED_SUFFIXES:
         name = PurePosixPath(name.stem)
@@ -128,7 +128,7 @@ class _Search:
                     self._file(Path(folder, name), named=False)
 
     def _enter(self, folder: Path) -> bool:
-        """Tell whether a folder is to be searched: it is new, and not where results go."""
+        """Return whether a folder is to be searched: it is new, and not where results go."""
         try:
             status = folder.stat()
             results = self._besides is not None and self._besides.exists() and self._besides.samefile(folder)
@@ -184,7 +184,7 @@ class _Search:
 
 
 def digest(url: str) -> str:
-    """Give the SHA-256 of a file's content.
+    """Return the SHA-256 of a file's content.
 
     Raises
     ------
@@ -212,7 +212,7 @@ def opened(url: str) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def fetched(url: str) -> Iterator[Path]:
-    """Have a file on a disk of this computer for the time of a ``with``; OSError where it cannot be had."""
+    """Make a file on a disk of this computer for the time of a ``with``; OSError where it cannot be had."""
     if not is_url(url):
         yield Path(url)
         return

@@ -322,7 +322,7 @@ class ObjectStore(Store):
 
 @contextmanager
 def as_os_error() -> Iterator[None]:
-    """Let every storage fail in one way: the libraries behind fsspec have exceptions of their own."""
+    """Turn the errors of every storage into OSError: the libraries behind fsspec have exceptions of their own."""
     try:
         yield
     except OSError:
@@ -332,7 +332,7 @@ def as_os_error() -> Iterator[None]:
 
 
 def sync(path: Path) -> None:
-    """Have a file, or the names in a folder, on the disk."""
+    """Make a file, or the names in a folder, on the disk."""
     if sys.platform == "win32" and path.is_dir():
         return
     descriptor = os.open(path, os.O_RDONLY)

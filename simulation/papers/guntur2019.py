@@ -129,12 +129,12 @@ MOTORS = (
 
 
 def rotor() -> BladeElementRotor:
-    """Give the propeller of section 3.2.2: radius 0.102 m, pitch 0.1016 m, mean chord 27.4 mm."""
+    """Return the propeller of section 3.2.2: radius 0.102 m, pitch 0.1016 m, mean chord 27.4 mm."""
     return BladeElementRotor(radius=0.102, pitch=0.1016, chord=0.0274)
 
 
 def find(name: str) -> Motor:
-    """Give the motor of this name.
+    """Return the motor of this name.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def mass_properties(motor: Motor, payload: float) -> tuple[float, np.ndarray]:
 
 
 def tank(motor: Motor, payload: float, rate: float, start: float) -> Tank:
-    """Let the payload flow out from `start` [s] on, `rate` [share of the tank per s], until the tank is empty.
+    """Empty the tank from `start` [s] on, `rate` [share of the tank per s], until the tank is empty.
 
     The thesis varies the payload from flight to flight and leaves the discharge in flight to further work; it assumes
     as is done here that what flows out takes no momentum along.
@@ -222,7 +222,7 @@ def profile(t: float, trim: float) -> np.ndarray:
 
 
 def hover_rpm(motor: Motor, payload: float) -> float:
-    """Give the turns per minute at which the craft hovers at sea level."""
+    """Return the turns per minute at which the craft hovers at sea level."""
     return quadcopter(motor, payload).hover_speed(GRAVITY) / RPM
 
 
@@ -262,7 +262,7 @@ def fly_profile(
 
 
 def feasibility(voltage: float = 11.1) -> pd.DataFrame:
-    """Tell which motor holds the flight plan with which payload.
+    """Return which motor holds the flight plan with which payload.
 
     A motor holds it when the highest speed of the plan, about hover, stays below KV times voltage, and the ideal
     power of one rotor at that speed below the motor's largest power.

@@ -163,7 +163,7 @@ class HeightGains:
 
 
 def height_fault(height: HeightGains, voltage: float = 16.0) -> str:
-    """Say which gain makes the height loop unstable about hover; empty when it is stable.
+    """Report which gain makes the height loop unstable about hover; empty when it is stable.
 
     With ``a`` the vertical acceleration per rad/s of all rotors and ``tau`` their lag, the loop's characteristic
     polynomial is ``tau s^4 + s^3 - a (rate s^2 + proportional s + integral)``.
@@ -238,7 +238,7 @@ def recovery(
 
 
 def _table_5(trim: np.ndarray, roll_deg: float, pitch_deg: float) -> np.ndarray:
-    """Give the initial state of Table 5: tilted, turning back at 4 deg/s, 0.3045 m below the target."""
+    """Return the initial state of Table 5: tilted, turning back at 4 deg/s, 0.3045 m below the target."""
     roll, pitch = math.radians(roll_deg), math.radians(pitch_deg)
     cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
     u, v = 0.1523, 0.035

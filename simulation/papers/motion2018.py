@@ -295,7 +295,7 @@ def fly_to_point(flight: Flight = VERTICAL, gains: Gains = Gains()) -> pd.DataFr
 
 
 def in_paper_axes(path: pd.DataFrame) -> pd.DataFrame:
-    """Give x, y, z [m], v_x, v_y, v_z [m/s], rotor speeds w1 ... w4 [rad/s] and accelerations a1 ... a4 [rad/s^2]."""
+    """Return x, y, z [m], v_x, v_y, v_z [m/s], rotor speeds w1 ... w4 [rad/s] and accelerations a1 ... a4 [rad/s^2]."""
     columns = {"x": path["p_n"], "y": -path["p_d"], "z": path["p_e"]}
     columns |= {"v_x": path["v_n"], "v_y": -path["v_d"], "v_z": path["v_e"]}
     speeds = {f"w{k}": path[f"w{k}"] for k in range(1, 5)}

@@ -76,7 +76,7 @@ class BifilarResult:
         return self.sigma <= DETERMINED * self.inertia
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         plain = {name: getattr(self, name) for name in self.__slots__ if name != "findings"}
         return {
             "kind": "bifilar",
@@ -219,7 +219,7 @@ class ThreadCheck:
     findings: tuple[Finding, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {
             "kind": "thread-check",
             "gravity": self.gravity,

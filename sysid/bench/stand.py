@@ -202,7 +202,7 @@ class Bench:
     def priors(
         self, mass: float, vehicle: Vehicle | None = None, voltage: float | None = None
     ) -> dict[str, tuple[float, float]]:
-        """Give the rigid body what the stand knows: mean and standard deviation by its parameters' names.
+        """Return the rigid body what the stand knows: mean and standard deviation by its parameters' names.
 
         Parameters
         ----------
@@ -233,7 +233,7 @@ class Bench:
         }
 
     def coefficient_table(self) -> pd.DataFrame:
-        """Give k and b in the form of Table 3: rows voltages, columns (coefficient, motor)."""
+        """Return k and b in the form of Table 3: rows voltages, columns (coefficient, motor)."""
         rows: dict[float, dict[tuple[str, str], float]] = {}
         for voltage in self.voltages or (float("nan"),):
             found = {m: self.coefficients(m, voltage if np.isfinite(voltage) else None) for m in self.motors}
@@ -249,7 +249,7 @@ class Bench:
     def to_dict(
         self, weight: float | None = None, voltage: float | None = None, motors: int | None = None
     ) -> dict[str, Any]:
-        """Give coefficients at the tested voltages, and trim at a weight and voltage, as numbers for JSON."""
+        """Return coefficients at the tested voltages, and trim at a weight and voltage, as numbers for JSON."""
         volts: list[float | None] = [*self.voltages] or [None]
         if voltage is not None and voltage not in volts:
             volts.append(voltage)

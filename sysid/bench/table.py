@@ -331,7 +331,7 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
 
 
 def _order(motor: str, rows: pd.DataFrame) -> list[Finding]:
-    """Say when PWM jumps about within the test: neither up, down, nor repeated sweeps."""
+    """Report when PWM jumps about within the test: neither up, down, nor repeated sweeps."""
     steps = np.sign(np.diff(rows["pwm"].to_numpy()))
     turns = int(np.count_nonzero(np.diff(steps[steps != 0.0]) != 0.0))
     levels = max(rows["pwm"].round().nunique(), 1)

@@ -350,7 +350,7 @@ def _attitude_target(log: FlightLog, axis: Axis, t: Floats) -> Floats | None:
 
 
 def experiment_record(experiment: Experiment, axis: Axis) -> AxisRecord:
-    """Take the signals of an axis out of an experiment; its only input and output, where it has one of each.
+    """Read the signals of an axis from an experiment; its only input and output, where it has one of each.
 
     Inputs are found by the name of the axis (``roll``, ``out_roll``; ``thrust`` or ``throttle`` for the vertical one),
     outputs by theirs (``w_x``, ``p``; ``a_up``) or among the rates of the experiment's context. An input named

@@ -108,7 +108,7 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
 
 
 def shared_context(experiments: Iterable[Clocked], trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
-    """Give the context of that of the same flight's experiments that has the clock `t`; else a new one."""
+    """Return the context of that of the same flight's experiments that has the clock `t`; else a new one."""
     same = (each.context for each in experiments if each.context is not None and np.array_equal(each.t, t))
     found = next(same, None)
     return flight_context(trajectory, tables, t) if found is None else found
@@ -150,12 +150,12 @@ def standard_density(altitude: Floats) -> Floats:
 
 
 def has_pressure(tables: Tables) -> bool:
-    """Say whether the log has a barometer with pressures."""
+    """Return whether the log has a barometer with pressures."""
     return tables.baro is not None and bool(tables.baro["pressure"].gt(0.0).sum() > 1)
 
 
 def _has_altitude(tables: Tables) -> bool:
-    """Say whether altitudes count from the sea: the log has an origin or a fix."""
+    """Return whether altitudes count from the sea: the log has an origin or a fix."""
     return tables.origin is not None or (tables.gps is not None and bool(tables.gps["alt"].notna().any()))
 
 

@@ -267,7 +267,7 @@ def _segments(record: Experiment, active: Sequence[int], length: int) -> NDArray
 
 
 def _related(output: str, frequency: Floats, multiple: Floats, threshold: float) -> Finding | None:
-    """Say at which frequencies an output answers to the inputs; nothing when it does over most of the spectrum."""
+    """Report at which frequencies an output answers to the inputs; nothing when it does over most of the spectrum."""
     significant = multiple > threshold
     # One in a hundred frequencies of unrelated signals is significant by chance.
     if np.mean(significant) <= 3.0 * (1.0 - CONFIDENCE):

@@ -34,7 +34,7 @@ class ModelOrderError(RotoridError, ValueError):
 
 
 def horizon_steps(horizon: float, dt: float) -> int:
-    """Give a prediction horizon in samples, at least one.
+    """Return a prediction horizon in samples, at least one.
 
     Parameters
     ----------

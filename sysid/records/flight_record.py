@@ -125,7 +125,7 @@ def record_flight(
 
 
 def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:
-    """Say that targets jump, as those of telemetry do."""
+    """Report that targets jump, as those of telemetry do."""
     inside = source.steps[(source.steps[:, 0] > start) & (source.steps[:, 0] < stop), 1]
     if not len(inside):
         return []
@@ -143,7 +143,7 @@ def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:
 
 
 def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float, stop: float) -> list[Finding]:
-    """Say which commands of the mixer drown in the rounding of PWM to whole microseconds."""
+    """Report which commands of the mixer drown in the rounding of PWM to whole microseconds."""
     if motors is None or vehicle is None:
         return []
     flown = motors.loc[start:stop].dropna(how="any")
@@ -172,7 +172,7 @@ def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float,
 
 
 def _motion(states: pd.DataFrame, outputs: str, *, turned: bool) -> tuple[pd.DataFrame, str]:
-    """Give position or velocity, z up, along north and east or, turned, along and across the nose; and its unit."""
+    """Return position or velocity, z up, along north and east or, turned, along and across the nose; and its unit."""
     kind, unit = ("p", "m") if outputs == "position" else ("v", "m/s")
     values = states[[f"{kind}_n", f"{kind}_e", f"{kind}_d"]].to_numpy(np.float64) * [1.0, 1.0, -1.0]
     names = ["x", "y", "z"]

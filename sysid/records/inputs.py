@@ -294,7 +294,7 @@ def _velocity_reference(tables: Tables) -> Inputs:
 
 
 def _no_reference(tables: Tables, kind: str, messages: str) -> str:
-    """Say why there is no reference: nobody flew by it, or it was not logged."""
+    """Explain why there is no reference: nobody flew by it, or it was not logged."""
     modes = [] if tables.modes is None else list(dict.fromkeys(str(mode) for mode in tables.modes["mode"]))
     if modes and set(modes) <= _WITHOUT_POSITION:
         return (
@@ -317,7 +317,7 @@ def _between_origins(tables: Tables, trajectory: Trajectory) -> Floats:
 
 
 def _jumps(t: Floats, error: Floats, tables: Tables, position: Floats) -> tuple[Floats, Floats]:
-    """Tell targets that jump because the loop was set up anew from targets that are steps asked of it.
+    """Distinguish targets that jump because the loop was set up anew from targets that are steps asked of it.
 
     A loop is set up anew at a change of mode, and when the autopilot's own estimate jumps with the target.
 

@@ -55,7 +55,7 @@ def project(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> p
 
 
 def rounding(motors: pd.DataFrame, vehicle: Vehicle) -> dict[str, float]:
-    """Give the standard deviation that rounding PWM to 1 us leaves in each command of the mixer.
+    """Return the standard deviation that rounding PWM to 1 us leaves in each command of the mixer.
 
     Parameters
     ----------

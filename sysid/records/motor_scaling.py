@@ -24,7 +24,7 @@ def motor_commands(pwm: Floats, vehicle: Vehicle) -> Floats:
 
 
 def motor_pwm(command: float, vehicle: Vehicle) -> float:
-    """Give the PWM [us] of a command: the inverse of `motor_commands`."""
+    """Return the PWM [us] of a command: the inverse of `motor_commands`."""
     width = vehicle.pwm_max - vehicle.pwm_min
     return vehicle.pwm_min + width * (vehicle.spin_min + command * (vehicle.spin_max - vehicle.spin_min))
 

@@ -42,7 +42,7 @@ class MotorSignals:
 
 
 def motor_signals(record: Experiment, law: Law, vehicle: Vehicle, voltage: float | None, expo: float) -> MotorSignals:
-    """Give the fastest signals that the record has.
+    """Return the fastest signals that the record has.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def motor_signals(record: Experiment, law: Law, vehicle: Vehicle, voltage: float
 
 
 def too_slow(method: str, source: str) -> Finding:
-    """Say why nothing about rotation is determined."""
+    """Explain why nothing about rotation is determined."""
     return Finding(
         "motor-signals-slow",
         Severity.WARNING,
@@ -86,14 +86,14 @@ def too_slow(method: str, source: str) -> Finding:
 
 
 def unexplained(part: float, what: str) -> str:
-    """Say why an effectiveness is not believed; empty when motors explain enough of what the craft did."""
+    """Explain why an effectiveness is not believed; empty when motors explain enough of what the craft did."""
     if part >= EXPLAINED:
         return ""
     return f"motors explain only {100.0 * max(part, 0.0):.0f} % of the {what}: wind or slow logs do the rest"
 
 
 def _fast(record: Experiment, values: Floats) -> bool:
-    """Say whether values change at the record's own rate, and that rate is enough."""
+    """Return whether values change at the record's own rate, and that rate is enough."""
     if record.rate < ENOUGH:
         return False
     moving = values[:, np.ptp(values, axis=0) > 0.0]

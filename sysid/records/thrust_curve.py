@@ -48,7 +48,7 @@ class Law(StrEnum):
 
 
 def column(record: Experiment, name: str) -> Floats:
-    """Give a column of the record's context; NaN where the log does not tell."""
+    """Return a column of the record's context; NaN where the log does not tell."""
     if record.context is None or name not in record.context:
         return np.full(len(record.t), np.nan)
     return record.context[name].to_numpy(np.float64)
@@ -67,7 +67,7 @@ def reference_voltage(records: Sequence[Experiment]) -> float | None:
 
 
 def rotor_speeds(record: Experiment) -> Floats | None:
-    """Give the speeds that the ESCs report for the record's motors, rad/s, (N, motors); None unless all report."""
+    """Return the speeds that the ESCs report for the record's motors, rad/s, (N, motors); None unless all report."""
     if record.context is None:
         return None
     speeds = [column(record, f"rotor_speed_{name.removeprefix('m')}") for name in record.input_names]
@@ -78,7 +78,7 @@ def rotor_speeds(record: Experiment) -> Floats | None:
 def thrust_signals(
     record: Experiment, law: Law, vehicle: Vehicle, voltage: float | None, expo: float | None = None
 ) -> Floats:
-    """Give s of the module's text for each motor, (N, motors).
+    """Return s of the module's text for each motor, (N, motors).
 
     Parameters
     ----------

@@ -219,7 +219,7 @@ def _motor_outputs(records: Sequence[Experiment], vehicle: Vehicle) -> list[Find
 
 
 def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, voltage: float | None) -> list[Finding]:
-    """Say what the logs lack and what that means."""
+    """Report what the logs lack and what that means."""
     findings = []
     count, flown = len(records[0].input_names), len(vehicle.motors)
     if count < flown:
@@ -494,7 +494,7 @@ def _undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:
 def _drag_apart(
     parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: FilterErrorFit, covariance: Floats
 ) -> list[Finding]:
-    """Give the whole drag at the speed flown where its linear and quadratic parts cannot be told apart."""
+    """Return the whole drag at the speed flown where its linear and quadratic parts cannot be told apart."""
     findings = []
     for place, axis in enumerate("xyz"):
         names = (f"drag_linear_{axis}", f"drag_quadratic_{axis}")

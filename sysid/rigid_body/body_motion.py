@@ -107,7 +107,7 @@ class Motion:
         return columns
 
     def cut(self, start: int, stop: int) -> Motion:
-        """Give the samples from `start` to before `stop`."""
+        """Return the samples from `start` to before `stop`."""
         part = slice(start, stop)
         return replace(
             self,
@@ -131,7 +131,7 @@ class Motion:
 
 
 def motion(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motion:
-    """Take from a record what the equations of motion read.
+    """Read from a record what the equations of motion read.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ class HoverModel(Summarised):
         return bool(np.linalg.matrix_rank(np.hstack(blocks)) == len(self.A))
 
     def to_dict(self) -> dict[str, Any]:
-        """Give matrices and names for JSON."""
+        """Return matrices and names for JSON."""
         return {
             "kind": "hover",
             "states": list(STATES),

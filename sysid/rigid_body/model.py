@@ -110,7 +110,7 @@ class BodyParameter:
     si_unit: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers and text for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
@@ -193,7 +193,7 @@ class RigidBodyModel(Summarised):
         return (ROTOR_DRAG if self.rotor_drag else 0) | (AXIS_DRAG if self.axis_drag else 0)
 
     def value(self, name: str) -> float:
-        """Give the number that the model computes with."""
+        """Return the number that the model computes with."""
         return self.parameters[name].used
 
     @property
@@ -384,7 +384,7 @@ class RigidBodyModel(Summarised):
     def trimmed(
         self, experiments: Sequence[Experiment], seconds: float | None = None, wind_spacing: float | None = None
     ) -> RigidBodyModel:
-        """Give the model with wind and thrust scale of these flights as `trim` finds them, and say so in its name."""
+        """Return the model with wind and thrust scale of these flights as `trim` finds them, and say so in its name."""
         flights = {record.name: self.trim(record, seconds, wind_spacing) for record in experiments}
         how = "each whole flight" if seconds is None else f"the first {seconds:g} s of each flight"
         return replace(
@@ -421,7 +421,7 @@ class RigidBodyModel(Summarised):
         return total, float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the model as numbers and text for JSON."""
+        """Return the model as numbers and text for JSON."""
         return {
             "kind": "rigid_body",
             "name": self.name,

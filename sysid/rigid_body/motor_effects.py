@@ -55,14 +55,14 @@ class MotorEffect:
     reason: str = ""
 
     def to_dict(self) -> dict[str, float | str | None]:
-        """Give numbers and text for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
 def fit_motor_effects(
     records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, turning: RotationFit
 ) -> Mapping[str, MotorEffect]:
-    """Tell motors apart by the rotation that each causes.
+    """Distinguish motors by the rotation that each causes.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ class RotationFit:
 
 
 def logged_motors(record: Experiment, vehicle: Vehicle) -> tuple[Motor, ...]:
-    """Give the motors of the frame behind the inputs m1, m2 ...; empty when any of them is unknown."""
+    """Return the motors of the frame behind the inputs m1, m2 ...; empty when any of them is unknown."""
     known = {f"m{motor.number}": motor for motor in vehicle.motors}
     return tuple(known[name] for name in record.input_names) if set(record.input_names) <= set(known) else ()
 

@@ -70,7 +70,7 @@ class FlightTrim:
         return np.asarray(mean + np.column_stack([np.interp(t, knots, part) for part in parts]))
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 

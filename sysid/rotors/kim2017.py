@@ -144,7 +144,7 @@ class Kim2017Model(Summarised):
         return self.torque_per_inertia * self.inertia[2], self.torque_sigma * self.inertia[2]
 
     def thrust_table(self) -> pd.DataFrame:
-        """Give thrust coefficients in the form of Table 6: index ``motor``; stand, flight, standard error, ratio."""
+        """Return thrust coefficients in the form of Table 6: index ``motor``; stand, flight, standard error, ratio."""
         rows = {
             motor: {"test_stand": self.bench.get(motor, np.nan), **_columns(value)}
             for motor, value in self.per_motor.items()
@@ -154,7 +154,7 @@ class Kim2017Model(Summarised):
         return table
 
     def torque_table(self) -> pd.DataFrame:
-        """Give the mean torque coefficient in the form of Table 7."""
+        """Return the mean torque coefficient in the form of Table 7."""
         value = self.torque
         row = {
             "test_stand": self.bench.get("torque", np.nan),
@@ -212,7 +212,7 @@ class Kim2017Model(Summarised):
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("output")
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the model as numbers and text for JSON."""
+        """Return the model as numbers and text for JSON."""
         torque = self.torque
         return {
             "kind": "kim2017",
@@ -243,7 +243,7 @@ class Kim2017Model(Summarised):
         }
 
     def _specific(self) -> Floats:
-        """Give k_i / m for the simulation: each motor's own where determined, the common one elsewhere."""
+        """Return k_i / m for the simulation: each motor's own where determined, the common one elsewhere."""
         usual = self.common.per_mass
         values = [value.per_mass if value.per_mass is not None else usual for value in self.per_motor.values()]
         if any(value is None for value in values):

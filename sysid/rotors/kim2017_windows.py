@@ -46,7 +46,7 @@ class FlightData:
 
     @classmethod
     def of(cls, record: Experiment, law: Law, voltage: float | None, expo: float, time_constant: float) -> FlightData:
-        """Take what the equations read from a record.
+        """Read what the equations need from a record.
 
         Raises
         ------
@@ -246,7 +246,7 @@ def _levers(windows: Sequence[Window], specific: float) -> list[float]:
 def _sensitivities(
     gains: Sequence[Floats], outputs: Sequence[Floats], values: Floats, lever: Floats, free: bool
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Give sensitivities and residual of one output after the other."""
+    """Yield sensitivities and residual of one output after the other."""
     scale = (1.0, lever[0], lever[1])
     for o, (gain, output) in enumerate(zip(gains, outputs, strict=True)):
         effect = gain @ values
@@ -299,7 +299,7 @@ def _covariance(
 
 
 def motor_patterns(geometry: MotorGeometry) -> Floats:
-    """Give the combinations of motors that yaw may follow: torque by spin, thrust, roll, pitch; shape (4, n)."""
+    """Return the combinations of motors that yaw may follow: torque by spin, thrust, roll, pitch; shape (4, n)."""
     return np.vstack([-geometry.spin, np.ones(len(geometry.spin)), geometry.right, geometry.forward])
 
 

@@ -110,7 +110,7 @@ class Refinement2020Model(Summarised):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the model as numbers and text for JSON."""
+        """Return the model as numbers and text for JSON."""
         return {
             "kind": "refinement2020",
             "name": self.name,
@@ -199,7 +199,7 @@ def fit_refinement2020(
 
 
 def _believed(instants: Mapping[str, InstantMean], explained: Mapping[str, float]) -> dict[str, InstantMean]:
-    """Take back what instants say of rotation where the motors do not explain it: a lag or wind is no inertia."""
+    """Undo what instants say of rotation where the motors do not explain it: a lag or wind is no inertia."""
     worst = min(("roll", "pitch"), key=lambda axis: explained[axis])
     turning = unexplained(explained[worst], f"angular acceleration in {worst}")
     yawing = unexplained(explained["yaw"], "angular acceleration in yaw")

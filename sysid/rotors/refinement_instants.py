@@ -80,7 +80,7 @@ class InstantMean:
         return replace(self, mean=None, spread=None, median=None, event_spread=None, reason=reason) if reason else self
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
@@ -103,7 +103,7 @@ class StackedEstimate:
     reason: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {
             "value": self.value,
             "sigma": self.sigma,
@@ -132,7 +132,7 @@ class Motion:
 
     @classmethod
     def of(cls, record: Experiment, geometry: MotorGeometry, signals: Floats, rates: Floats) -> Motion:
-        """Take what the equations read from a record, its motors' signals and rates.
+        """Read what the equations need from a record, its motors' signals and rates.
 
         Raises
         ------

@@ -122,7 +122,7 @@ class RotorModel(Summarised):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the model as numbers and text for JSON."""
+        """Return the model as numbers and text for JSON."""
         return {
             "kind": "rotor",
             "name": self.name,
@@ -238,7 +238,7 @@ def _condition(blocks: Sequence[Blocks]) -> float:
 
 
 def _choose(records: Sequence[Experiment], vehicle: Vehicle, rmse: Mapping[Law, float]) -> tuple[Law, list[Finding]]:
-    """Take the law that explains thrust; say when what ESCs call a speed is none."""
+    """Choose the law that explains thrust; report when what ESCs call a speed is none."""
     if Law.SPEED not in rmse:
         return Law.COMMAND, []
     commands = np.vstack([motor_commands(record.u, vehicle) for record in records])
@@ -336,7 +336,7 @@ def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Para
 
 
 def _other_curve(found: Parameter, vehicle: Vehicle) -> list[Finding]:
-    """Say when thrust clearly follows another curve than the one that the autopilot inverts."""
+    """Report when thrust clearly follows another curve than the one that the autopilot inverts."""
     if found.value is None or found.sigma is None:
         return []
     expo, sigma = found.value, found.sigma

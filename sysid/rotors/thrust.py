@@ -118,7 +118,7 @@ class ThrustModel(Summarised):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the model as numbers and text for JSON."""
+        """Return the model as numbers and text for JSON."""
         plain = {
             name: getattr(self, name)
             for name in [

@@ -60,7 +60,7 @@ class ThrustCoefficient:
     reason: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
@@ -145,7 +145,7 @@ def regress(regressors: Sequence[Floats], outputs: Sequence[Floats], most_lags: 
 
 
 def coefficients(regressors: Sequence[Floats], outputs: Sequence[Floats]) -> Floats:
-    """Give the values of `regress` alone, (q,)."""
+    """Return the values of `regress` alone, (q,)."""
     x, y = np.vstack(regressors), np.concatenate(outputs)
     size = np.linalg.norm(x, axis=0)
     size = np.where(size > 0.0, size, 1.0)
@@ -175,7 +175,7 @@ def covariance_of(regressors: Sequence[Floats], residuals: Sequence[Floats], mos
 
 
 def scatter_between(regressors: Sequence[Floats], blocks: Sequence[Blocks]) -> float:
-    """Give the common coefficient's standard error from its scatter between records; 0 for a single one."""
+    """Return the common coefficient's standard error from its scatter between records; 0 for a single one."""
     alone = [
         float(regress([rows], [block.force]).values[0])
         for rows, block in zip(regressors, blocks, strict=True)
@@ -270,7 +270,7 @@ def conditions_of(records: Sequence[Experiment]) -> tuple[Vehicle, float | None,
 
 
 def _unknown_air(records: Sequence[Experiment], voltage: float | None) -> list[Finding]:
-    """Say when density or battery voltage are not known."""
+    """Report when density or battery voltage are not known."""
     findings = []
     if not all(np.isfinite(column(record, "density")).all() for record in records):
         findings.append(
@@ -295,7 +295,7 @@ def _unknown_air(records: Sequence[Experiment], voltage: float | None) -> list[F
 
 
 def vehicle_of(record: Experiment) -> tuple[Vehicle, list[Finding]]:
-    """Give the record's craft, or ArduPilot's defaults with a finding that says so."""
+    """Return the record's craft, or ArduPilot's defaults with a finding that says so."""
     if record.vehicle is not None:
         return record.vehicle, []
     vehicle = Vehicle()
@@ -311,7 +311,7 @@ def vehicle_of(record: Experiment) -> tuple[Vehicle, list[Finding]]:
 
 
 def mass_unknown() -> Finding:
-    """Say what is missing without a mass."""
+    """Report what is missing without a mass."""
     return Finding(
         "mass-unknown",
         Severity.INFO,

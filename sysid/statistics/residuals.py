@@ -72,7 +72,7 @@ class ResidualTest:
 
     @property
     def sentence(self) -> str:
-        """Say what the tests found."""
+        """Report what the tests found."""
         largest = float(np.max(np.abs(self.autocorrelation)))
         white = (
             "errors one sample ahead are white"
@@ -86,7 +86,7 @@ class ResidualTest:
         return f"{white}; inputs before them would improve it ({missed}): the model misses what these say"
 
     def to_dict(self) -> dict[str, Any]:
-        """Give statistics and correlations for JSON."""
+        """Return statistics and correlations for JSON."""
         return {
             "residual": "one-sample-ahead prediction error",
             "samples": self.samples,

@@ -56,7 +56,7 @@ class Difference:
     sigma: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         deviation = np.sqrt(np.diag(self.covariance))
         known = [float(value) if np.isfinite(value) else None for value in deviation]
         return {
@@ -161,7 +161,7 @@ class ArxModel(Summarised):
         return result
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the model as numbers and text for JSON."""
+        """Return the model as numbers and text for JSON."""
         return {
             "kind": "arx",
             "name": self.name,

@@ -139,7 +139,7 @@ class ClosedLoopModel(Summarised):
         return result
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the model as numbers and text for JSON."""
+        """Return the model as numbers and text for JSON."""
         return {
             "kind": "closed-loop",
             "name": self.name,

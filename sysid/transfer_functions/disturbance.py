@@ -83,7 +83,7 @@ class Disturbance:
         return np.asarray(level, dtype=np.float64), np.asarray(slope, dtype=np.float64)
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the gains for JSON."""
+        """Return the gains for JSON."""
         memory = self.memory if np.isfinite(self.memory) else None
         return {"alpha": self.alpha, "beta": self.beta, "fade_seconds": FADE, "memory_seconds": memory}
 
@@ -95,7 +95,7 @@ class Disturbance:
 
 
 def steady_gains(index: float) -> Disturbance:
-    """Give the steady Kalman gains of a constant-velocity track for a tracking index (Kalata 1984)."""
+    """Return the steady Kalman gains of a constant-velocity track for a tracking index (Kalata 1984)."""
     r = (4.0 + index - np.sqrt(8.0 * index + index**2)) / 4.0
     alpha = 1.0 - r**2
     beta = 2.0 * (2.0 - alpha) - 4.0 * np.sqrt(1.0 - alpha)

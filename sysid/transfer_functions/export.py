@@ -94,7 +94,7 @@ def _structs(models: Mapping[str, TransferMatrix | Mapping[str, TransferMatrix]]
 
 
 def to_control(model: TransferMatrix) -> control.TransferFunction:
-    """Give a model to python-control, as one system with named inputs and outputs.
+    """Return a model to python-control, as one system with named inputs and outputs.
 
     That package has no delays in continuous time; they become Padé approximations of order `PADE_ORDER`.
 

@@ -61,7 +61,7 @@ class ModelResponse:
         return np.asarray(np.unwrap(np.angle(self.response)))
 
     def band(self, level: float = 0.95) -> tuple[Floats, Floats]:
-        """Give the lower and upper limit of the gain at each frequency."""
+        """Return the lower and upper limit of the gain at each frequency."""
         # Beyond e^50 a band says nothing more.
         reach = np.minimum(np.sqrt(chi2.ppf(level, 1)) * self.sigma_gain, 50.0)
         return self.gain * np.exp(-reach), self.gain * np.exp(reach)
@@ -135,12 +135,12 @@ class Root:
 
 
 def poles(function: TransferFunction) -> tuple[Root, ...]:
-    """Give the poles with their uncertainty, slowest first."""
+    """Return the poles with their uncertainty, slowest first."""
     return _roots(function.den, function, len(function.num), 1)
 
 
 def zeros(function: TransferFunction) -> tuple[Root, ...]:
-    """Give the zeros with their uncertainty, slowest first."""
+    """Return the zeros with their uncertainty, slowest first."""
     return _roots(function.num, function, 0, 0)
 
 

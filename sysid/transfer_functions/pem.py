@@ -313,7 +313,7 @@ def _fit_output(
 def _without_inputs(
     records: Sequence[Experiment], column: int, y: Sequence[Floats], scale: float, longest: float, task: _Task
 ) -> _OutputFit:
-    """Give the model of an output on which nothing acts: each record's mean."""
+    """Return the model of an output on which nothing acts: each record's mean."""
     residuals = [values - values.mean() for values in y]
     return _OutputFit(
         functions={name: TransferFunction(np.zeros(1), np.ones(1)) for name in records[0].input_names},
@@ -489,7 +489,7 @@ def _judge(
 
 
 def _idle_inputs(output: str, report: FitReport, functions: Mapping[str, TransferFunction]) -> Finding | None:
-    """Say when no input acts on the output by more than chance: what is explained is drift and initial state.
+    """Report when no input acts on the output by more than chance: what is explained is drift and initial state.
 
     Wald's test of each input's numerator against zero, with the covariance that is valid for coloured residuals.
     """

@@ -125,9 +125,9 @@ class Cut:
     output_scale: float
 
     def inputs(self, record: Experiment) -> Floats:
-        """Give inputs about their trim, scaled."""
+        """Return inputs about their trim, scaled."""
         return np.ascontiguousarray((record.u - record.input_trim)[:, list(self.active)] / self.input_scale)
 
     def output(self, record: Experiment) -> Floats:
-        """Give the output about its trim, scaled."""
+        """Return the output about its trim, scaled."""
         return np.asarray((record.y[:, self.column] - record.output_trim[self.column]) / self.output_scale)

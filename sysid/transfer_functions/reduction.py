@@ -94,7 +94,7 @@ class Part:
         return np.hstack([self.trends[:, :-1], self.free, self.forced * self.used, self.trends[:, -1:]])
 
     def finish(self, numerators: Floats) -> None:
-        """Take the numerators that all records together chose."""
+        """Accept the numerators that all records together chose."""
         c, first = numerators.ravel(), self.trends.shape[1] - 1
         self.local = backward(self.factor, self.coupling[:, -1] - self.coupling[:, :-1] @ c)
         own = self.trends[:, :first] @ self.local[:first] + self.free @ self.local[first:]
@@ -186,7 +186,7 @@ def jacobian(
 
 
 def linearise(problem: Problem, basis: Basis, part: Part, columns: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Give what a record contributes to a Gauss-Newton step in everything shared.
+    """Return what a record contributes to a Gauss-Newton step in everything shared.
 
     Parameters
     ----------

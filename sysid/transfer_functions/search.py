@@ -324,7 +324,7 @@ def _tried_delays(problem: Problem) -> list[Floats]:
 
 
 def _coordinate_delays(problem: Problem, theta: Floats, delays: Floats) -> Floats:
-    """Let every input in turn have the delay among the tried ones that suits it best."""
+    """Choose for every input in turn the best of the delays tried."""
     delays = delays.copy()
     if len(delays) == 1:
         return delays
@@ -367,7 +367,7 @@ def _better_half(problem: Problem, first: Sequence[Descent], deadline: float) ->
 
 
 def _with_own(problem: Problem, plan: Plan) -> Problem:
-    """Give every input a denominator of its own, of its own order."""
+    """Return every input a denominator of its own, of its own order."""
     alike = set(plan.orders) == {problem.order}
     return replace(
         problem,

@@ -29,7 +29,7 @@ class Band:
 
 
 def resolvable_band(duration: float, dt: float) -> Band:
-    """Give the band of poles for the longest record, from a tenth of its inverse length to the Nyquist frequency.
+    """Return the band of poles for the longest record, from a tenth of its inverse length to the Nyquist frequency.
 
     A pole slower than that cannot be told from an integrator; one faster not from a gain.
     """
@@ -48,7 +48,7 @@ def clip(theta: Floats, band: Band, orders: Sequence[int] = ()) -> Floats:
 
 
 def from_poles(poles: NDArray[np.complex128]) -> Floats:
-    """Give the parameters of a denominator with these poles, shape (n,); unstable ones are reflected.
+    """Return the parameters of a denominator with these poles, shape (n,); unstable ones are reflected.
 
     Pairs are made of neighbours, so that real poles make well-conditioned sections too.
     """

@@ -254,7 +254,7 @@ def descend(
 
 
 def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats]:
-    """Give Hessian and gradient of the reduced problem in poles and delays.
+    """Return Hessian and gradient of the reduced problem in poles and delays.
 
     Returns
     -------

@@ -81,7 +81,7 @@ def srivc(problem: Problem, bandwidth: float, deadline: float = np.inf) -> Start
 
 
 def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats:
-    """Take one iteration: the coefficients of A by instrumental variables.
+    """Iterate once: the coefficients of A by instrumental variables.
 
     Parameters
     ----------

@@ -163,7 +163,7 @@ def _enough(problem: Problem, sections: int) -> bool:
 
 
 def _shared_modes(problem: Problem, sections: int, band: Band, deadline: float) -> tuple[Problem, Descent]:
-    """Let every input act on every section, from rest where that explains half of the records."""
+    """Respond to every input with every section, from rest where that explains half of the records."""
     m = len(problem.group)
     modes = replace(
         problem,

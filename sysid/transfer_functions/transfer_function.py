@@ -101,7 +101,7 @@ class TransferFunction(Summarised):
         return np.asarray(ratio * np.exp(-self.delay * s), dtype=np.complex128)
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON; complex poles and zeros as ``[real, imaginary]`` in rad/s, slowest first.
+        """Return plain values for JSON; complex poles and zeros as ``[real, imaginary]`` in rad/s, slowest first.
 
         ``poles_std`` and ``zeros_std`` are their largest standard deviations in any direction, None where infinite.
         """
@@ -177,7 +177,7 @@ class FitReport:
     undetermined: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Give numbers for JSON."""
+        """Return plain values for JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
@@ -321,7 +321,7 @@ class TransferFunctionModel(Summarised):
         return replace(self, initial_states={**self.initial_states, name: states})
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the model as numbers and text for JSON."""
+        """Return the model as numbers and text for JSON."""
         return {
             "kind": "transfer-functions",
             "name": self.name,

@@ -138,7 +138,7 @@ class Validation(Summarised):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Give tables, averages and verdicts for JSON."""
+        """Return tables, averages and verdicts for JSON."""
         return {
             "model": self.model,
             "table": plain_records(self.table),
@@ -389,7 +389,7 @@ def _horizon_rows(
 def _verdict(
     output: str, rows: pd.DataFrame, ahead: pd.DataFrame, unit: str, unseen: bool, own_trim: bool
 ) -> tuple[str, bool]:
-    """Say in one sentence what the numbers of the tables, averaged over flights, mean."""
+    """Report in one sentence what the numbers of the tables, averaged over flights, mean."""
     unit = f" {unit}" if unit else ""
     rmse = float(rows["rmse"].mean())
     baselines = {

@@ -68,7 +68,7 @@ class OrderScan(Summarised):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the table and the recommendation for JSON."""
+        """Return the table and the recommendation for JSON."""
         return {
             "table": plain_records(self.table),
             "recommended": None

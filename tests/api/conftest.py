@@ -41,7 +41,7 @@ def running(app: FastAPI) -> Iterator[httpx.Client]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the data folder of the module's service."""
+    """Return the data folder of the module's service."""
     return tmp_path_factory.mktemp("data")
 
 
@@ -63,7 +63,7 @@ def hasty_service(tmp_path: Path) -> Iterator[httpx.Client]:
 
 @pytest.fixture(scope="session")
 def upload() -> Callable[..., httpx.Response]:
-    """Give a function that uploads bytes as a file and has them analysed."""
+    """Return a function that uploads bytes as a file and has them analysed."""
 
     def post(client: httpx.Client, content: bytes, name: str = "flight.bin", **parameters: object) -> httpx.Response:
         return client.post("/api/v1/logs", params={"analyze": True, **parameters}, files={"file": (name, content)})

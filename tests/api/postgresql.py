@@ -15,7 +15,7 @@ from tests.api.programs import free_port
 
 
 def programs() -> Path:
-    """Give the folder with the server's programs; the test is skipped where there is none."""
+    """Return the folder with the server's programs; the test is skipped where there is none."""
     found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
     if not found:
         pytest.skip("PostgreSQL is not installed (Debian: apt-get install postgresql)")

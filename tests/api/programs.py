@@ -53,7 +53,7 @@ class Service:
         wait_until(self.answers)
 
     def answers(self) -> bool:
-        """Say whether it is up."""
+        """Return whether it is up."""
         try:
             return self.client.get("/healthz").status_code == 200
         except httpx.TransportError:
@@ -85,7 +85,7 @@ def children(pid: int) -> list[int]:
 
 
 def is_analysis(pid: int) -> bool:
-    """Tell a process that analyses, which is nice, from those that keep house for `multiprocessing`."""
+    """Report a process that analyses, which is nice, from those that keep house for `multiprocessing`."""
     try:
         return os.getpriority(os.PRIO_PROCESS, pid) > os.getpriority(os.PRIO_PROCESS, 0)
     except ProcessLookupError:

@@ -38,7 +38,7 @@ def url(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture
 def database(url: str) -> Iterator[Database]:
-    """Give a database without rows."""
+    """Yield a database without rows."""
     opened = Database(url)
     opened.migrate()
     with opened.write() as session:
@@ -55,7 +55,7 @@ def catalog(database: Database, tmp_path: Path) -> Catalog:
 
 @pytest.fixture
 def keep(catalog: Catalog, tmp_path: Path) -> Callable[..., str]:
-    """Give a function that keeps a log and gives its id."""
+    """Return a function that keeps a log and gives its id."""
     folder = tmp_path / "incoming"
     folder.mkdir()
     incoming = Incoming(folder)

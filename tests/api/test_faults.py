@@ -35,7 +35,7 @@ def test_kills_lose_nothing_and_do_nothing_twice(service: Service, kills: int) -
 
 
 def begun(service: Service, go_on: Path) -> tuple[str, str]:
-    """Have a log analysed until the file `go_on` is there; gives the log's id and the analysis's address."""
+    """Make a log analysed until the file `go_on` is there; gives the log's id and the analysis's address."""
     files = {"file": ("a.bin", f"until |{go_on}|".encode())}
     log = service.client.post("/api/v1/logs", files=files).json()["id"]
     address = service.client.post("/api/v1/analyses", json={"logs": [log]}).headers["Location"]

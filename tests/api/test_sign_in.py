@@ -44,7 +44,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
 
 @pytest.fixture(scope="module")
 def analysis(guarded: Guarded) -> str:
-    """Give the id of a finished analysis of Anna's."""
+    """Return the id of a finished analysis of Anna's."""
     answer = guarded.client.post(
         "/api/v1/logs",
         params={"analyze": True},

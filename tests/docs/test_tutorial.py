@@ -24,7 +24,7 @@ def commands() -> list[list[str]]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Give a folder that looks like a checkout: sample logs inside, results beside them."""
+    """Return a folder that looks like a checkout: sample logs inside, results beside them."""
     folder = tmp_path_factory.mktemp("tutorial")
     (folder / "sample_logs").symlink_to(ROOT / "sample_logs")
     return folder

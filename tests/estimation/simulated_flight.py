@@ -210,7 +210,7 @@ def _baro(rng: np.random.Generator, sensors: Sensors, t: np.ndarray, position: n
 def _ranges(
     rng: np.random.Generator, sensors: Sensors, t: np.ndarray, position: np.ndarray, C: np.ndarray
 ) -> pd.DataFrame:
-    """Give what a sensor 0.1 m above level ground at the origin's height sees along the body's down axis."""
+    """Return what a sensor 0.1 m above level ground at the origin's height sees along the body's down axis."""
     rows = np.arange(0, len(t), round(0.1 / STEP))
     distance = (0.1 - position[rows, 2]) / C[rows, 2, 2] + rng.normal(0.0, sensors.range_finder, len(rows))
     return pd.DataFrame({"distance": distance}, index=pd.Index(t[rows], name="t"))

@@ -29,7 +29,7 @@ def trajectory(flight):
 
 
 def later(tables: Tables, start: float) -> Tables:
-    """Give the log as if it had been started in the air."""
+    """Return the log as if it had been started in the air."""
     names = ("imu", "gps", "baro", "mag", "attitude")
     return replace(tables, **{name: getattr(tables, name)[getattr(tables, name).index > start] for name in names})
 

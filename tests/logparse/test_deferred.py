@@ -22,7 +22,7 @@ def at_once():
 
 @pytest.fixture
 def deferred(monkeypatch):
-    """Give the log as if a thousand rows were many."""
+    """Return the log as if a thousand rows were many."""
     monkeypatch.setattr(logparse.canonical.deferred, "LONG", 1000)
     monkeypatch.setattr(logparse.log, "LONG", 1000)
     return read_log(LOG)

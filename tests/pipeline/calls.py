@@ -37,7 +37,7 @@ def hoard(_: object, kept: list[bytes] = []) -> int:  # noqa: B006
 
 
 def stay(pipe: Path) -> None:
-    """Tell the own process id and stay until killed; the pipe ends with the process."""
+    """Return the own process id and stay until killed; the pipe ends with the process."""
     with pipe.open("w") as told:
         told.write(f"{os.getpid()}\n")
         told.flush()

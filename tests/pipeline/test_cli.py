@@ -29,7 +29,7 @@ def rotorid(*arguments, cwd=None):
 
 @pytest.fixture
 def rotorid_here(capsys, monkeypatch):
-    """Give a function that runs a command in this process: one of its own spends a second or more on imports."""
+    """Return a function that runs a command in this process: one of its own spends a second or more on imports."""
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.setenv("NO_COLOR", "1")
 

@@ -52,7 +52,7 @@ def heard(pipe: Path, program: "subprocess.Popen[bytes] | None" = None) -> Itera
 
 @pytest.fixture
 def short_folder():
-    """Give a folder with a short path: those of sockets, which lie in temporary folders, have 107 characters."""
+    """Yield a folder with a short path: those of sockets, which lie in temporary folders, have 107 characters."""
     with tempfile.TemporaryDirectory(prefix="r", dir="/tmp") as folder:
         yield Path(folder)
 

@@ -23,7 +23,7 @@ def fleet() -> FleetResult:
 
 @pytest.fixture(scope="module")
 def flights(fleet):
-    """Give the numbers of every flight, by name."""
+    """Return the numbers of every flight, by name."""
     return {each.name: fleet.store.read_json(f"flights/{each.folder}/report.json") for each in fleet.flights}
 
 

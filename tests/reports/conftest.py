@@ -203,5 +203,5 @@ def composed(folder: Path, flights: Sequence[FlightResult], crafts: Sequence[Gro
 
 @pytest.fixture(scope="session")
 def fleet(flight, other, craft, tmp_path_factory) -> Path:
-    """Give the folder of a report on two flights of one craft."""
+    """Return the folder of a report on two flights of one craft."""
     return composed(tmp_path_factory.mktemp("fleet"), [flight, other], [craft]).parent

@@ -10,7 +10,7 @@ import reports
 
 
 def schema_of(kind: str) -> dict:
-    """Give the schema of one kind: of three that fail, an error would not name the one that matters."""
+    """Return the schema of one kind: of three that fail, an error would not name the one that matters."""
     schema = json.loads((files("reports") / "report.schema.json").read_text("utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)
     return {name: value for name, value in schema.items() if name != "oneOf"} | {"$ref": f"#/$defs/{kind}"}

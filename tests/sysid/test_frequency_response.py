@@ -9,7 +9,7 @@ OMEGA = np.logspace(-1.5, 1.0, 40)
 
 
 def scattered(seed=0, runs=4000):
-    """Give a transfer function with a covariance, and draws from it."""
+    """Return a transfer function with a covariance, and draws from it."""
     rng = np.random.default_rng(seed)
     num, den = np.array([0.4, 2.0]), np.array([1.0, 1.6, 4.0, 1.2])
     size = 0.01 * np.concatenate([num, den[1:]])

@@ -18,7 +18,7 @@ TORQUE = float(paper.TORQUE_COEFFICIENTS[-1].mean())
 
 
 def craft():
-    """Give the paper's craft at 16 V, its inertia a hundredth of the print (see the seeds: impossible for 2.6 kg)."""
+    """Return the paper's craft at 16 V, its inertia a hundredth of the print (see the seeds: impossible for 2.6 kg)."""
     made = paper.quadcopter(16.0)
     return replace(made, inertia=made.inertia / 100.0)
 

@@ -24,7 +24,7 @@ RATE = 25.0
 
 
 def truth(craft, voltage):
-    """Give what the equations of `sysid.rigid_body.model` should find for a craft of `simulation`."""
+    """Return what the equations of `sysid.rigid_body.model` should find for a craft of `simulation`."""
     rotor, drive = craft.rotors[0].rotor, craft.drive
     full = rotor.thrust_coefficient * (drive.speed_max * voltage / drive.voltage_reference) ** 2
     mass, arm = craft.mass, float(np.hypot(*craft.rotors[0].position[:2]))

@@ -57,7 +57,7 @@ def start_of(problem):
 
 
 def response(problem, point, theta, delays):
-    """Give the model's output at other poles and delays, linear parameters as they are in `point`."""
+    """Return the model's output at other poles and delays, linear parameters as they are in `point`."""
     moved = solve(problem, theta, delays)
     scale = point.system.unit[list(problem.group)] / moved.system.unit[list(problem.group)]
     orders = np.array(problem.all_orders)

@@ -138,7 +138,7 @@ def _targets(record: BodyRecord, starts: np.ndarray, steps: int, predicted: Floa
 
 
 def _less(predicted: Floats, error: Floats, upright: Floats) -> Floats:
-    """Take errors (S, 12) off states (S, 18)."""
+    """Subtract errors (S, 12) from states (S, 18)."""
     out = predicted.copy()
     out[:, :3] -= np.einsum("nij,nj->ni", upright, error[:, :3])
     out[:, 3:6] -= np.einsum("nij,nj->ni", upright, error[:, 3:6])
