@@ -98,7 +98,7 @@ class Runner:
         if self._scheduler is None:
             self._executor = ThreadPoolExecutor(self._workers, thread_name_prefix="analysis")
             return True
-        # Imported here and not above: the rooms behind it and Dask are large, and most servers work without a cluster.
+        # Imported here and not above: the packages behind it are large, and most servers work without a cluster.
         from pipeline.execution.cluster import Cluster, SchedulerError
 
         try:

@@ -1,4 +1,4 @@
-"""The door of this room: tables in, trajectory out."""
+"""Entry point: tables in, trajectory out."""
 
 from datetime import datetime
 

@@ -1,4 +1,4 @@
-"""The door between the file formats and `FlightLog`: what every format reader offers."""
+"""Interface between the file formats and `FlightLog`: what every format reader offers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -147,7 +147,7 @@ def _px4_pwm_range(parameters: Mapping[str, float]) -> PwmRange:
 def describe(
     messages: Mapping[str, pd.DataFrame],
     *,
-    format: str,  # noqa: A002 -- the word of the door
+    format: str,  # noqa: A002 -- the public argument's name
     parameters: Mapping[str, float],
     elsewhere: Iterable[str] = (),
 ) -> Vehicle:
@@ -413,7 +413,7 @@ def four_motors(messages: Mapping[str, pd.DataFrame]) -> bool:
 def _channels(
     parameters: Mapping[str, float],
     frame_class: str,
-    format: str,  # noqa: A002 -- the word of the door
+    format: str,  # noqa: A002 -- the public argument's name
 ) -> Mapping[int, int] | None:
     """Servo output of each motor number; None when the log keeps to the convention that motor k is on output k."""
     channels: dict[int, int] = {}

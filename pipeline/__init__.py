@@ -1,6 +1,6 @@
 """Pipeline: one log to a result, a folder to a fleet result, and the command line.
 
-Names are imported when they are first used, so that ``rotorid --help`` need not load the numerical rooms.
+Names are imported when they are first used, so that ``rotorid --help`` need not load the numerical packages.
 """
 
 from importlib import import_module

@@ -1,6 +1,6 @@
 """Reports: results as pages, tables and files.
 
-Names are imported when they are first used, so that a report's numbers can be read without the rooms that made them.
+Names are imported when they are first used, so that a report's numbers can be read without the packages that made them.
 """
 
 from importlib import import_module
@@ -33,7 +33,7 @@ def __getattr__(name: str) -> object:
 def publish(result: "FlightResult | GroupResult", folder: "str | Path") -> "Path":
     """Write the same as `write` for a folder ``flights/NAME`` or ``crafts/NAME`` that `write_fleet` composes from.
 
-    It is named in `pipeline.analyze_fleet` also where nothing is new, and so must not wait for the rooms behind it.
+    It is named in `pipeline.analyze_fleet` also where nothing is new, and so must not wait for the packages behind it.
     """
     from reports.folder import write_for_fleet
 

@@ -1,4 +1,4 @@
-"""Rows of a report's numbers: what any table or text is drawn from, without the numerical rooms that made them."""
+"""Rows of a report's numbers: what any table or text is drawn from, without the numerical packages that made them."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _OUTPUTS = ("RCOU", "MOT", "SERVO_OUTPUT_RAW", "actuator_outputs")
 def build_tables(
     messages: Mapping[str, pd.DataFrame],
     *,
-    format: str,  # noqa: A002 -- the word of the door
+    format: str,  # noqa: A002 -- the public argument's name
     parameters: Mapping[str, float],
     vehicle: Vehicle,
 ) -> tuple[Tables, tuple[Finding, ...]]:

@@ -40,7 +40,7 @@ PRELOAD = ("pipeline.fleet.job",)
 #: How many processes may die of one call: by the first it was perhaps only unlucky to be beside a larger one.
 ATTEMPTS = 3
 
-#: Memory of a worker, bytes: of the imported rooms, and for each byte of its log (measured, see docs/scaling.md).
+#: Memory of a worker, bytes: of the imported packages, and for each byte of its log (measured, see docs/scaling.md).
 BASE_MEMORY = 450_000_000
 MEMORY_PER_BYTE = 4.0
 
@@ -130,7 +130,7 @@ class WorkerDiedError(BrokenExecutor):
 class Processes(Executor):
     """Worker processes, each with a thread here that hands it one call at a time.
 
-    They are forked from a fresh process that has imported the rooms once, never from this one: threads of a progress
+    They are forked from a fresh process that has imported the packages once, never from this one: threads of a progress
     display do not survive a fork.
 
     Parameters

@@ -1,7 +1,7 @@
 """A folder of logs to one result: every log for itself, then every craft jointly, judged on its other flights.
 
 All products go to a store, and what a former run left there is not made again: a log is analysed when its content, its
-name, the settings or the software are new, a craft is identified when its flights are. Rooms that take long to import
+name, the settings or the software are new, a craft is identified when its flights are. Packages that are slow to import
 are imported when there is something to do.
 """
 

@@ -94,7 +94,7 @@ def day_of(flight: FlightEntry) -> str:
 
 
 def places_of(flights: Sequence[FlightEntry]) -> dict[str, int]:
-    """Number the places of take-off, by flight's name; -1 where the log does not tell."""
+    """Assign numbers to the places of take-off, by flight's name; -1 where the log does not tell."""
     centres: list[tuple[float, float]] = []
     numbers: dict[str, int] = {}
     for flight in sorted(flights, key=lambda each: (_place(each) or (math.inf, math.inf), each.name)):

@@ -174,14 +174,14 @@ def page_key(publish: Callable[..., object] | None) -> str:
 
 def _fingerprint(packages: Iterable[str]) -> str:
     sources = hashlib.sha256()
-    for room in packages:
+    for package in packages:
         # Found and not imported: this must not wait for numerical packages.
-        spec = find_spec(room)
+        spec = find_spec(package)
         if spec is None or spec.origin is None:
             continue
         folder = Path(spec.origin).parent
         for file in sorted(each for each in folder.rglob("*") if each.suffix in _SOURCES):
-            sources.update(f"{room}/{file.relative_to(folder).as_posix()}\0".encode())
+            sources.update(f"{package}/{file.relative_to(folder).as_posix()}\0".encode())
             sources.update(file.read_bytes())
     return sources.hexdigest()
 

@@ -36,7 +36,7 @@ def _places(store: Store, records: Sequence[LogRecord], below: str) -> Iterator[
     """List the partitions that flights have in the datasets, as far as they are there."""
     if not records:
         return
-    # Imported here: it brings the numerical rooms, which an unchanged folder must not wait for.
+    # Imported here: it brings the numerical packages, which an unchanged folder must not wait for.
     from pipeline.storage.dataset import EXPERIMENTS, TABLES, part
 
     for record in records:

@@ -1,6 +1,6 @@
 """The command line: ``rotorid analyze | report | inspect | plot | export | frequency | tune | prove | serve ...``.
 
-Each command is a file in `rotorid.cli`; heavy rooms are imported inside the commands, so that help and usage
+Each command is a file in `rotorid.cli`; heavy packages are imported inside the commands, so that help and usage
 errors come at once.
 """
 

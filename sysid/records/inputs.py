@@ -40,7 +40,7 @@ from sysid.records.mixer import project
 if TYPE_CHECKING:
     from estimation import Trajectory
 
-#: Sets of inputs by the name of the door.
+#: Sets of inputs by their public names.
 INPUT_SETS = ("motors", "mixer", "rate_outputs", "reference", "velocity_reference")
 
 #: A target that runs away from the craft by more than this between two samples, m and m/s, jumped.

@@ -85,7 +85,7 @@ def children(pid: int) -> list[int]:
 
 
 def is_analysis(pid: int) -> bool:
-    """Report a process that analyses, which is nice, from those that keep house for `multiprocessing`."""
+    """Report a process that analyses, which is nice, from those that serve `multiprocessing`."""
     try:
         return os.getpriority(os.PRIO_PROCESS, pid) > os.getpriority(os.PRIO_PROCESS, 0)
     except ProcessLookupError:

@@ -1,4 +1,4 @@
-"""Every finding that the rooms can give is explained in docs/findings.md, and nothing else is."""
+"""Every finding that the packages can raise is explained in docs/findings.md, and nothing else is."""
 
 import ast
 import re
@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("logparse", "estimation", "sysid", "pipeline", "reports", "api")
+PACKAGES = ("logparse", "estimation", "sysid", "pipeline", "reports", "api")
 #: Classes whose `id` is such a name.
 GIVERS = ("Finding", "FlightEvent")
 NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)+")
@@ -17,8 +17,8 @@ OTHER_WORDS = {"mavlink-raw", "n-m", "utf-8-sig"}
 
 
 def sources() -> Iterator[ast.Module]:
-    for room in ROOMS:
-        for path in sorted((ROOT / room).rglob("*.py")):
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
             yield ast.parse(path.read_text(encoding="utf-8"))
 
 

@@ -1,4 +1,4 @@
-"""The documentation builds as a site without a warning, and its API reference has all that the rooms export."""
+"""The documentation builds as a site without a warning, and its API reference has all that the packages export."""
 
 import ast
 import re
@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-ROOMS = ("logparse", "estimation", "sysid", "pipeline", "reports", "simulation")
+PACKAGES = ("logparse", "estimation", "sysid", "pipeline", "reports", "simulation")
 
 
 @pytest.mark.slow
@@ -37,16 +37,16 @@ def test_the_site_builds_without_warnings(tmp_path):
     assert "Samples per second" in page  # what the docstring says of `rate`
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_the_reference_has_what_a_room_exports(room):
-    module = ast.parse((ROOT / room / "__init__.py").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_reference_has_what_a_package_exports(package):
+    module = ast.parse((ROOT / package / "__init__.py").read_text(encoding="utf-8"))
     exported = next(
         ast.literal_eval(node.value)
         for node in module.body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
     )
-    page = (DOCS / "api" / f"{room}.md").read_text(encoding="utf-8")
-    shown = re.findall(rf"^\.\. (?:auto\w+|py:data):: {room}\.(\w+)$", page, re.MULTILINE)
+    page = (DOCS / "api" / f"{package}.md").read_text(encoding="utf-8")
+    shown = re.findall(rf"^\.\. (?:auto\w+|py:data):: {package}\.(\w+)$", page, re.MULTILINE)
     assert sorted(shown) == sorted(exported)
 
 
