@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
 
 import numpy as np
+from numpy.typing import NDArray
 
 from logparse import Finding, FlightLog, Severity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of
@@ -16,7 +19,7 @@ from sysid.frequency.limits import limits_of
 from sysid.frequency.records import AxisRecord, chirp_record, experiment_record, flight_record, rate_signals
 from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.smoothness import roughness
-from sysid.frequency.spectra import band_of_window, estimate, sum_spectra, window_lengths
+from sysid.frequency.spectra import RecordWindows, band_of_window, estimate, window_lengths, windows_of
 from sysid.records.experiment import Experiment
 
 #: Frequencies per decade of the grid.
@@ -198,14 +201,15 @@ def response_of_records(
             "a chirp should last 20 s at least, ordinary flying a minute"
         )
     hz = np.geomspace(low, high, max(round(PER_DECADE * np.log10(high / low)), 8))
-    first = _composite(records, axis, hz, longest, gyro_filter_hz, None)
+    windows = _windows(records, hz, longest)
+    first = _composite(records, windows, axis, hz, gyro_filter_hz, None)
     try:
         model = fit(first)
     except FrequencyError:
         return first
     # What windows bend is the steep and the resonant; of the remainder to a model that has it, little is left to bend.
     # A resonance that windows have flattened is found sharper each time.
-    found = _composite(records, axis, hz, longest, gyro_filter_hz, model)
+    found = _composite(records, windows, axis, hz, gyro_filter_hz, model)
     for _ in range(_PASSES):
         if np.max(np.abs(np.log(found.response / first.response)) / found.sigma, where=found.usable, initial=0.0) < 0.3:
             break
@@ -213,30 +217,54 @@ def response_of_records(
             model = refit(model, found)
         except FrequencyError:
             break
-        first, found = found, _composite(records, axis, hz, longest, gyro_filter_hz, model)
+        first, found = found, _composite(records, windows, axis, hz, gyro_filter_hz, model)
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Windows:
+    """Windows of one length, s, over all records, and the frequencies, of all, that they serve."""
+
+    length: float
+    mask: NDArray[np.bool_]
+    of_records: tuple[RecordWindows | None, ...]
+
+
+def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float) -> list[_Windows]:
+    lengths = window_lengths(longest, float(hz[0]), float(hz[-1]))
+    found = []
+    for length in lengths:
+        mask = band_of_window(float(length), lengths, hz)
+        if mask.any():
+            cut = tuple(windows_of(record, hz[mask], float(length)) for record in records)
+            found.append(_Windows(float(length), mask, cut))
     return found
 
 
 def _composite(
     records: Sequence[AxisRecord],
+    windows: Sequence[_Windows],
     axis: Axis,
     hz: Floats,
-    longest: float,
     gyro_filter_hz: float | None,
     model: FrequencyFit | None,
 ) -> FrequencyResponse:
     """Merge windows of several lengths, of the records as they are or of what a first model leaves of them."""
-    lengths = window_lengths(longest, float(hz[0]), float(hz[-1]))
     known = None if model is None else model.response(hz)
     remains = records if model is None else [record.without(model.response) for record in records]
     parts = []
-    for length in lengths:
-        mask = band_of_window(float(length), lengths, hz)
-        sums = sum_spectra(remains, hz[mask], float(length)) if mask.any() else None
-        part = None if sums is None else estimate(sums, float(length), None if known is None else known[mask])
+    for each in windows:
+        sums = [
+            cut.sums(record.output) for cut, record in zip(each.of_records, remains, strict=True) if cut is not None
+        ]
+        part = None
+        if sums:
+            total = reduce(add, sums)
+            part = estimate(total, each.length, None if known is None else known[each.mask])
         if part is not None:
-            parts.append((mask, part))
+            parts.append((each.mask, part))
     if not parts:
+        longest = max(record.duration for record in records)
         raise FrequencyError(f"records of {longest:.1f} s are too short for windows on the {axis.name} axis")
     merged = merge(hz, parts, 0)
     smooth = merged.response * (2j * np.pi * hz if axis.attitude else 1.0) if known is None else merged.response / known

@@ -6,8 +6,7 @@ linear one (Tischler and Remple 2012, section 7.3), of the record thinned out to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,64 +105,100 @@ def band_of_window(length: float, lengths: Floats, hz: Floats) -> NDArray[np.boo
     return np.asarray((hz >= low) & (hz <= high))
 
 
-def sum_spectra(records: Sequence[AxisRecord], hz: Floats, length: float) -> SpectralSums | None:
-    """Sum the spectra of windows of one length over records; None where no window fits into any of them."""
-    total = None
-    for record in records:
-        part = _sum_of_record(record, hz, length)
-        if part is not None:
-            total = part if total is None else total + part
-    return total
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordWindows:
+    """Windows of one length over a record, with all that does not depend on its output.
+
+    A model is taken out of the output again and again; inputs and instruments stay.
+
+    Attributes
+    ----------
+    zh, xh : ndarray of complex, shape (F, m, K)
+        Conjugate transforms of instruments and inputs in each of K windows.
+    phase : ndarray of complex, shape (size, F)
+        What a window is multiplied by.
+    turn : ndarray of complex, shape (K, F)
+        What brings the transform of a window to the clock of the record, and the output's derivative to the output.
+    starts : ndarray of int, shape (K,)
+    factor : int
+        Samples of the record for each that is kept.
+    without_output : SpectralSums
+        Its products with the output are zero.
+    """
+
+    zh: Complex
+    xh: Complex
+    phase: Complex
+    turn: Complex
+    starts: NDArray[np.intp]
+    factor: int
+    without_output: SpectralSums
+
+    def sums(self, output: Floats) -> SpectralSums:
+        """Complete the sums with an output, shape (N,)."""
+        thinned = _thinned(output[:, None], self.factor)
+        y = _transforms(thinned, self.starts, self.phase)[..., 0] * self.turn
+        columns = np.moveaxis(y, 0, 1)[:, :, None]  # (F, K, 1)
+        zy, xy = (self.zh @ columns)[..., 0], (self.xh @ columns)[..., 0]
+        return replace(self.without_output, zy=zy, xy=xy, yy=np.sum(np.abs(y) ** 2, axis=0))
 
 
-def _sum_of_record(record: AxisRecord, hz: Floats, length: float) -> SpectralSums | None:
+def windows_of(record: AxisRecord, hz: Floats, length: float) -> RecordWindows | None:
+    """Cut a record into overlapping windows of one length, s; None where none fits into it."""
     m = record.inputs.shape[1]
-    signals = np.column_stack([record.instruments, record.inputs, record.output])
     factor = max(int(1.0 / (record.dt * _SAMPLES_PER_CYCLE * hz[-1])), 1)
-    usable = record.usable
-    if factor > 1:
-        signals = decimate(detrend(signals, axis=0, type="linear"), factor, ftype="fir", axis=0)
-        usable = usable[::factor][: len(signals)]
+    signals = _thinned(np.column_stack([record.instruments, record.inputs]), factor)
+    usable = record.usable[::factor][: len(signals)]
     dt = record.dt * factor
     size = round(length / dt)
     if size < 16 or size > len(signals):
         return None
-    hop = max(int(_HOP * size), 1)
-    starts = np.arange(0, len(signals) - size + 1, hop)
+    starts = np.arange(0, len(signals) - size + 1, max(int(_HOP * size), 1))
     whole = np.concatenate([[0], np.cumsum(usable)])
     starts = starts[whole[starts + size] - whole[starts] >= (1.0 - _HOLES) * size]
     if not len(starts):
         return None
     taper = hann(size, sym=False)
-    pieces = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(signals, size, axis=0)[starts])
     turning = np.exp(-2j * np.pi * np.outer(np.arange(size) * dt, hz)).astype(np.complex128)
     phase = _detrended(np.asarray(taper[:, None] * turning, dtype=np.complex128))
-    flat = pieces.reshape(-1, size)
-    product = flat @ np.ascontiguousarray(phase.real) + 1j * (flat @ np.ascontiguousarray(phase.imag))
-    transforms = np.moveaxis(product.reshape(len(starts), -1, len(hz)), 2, 1)  # (K, F, 2m+1)
-    transforms *= np.exp(-2j * np.pi * np.outer(starts * dt, hz))[:, :, None]
-    transforms *= np.sqrt(dt / np.sum(taper**2))
-    if record.differenced:
-        transforms[..., 2 * m] /= record.difference_response(hz)
-    z, x, y = transforms[..., :m], transforms[..., m : 2 * m], transforms[..., 2 * m]
-    zf, xf = np.moveaxis(z, 0, 2), np.moveaxis(x, 0, 2)  # (F, m, K)
-    overlap = _overlap(taper, starts)
-    yf = np.moveaxis(y, 0, 1)[:, :, None]  # (F, K, 1)
-    zh, xh = zf.conj(), xf.conj()
-    x_columns = np.swapaxes(xf, 1, 2)
-    z_columns = np.swapaxes(zf, 1, 2)
+    turn = np.exp(-2j * np.pi * np.outer(starts * dt, hz)) * np.sqrt(dt / np.sum(taper**2))
+    transforms = _transforms(signals, starts, phase) * turn[:, :, None]
+    columns = np.moveaxis(transforms, 0, 1)  # (F, K, 2m)
+    z_columns, x_columns = columns[..., :m], columns[..., m:]
+    zh, xh = (np.ascontiguousarray(np.swapaxes(each, 1, 2)).conj() for each in (z_columns, x_columns))
+    correlated, squares = _overlapped(z_columns, taper, starts)
     count = float(len(starts))
-    return SpectralSums(
+    nothing = np.zeros((len(hz), m), dtype=np.complex128)
+    sums = SpectralSums(
         zz=zh @ z_columns,
         zx=zh @ x_columns,
         xx=xh @ x_columns,
-        zy=(zh @ yf)[..., 0],
-        xy=(xh @ yf)[..., 0],
-        yy=np.sum(np.abs(y) ** 2, axis=0),
-        noise_gain=zh @ (overlap @ z_columns),
+        zy=nothing,
+        xy=nothing,
+        yy=np.zeros(len(hz)),
+        noise_gain=zh @ correlated,
         windows=count,
-        independent=count**2 / float(np.sum(overlap**2)),
+        independent=count**2 / squares,
     )
+    if record.differenced:
+        turn = turn / record.difference_response(hz)
+    return RecordWindows(zh, xh, phase, np.asarray(turn), starts, factor, sums)
+
+
+def _thinned(signals: Floats, factor: int) -> Floats:
+    """Keep one sample of `factor`, below half of the new rate, shape (N / factor, columns)."""
+    if factor == 1:
+        return signals
+    return np.asarray(decimate(detrend(signals, axis=0, type="linear"), factor, ftype="fir", axis=0))
+
+
+def _transforms(signals: Floats, starts: NDArray[np.intp], phase: Complex) -> Complex:
+    """Transform every window of every signal, shape (K, F, columns)."""
+    size, count = phase.shape
+    pieces = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(signals, size, axis=0)[starts])
+    flat = pieces.reshape(-1, size)
+    product = flat @ np.ascontiguousarray(phase.real) + 1j * (flat @ np.ascontiguousarray(phase.imag))
+    return np.asarray(np.moveaxis(product.reshape(len(starts), -1, count), 2, 1))
 
 
 def _detrended(transform: Complex) -> Complex:
@@ -174,13 +209,29 @@ def _detrended(transform: Complex) -> Complex:
     return np.asarray(transform - line @ (line.T @ transform))
 
 
-def _overlap(taper: Floats, starts: NDArray[np.intp]) -> Floats:
-    """Compute the correlation that noise has between windows, shape (K, K), of the part in which they overlap."""
-    size = len(taper)
+def _overlapped(columns: Complex, taper: Floats, starts: NDArray[np.intp]) -> tuple[Complex, float]:
+    """Multiply by the correlation that noise has between windows, of the part in which they overlap.
+
+    Returns
+    -------
+    product : ndarray of complex, shape (F, K, m)
+        Of the correlation, shape (K, K), with `columns`; windows farther apart than their length have none.
+    squares : float
+        Sum of the squared correlations.
+    """
+    size, count = len(taper), len(starts)
     spectrum = np.fft.rfft(taper, 2 * size)
     product = np.fft.irfft(np.abs(spectrum) ** 2, 2 * size)[:size]
-    lags = np.abs(starts[:, None] - starts[None, :])
-    return np.asarray(np.where(lags < size, product[np.minimum(lags, size - 1)] / product[0], 0.0))
+    result, squares = columns.copy(), float(count)
+    for apart in range(1, count):
+        lags = starts[apart:] - starts[:-apart]
+        if lags.min() >= size:
+            break
+        weights = np.where(lags < size, product[np.minimum(lags, size - 1)] / product[0], 0.0)
+        result[:, apart:] += weights[:, None] * columns[:, :-apart]
+        result[:, :-apart] += weights[:, None] * columns[:, apart:]
+        squares += 2.0 * float(weights @ weights)
+    return result, squares
 
 
 def estimate(sums: SpectralSums, length: float, known: Complex | None = None) -> WindowEstimate | None:
