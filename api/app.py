@@ -27,7 +27,7 @@ from api.routes import analyses, health, logs, page_forms, pages, shares, sign_i
 from api.scratch import Scratch
 from api.settings import Settings
 from api.watch import PRELOAD, Workplace
-from api.worker import Analyze, analyze_logs
+from api.worker import Analyze, Limits, analyze_logs
 
 _log = logging.getLogger("rotorid.api")
 
@@ -118,11 +118,11 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         # A cluster's computers have a place of their own for what is temporary.
         scratch=None if settings.scheduler else scratch.folder,
         analyze=analyze,
-        time_limit=settings.time_limit,
-        memory_limit=settings.memory_limit,
+        limits=Limits(settings.time_limit, settings.memory_limit, settings.upload_limit),
         lease=settings.lease,
         deaths=settings.deaths,
         preload=preload,
+        log_format=settings.log_format,
     )
     return Parts(
         settings=settings,

@@ -52,6 +52,7 @@ def configure(form: LogFormat) -> None:
     config["loggers"]["rotorid"] = {"handlers": ["default"], "level": "INFO", "propagate": False}
     config["filters"] = {"secrets": {"()": HideSecrets}}
     config["handlers"]["access"]["filters"] = ["secrets"]
+    config["root"] = {"handlers": ["default"], "level": "WARNING"}
     if form is LogFormat.JSON:
         config["formatters"] = {name: {"()": JsonLines} for name in config["formatters"]}
     logging.config.dictConfig(config)

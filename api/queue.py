@@ -155,7 +155,7 @@ def abandoned(attempts: int) -> Problem:
     return Problem.named(
         "analysis-crashed",
         "The analysis crashed",
-        HTTPStatus.UNPROCESSABLE_ENTITY,
+        HTTPStatus.INTERNAL_SERVER_ERROR,
         f"The analysis was begun {attempts} times and each time ended without a word, most likely because it needed "
         "more memory than the computer has. Analyse a shorter log, or run `rotorid analyze` yourself.",
     )

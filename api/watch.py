@@ -27,6 +27,7 @@ from api.heartbeat import Heartbeat, LostError
 from api.objects import Objects
 from api.problems import Problem
 from api.queue import Claim, Queue
+from api.settings import LogFormat
 from pipeline.names import folder_names
 
 _log = logging.getLogger("rotorid.api")
@@ -52,27 +53,27 @@ class Workplace:
         Where temporary folders are made; the computer's own place for them by default.
     analyze : callable
         What to do with a task; a function of a module.
-    time_limit : float
-        Longest time of one analysis, s.
-    memory_limit : int
-        Most memory of one analysis, bytes.
+    limits : Limits
+        Of one analysis.
     lease : float
         Seconds without a sign of life after which a worker is taken for dead.
     deaths : int
         How many processes may die of one analysis.
     preload : sequence of str
         Modules that `analyze` uses and that are worth importing once for all analyses.
+    log_format : LogFormat
+        How processes of analyses write what goes wrong in them.
     """
 
     database: str
     objects: str
     scratch: Path | None
     analyze: worker.Analyze
-    time_limit: float
-    memory_limit: int
+    limits: worker.Limits
     lease: float
     deaths: int
     preload: Sequence[str] = PRELOAD
+    log_format: LogFormat = LogFormat.TEXT
 
     def queue(self, database: Database) -> Queue:
         """Give the queue as this workplace's rules are."""
@@ -178,7 +179,7 @@ def _analyse(
 ) -> Problem | None:
     """Let a process do the task; gives what went wrong, or None when the results are there."""
     with _process(workplace, task) as (process, receiver):
-        deadline = time.monotonic() + workplace.time_limit
+        deadline = time.monotonic() + workplace.limits.time
         last = worker.Advanced("", 0.0)
         while time.monotonic() < deadline:
             if stopping():
@@ -197,7 +198,7 @@ def _analyse(
             if report.stage != last.stage or report.progress >= last.progress + 0.02:
                 last = report
                 heartbeat.reach(report.stage, report.progress)
-        return _too_slow(workplace.time_limit)
+        return _too_slow(workplace.limits.time)
 
 
 @contextmanager
@@ -206,7 +207,7 @@ def _process(workplace: Workplace, task: worker.Task) -> Iterator[tuple[ForkServ
     receiver, sender = _CONTEXT.Pipe(duplex=False)
     process = _CONTEXT.Process(
         target=worker.run,
-        args=(sender, workplace.analyze, task, workplace.time_limit, workplace.memory_limit),
+        args=(sender, workplace.analyze, task, workplace.limits, workplace.log_format),
         daemon=True,
     )
     process.start()
@@ -239,7 +240,7 @@ def _judge(workplace: Workplace, claim: Claim, report: worker.Report) -> Problem
         case worker.Refused(reason):
             return _unusable(reason)
         case worker.OutOfMemory():
-            return _too_large(workplace.memory_limit)
+            return _too_large(workplace.limits.memory)
         case worker.Crashed(traceback):
             _log.error("analysis %s met a bug:\n%s", claim.analysis, traceback)
             return _bug(claim)
@@ -249,7 +250,7 @@ def _judge(workplace: Workplace, claim: Claim, report: worker.Report) -> Problem
 def _judge_exit(workplace: Workplace, claim: Claim, exit_code: int | None) -> Problem:
     """Say what the silent death of one process after the other means for the user."""
     # Not killed by us, so by the kernel when memory ran out.
-    return _too_large(workplace.memory_limit) if exit_code == -signal.SIGKILL else _bug(claim)
+    return _too_large(workplace.limits.memory) if exit_code == -signal.SIGKILL else _bug(claim)
 
 
 def _unusable(reason: str) -> Problem:
@@ -280,9 +281,9 @@ def _bug(claim: Claim) -> Problem:
     return Problem.named(
         "analysis-crashed",
         "The analysis crashed",
-        HTTPStatus.UNPROCESSABLE_ENTITY,
+        HTTPStatus.INTERNAL_SERVER_ERROR,
         "rotorid met something in this log that it does not handle. That is a mistake of rotorid, not yours; please "
-        f"report it with the log and the number {claim.analysis}, under which the service's own log has the details.",
+        f"report it with the log and the reference {claim.analysis}, under which the service's log has the details.",
     )
 
 

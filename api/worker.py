@@ -6,6 +6,7 @@ import os
 import resource
 import signal
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +14,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from api import log_lines
+from api.settings import LogFormat
 from pipeline.storage.kept import RESULT
 from pipeline.storage.manifest import MANIFEST
 from pipeline.storage.store import ENTRY, LOCK
@@ -128,15 +131,35 @@ def _analyze_several(task: Task, progress: Progress) -> None:
         file.unlink(missing_ok=True)
 
 
-def run(reports_to: Connection, analyze: Analyze, task: Task, time_limit: float, memory_limit: int) -> None:
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What one analysis may take.
+
+    Attributes
+    ----------
+    time : float
+        s.
+    memory : int
+        Bytes.
+    unpacked : int
+        Bytes to which a packed log may unpack.
+    """
+
+    time: float
+    memory: int
+    unpacked: int
+
+
+def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, log_format: LogFormat) -> None:
     """Do a task within its limits and report how it goes, ending with anything but `Advanced`."""
+    log_lines.configure(log_format)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which ends its workers itself.
     if sys.platform == "linux":  # Should the server be killed, nobody else would end us before the alarm.
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     os.nice(5)  # Requests come first.
-    signal.setitimer(signal.ITIMER_REAL, time_limit + 10.0)
+    signal.setitimer(signal.ITIMER_REAL, limits.time + 10.0)
     # Not RLIMIT_AS: mapped files and numba's reservations are address space but not memory.
-    resource.setrlimit(resource.RLIMIT_DATA, (memory_limit, memory_limit))
+    resource.setrlimit(resource.RLIMIT_DATA, (limits.memory, limits.memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
     last = Advanced("", -1.0)
@@ -148,7 +171,11 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, time_limit: float,
             _tell(reports_to, last)
 
     from logparse import RotoridError
+    from logparse.containers import limit_unpacked
 
+    limit_unpacked(limits.unpacked)
+    # What a packed log holds goes where uploads have room, and is gone with the analysis even when killed.
+    tempfile.tempdir = str(task.folder.parent)
     try:
         analyze(task, progress)
     except RotoridError as error:

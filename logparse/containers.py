@@ -16,6 +16,8 @@ from logparse.findings import Finding, Severity
 #: An archive that holds more than this is refused: a few kB can unpack to terabytes.
 MAX_UNPACKED_BYTES = 4 << 30
 
+_limit = MAX_UNPACKED_BYTES
+
 _PIECE = 1 << 20
 _HEAD = 1 << 16
 
@@ -64,6 +66,12 @@ class MappedPages:
             return range(messages, messages + 1)
         step = max(1, messages * _KEEP // len(self._map))
         return range(step, messages + step, step)
+
+
+def limit_unpacked(size: int) -> None:
+    """Set how many bytes an archive may unpack to in this process, at most `MAX_UNPACKED_BYTES`."""
+    global _limit
+    _limit = min(size, MAX_UNPACKED_BYTES)
 
 
 def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tuple[Finding, ...]]:
@@ -128,9 +136,10 @@ def _unpacked(packed: gzip.GzipFile | zipfile.ZipExtFile, name: str) -> tuple[Bu
         try:
             while piece := packed.read1(_PIECE):
                 size += len(piece)
-                if size > MAX_UNPACKED_BYTES:
+                if size > _limit:
                     raise LogError(
-                        f"{name} unpacks to more than {MAX_UNPACKED_BYTES >> 30} GiB: unpack it and give the log itself"
+                        f"{name} unpacks to more than {_limit / 1e9:.3g} GB, the most that is read here: analyse a "
+                        "shorter log"
                     )
                 file.write(piece)
         except (EOFError, zlib.error, gzip.BadGzipFile, zipfile.BadZipFile) as error:

@@ -90,6 +90,8 @@ class Stages:
     timings : dict of str to float
         Seconds, by stage.
     findings : list of Finding
+    unforeseen : dict of str to Exception
+        Bug met, by stage.
     """
 
     progress: Progress
@@ -97,12 +99,19 @@ class Stages:
     missing: dict[str, str] = field(default_factory=dict)
     timings: dict[str, float] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
+    unforeseen: dict[str, Exception] = field(default_factory=dict)
 
     def take(self, other: "Stages") -> None:
         """Add times and findings of stages that ran in another process."""
         for name, seconds in other.timings.items():
             self.timings[name] = self.timings.get(name, 0.0) + seconds
         self.findings += other.findings
+
+    def raise_unforeseen(self, *names: str) -> None:
+        """Raise the error that nobody foresaw in one of these stages, if any: no log is to be blamed for a bug."""
+        for name in names:
+            if name in self.unforeseen:
+                raise self.unforeseen[name]
 
     def run(self, name: str, work: Callable[[Progress], T]) -> T | None:
         """Do `work`; None, with the reason in `missing`, when it cannot be done.
@@ -130,6 +139,7 @@ class Stages:
             _LOG.exception("unexpected error in stage %s", name)
             what = f"{type(error).__name__}: {error}"
             self.missing[name] = f"unexpected {what}"
+            self.unforeseen[name] = error
             self.findings.append(
                 Finding(
                     id="internal-error",

@@ -61,6 +61,7 @@ def analyze(
     log = logparse.read_log(path)
     tables = stages.run("tables", lambda _: log.tables)
     if tables is None:
+        stages.raise_unforeseen("tables")
         raise MissingDataError(stages.missing["tables"])
     checked = stages.run("health", lambda _: health.check(log)) or ()
     flight = stages.run("flight", lambda _: _longest_flight(log, checked))
@@ -78,6 +79,7 @@ def analyze(
     # Where the fast loop is logged its tables are as large as the log: not needed at a time, they are built again.
     tables.release()
     if flight is None and trajectory is None:
+        stages.raise_unforeseen("flight", "trajectory")
         raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
 
     thrust, parameters = None, None

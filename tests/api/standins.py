@@ -1,6 +1,7 @@
 """What the service runs in place of the pipeline where a test is about the service: quick, or bad in a known way."""
 
 import json
+import logging
 import os
 import signal
 import time
@@ -9,6 +10,7 @@ from pathlib import Path
 
 from api.worker import Progress, Task, analyze_logs
 from logparse import LogError
+from logparse.containers import open_buffer
 
 
 def analyze(task: Task, progress: Progress) -> None:
@@ -16,6 +18,8 @@ def analyze(task: Task, progress: Progress) -> None:
     (log, name), folder = task.logs[0], task.folder
     word = log.read_bytes()[:64].split(maxsplit=1)[0].decode("utf-8", "replace")
     progress("parsing", 0.0)
+    if log.read_bytes().startswith(b"\x1f\x8b"):
+        open_buffer(log, bool)
     match word:
         case "refused":
             raise LogError("no RCOU messages: set LOG_BITMASK to include motor outputs")
@@ -23,6 +27,11 @@ def analyze(task: Task, progress: Progress) -> None:
             raise LogError(f"<script>alert(1)</script> in {name}")
         case "bug":
             raise KeyError("surprise")
+        case "mumble":
+            try:
+                _ = 1 / 0
+            except ZeroDivisionError:
+                logging.getLogger("rotorid.pipeline").exception("stage gave up")
         case "hang":
             while True:
                 time.sleep(0.1)

@@ -1,5 +1,9 @@
 """An analysis ends with its results or with a reason, whatever its process does, and the service goes on."""
 
+import gzip
+import json
+import multiprocessing
+import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -8,6 +12,8 @@ import httpx
 import pytest
 
 from api import Settings, create_app
+from api.settings import LogFormat
+from api.worker import Limits, Task, run
 from tests.api import standins
 from tests.api.conftest import running
 from tests.api.programs import wait_until
@@ -44,23 +50,51 @@ def test_one_call_answers_with_models_and_report(service: httpx.Client, upload: 
 
 
 @pytest.mark.parametrize(
-    ("content", "kind", "says"),
+    ("content", "status", "kind", "says"),
     [
-        (b"refused", "unusable-log", "set LOG_BITMASK to include motor outputs"),
-        (b"bug", "analysis-crashed", "mistake of rotorid, not yours"),
-        (b"crash", "analysis-crashed", "mistake of rotorid, not yours"),
-        (b"greedy", "analysis-too-large", "more than the 600 MB"),
+        (b"refused", 422, "unusable-log", "set LOG_BITMASK to include motor outputs"),
+        (b"bug", 500, "analysis-crashed", "mistake of rotorid, not yours"),
+        (b"crash", 500, "analysis-crashed", "mistake of rotorid, not yours"),
+        (b"greedy", 422, "analysis-too-large", "more than the 600 MB"),
+        (gzip.compress(bytes(5_000_000)), 422, "unusable-log", "unpacks to more than 0.004 GB"),
     ],
 )
 def test_a_poisonous_log_fails_alone(
-    service: httpx.Client, upload: Upload, content: bytes, kind: str, says: str
+    service: httpx.Client, upload: Upload, content: bytes, status: int, kind: str, says: str
 ) -> None:
     response = upload(service, content)
-    assert response.status_code == 422
+    assert response.status_code == status
     assert response.headers["Content-Type"] == "application/problem+json"
     assert response.json()["type"] == f"urn:rotorid:problem:{kind}"
     assert says in response.json()["detail"]
     assert upload(service, b"good log").status_code == 201
+
+
+def test_a_bug_is_logged_with_its_traceback_under_the_reference_that_its_user_is_told(
+    service: httpx.Client, upload: Upload, caplog: pytest.LogCaptureFixture
+) -> None:
+    detail = upload(service, b"bug that is logged").json()["detail"]
+    (line,) = [record.getMessage() for record in caplog.records if "met a bug" in record.getMessage()]
+    assert re.findall("[0-9a-f]{32}", line) == re.findall("[0-9a-f]{32}", detail)
+    assert "KeyError: 'surprise'" in line
+    assert "standins.py" in line
+
+
+def test_what_the_pipeline_logs_in_a_worker_is_written(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """A bug that costs a report one part is no failure, and its traceback must not be lost."""
+    receiver, sender = multiprocessing.Pipe(duplex=False)
+    (tmp_path / "log").write_bytes(b"mumble")
+    (tmp_path / "results").mkdir()
+    task = Task([(tmp_path / "log", "log")], {}, tmp_path / "results")
+    process = multiprocessing.get_context("spawn").Process(
+        target=run, args=(sender, standins.analyze, task, Limits(60.0, 10**9, 10**9), LogFormat.JSON)
+    )
+    process.start()
+    process.join()
+    written = [json.loads(line) for line in capfd.readouterr().err.splitlines() if line.startswith("{")]
+    assert [(line["logger"], line["message"]) for line in written] == [("rotorid.pipeline", "stage gave up")]
+    assert "ZeroDivisionError" in written[0]["exception"]
+    receiver.close()
 
 
 def stage_of(client: httpx.Client, address: str) -> str:

@@ -1,9 +1,14 @@
 """A stage may fail; the others go on, and the user learns why."""
 
 import logging
+from pathlib import Path
 
-from logparse import MissingDataError
+import pytest
+
+import estimation
+from logparse import FlightLog, MissingDataError
 from pipeline.execution.stages import STAGES, Stages, overall, silent
+from pipeline.flight.analysis import analyze
 
 
 def test_a_foreseen_error_becomes_a_reason():
@@ -25,6 +30,20 @@ def test_a_bug_becomes_a_finding_and_a_line_in_the_log(caplog):
     assert "ZeroDivisionError" in stages.missing["model"]
     assert [finding.id for finding in stages.findings] == ["internal-error"]
     assert "Traceback" in caplog.text
+
+
+@pytest.mark.parametrize("stage", ["tables", "flights"])
+def test_a_bug_in_what_nothing_can_be_done_without_is_not_blamed_on_the_log(stage, monkeypatch):
+    """An OverflowError in the reader once said that the log cannot be used."""
+
+    def overflow(_):
+        raise OverflowError("cannot convert float infinity to integer")
+
+    monkeypatch.setattr(FlightLog, stage, property(overflow))
+    if stage == "flights":
+        monkeypatch.setattr(estimation, "estimate", lambda *_, **__: overflow(None))
+    with pytest.raises(OverflowError, match="infinity"):
+        analyze(sorted((Path(__file__).parents[2] / "sample_logs").glob("*.bin"))[0])
 
 
 def test_a_stage_that_takes_too_long_is_given_up():
