@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2
 
+from pipeline.results.rotation import FittedResponse
 from reports.figure import Figure, Trace, layout_of
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import COHERENT, Floats, FrequencyResponse
@@ -18,8 +19,9 @@ _BAND = 1.96
 _WIDEST = 3.0
 
 
-def bode_figure(frf: FrequencyResponse, fit: FrequencyFit | None, name: str) -> Figure:
+def bode_figure(fitted: FittedResponse, name: str) -> Figure:
     """Draw gain, phase and coherence of one response with 95 % bands, its model, and plain regression beside it."""
+    frf, model = fitted.measured, fitted.model
     hz = _plain(frf.hz, 4)
     gain, phase = frf.gain_db, np.degrees(frf.phase)
     wide = np.minimum(_BAND * np.nan_to_num(frf.sigma, posinf=_WIDEST), _WIDEST)
@@ -30,8 +32,7 @@ def bode_figure(frf: FrequencyResponse, fit: FrequencyFit | None, name: str) -> 
         data.append(_line(hz, direct, "plain regression (biased)", "@grid", "y", dash="dot"))
     data.append(_line(hz, gain, "measured", "@ink", "y"))
     data.append(_line(hz, phase, "measured", "@ink", "y2", legend=False))
-    if fit is not None:
-        model = fit.response(frf.hz)
+    if model is not None:
         turns = 360.0 * np.round(np.median(phase - np.degrees(np.unwrap(np.angle(model)))) / 360.0)
         data.append(_line(hz, 20.0 * np.log10(np.abs(model)), "model", "@body", "y", dash="dash"))
         data.append(_line(hz, np.degrees(np.unwrap(np.angle(model))) + turns, "model", "@body", "y2", "dash", False))

@@ -25,6 +25,7 @@ from reports.health_views import timeline
 from reports.model_figures import horizon_figure, response_figures
 from reports.model_views import identified, judgements, thrust_coefficients
 from reports.parameter_views import coherence, parameters
+from reports.rotation_views import rotation_view
 from reports.rows import Numbers
 
 
@@ -47,9 +48,11 @@ def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None,
     ahead = horizon_figure(numbers["models"])
     models = identified(numbers["models"])
     responses = {each.key: response_figures(each) for each in result.models}
+    turning = rotation_view(result.rotation, result.log.path.name)
+    turned = [] if turning is None else turning["figures"]
     return render(
         "flight.html",
-        [*figures, *healthy, *([ahead] if ahead else []), *attach(models, responses)],
+        [*figures, *healthy, *([ahead] if ahead else []), *attach(models, responses), *turned],
         flight_figures=figures,
         health_figures=healthy,
         timeline=timeline(numbers["health"]),
@@ -68,6 +71,7 @@ def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None,
         parameters=parameters(numbers["parameters"]),
         coherence=coherence(numbers["models"]),
         models=models,
+        turning=turning,
         covered=flight_coverage(numbers["coverage"]),
         excitation=excitation(numbers["coverage"]),
         details=details(numbers),

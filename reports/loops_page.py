@@ -11,18 +11,10 @@ import jinja2
 from markupsafe import Markup
 
 from logparse.quantity import uncertain
+from reports.rotation_views import TITLES
 from sysid.loops.loop import MARGINS, Margins
 from sysid.loops.numbers import tuning_numbers
 from sysid.loops.tuning import Tuning
-
-#: Names of margins as people say them.
-TITLES = {
-    "gain_db": "Gain margin",
-    "phase_deg": "Phase margin",
-    "crossover_hz": "Crossover",
-    "rejection_hz": "Disturbance-rejection bandwidth",
-    "peak_db": "Peak of the sensitivity",
-}
 
 
 def loops_page(tuning: Tuning) -> str:

@@ -11,6 +11,7 @@ from rich.text import Text
 from logparse.quantity import column, number
 from reports import summary
 from reports.health_views import sentence
+from reports.rotation_views import rotation_line
 from reports.rows import Numbers, average, held_out
 
 _STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
@@ -42,6 +43,8 @@ def overview(numbers: Numbers, width: int = 120) -> RenderableType:
     if numbers["kind"] == "flight":
         if numbers["health"] is not None and any(event["severity"] != "info" for event in numbers["health"]["events"]):
             parts += [Text(), Text(sentence(numbers["health"]), style="yellow")]
+        if line := rotation_line(numbers["rotation"]):
+            parts += [Text(), Text(line)]
         if sum(result["model"] is not None for result in numbers["models"]) > 1:
             parts += [Text(), *_models(numbers["models"])]
         parts.append(_sentence(numbers["verdict"]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from logparse import Finding, FlightLog, RotoridError, Severity
 from pipeline.results.flight import Span
@@ -16,10 +17,12 @@ from pipeline.results.rotation import (
     LoopState,
     RotationResult,
 )
+from sysid.frequency.axes import axis_of
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, survey
-from sysid.loops.evidence import saturation, two_ways_apart, unfit_log, weak_band
+from sysid.loops.errors import LoopError
+from sysid.loops.evidence import oscillation, saturation, two_ways_apart, unfit_log, weak_band
 from sysid.loops.loop import rate_loop
 
 #: The axes about which a craft turns.
@@ -42,12 +45,17 @@ def find_rotation(log: FlightLog, sound: Span) -> RotationResult:
 
 
 def _axis(log: FlightLog, found: AxisSurvey, within: tuple[float, float], unfit: str) -> AxisRotation:
-    loop, reason = None, unfit
-    if not unfit:
-        try:
-            loop = _loop(log, found.axis, within)
-        except RotoridError as error:
-            reason = str(error)
+    turning = turning_of(found)
+    if unfit:
+        return replace(turning, loop_reason=unfit)
+    try:
+        return replace(turning, loop=_loop(log, found.axis, within))
+    except RotoridError as error:
+        return replace(turning, loop_reason=str(error))
+
+
+def turning_of(found: AxisSurvey) -> AxisRotation:
+    """Return what a survey tells of an axis as part of a result, without its loop."""
     following = found.attitude
     return AxisRotation(
         axis=found.axis,
@@ -62,8 +70,6 @@ def _axis(log: FlightLog, found: AxisSurvey, within: tuple[float, float], unfit:
             response=_fitted(following.frf, following.fit),
         ),
         attitude_reason=found.attitude_reason,
-        loop=loop,
-        loop_reason=reason,
     )
 
 
@@ -82,14 +88,29 @@ def _fitted(frf: FrequencyResponse, fit: FrequencyFit | None) -> FittedResponse:
 
 
 def _loop(log: FlightLog, axis: str, within: tuple[float, float]) -> LoopMargins:
-    """Compute the margins of a loop, in two ways where the log allows it, with what makes them doubtful."""
+    """Compute the margins of a loop, in two ways where the log allows it.
+
+    Raises
+    ------
+    RotoridError
+        Where the loop cannot be had, or what the log shows of it does not carry margins.
+    """
+    oscillating = oscillation(log, axis)
+    if oscillating:
+        raise LoopError(oscillating)
     loop = rate_loop(log, axis, within)
-    doubts = (saturation(log, axis), weak_band(loop), two_ways_apart(loop))
+    # Without PID messages neither limits nor the second way are seen; the margins stand, with that said.
+    logged = f"PID{axis_of(axis).letter}" in log.messages
+    doubts = (saturation(log, axis) if logged else None, weak_band(loop))
+    apart = two_ways_apart(loop)
+    refused = next((doubt for doubt in (*doubts, None if loop.measured is None else apart) if doubt), None)
+    if refused:
+        raise LoopError(refused)
     return LoopMargins(
         gains=loop.settings.parameters(),
         computed=loop.margins,
         measured=None if loop.measured is None else loop.measured_margins,
-        remarks=tuple(doubt for doubt in doubts if doubt),
+        remarks=(apart,) if apart else (),
     )
 
 

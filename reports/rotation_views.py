@@ -1,0 +1,209 @@
+"""How a craft turns, as sentences and tables: what its axes answer, how it follows, and what its loops have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from logparse.quantity import uncertain
+from pipeline.results.rotation import AxisRotation, RotationResult
+from reports.figure import Figure
+from reports.frequency_figures import bode_figure
+from reports.rows import Numbers
+from sysid.loops.loop import MARGINS, Margins
+from sysid.statistics.parameter import Parameter
+
+View = dict[str, Any]
+
+#: Names of margins as people say them.
+TITLES = {
+    "gain_db": "Gain margin",
+    "phase_deg": "Phase margin",
+    "crossover_hz": "Crossover",
+    "rejection_hz": "Disturbance-rejection bandwidth",
+    "peak_db": "Peak of the sensitivity",
+}
+
+#: Parameters in the order in which they are read, and the heads of their table.
+_SHOWN = ("gain", "damping", "lag", "lead", "delay", "mode_frequency", "mode_damping")
+_HEADS = ("gain", "damping", "lag", "lead", "delay", "mode", "mode damping", "J", "coherent", "attitude bandwidth")
+
+#: What stands in a cell without a number.
+_NOTHING = "–"
+
+
+def rotation_figures(axes: Iterable[AxisRotation]) -> list[Figure]:
+    """Draw the responses of the axes, and how they follow their attitude targets where that is known."""
+    figures = []
+    for axis in axes:
+        if axis.rate is not None:
+            figures.append(bode_figure(axis.rate, f"bode-{axis.axis}"))
+        if axis.attitude is not None and axis.attitude.determined:
+            figures.append(bode_figure(axis.attitude.response, f"attitude-{axis.axis}"))
+    return figures
+
+
+def rotation_view(found: RotationResult | None, file: str) -> View | None:
+    """Lay out the sections of a flight's page: how it turns, and its loops; None where nothing was looked at."""
+    if found is None:
+        return None
+    said = [sentence for axis in found.axes for sentence in sentences(axis)]
+    whys = _grouped(found, "loop_reason", file)
+    doubts = [f"{axis.capitalize()}: {remark}." for axis, loop in found.loops.items() for remark in loop.remarks]
+    warned = [each.to_dict() for each in found.findings if each.id in ("loop-unstable", "margins-thin")]
+    return {
+        "sentences": [sentence.replace(f"{file}: ", "") for sentence in said],
+        "table": parameter_table(found.axes) if found.determined else None,
+        "figures": rotation_figures(found.axes),
+        "loops": loop_table(found),
+        "warnings": warned,
+        "doubts": [doubt.replace(f"{file}: ", "").replace(f"{file} ", "The log ") for doubt in doubts],
+        "reasons": whys,
+    }
+
+
+def sentences(axis: AxisRotation) -> list[str]:
+    """Return what is known of an axis in words, or why nothing is and what to fly."""
+    said = []
+    name = axis.axis.capitalize()
+    gain = None if axis.rate is None else axis.rate.parameters.get("gain")
+    if axis.rate is not None and gain is not None:
+        if gain.value is not None:
+            delay = axis.rate.parameters["delay"]
+            said.append(
+                f"{name}: {_text(gain)} per unit of output"
+                + (f", delay {_milliseconds(delay)}" if delay.value is not None else "")
+                + f"; the fit is {axis.rate.verdict} (J {axis.rate.cost:.0f})."
+            )
+        else:
+            said.append(f"{name}: the gain is not determined: {gain.reason}.")
+    elif axis.reason:
+        said.append(f"{name}: no response of the rate loop: {axis.reason}.")
+    if axis.attitude is not None and axis.attitude.determined:
+        said.append(
+            f"The {axis.axis} attitude follows its target up to {_text(axis.attitude.bandwidth)} "
+            f"with a phase delay of {_milliseconds(axis.attitude.phase_delay)}."
+        )
+    elif axis.attitude is not None and not axis.determined:
+        reason = axis.attitude.bandwidth.reason or axis.attitude.phase_delay.reason
+        said.append(f"How the {axis.axis} attitude follows its target is not determined: {reason}.")
+    elif axis.attitude_reason and not axis.determined:
+        said.append(f"{name} attitude: {axis.attitude_reason}.")
+    return said
+
+
+def parameter_table(axes: Sequence[AxisRotation]) -> View:
+    """Return the table of parameters for a page."""
+    heads, rows = parameter_rows(axes)
+    return {
+        "caption": "Parameters with one standard deviation; in brackets Cramér-Rao's error and insensitivity in "
+        "percent. J up to 50 is excellent, up to 100 good.",
+        "label": "Axis",
+        "heads": heads,
+        "rows": [{"kind": "", "label": label, "cells": cells} for label, cells in rows],
+    }
+
+
+def parameter_rows(axes: Sequence[AxisRotation]) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """Return heads and rows of the table of parameters, without columns that say nothing of any axis."""
+    rows = [_cells(axis) for axis in axes]
+    shown = [k for k in range(len(_HEADS)) if any(row[k] != _NOTHING for row in rows)]
+    cells = [(axis.axis, [row[k] for k in shown]) for axis, row in zip(axes, rows, strict=True)]
+    return [_HEADS[k] for k in shown], cells
+
+
+def loop_table(found: RotationResult) -> View | None:
+    """Tabulate the margins of the loops as flown, in both ways; None where none are known."""
+    if not found.loops:
+        return None
+    rows = []
+    for axis, loop in found.loops.items():
+        rows.append({"kind": "", "label": axis, "cells": [*_margin_cells(loop.computed), str(loop.state)]})
+        if loop.measured is not None:
+            cells = [*_margin_cells(loop.measured), ""]
+            rows.append({"kind": "baseline", "label": "… straight from the chirp", "cells": cells})
+    return {
+        "caption": "Margins of the loops broken at the mixer, with one standard error: computed from the craft’s "
+        "response and the controller of the log’s parameters, and, where the log allows it, measured by the chirp. "
+        "6 dB and 45° are sound.",
+        "label": "Axis",
+        "heads": [f"{TITLES[name]} ({unit})" for name, (unit, _) in MARGINS.items()] + ["state"],
+        "rows": rows,
+    }
+
+
+def rotation_line(rotation: Numbers | None) -> str:
+    """Sum up in a line what a flight tells of how its craft turns; empty where nothing."""
+    if rotation is None:
+        return ""
+    known = [axis["axis"] for axis in rotation["axes"] if axis["determined"]]
+    parts = [f"determined in {_and(known)}"] if known else []
+    for axis in rotation["axes"]:
+        if axis["loop"] is not None:
+            gain, phase = (axis["loop"]["computed"][name] for name in ("gain_db", "phase_deg"))
+            told = [
+                f"{title} {uncertain(each['value'], each['sigma'], each['unit'])}"
+                for title, each in (("gain margin", gain), ("phase margin", phase))
+                if each["value"] is not None
+            ]
+            parts.append(f"{axis['axis']} loop {axis['loop']['state']}" + (f" ({', '.join(told)})" if told else ""))
+    return f"How it turns: {'; '.join(parts)}." if parts else ""
+
+
+def _grouped(found: RotationResult, name: str, file: str) -> list[tuple[str, str]]:
+    """List reasons with the axes that they are of, each reason once."""
+    reasons: dict[str, list[str]] = {}
+    for axis in found.axes:
+        reason = str(getattr(axis, name)).replace(f"{file}: ", "").replace(f"{file} ", "the log ")
+        if reason:
+            reasons.setdefault(reason[:1].upper() + reason[1:] + ".", []).append(axis.axis)
+    return [(_and(axes).capitalize(), reason) for reason, axes in reasons.items()]
+
+
+def _margin_cells(margins: Margins) -> list[str]:
+    return [
+        _NOTHING if (known := getattr(margins, name)).value is None else uncertain(known.value, known.sigma)
+        for name in MARGINS
+    ]
+
+
+def _cells(axis: AxisRotation) -> list[str]:
+    cells = [_NOTHING] * len(_SHOWN)
+    cost = coherent = bandwidth = _NOTHING
+    if axis.rate is not None and axis.rate.cost is not None:
+        cells = [_with_errors(axis, name) for name in _SHOWN]
+        cost = f"{axis.rate.cost:.1f}"
+    if axis.rate is not None and axis.rate.band is not None:
+        low, high = axis.rate.band
+        coherent = f"{low:.2g}-{high:.3g} Hz"
+    if axis.attitude is not None and axis.attitude.determined:
+        bandwidth = f"{_text(axis.attitude.bandwidth)}, {_milliseconds(axis.attitude.phase_delay)}"
+    return [*cells, cost, coherent, bandwidth]
+
+
+def _with_errors(axis: AxisRotation, name: str) -> str:
+    assert axis.rate is not None
+    known = axis.rate.parameters.get(name)
+    if known is None:
+        return _NOTHING
+    if known.value is None or known.sigma is None:
+        return "not determined"
+    text = _milliseconds(known) if known.unit == "s" else _text(known)
+    if known.value == 0.0 or known.unit == "s":
+        return text
+    insensitivity = abs(axis.rate.insensitivity[name])
+    return f"{text} ({100.0 * known.sigma / abs(known.value):.1f}, {100.0 * insensitivity:.1f} %)"
+
+
+def _text(known: Parameter) -> str:
+    return uncertain(known.value, known.sigma, "" if known.unit == "1" else known.unit)
+
+
+def _milliseconds(known: Parameter) -> str:
+    if known.value is None or known.sigma is None:
+        return "not determined"
+    return uncertain(1e3 * known.value, 1e3 * known.sigma, "ms")
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
