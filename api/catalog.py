@@ -4,13 +4,13 @@ Bytes are kept before the row that names them and removed after it, so that a ro
 bytes without a row are swept up by `api.housekeeping`.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 from sqlalchemy import delete, func, select, tuple_
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import IntegrityError, OperationalError
 from sqlalchemy.orm import Session
 
 from api import queue
@@ -167,6 +167,20 @@ class Catalog:
 
     def delete_log(self, log_id: str, owner: str) -> bool:
         """Remove a log and every analysis of it; False when the owner has none of this id."""
+        return self._at_a_full_disk_too(lambda: self._delete_log(log_id, owner))
+
+    def _at_a_full_disk_too(self, delete: Callable[[], bool]) -> bool:
+        """Delete with what room is kept for it, where there is no other."""
+        try:
+            return delete()
+        except OperationalError:
+            if not self._database.release_reserve():
+                raise
+            return delete()
+        finally:
+            self._database.keep_reserve()
+
+    def _delete_log(self, log_id: str, owner: str) -> bool:
         with self._database.write() as session:
             found = _own_log(session, log_id, owner, lock=True)  # nobody orders an analysis of it meanwhile
             if found is None:
@@ -250,6 +264,9 @@ class Catalog:
 
     def delete_analysis(self, analysis_id: str, owner: str) -> bool:
         """Remove an analysis and its results; False when the owner has none of this id."""
+        return self._at_a_full_disk_too(lambda: self._delete_analysis(analysis_id, owner))
+
+    def _delete_analysis(self, analysis_id: str, owner: str) -> bool:
         with self._database.write() as session:
             if _owned(session, analysis_id, owner) is None:
                 return False

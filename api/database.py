@@ -1,12 +1,15 @@
 """The database: SQLite in a file unless a URL names another; opened, brought up to date, and asked in transactions."""
 
+import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session, sessionmaker
@@ -14,6 +17,19 @@ from sqlalchemy.pool import ConnectionPoolEntry
 
 #: Seconds that a statement waits for another process that holds SQLite's lock.
 _PATIENCE = 10.0
+
+#: Bytes kept for deleting at a full disk: SQLite writes every page that it changes into a log first.
+_RESERVE = 256 << 10
+
+
+class NewerDatabaseError(Exception):
+    """The database was made by a newer rotorid, which keeps in it what this one does not know."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "it was made by a newer rotorid than this one. Install that version again, or restore the backup that was "
+            "made before the upgrade"
+        )
 
 
 class Database:
@@ -28,20 +44,32 @@ class Database:
     def __init__(self, url: str) -> None:
         self.url = url
         self._engine = _engine(url)
+        file = _sqlite_file(url)
+        self._reserve = None if file is None else file.with_name(file.name + ".reserve")
         # Writers say so before their first statement: SQLite cannot turn a reader into a writer when another one
         # has written meanwhile.
         self._reading = sessionmaker(self._engine, expire_on_commit=False)
         self._writing = sessionmaker(self._engine.execution_options(writes=True), expire_on_commit=False)
 
     def migrate(self) -> None:
-        """Bring the tables up to date; several processes may do so at once."""
+        """Bring the tables up to date; several processes may do so at once.
+
+        Raises
+        ------
+        NewerDatabaseError
+        """
         config = Config()
         config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
         with self._engine.execution_options(writes=True).begin() as connection:
             config.attributes["connection"] = connection
             if connection.dialect.name == "postgresql":
                 connection.exec_driver_sql("SELECT pg_advisory_xact_lock(7208960)")
+            found = MigrationContext.configure(connection).get_current_heads()
+            known = {each.revision for each in ScriptDirectory.from_config(config).walk_revisions()}
+            if not known.issuperset(found):
+                raise NewerDatabaseError
             command.upgrade(config, "head")
+        self.keep_reserve()
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -55,6 +83,22 @@ class Database:
         with self._writing.begin() as session:
             yield session
 
+    def keep_reserve(self) -> None:
+        """Keep a little room beside a SQLite file, so that something can be deleted when the disk is full."""
+        if self._reserve is not None and not self._reserve.exists():
+            with suppress(OSError):
+                self._reserve.write_bytes(bytes(_RESERVE))
+
+    def release_reserve(self) -> bool:
+        """Make that room free; False where there is none."""
+        if self._reserve is None:
+            return False
+        try:
+            self._reserve.unlink()
+        except OSError:
+            return False
+        return True
+
     def close(self) -> None:
         """Give up the connections."""
         self._engine.dispose()
@@ -63,6 +107,7 @@ class Database:
 def _engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
         return create_engine(url, pool_pre_ping=True, pool_timeout=_PATIENCE, connect_args=_network(url))
+    _make_private(_sqlite_file(url))
     # Connections enough for every thread: those that wait for the lock must not keep readers waiting.
     engine = create_engine(
         url, max_overflow=100, pool_timeout=_PATIENCE, connect_args={"timeout": _PATIENCE, "isolation_level": None}
@@ -70,6 +115,23 @@ def _engine(url: str) -> Engine:
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
+
+
+def _sqlite_file(url: str) -> Path | None:
+    """Return the file of a SQLite database; None for another, or one in memory."""
+    parsed = make_url(url)
+    name = parsed.database
+    is_file = parsed.get_backend_name() == "sqlite" and name and name != ":memory:" and not name.startswith("file:")
+    return Path(name) if name and is_file else None
+
+
+def _make_private(file: Path | None) -> None:
+    """Let nobody but its user read a database file; SQLite gives the files beside it the same mode."""
+    if file is None:
+        return
+    with suppress(OSError):  # SQLite says itself that it cannot be opened; and another user's file stays as it is
+        os.close(os.open(file, os.O_RDWR | os.O_CREAT, 0o600))
+        file.chmod(0o600)
 
 
 def _network(url: str) -> dict[str, int]:

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Annotated
+from urllib.parse import urlsplit
 
 from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
+from starlette.datastructures import URL
 
 from api.access import EVERYBODY, Shares, Tokens, bearer, unauthorized
 from api.catalog import Catalog
@@ -69,10 +71,29 @@ Owner = Annotated[str, Depends(_owner)]
 
 
 async def _refuse_other_sites(request: Request) -> None:
-    """Keep pages of other sites from using a visitor's browser to send logs to a service that only it can reach."""
-    if request.headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
+    """Keep pages of other sites from using a visitor's browser to send logs to a service that only it can reach.
+
+    Browsers send Sec-Fetch-Site only to https and to loopback; Origin they send with whatever changes something, under
+    any name. Programs send neither.
+    """
+    origins = request.headers.getlist("origin")
+    foreign = len(origins) > 1 or (len(origins) == 1 and not _is_origin_of(origins[0], request.url))
+    if foreign or request.headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
         detail = "This request comes from a page of another site."
         raise ProblemError(Problem.named("other-site", "Request from another site", HTTPStatus.FORBIDDEN, detail))
 
+
+def _is_origin_of(origin: str, url: URL) -> bool:
+    """Return whether an Origin header names scheme, host and port of an address; `null` names nothing."""
+    try:
+        theirs = urlsplit(origin)
+        port = theirs.port or _PORTS.get(theirs.scheme)
+    except ValueError:
+        return False
+    ours = (url.scheme, url.hostname, url.port or _PORTS.get(url.scheme))
+    return theirs.hostname is not None and (theirs.scheme, theirs.hostname, port) == ours
+
+
+_PORTS = {"http": 80, "https": 443}
 
 from_our_pages = Depends(_refuse_other_sites)

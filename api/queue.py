@@ -52,6 +52,10 @@ class Claim:
 _LOST = 20
 
 
+#: Leases from now after which none ends that was given by this clock.
+_PLAUSIBLE = 3
+
+
 class Queue:
     """Claims analyses and records how they go.
 
@@ -72,7 +76,9 @@ class Queue:
     def claim(self) -> Claim | None:
         """Take the oldest analysis that waits or whose worker has died; None when there is none."""
         now = datetime.now(UTC)
-        left = and_(AnalysisRecord.state == State.RUNNING, AnalysisRecord.lease_until < now)
+        # A lease far in the future was given before the clock stepped back, and nobody may be left to prolong it.
+        over = or_(AnalysisRecord.lease_until < now, AnalysisRecord.lease_until > now + _PLAUSIBLE * self._lease)
+        left = and_(AnalysisRecord.state == State.RUNNING, over)
         with self._database.write() as session:
             session.execute(
                 update(AnalysisRecord)

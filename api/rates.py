@@ -10,6 +10,13 @@ from limits.strategies import MovingWindowRateLimiter
 
 from api.problems import Problem, ProblemError
 
+#: Wrong tokens from one address.
+_SIGN_INS = parse("10/minute")
+
+
+def _address(request: Request) -> str:
+    return request.client.host if request.client else ""
+
 
 class Rates:
     """Counts uploads of every owner or, where the service is open to all, of every address.
@@ -24,11 +31,30 @@ class Rates:
         self._uploads: RateLimitItem | None = parse(uploads) if uploads else None
         self._limiter = MovingWindowRateLimiter(MemoryStorage())
 
+    def check_sign_ins(self, request: Request) -> None:
+        """Refuse another try where an address has sent too many wrong tokens; those of others are not held up."""
+        if not self._limiter.test(_SIGN_INS, "sign-in", _address(request)):
+            free = self._limiter.get_window_stats(_SIGN_INS, "sign-in", _address(request)).reset_time
+            wait = max(1, round(free - time.time()))
+            raise ProblemError(
+                Problem.named(
+                    "too-many-sign-ins",
+                    "Too many wrong tokens",
+                    HTTPStatus.TOO_MANY_REQUESTS,
+                    f"Too many wrong tokens came from your address. Try again in {wait} s.",
+                ),
+                {"Retry-After": str(wait)},
+            )
+
+    def count_wrong_token(self, request: Request) -> None:
+        """Count a sign-in that failed."""
+        self._limiter.hit(_SIGN_INS, "sign-in", _address(request))
+
     def count_upload(self, request: Request, owner: str) -> None:
         """Count an upload; a problem when there were too many."""
         if self._uploads is None:
             return
-        client = owner or (request.client.host if request.client else "")
+        client = owner or _address(request)
         if self._limiter.hit(self._uploads, client):
             return
         free = self._limiter.get_window_stats(self._uploads, client).reset_time

@@ -1,6 +1,7 @@
 """Starting the service."""
 
 import logging
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -10,13 +11,13 @@ import uvicorn
 from alembic.util import CommandError
 from fastapi.concurrency import run_in_threadpool
 from pydantic import ValidationError
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from api import log_lines
 from api.access import Tokens
 from api.app import create_app
 from api.connections import PatientProtocol
-from api.database import Database
+from api.database import Database, NewerDatabaseError
 from api.jobs import Runner
 from api.local_only import LOOPBACK
 from api.settings import Access, Settings
@@ -34,6 +35,7 @@ def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None)
     """
     settings = _settings()
     log_lines.configure(settings.log_format)
+    os.umask(0o077)  # logs are their owners', and no other user of this computer's
     if workers is not None:
         settings = settings.model_copy(update={"workers": workers})
     local_only = settings.access is Access.AUTO and host in LOOPBACK
@@ -46,8 +48,10 @@ def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None)
             f"rotorid cannot keep logs in {settings.data.resolve()}: {error.strerror or error}. "
             "Set ROTORID_DATA to a folder that it can write, or ROTORID_STORAGE to a storage that it can."
         )
+    except NewerDatabaseError as error:
+        sys.exit(f"rotorid cannot use its database: {error}.")
     except (SQLAlchemyError, CommandError) as error:
-        sys.exit(f"rotorid cannot use its database: {error}. Check ROTORID_DATABASE.")
+        sys.exit(f"rotorid cannot use its database: {_in_short(error)}. Check ROTORID_DATABASE.")
     except (ValueError, ImportError) as error:
         sys.exit(f"rotorid cannot use what ROTORID_DATABASE or ROTORID_STORAGE names: {error}.")
     if host not in LOOPBACK and settings.access is Access.OPEN:
@@ -93,8 +97,15 @@ def open_tokens() -> Iterator[Tokens]:
             yield Tokens(database)
         finally:
             database.close()
+    except NewerDatabaseError as error:
+        sys.exit(f"rotorid cannot use its database: {error}.")
     except (OSError, SQLAlchemyError, CommandError, ValueError, ImportError) as error:
-        sys.exit(f"rotorid cannot use its database: {error}. Check ROTORID_DATABASE and ROTORID_DATA.")
+        sys.exit(f"rotorid cannot use its database: {_in_short(error)}. Check ROTORID_DATABASE and ROTORID_DATA.")
+
+
+def _in_short(error: Exception) -> str:
+    """Return what the database said, without the statement and the links that SQLAlchemy adds."""
+    return str(error.orig if isinstance(error, DBAPIError) else error)
 
 
 def _settings() -> Settings:

@@ -28,8 +28,12 @@ _FORM_OVERHEAD = 64 << 10
 
 _NAME_LENGTH = 200
 
-#: Most files of one form.
+#: Most files of one form, and most parts of it of any kind.
 _FILES = 100
+_PARTS = 200
+
+#: Longest boundary that the parser takes; RFC 2046 allows 70 bytes.
+_BOUNDARY = 256
 
 #: For a route's `openapi_extra`: the form cannot be declared as a parameter, which would read it into memory.
 FORM = {
@@ -66,6 +70,7 @@ class _Form:
         #: Bytes not yet taken: (number of the file, bytes).
         self.pending: list[tuple[int, bytearray]] = []
         self.complete = False
+        self._parts = 0
         self._in_file = False
         self._header = bytearray()
         self._value = bytearray()
@@ -98,6 +103,9 @@ class _Form:
 
     def _on_part_begin(self) -> None:
         self._disposition = b""
+        self._parts += 1
+        if self._parts > _PARTS:
+            raise _bad_form(f"The form has more than {_PARTS} parts.")
 
     def _on_header_field(self, data: bytes, start: int, end: int) -> None:
         self._header += data[start:end]
@@ -229,6 +237,8 @@ def _boundary(request: Request) -> bytes:
                 "Send the log as the field `file` of a multipart form. With curl: curl -F file=@FLIGHT.bin ADDRESS.",
             )
         )
+    if len(options[b"boundary"]) > _BOUNDARY:
+        raise _bad_form(f"The boundary of the form is longer than {_BOUNDARY} bytes.")
     return options[b"boundary"]
 
 

@@ -36,8 +36,10 @@ def sign_in(
     following: Annotated[str, Form(alias="next", max_length=2000)] = "/",
 ) -> Response:
     """Let the browser keep a token, if it is somebody's."""
+    parts.rates.check_sign_ins(request)
     secret = token.strip()
     if parts.tokens.owner_of(secret) is None:
+        parts.rates.count_wrong_token(request)
         view = {"next": local_path(following), "wrong": True}
         return render(request, "sign_in.html", view, HTTPStatus.UNAUTHORIZED)
     response = RedirectResponse(local_path(following), HTTPStatus.SEE_OTHER)

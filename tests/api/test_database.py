@@ -235,6 +235,19 @@ def test_the_whole_way_of_a_log(
         assert client.get(done.headers["Location"]).status_code == 404
 
 
+def test_a_clock_that_steps_back_blocks_nothing(database: Database, catalog: Catalog, keep: Callable[..., str]) -> None:
+    """A lease given an hour ahead, whose worker is dead, once blocked its analysis for that hour."""
+    analysis = catalog.order([keep(b"log")], {}, "ann").id
+    queue = Queue(database, lease=60.0, deaths=3)
+    assert queue.claim() is not None
+    for seconds, free in ((90.0, False), (3600.0, True)):  # a clock that is half a minute ahead is not robbed
+        until = datetime.now(UTC) + timedelta(seconds=seconds)
+        with database.write() as session:
+            session.execute(update(AnalysisRecord).values(lease_until=until))
+        claimed = queue.claim()
+        assert (claimed is not None and claimed.analysis == analysis) is free
+
+
 def _let_expire(database: Database, claim: Claim) -> None:
     """Let a worker be silent for too long."""
     past = datetime.now(UTC) - timedelta(days=1)

@@ -124,6 +124,20 @@ def test_strange_requests(service: httpx.Client, request_line: bytes, status: in
     assert service.get("/healthz").status_code == 200
 
 
+def test_forms_of_many_parts_long_heads_or_a_long_boundary_are_refused(service: httpx.Client) -> None:
+    """200,000 tiny parts once held the event loop for seconds, and a long boundary was a 500."""
+    kind = "multipart/form-data; boundary="
+    for boundary, body, says in (
+        ("b" * 300, b"", "boundary of the form is longer than 256 bytes"),
+        ("b", b'--b\r\nContent-Disposition: form-data; name="x"\r\n\r\n\r\n' * 50_000, "more than 200 parts"),
+        ("b", b"--b\r\nX: " + b"x" * 1_000_000, "Maximum header size"),
+        ("b", b"--b\r\n" + b"X: y\r\n" * 100_000, "Maximum header count"),
+    ):
+        refused = service.post("/api/v1/logs", content=body, headers={"Content-Type": kind + boundary})
+        assert (refused.status_code, refused.json()["type"]) == (400, "urn:rotorid:problem:bad-upload")
+        assert says in refused.json()["detail"]
+
+
 @pytest.mark.parametrize(
     "name",
     ["tables/../../x", "../report.json", "%2e%2e/report.json", "..%2freport.json", "%00", "/etc/passwd", "REPORT.JSON"],

@@ -65,7 +65,7 @@ def test_a_database_of_a_newer_rotorid_is_refused_in_a_line(tmp_path: Path, monk
     database.close()
     monkeypatch.setenv("ROTORID_DATA", str(tmp_path))
     monkeypatch.setattr("api.log_lines.configure", lambda _: None)
-    with pytest.raises(SystemExit, match="9999"):
+    with pytest.raises(SystemExit, match=r"newer rotorid than this one\. Install that version again"):
         serve()
 
 
@@ -100,15 +100,17 @@ def test_a_full_disk_is_told_and_the_service_goes_on_when_there_is_room(tmp_path
         assert refused.status_code in (503, 507)
         assert refused.headers["Content-Type"] == "application/problem+json"
         assert len(client.get("/api/v1/logs").json()["items"]) == 2
-        ballast.unlink()
+        # Deleting is how room is made: it must not itself need any.
         assert client.delete(f"/api/v1/logs/{kept['id']}").status_code == 204
+        assert len(client.get("/api/v1/logs").json()["items"]) == 1
+        ballast.unlink()
         assert upload(client, b"good, and room for it").status_code == 201
 
 
 def fill(path: Path) -> None:
     """Write until nothing more fits."""
     with path.open("wb", buffering=0) as file:
-        for size in (65536, 4096):
+        for size in (65536, 4096, 512):
             try:
                 while True:
                     file.write(bytes(size))

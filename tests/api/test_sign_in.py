@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from datetime import timedelta
+from pathlib import Path
 from typing import NamedTuple
 
 import httpx
@@ -78,6 +79,14 @@ def test_the_cookie_is_kept_from_scripts_and_other_sites(guarded: Guarded) -> No
     assert "Set-Cookie" not in wrong.headers
     other_site = guarded.client.post("/sign-in", data=form, headers={"Sec-Fetch-Site": "cross-site"})
     assert other_site.status_code == 403
+
+
+def test_wrong_tokens_are_taken_only_so_often(tmp_path: Path) -> None:
+    settings = Settings(data=tmp_path, workers=1, access=Access.TOKENS)
+    with running(create_app(settings, standins.analyze, preload=())) as client:
+        answers = [client.post("/sign-in", data={"token": f"guess {number}"}) for number in range(12)]
+        assert [answer.status_code for answer in answers] == [401] * 10 + [429] * 2
+        assert 1 <= int(answers[-1].headers["Retry-After"]) <= 60
 
 
 def test_signing_in_leads_to_our_own_pages_only() -> None:
