@@ -30,6 +30,7 @@ class Need(StrEnum):
     ATTITUDE = "attitude"
     BATTERY = "battery"
     FAST_RATES = "rate controller at the rate of the loop"
+    PID = "terms of the rate controller"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,7 @@ _ARDUPILOT: Mapping[str, Mapping[Need, Bit]] = {
         Need.MOTORS: Bit(10, "RCOUT", "RCOU"),
         Need.FAST_MOTORS: Bit(10, "RCOUT", "RCOU"),
         Need.COMPASS: Bit(13, "COMPASS", "MAG"),
+        Need.PID: Bit(12, "PID", "PIDR, PIDP and PIDY"),
         Need.FAST_IMU: Bit(18, "IMU_FAST", "IMU at the rate of the loop"),
     },
     "ArduPlane": {
@@ -102,6 +104,7 @@ _HIGH_RATE = Bit(4, "high rate", "sensors, rates and actuator controls at full r
 _PX4: Mapping[Need, Bit] = dict.fromkeys(Need, _DEFAULT_SET) | {
     Need.FAST_MOTORS: _HIGH_RATE,
     Need.FAST_RATES: _HIGH_RATE,
+    Need.PID: _HIGH_RATE,
     Need.FAST_IMU: _HIGH_RATE,
 }
 
@@ -246,7 +249,7 @@ def _by_radio(need: Need, vehicle: Vehicle) -> str:
     own = {"PX4": "PX4's own log (.ulg)", "ArduPilot": "the autopilot's DataFlash log (.bin)"}.get(
         vehicle.autopilot or "", "the autopilot's own log"
     )
-    if need is Need.FAST_RATES:
+    if need in (Need.FAST_RATES, Need.PID):
         return f"Telemetry cannot carry them: use {own}."
     stream = {"PX4": "MAV_n_RATE of the telemetry port", "ArduPilot": f"{_STREAMS[need]} of the telemetry port"}.get(
         vehicle.autopilot or "", "the rate of the telemetry stream"

@@ -49,7 +49,7 @@ def rotation_view(found: RotationResult | None, file: str) -> View | None:
         return None
     said = [sentence for axis in found.axes for sentence in sentences(axis)]
     whys = _grouped(found, "loop_reason", file)
-    doubts = [f"{axis.capitalize()}: {remark}." for axis, loop in found.loops.items() for remark in loop.remarks]
+    doubts = [f"{remark[:1].upper()}{remark[1:]}." for loop in found.loops.values() for remark in loop.remarks]
     warned = [each.to_dict() for each in found.findings if each.id in ("loop-unstable", "margins-thin")]
     return {
         "sentences": [sentence.replace(f"{file}: ", "") for sentence in said],
@@ -116,19 +116,22 @@ def loop_table(found: RotationResult) -> View | None:
     """Tabulate the margins of the loops as flown, in both ways; None where none are known."""
     if not found.loops:
         return None
-    rows = []
+    columns: dict[str, list[str]] = {}
     for axis, loop in found.loops.items():
-        rows.append({"kind": "", "label": axis, "cells": [*_margin_cells(loop.computed), str(loop.state)]})
+        columns[axis] = [str(loop.state), *_margin_cells(loop.computed)]
         if loop.measured is not None:
-            cells = [*_margin_cells(loop.measured), ""]
-            rows.append({"kind": "baseline", "label": "… straight from the chirp", "cells": cells})
+            columns[f"{axis}, by the chirp"] = ["", *_margin_cells(loop.measured)]
+    labels = ["State", *(f"{TITLES[name]}, {unit}" for name, (unit, _) in MARGINS.items())]
     return {
         "caption": "Margins of the loops broken at the mixer, with one standard error: computed from the craft’s "
-        "response and the controller of the log’s parameters, and, where the log allows it, measured by the chirp. "
-        "6 dB and 45° are sound.",
-        "label": "Axis",
-        "heads": [f"{TITLES[name]} ({unit})" for name, (unit, _) in MARGINS.items()] + ["state"],
-        "rows": rows,
+        "response and the controller of the log’s parameters, and, where the log allows it, measured straight by the "
+        "chirp. 6 dB and 45° are sound.",
+        "label": "Margin",
+        "heads": list(columns),
+        "rows": [
+            {"kind": "", "label": label, "cells": [cells[k] for cells in columns.values()]}
+            for k, label in enumerate(labels)
+        ],
     }
 
 
@@ -196,7 +199,7 @@ def _with_errors(axis: AxisRotation, name: str) -> str:
 
 
 def _text(known: Parameter) -> str:
-    return uncertain(known.value, known.sigma, "" if known.unit == "1" else known.unit)
+    return uncertain(known.value, known.sigma, "" if known.unit == "1" else known.unit.replace("^2", "²"))
 
 
 def _milliseconds(known: Parameter) -> str:

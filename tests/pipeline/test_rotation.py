@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import logparse
+from pipeline.flight.advice.turning import turning as advise
 from pipeline.flight.rotation import find_rotation
 from pipeline.results.flight import Span
 from pipeline.results.rotation import AxisRotation, FittedResponse, LoopMargins, LoopState, RotationResult
@@ -119,3 +120,15 @@ def test_only_the_sound_part_counts():
     short = find_rotation(log, Span(start, start + 5.0))
     assert not short.determined
     assert all("s in the air" in axis.reason for axis in short.axes)
+
+
+def test_advice_names_bits_and_axes():
+    flight = replace(made_flight("a", seed=1, fit=False), rotation=turning(margins(9.0, 60.0)))
+    advice = {each.id: each for each in advise(flight, [])}
+    assert "pitch and yaw" in advice["fly-sticks"].do
+    assert "bit 0 (ATTITUDE_FAST) of LOG_BITMASK" in advice["fly-sticks"].do
+    assert "SID_AXIS 11 for pitch and 12 for yaw" in advice["chirps-for-margins"].do
+    assert "bit 12 (PID)" in advice["chirps-for-margins"].do
+    # Asked for once, not twice.
+    assert "fly-sticks" not in {each.id for each in advise(flight, ["excite-axes"])}
+    assert list(advise(replace(flight, rotation=None), [])) == []

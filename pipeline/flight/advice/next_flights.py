@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.flight.advice.flying import flying
 from pipeline.flight.advice.log_settings import logging
+from pipeline.flight.advice.turning import turning
 from pipeline.flight.craft import in_order
 from pipeline.flight.flight_parameters import WIND_AS_DRAG
 from pipeline.flight.summary import summarise_flight
@@ -61,7 +62,9 @@ def for_craft(
 
 def for_flight(result: FlightResult) -> tuple[Advice, ...]:
     """Advise on repeating one flight better."""
-    return for_craft([summarise_flight(result)])
+    found = for_craft([summarise_flight(result)])
+    further = turning(result, [advice.id for advice in found])
+    return tuple(sorted([*found, *further], key=lambda advice: advice.rank)[:MOST])
 
 
 def _determined(parameters: PhysicalParameters) -> set[str]:

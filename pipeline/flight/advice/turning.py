@@ -1,0 +1,79 @@
+"""What to fly and log so that the answer of the axes, and the margins of their loops, are known."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING
+
+from logparse.log_settings import TELEMETRY, Need, bits_of
+from pipeline.results.advice import Advice
+from sysid.frequency.axes import SID_AXES
+
+if TYPE_CHECKING:
+    from pipeline.results.flight import FlightResult
+    from pipeline.results.rotation import AxisRotation
+
+#: Advice that asks for the same movement already.
+_ALIKE = "excite-axes"
+
+
+def turning(result: FlightResult, given: Collection[str]) -> Iterator[Advice]:
+    """Advise on two minutes of flying for what a flight does not tell of its axes.
+
+    Parameters
+    ----------
+    result : FlightResult
+    given : collection of str
+        Names of the advice that is given anyway.
+    """
+    if result.rotation is None:
+        return
+    unknown = [axis for axis in result.rotation.axes if not axis.rate_determined]
+    if unknown and _ALIKE not in given:
+        names = _and([axis.axis for axis in unknown])
+        yield Advice(
+            id="fly-sticks",
+            rank=25,
+            do=f"Fly two minutes of short stick inputs on {names}, from slow to as quick as you can, in STABILIZE or "
+            f"LOITER in calm air{_logged(result, Need.FAST_RATES)}",
+            why=f"how {names} answer{'s' if len(unknown) == 1 else ''} the controller is not determined",
+            gain="effectiveness, damping and delay of the axis with their errors, no GPS needed",
+        )
+    loopless = [axis for axis in result.rotation.axes if axis.loop is None]
+    if loopless and _has_systemid(result):
+        yield Advice(
+            id="chirps-for-margins",
+            rank=26,
+            do="Fly mode SYSTEMID for two minutes with a chirp at the mixer on one axis after the other "
+            f"(SID_AXIS {_chirps(loopless)}; rotorid design --for rates writes the parameters)"
+            + _logged(result, Need.FAST_RATES, Need.PID),
+            why=f"margins of the {_and([axis.axis for axis in loopless])} loop{'s' if len(loopless) > 1 else ''} "
+            "are not determined: ordinary flying of a closed loop does not show them",
+            gain="gain and phase margins with errors, from which rotorid tune proposes gains",
+        )
+
+
+def _chirps(axes: list[AxisRotation]) -> str:
+    at_mixer = {name: number for number, (name, mixer) in SID_AXES.items() if mixer}
+    return _and([f"{at_mixer[axis.axis]} for {axis.axis}" for axis in axes])
+
+
+def _logged(result: FlightResult, *needs: Need) -> str:
+    """Name the bits of LOG_BITMASK that the flight must be logged with; empty for telemetry and unknown firmware."""
+    known = bits_of(result.log.vehicle)
+    bits = [str(known[need]) for need in needs if need in known]
+    if result.log.format in TELEMETRY or not bits:
+        return ""
+    parameter = "SDLOG_PROFILE" if result.log.vehicle.autopilot == "PX4" else "LOG_BITMASK"
+    return f", with {_and(list(dict.fromkeys(bits)))} of {parameter} set"
+
+
+def _has_systemid(result: FlightResult) -> bool:
+    """Return whether the firmware has mode SYSTEMID: ArduCopter since 4.0; unknown versions count as recent."""
+    vehicle = result.log.vehicle
+    major = (vehicle.version or "4").partition(".")[0]
+    return vehicle.firmware == "ArduCopter" and (not major.isdecimal() or int(major) >= 4)
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
