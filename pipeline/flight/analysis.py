@@ -19,6 +19,7 @@ from pipeline.flight.flight_health import assess_health, health_findings
 from pipeline.flight.identification import identify
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.log_health import logged_rates
+from pipeline.flight.repetition import without_repetition
 from pipeline.flight.rotation import find_rotation
 from pipeline.names import printable
 from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, Span, horizontal_sigma
@@ -155,7 +156,8 @@ def analyze(
         timings=stages.timings,
     )
     advice = stages.run("advice", lambda _: for_flight(result))
-    return replace(result, advice=advice or (), findings=(*result.findings, *stages.findings[told:]))
+    findings = without_repetition((*result.findings, *stages.findings[told:]))
+    return replace(result, advice=advice or (), findings=findings)
 
 
 def _longest_flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
@@ -221,7 +223,7 @@ def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:
     if sigma <= POSITION_KNOWN:
         return ""
     return (
-        f"the horizontal position is not known (its 1-sigma grows to {sigma:.0f} m), so there is no motion to fit: "
+        f"The horizontal position is not known (its 1-sigma grows to {sigma:.0f} m), so there is no motion to fit: "
         "the log has no usable GPS"
     )
 
