@@ -96,7 +96,8 @@ def gather_tables(
                 advice="Check the frame: of another type what is said about roll, pitch and single motors is wrong.",
             )
         )
-    if not vehicle.motors and any(name in messages for name in _OUTPUTS):
+    other_craft = vehicle.firmware in ("ArduPlane", "ArduRover", "ArduSub", "AntennaTracker", "Blimp")
+    if not vehicle.motors and (other_craft or any(name in messages for name in _OUTPUTS)):
         frame = "/".join(part for part in (vehicle.frame_class, vehicle.frame_type) if part)
         remarks.add(
             Finding(
@@ -105,9 +106,11 @@ def gather_tables(
                 reason=f"Servo outputs are logged, but no motor table is known for the frame {frame}."
                 if vehicle.frame_class
                 else f"The robot is no multirotor ({vehicle.firmware}): its outputs are not taken for motors."
-                if vehicle.firmware in ("ArduPlane", "ArduRover", "ArduSub", "AntennaTracker", "Blimp")
+                if other_craft
                 else "Servo outputs are logged, but nothing says which of them drive motors (no FRAME_CLASS).",
-                advice="rotorid knows multirotors; their log needs the parameters, which are written when it starts.",
+                advice="Models are fitted to multirotors only; of this log there is the trajectory alone."
+                if other_craft
+                else "rotorid knows multirotors; their log needs the parameters, which are written when it starts.",
             )
         )
     return tables, lambda: later.findings(remarks)

@@ -84,6 +84,14 @@ def test_outputs_of_no_known_frame_are_not_taken_for_motors(parameters):
     assert [finding.id for finding in findings] == ["frame-unknown"]
 
 
+def test_an_aeroplane_without_outputs_in_its_log_is_told_to_be_none_of_ours():
+    """The log of an ArduPlane of 2014 has no RCOU: more log bits would not make a multirotor of it."""
+    _, findings = build({"GPS": message([1, 2], Status=[3, 3])}, {"FRAME": 1, "TRIM_ARSPD_CM": 1200.0})
+    (told,) = [finding for finding in findings if finding.id == "frame-unknown"]
+    assert "no multirotor (ArduPlane)" in told.reason
+    assert "multirotors only" in told.advice
+
+
 def test_a_frozen_compass_is_none():
     """A flight of 2015 has 786 readings of 6.7 uT, alike to the last digit, while the craft turned."""
     t = np.arange(120) * 0.1
