@@ -36,5 +36,5 @@ def design(
         (out / name).write_text(text, encoding="utf-8")
         typer.echo(out / name)
     for item in result.expected:
-        typer.echo(f"predicted standard deviation of {item.name}: {item.sigma:.2g} {item.unit}")
+        typer.echo(f"predicted standard deviation of {item}")
     raise typer.Exit(OK)

@@ -17,14 +17,14 @@ def prove(
     """Compare predicted with measured margins, bandwidth and responses after a change of gains.
 
     The verdict is "as predicted", "better", or "worse: restore rollback.param"; the exit status is 1 for the last and
-    where the logs cannot be compared.
+    where the logs cannot be compared. Margins that are thin after the change are named besides.
 
     Example: rotorid prove before.bin after.bin
     """
     from logparse import read_log
     from logparse.quantity import uncertain
     from sysid.loops.numbers import proof_numbers
-    from sysid.loops.proof import WORSE
+    from sysid.loops.proof import WANTED, WORSE
     from sysid.loops.proof import prove as compare
 
     proof = compare(read_log(before), read_log(after))
@@ -48,4 +48,6 @@ def prove(
             ]
             typer.echo(f"{row['axis']:<8}{row['quantity']:<24}{cells[0]:>20}{cells[1]:>20} {row['unit']}")
         typer.echo(proof.verdict)
+        for axis, margins in proof.thin.items():
+            typer.echo(f"but thin: {axis} has {margins}; rotorid tune asks for {WANTED}")
     raise typer.Exit(SOME_FAILED if proof.refused is not None or proof.verdict == WORSE else OK)

@@ -27,6 +27,9 @@ from sysid.loops.settings import read_settings
 #: What a flight can be designed for.
 PURPOSES = ("rates", "drag", "inertia", "thrust", "position")
 
+#: Unit of an expected error that is a share of the quantity itself.
+RELATIVE = "1 (relative)"
+
 #: Bits of LOG_BITMASK that the loops need: fast attitude (RATE) and PID.
 _LOG_BITS = 1 | 1 << 12
 
@@ -41,6 +44,10 @@ class Expected:
     name: str
     sigma: float
     unit: str
+
+    def __str__(self) -> str:
+        shown = f"{100 * self.sigma:.2g} %" if self.unit == RELATIVE else f"{self.sigma:.2g} {self.unit}"
+        return f"{self.name}: {shown}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +132,7 @@ def _of_chirp(chirp: ChirpDesign) -> list[Expected]:
     if chirp.gain_sigma is None or chirp.delay_sigma is None:
         return []
     return [
-        Expected(f"{chirp.axis} gain", chirp.gain_sigma, "1 (relative)"),
+        Expected(f"{chirp.axis} gain", chirp.gain_sigma, RELATIVE),
         Expected(f"{chirp.axis} delay", chirp.delay_sigma, "s"),
     ]
 
@@ -168,9 +175,7 @@ def _inertia(log: FlightLog, limits: Limits) -> Design:
     scales = [_rate_scale(sine, limits) for sine in sines]
     expected = []
     for (axis, loop), sine, scale in zip(loops.items(), sines, scales, strict=False):
-        expected.append(
-            Expected(f"{axis} gain (torque per inertia)", _multisine_error(loop, sine, scale), "1 (relative)")
-        )
+        expected.append(Expected(f"{axis} gain (torque per inertia)", _multisine_error(loop, sine, scale), RELATIVE))
     hover = log.parameters.get("MOT_THST_HOVER")
     if hover is None:
         raise LoopError(f"{log.path.name} has no MOT_THST_HOVER: the script cannot hold the height")
@@ -213,10 +218,10 @@ def _mission(log: FlightLog, purpose: str, limits: Limits) -> Design:
         expected = tuple(Expected(name, sigma, units[name]) for name, sigma in drag_errors(legs).items())
     elif purpose == "thrust":
         legs = thrust_legs(limits.height_m)
-        expected = tuple(Expected(name, sigma, "1 (relative)") for name, sigma in thrust_errors(legs).items())
+        expected = tuple(Expected(name, sigma, RELATIVE) for name, sigma in thrust_errors(legs).items())
     else:
         legs = position_legs(limits.height_m)
-        expected = tuple(Expected(name, sigma, "1 (relative)") for name, sigma in thrust_errors(legs).items())
+        expected = tuple(Expected(name, sigma, RELATIVE) for name, sigma in thrust_errors(legs).items())
     reach = max(float(np.hypot(leg.north, leg.east)) for leg in legs)
     lines = [
         f"Mission for {purpose}, made from {log.path.name}.",

@@ -14,6 +14,7 @@ from sysid.loops.evidence import oscillation, unfit_log
 from sysid.loops.loop import MARGINS, RateLoop, rate_loop
 from sysid.loops.responses import attitude_bandwidth, flown_fit
 from sysid.loops.settings import AXES, read_settings
+from sysid.loops.tuning import Aim
 
 #: Parameters that make another craft of it.
 _OF_THE_CRAFT = ("FRAME_CLASS", "FRAME_TYPE")
@@ -32,6 +33,10 @@ DIFFERENT, SIZES = 3.0, {"gain_db": 1.0, "phase_deg": 6.0, "peak_db": 1.5}
 
 #: Factor of the craft's gain that two flights of one craft do not differ by.
 _SAME_CRAFT = 1.5
+
+#: Margins below which a loop is thin, those that a tune keeps, and the same in words.
+_KEPT = {"gain_db": (Aim().gain_db, "dB of gain margin"), "phase_deg": (Aim().phase_deg, "deg of phase margin")}
+WANTED = " and ".join(f"{least:g} {name}" for least, name in _KEPT.values())
 
 AS_PREDICTED, BETTER, WORSE = "as predicted", "better", "worse: restore rollback.param"
 
@@ -65,6 +70,16 @@ class Proof:
     changed: Changes
     beyond: Changes
     loops: dict[str, tuple[RateLoop, RateLoop]]
+
+    @property
+    def thin(self) -> dict[str, str]:
+        """Margins measured after the change that are less than a tune keeps, in words, by axis."""
+        found: dict[str, list[str]] = {}
+        for row in self.table.reset_index().to_dict("records"):
+            least, name = _KEPT.get(str(row["quantity"]), (-np.inf, ""))
+            if float(row["measured"]) < least:
+                found.setdefault(str(row["axis"]), []).append(f"{float(row['measured']):.2g} {name}")
+        return {axis: " and ".join(margins) for axis, margins in found.items()}
 
     def __repr__(self) -> str:
         if self.refused is not None:
