@@ -16,6 +16,7 @@ from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline
 
 from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.consistency import SensorStatistics
+from estimation.height_spikes import steady_heights
 from estimation.local_frame import LocalFrame, is_simulated
 from estimation.observations import find_origin, observe_gps, reported, usable_fixes
 from estimation.states import SensorNoise
@@ -47,13 +48,16 @@ TOLERANCE = 0.5
 LATENESS = 0.2
 #: Passes over a stretch of telemetry at most, each leaving out what disagrees with all the rest.
 PASSES = 6
+#: A sensor's variance is raised by this at most, if so many of its rows are fused.
+LARGEST_FACTOR, FEWEST_ROWS = 25.0, 20
 #: The gate of a sensor narrows from its farthest reading over this. Nothing bounds the pull of a spike on the first
 #: pass, so that the readings between are moved with it, and come back later.
 NARROWING = 3.0
 #: Readings of the barometer whose median is its height at the start: any one may be a spike.
 FIRST_HEIGHTS = 9
-#: What a reading of the barometer differs by from the median of its neighbours at most, m.
-SPIKE = 10.0
+#: The autopilot's vertical speed is used if its height follows it to this share at least, where it climbs at all: an
+#: r.m.s. above this, m/s. Old firmware sends it with the wrong sign.
+FOLLOWS, CLIMBS = 0.5, 0.3
 #: States: position, velocity, disturbance, GPS error (three each), baro offset.
 SIZE = 13
 
@@ -84,6 +88,7 @@ def estimate_low_rate(
     attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
     assert attitude is not None  # the caller asked is_low_rate
     origin, measured, gps_sigma, source = _measurements(tables, noise)
+    reversed_climb = _reversed_climb(tables)
     parts = []
     for piece in segments(attitude, LONGEST_HOLE):
         begin = max(float(piece.index[0]), -np.inf if start is None else start)
@@ -121,7 +126,7 @@ def estimate_low_rate(
             "segments": [(float(s.index[0]), float(s.index[-1])) for s, *_ in parts],
             "innovations": innovations,
         },
-        findings=(finding, *only_one_withdrawal(doubts)),
+        findings=(finding, *reversed_climb, *only_one_withdrawal(doubts)),
     )
 
 
@@ -165,21 +170,57 @@ def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_M
         variance = np.repeat([EKF_POSITION**2, EKF_VELOCITY**2], 3)
         # The autopilot's positions hold the GPS already, later and smoothed: they only fill where fixes are missing.
         lonely = _distance(t, fixed) > FILL_AFTER
+        last = 6 if _height_follows(ekf) else 5
         for when, row, alone in zip(t, z, lonely, strict=True):
-            part = slice(0 if alone else 3, 6)
+            part = slice(0 if alone else 3, last)
             rows.append(_Measured(when, "autopilot", selector[part], row[part], variance[part]))
         sources.append("the autopilot's " + ("positions" if lonely.any() else "velocities"))
     baro = usable(tables.baro, ["alt"])
     if baro is not None:
         H = np.zeros((1, SIZE))
         H[0, 2], H[0, 12] = -1.0, 1.0
-        # A spike among its neighbours does not even enter the first pass, which nothing protects.
-        usual = baro["alt"].rolling(FIRST_HEIGHTS, center=True, min_periods=1).median()
-        steady = ((baro["alt"] - usual).abs() < SPIKE).to_numpy(bool)
+        # A spike does not even enter the first pass, which nothing protects.
+        steady = steady_heights(baro["alt"], _other_height(fixes, ekf))
         for when, alt, good in zip(baro.index.to_numpy(float), baro["alt"].to_numpy(float), steady, strict=True):
             rows.append(_Measured(when, "baro", H, np.array([alt]), np.array([noise.baro**2]), bool(good)))
     rows.sort(key=lambda row: row.t)
     return origin or Geodetic(float("nan"), float("nan"), 0.0), rows, gps_sigma, " and ".join(sources)
+
+
+def _other_height(fixes: pd.DataFrame | None, ekf: pd.DataFrame | None) -> pd.Series:
+    """Return the height by GPS, or else by the autopilot, m; which may itself hold the barometer's spikes."""
+    if fixes is not None:
+        return fixes["alt"].dropna()
+    return -ekf["p_d"] if ekf is not None else pd.Series(dtype=float)
+
+
+def _height_follows(ekf: pd.DataFrame) -> bool:
+    """Return whether the autopilot's height changes as its vertical speed says."""
+    t = ekf.index.to_numpy(float)
+    step = np.diff(t)
+    speed = ekf["v_d"].to_numpy(float)
+    mean = 0.5 * (speed[1:] + speed[:-1])
+    close = (step > 0.0) & (step < FILL_AFTER)
+    if not close.any() or np.sqrt(np.mean(mean[close] ** 2)) < CLIMBS:
+        return True
+    moved = np.diff(ekf["p_d"].to_numpy(float))[close] / step[close]
+    return bool(moved @ mean[close] > FOLLOWS * mean[close] @ mean[close])
+
+
+def _reversed_climb(tables: Tables) -> tuple[Finding, ...]:
+    """Return a finding if the autopilot's vertical speed is no derivative of its height."""
+    ekf = usable(tables.ekf, ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"])
+    if ekf is None or _height_follows(ekf):
+        return ()
+    return (
+        Finding(
+            "autopilot-climb-wrong",
+            Severity.WARNING,
+            "The autopilot's height does not change as its vertical speed says, which is therefore not used; firmware "
+            "of 2013 sends it with the wrong sign.",
+            "Analyse the .bin log of the same flight, or update the firmware.",
+        ),
+    )
 
 
 def _distance(t: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -224,6 +265,8 @@ def _estimate_segment(
         if all(a.admitted == b.admitted for a, b in zip(measured, judged, strict=True)):
             break
         measured = judged
+    if smoothed:
+        x, P = _filter(node_t, thrust, _rescaled(measured, node_t, x, P), gps_sigma, noise)
     t_in = np.clip(t, node_t[0], node_t[-1])
     position = CubicHermiteSpline(node_t, x[:, :3], x[:, 3:6])(t_in)
     at_node = thrust(np.clip(node_t, when[0], when[-1]))
@@ -269,6 +312,36 @@ def _judged(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarr
     return [replace(m, admitted=bool(w <= most)) for m, w, most in zip(measured, worst, limit, strict=True)]
 
 
+def _rescaled(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarray) -> list[_Measured]:
+    """Return rows whose variances are raised to what their residuals show (variance factors: Koch 1999, 3.6).
+
+    A sensor that contradicts the others by more than its noise makes sigma too small, which shows where rows are left
+    out: states then move by more than it. No variance is lowered: errors that last do not show in residuals.
+    """
+    node = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
+    found: dict[tuple[str, int], tuple[list[float], list[float]]] = {}
+    keys = []
+    for m, at in zip(measured, node, strict=True):
+        keys.append([(m.sensor, int(np.flatnonzero(row)[0])) for row in m.H])
+        if not m.admitted:
+            continue
+        residual = (m.z - m.H @ x[at]) ** 2
+        expected = m.variance - np.einsum("ij,jk,ik->i", m.H, P[at], m.H)
+        for key, square, variance in zip(keys[-1], residual, expected, strict=True):
+            squares, variances = found.setdefault(key, ([], []))
+            squares.append(float(square))
+            variances.append(float(variance))
+    factor = {
+        key: min(max(1.0, sum(squares) / max(sum(variances), 1e-12)), LARGEST_FACTOR)
+        for key, (squares, variances) in found.items()
+        if len(squares) >= FEWEST_ROWS
+    }
+    return [
+        replace(m, variance=m.variance * np.array([factor.get(key, 1.0) for key in mine]))
+        for m, mine in zip(measured, keys, strict=True)
+    ]
+
+
 def _measured_speed(measured: list[_Measured]) -> np.ndarray:
     """Return the speed about each row by what receiver and autopilot measured, m/s; the states may have a spike's."""
     known = [(m.t, float(np.linalg.norm(m.z[m.H[:, 3:6].any(axis=1)]))) for m in measured if m.H[:, 3:6].any()]
@@ -301,7 +374,7 @@ def _filter(
     kf.x = np.zeros((SIZE, 1))
     first = next((m for m in measured if len(m.z) >= 5), measured[0])
     kf.x[:3, 0] = first.z[:3]
-    offsets = [m for m in measured if len(m.z) == 1]
+    offsets = [m for m in measured if len(m.z) == 1 and m.admitted]
     if offsets:
         kf.x[12, 0] = np.median([m.z[0] for m in offsets[:FIRST_HEIGHTS]]) + first.z[2]
     disturbance = np.array([DISTURBANCE_H, DISTURBANCE_H, DISTURBANCE_V])

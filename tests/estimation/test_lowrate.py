@@ -1,15 +1,19 @@
 """The telemetry path: accuracy on simulated truth, and its smoother against filterpy's."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from filterpy.kalman import KalmanFilter
 from scipy.interpolate import Akima1DInterpolator
 
 from estimation import Trajectory, compare, errors, estimate
+from estimation.height_spikes import steady_heights
 from estimation.lowrate import SIZE, _filter, _Measured, _transition
 from estimation.states import SensorNoise
+from logparse import read_log
 from tests.estimation.simulated_flight import Sensors, fly
 
 
@@ -65,6 +69,75 @@ def test_barometer_spikes_change_less_than_a_sigma(telemetry, trajectory, share)
         change = (spiked.states[column] - trajectory.states[column]).abs()
         assert (change < trajectory.sigma[column]).all(), column
     assert ("sensor-refused" in [f.id for f in spiked.findings]) == (share > 0.05)
+
+
+def test_a_burst_of_spikes_leaves_nothing(telemetry):
+    """Eight readings in a row outvote their neighbours in a short median, and GPS of old logs has no vertical speed."""
+    old = replace(telemetry, gps=telemetry.gps.assign(v_d=np.nan))
+    hit = np.zeros(len(old.baro), bool)
+    hit[60:68] = hit[120:128] = True
+    spiked = estimate(replace(old, baro=old.baro.assign(alt=old.baro["alt"].mask(hit, 210.0))), rate=20.0)
+    without = estimate(replace(old, baro=old.baro[~hit]), rate=20.0)
+    clean = estimate(old, rate=20.0)
+    for column in ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d"):
+        # The same as if they had not been logged. Refused rows are steps of the filter: interpolation is finer there.
+        same = (spiked.states[column] - without.states[column]).abs()
+        assert (same < 0.1 * spiked.sigma[column]).all(), column
+    assert ((spiked.states["p_d"] - clean.states["p_d"]).abs() < spiked.sigma["p_d"]).all()
+    assert spiked.sigma["v_d"].max() > clean.sigma["v_d"].max()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_spikes_are_told_from_climbs(seed):
+    """Bursts in 10 % of the readings are found to the last, in dives at 10 m/s and holes of the GPS too."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 300.0, 0.7)
+    height = pd.Series(50.0 + 50.0 * np.sin(t / 5.0), index=t)
+    alt, hit = height + 20.0 + rng.normal(0.0, 0.15, len(t)), np.zeros(len(t), bool)
+    while hit.sum() < 0.1 * len(t):
+        begin = int(rng.integers(len(t)))
+        part = slice(begin, begin + int(rng.integers(2, 6)))
+        alt.iloc[part] = height.iloc[part] + 20.0 + rng.choice([-1.0, 1.0]) * rng.uniform(50.0, 300.0)
+        hit[part] = True
+    reference = height + rng.normal(0.0, 1.0, len(t))
+    np.testing.assert_array_equal(steady_heights(alt, reference), ~hit)
+    hole = reference[(t < 100.0) | (t > 104.0)]
+    np.testing.assert_array_equal(steady_heights(alt, hole)[(t < 100.0) | (t > 104.0)], ~hit[(t < 100.0) | (t > 104.0)])
+
+
+TELEMETRY = Path(__file__).parents[3] / "shared/logs/sitl/octa03_auto_wind5.tlog"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not TELEMETRY.exists(), reason="needs ../shared/logs")
+def test_bursts_in_a_telemetry_log_change_less_than_a_sigma():
+    """Bursts of 2 to 5 readings in a tenth of a log overlap in places: height then moved by 684 sigma."""
+    tables = read_log(TELEMETRY).tables
+    assert tables.baro is not None
+    rng, alt, hit = np.random.default_rng(3), tables.baro["alt"].to_numpy(float).copy(), 0
+    struck = np.zeros(len(alt), bool)
+    while hit < 0.1 * len(alt):
+        length, begin = int(rng.integers(2, 6)), int(rng.integers(0, len(alt)))
+        struck[begin : begin + length] = True
+        hit = struck.sum()
+    alt[struck] = 210.0
+    clean = estimate(tables, rate=10.0)
+    spiked = estimate(replace(tables, baro=tables.baro.assign(alt=alt)), rate=10.0)
+    for column in ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d"):
+        change = (spiked.states[column] - clean.states[column]).abs()
+        assert (change < clean.sigma[column]).all(), column
+
+
+def test_vertical_speed_of_the_wrong_sign_is_not_used(flight, telemetry):
+    """Old firmware sends it so: GPS height and barometer were refused, and a dive at 10 m/s became 29 m/s."""
+    truth = flight.truth[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]]
+    ekf = thinned(truth, 0.25).assign(roll=np.nan, pitch=np.nan, yaw=np.nan)
+    result = estimate(replace(telemetry, ekf=ekf.assign(v_d=-ekf["v_d"])), rate=20.0)
+    assert [f.id for f in result.findings] == ["low-rate-trajectory", "autopilot-climb-wrong"]
+    error = errors(result, flight.truth[flight.truth.index > 10.0])
+    assert error["v_d"].abs().max() < 5.0 * result.sigma["v_d"].max()
+    right = estimate(replace(telemetry, ekf=ekf), rate=20.0)
+    assert [f.id for f in right.findings] == ["low-rate-trajectory"]
 
 
 def test_the_autopilots_velocities_are_used_and_its_positions_fill_holes(flight, telemetry):

@@ -1,0 +1,53 @@
+"""Which readings of a barometer are spikes, before any filter has seen them.
+
+A least-squares smoother follows a wild reading on its first pass, and bends what lies about it, so that good readings
+look wrong. A short running median of the barometer alone removes single spikes, but bursts that overlap outvote their
+neighbours in it. Against the height of the GPS the barometer differs by an offset that changes slowly, whatever the
+craft does; a median of that over a minute is wrong only where most readings of a minute are (Hampel 1974).
+"""
+
+import numpy as np
+import pandas as pd
+
+#: Readings further than this from the running median are spikes, m.
+SPIKE = 10.0
+#: Over what the offset between barometer and GPS is held to be constant, s.
+OFFSET_TIME = 60.0
+#: Readings in the median at least, and where no height but the barometer's is known.
+NEIGHBOURS = 11
+#: Further than this from a GPS height, s, the craft may have climbed so fast, m/s.
+LONGEST_GAP, CLIMB = 1.5, 10.0
+
+
+def steady_heights(alt: pd.Series, reference: pd.Series) -> np.ndarray:
+    """Return which readings of a barometer are no spikes.
+
+    Parameters
+    ----------
+    alt : Series
+        Height by the barometer, m, over time in s.
+    reference : Series
+        Height by another sensor, m, over time in s, with any constant offset; may be empty.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    t = alt.index.to_numpy(float)
+    alone = _deviation(alt.to_numpy(float), NEIGHBOURS)
+    if len(reference) < 2 or len(t) < 2:
+        return np.asarray(alone < SPIKE)
+    when = reference.index.to_numpy(float)
+    after = np.clip(np.searchsorted(when, t), 1, len(when) - 1)
+    away = np.minimum(np.abs(t - when[after]), np.abs(t - when[after - 1]))
+    offset = alt.to_numpy(float) - np.interp(t, when, reference.to_numpy(float))
+    window = max(NEIGHBOURS, round(OFFSET_TIME / float(np.median(np.diff(t)))))
+    between = np.maximum(away - LONGEST_GAP, 0.0)
+    steady = _deviation(offset, window) < SPIKE + CLIMB * between
+    return np.asarray(steady & ((between == 0.0) | (alone < SPIKE)))
+
+
+def _deviation(values: np.ndarray, window: int) -> np.ndarray:
+    """Return the distance of each of `values` from the median of `window` of them about it."""
+    usual = pd.Series(values).rolling(window, center=True, min_periods=1).median().to_numpy(float)
+    return np.asarray(np.abs(values - usual))
