@@ -10,6 +10,7 @@ import pymap3d
 from numpy.typing import NDArray
 
 from logparse import Geodetic
+from logparse.quantity import uncertain
 from pipeline.results.flight import FlightResult, Span
 from reports.figure import (
     Figure,
@@ -28,6 +29,9 @@ from reports.figure import (
 )
 from reports.numbers import mode_spans
 from reports.prediction_figures import prediction
+
+#: Points of the track that carry a colour, events marked on it, and length of the wind's arrow, pixels.
+_TRACK_POINTS, _MOST_EVENTS, _ARROW = 600, 40, 34
 
 Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
 
@@ -53,7 +57,8 @@ def track(result: FlightResult) -> Figure | None:
         if gps is not None:
             data.append(dots(gps[1], gps[0], "GPS", "@gps"))
         hover = "%{x:.1f} m east<br>%{y:.1f} m north"
-        data.append(line(east, north, "flown", "@ink", hover=hover, time=states.index.to_numpy(dtype=float)))
+        data.append(line(east, north, "flown", "@ink", 1.2, hover=hover, time=states.index.to_numpy(dtype=float)))
+        data.append(_heights(states))
         for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
             data.append(
                 {
@@ -66,6 +71,7 @@ def track(result: FlightResult) -> Figure | None:
                     "hoverinfo": "name",
                 }
             )
+        data += _happened(result, states)
     else:
         gps = _gps_offsets(result)
         if gps is None:
@@ -80,15 +86,90 @@ def track(result: FlightResult) -> Figure | None:
             "scaleanchor": "x",
             "scaleratio": 1,
         },
+        annotations=_wind_arrow(result),
     )
     return Figure(
         "track",
-        "The flight from above, both axes to the same scale, metres from the origin of the local frame.",
+        "The flight from above, both axes to the same scale, metres from the origin of the local frame; colour is "
+        "height above the start.",
         data,
         layout,
         430,
         time=False,
     )
+
+
+def _heights(states: pd.DataFrame) -> Trace:
+    """Colour the track by height, with a scale that also reads in grey."""
+    chosen = states.iloc[:: max(1, -(-len(states) // _TRACK_POINTS))]
+    height = float(states["p_d"].iloc[0]) - chosen["p_d"].to_numpy(float)
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": rounded(chosen["p_e"].to_numpy(float), 2),
+        "y": rounded(chosen["p_n"].to_numpy(float), 2),
+        "name": "height",
+        "showlegend": False,
+        "marker": {
+            "size": 5,
+            "color": rounded(height, 1),
+            "colorscale": "Cividis",
+            "showscale": True,
+            "colorbar": {"title": {"text": "height (m)", "side": "right"}, "thickness": 8, "outlinewidth": 0},
+        },
+        "hovertemplate": "%{marker.color:.1f} m above the start<extra></extra>",
+    }
+
+
+def _happened(result: FlightResult, states: pd.DataFrame) -> list[Trace]:
+    """Mark where notable events began, one mark for each kind and second."""
+    events = () if result.health is None else result.health.notable
+    inside = [event for event in events if states.index[0] <= event.t <= states.index[-1]][:_MOST_EVENTS]
+    if not inside:
+        return []
+    at = np.clip(states.index.searchsorted([event.t for event in inside]), 0, len(states) - 1)
+    return [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": rounded(states["p_e"].to_numpy(float)[at], 2),
+            "y": rounded(states["p_n"].to_numpy(float)[at], 2),
+            "name": "events",
+            "text": [plotly_text(f"{event.id.replace('-', ' ')}, {event.t:.1f} s") for event in inside],
+            "marker": {"symbol": "x", "size": 10, "color": "@bad"},
+            "hovertemplate": "%{text}<extra></extra>",
+        }
+    ]
+
+
+def _wind_arrow(result: FlightResult) -> list[dict[str, Any]]:
+    """Draw where the wind goes, beside the map's corner; nothing where it is not known better than its error."""
+    wind = None if result.coverage is None else result.coverage.wind
+    if wind is None:
+        return []
+    speed = float(np.hypot(wind.north, wind.east))
+    if not np.isfinite(speed) or not speed > 2.0 * wind.sigma:
+        return []
+    east, north = wind.east / speed, wind.north / speed
+    return [
+        {
+            "name": "wind",
+            "xref": "paper",
+            "yref": "paper",
+            "x": 0.03,
+            "y": 0.86,
+            "xshift": _ARROW // 2 + _ARROW // 2 * east,
+            "yshift": _ARROW // 2 * north,
+            "ax": -_ARROW * east,
+            "ay": _ARROW * north,
+            "showarrow": True,
+            "arrowhead": 2,
+            "arrowwidth": 2,
+            "arrowcolor": "@own",
+            "text": "",
+            "hovertext": f"wind {uncertain(speed, wind.sigma, 'm/s')}",
+        }
+    ]
 
 
 def altitude(result: FlightResult) -> Figure | None:

@@ -54,6 +54,14 @@ def health_figures(result: FlightResult) -> list[Figure]:
     return figures
 
 
+def attitude_figure(result: FlightResult) -> Figure | None:
+    """Draw attitude asked for and flown; None where it was not logged."""
+    if result.health is None or result.health.signals is None or result.flight is None:
+        return None
+    panels = result.health.signals.attitude
+    return _stacked("attitude", panels, result.flight, _marks(result.health, result.flight)) if panels else None
+
+
 def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[dict[str, Any]]) -> Figure:
     """Draw panels below each other over one axis of time."""
     data: list[Trace] = []

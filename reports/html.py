@@ -19,6 +19,7 @@ from reports import summary, views
 from reports.coverage_views import excitation, flight_coverage
 from reports.details import details
 from reports.figure import Figure
+from reports.first_screen import first_figures
 from reports.flight_figures import flight_figures
 from reports.health_figures import health_figures
 from reports.health_views import timeline
@@ -43,7 +44,11 @@ def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None,
     script_file : str
         Where Plotly's script is, seen from the page; inside the page itself when empty.
     """
-    figures = flight_figures(result)
+    first = first_figures(result)
+    shown = {figure.id for figure in first}
+    figures = [figure for figure in flight_figures(result) if figure.id not in shown]
+    predicted = [figure for figure in figures if figure.id == "prediction"]
+    figures = [figure for figure in figures if figure.id != "prediction"]
     healthy = health_figures(result)
     ahead = horizon_figure(numbers["models"])
     models = identified(numbers["models"])
@@ -52,7 +57,10 @@ def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None,
     turned = [] if turning is None else turning["figures"]
     return render(
         "flight.html",
-        [*figures, *healthy, *([ahead] if ahead else []), *attach(models, responses), *turned],
+        [*first, *predicted, *figures, *healthy, *([ahead] if ahead else []), *attach(models, responses), *turned],
+        answer=summary.answer_lines(numbers["answer"]),
+        first_figures=first,
+        predicted=predicted,
         flight_figures=figures,
         health_figures=healthy,
         timeline=timeline(numbers["health"]),

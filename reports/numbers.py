@@ -47,6 +47,8 @@ def flight_numbers(result: FlightResult) -> Numbers:
             "coverage": None if result.coverage is None else result.coverage.to_dict(),
             "health": _health(result.health),
             "rotation": None if result.rotation is None else result.rotation.to_dict(),
+            "loops": None if result.loops is None else result.loops.to_dict(),
+            "answer": None if result.answer is None else result.answer.to_dict(),
             "advice": [each.to_dict() for each in result.advice],
             "findings": _findings(result.findings),
             "missing": dict(result.missing),

@@ -33,6 +33,22 @@ def described(result: Numbers) -> str:
     return f"{result['title']} ({count} transfer function{'s' if count != 1 else ''}, {order(model)})"
 
 
+def answer_lines(answer: Numbers | None) -> list[Numbers]:
+    """Return word, number and text of each purpose as the page and the terminal show them."""
+    return [line | {"number": _number(line)} for line in (answer["lines"] if answer is not None else [])]
+
+
+def _number(line: Numbers) -> str:
+    """Write the number of a line: times to a tenth of a second, nothing beyond three digits without an error."""
+    value, sigma, unit = line["value"], line["sigma"], line["unit"]
+    if value is None:
+        return ""
+    if sigma is not None:
+        return uncertain(value, sigma, unit)
+    text = f"{round(value, 1):.8g}" if abs(value) >= 10.0 else f"{value:.3g}"
+    return f"{text}{'' if unit == '°' else ' '}{unit}".strip()
+
+
 def craft(vehicle: Numbers) -> str:
     """Name a craft: ``ArduCopter 4.7.0, octa plus``, or ``ArduPlane 4.5, frame unknown``."""
     return ", ".join(

@@ -14,6 +14,9 @@ from reports.health_views import sentence
 from reports.rotation_views import rotation_line
 from reports.rows import Numbers, average, held_out
 
+#: Longest reason that stands in a cell.
+_LONGEST_CELL = 24
+_TONES = {"good": "green", "care": "yellow", "bad": "red", "unknown": "dim"}
 _STYLES = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
 
 
@@ -33,7 +36,9 @@ def overview(numbers: Numbers, width: int = 120) -> RenderableType:
         what = (
             "The best model of each flight: free-run RMSE on the last part of the flight, which the fit has not seen."
         )
-        parts += [Text(what, style="dim"), _flights(flights, narrow=width < 100)]
+        table, notes = _flights(flights, narrow=width < 100)
+        parts += [Text(what, style="dim"), table]
+        parts += [Text(f"[{number}] {reason}", style="dim") for reason, number in notes.items()]
     for group in numbers.get("groups", []):
         parts += [Text(), Text(" ".join(summary.joint_sentences(group))), *_models(group["models"])]
         parts.append(_sentence(group["verdict"]))
@@ -41,6 +46,7 @@ def overview(numbers: Numbers, width: int = 120) -> RenderableType:
     if unused:
         parts.append(Text("\n" + "\n".join(unused), style="dim"))
     if numbers["kind"] == "flight":
+        parts = [*_answer(numbers["answer"]), *parts]
         if numbers["health"] is not None and any(event["severity"] != "info" for event in numbers["health"]["events"]):
             parts += [Text(), Text(sentence(numbers["health"]), style="yellow")]
         if line := rotation_line(numbers["rotation"]):
@@ -51,12 +57,26 @@ def overview(numbers: Numbers, width: int = 120) -> RenderableType:
     return Group(*parts)
 
 
+def _answer(answer: Numbers | None) -> list[RenderableType]:
+    """Tabulate the answer for each purpose, as the first screen of the report does."""
+    lines = summary.answer_lines(answer)
+    if not lines:
+        return []
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
+    for line in lines:
+        text = f"{line['number']} {line['text']}".strip()
+        table.add_row(Text(line["purpose"]), Text(line["word"], style=_TONES[line["tone"]]), Text(text))
+    return [table, Text()]
+
+
 def _sentence(verdict: Numbers) -> Text:
     return Text(verdict["sentence"], style=_STYLES[verdict["trust"]])
 
 
-def _flights(flights: list[Numbers], narrow: bool) -> Table:
+def _flights(flights: list[Numbers], narrow: bool) -> tuple[Table, dict[str, int]]:
+    """Tabulate flights; reasons too long for a cell become notes, each named once by its number."""
     table = _table()
+    notes: dict[str, int] = {}
     table.add_column("log", no_wrap=True)
     if not narrow:
         table.add_column("craft", no_wrap=True)
@@ -78,11 +98,18 @@ def _flights(flights: list[Numbers], narrow: bool) -> Table:
             _per_mass(flight["thrust"]),
             *(cells[place] for cells in errors),
             Text("–" if result is None else result["key"].replace("_", " ")),
-            Text(_first_clause(summary.first_reason(flight), flight["name"]), style="dim")
+            _why(_first_clause(summary.first_reason(flight), flight["name"]), notes)
             if result is None
             else _word(result),
         )
-    return table
+    return table, notes
+
+
+def _why(reason: str, notes: dict[str, int]) -> Text:
+    """Write a reason where it is short; else the number of the note that holds it, which is added where it is new."""
+    if len(reason) <= _LONGEST_CELL:
+        return Text(reason, style="dim")
+    return Text(f"no model [{notes.setdefault(reason, len(notes) + 1)}]", style="dim")
 
 
 def _models(models: list[Numbers]) -> list[RenderableType]:

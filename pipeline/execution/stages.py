@@ -35,7 +35,8 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
         "health": Stage("checking the log", 0.02),
         "flight": Stage("looking for the flight", 0.01),
         "rotation": Stage("measuring how the craft turns", 0.04),
-        "trajectory": Stage("reconstructing the trajectory", 0.25),
+        "loops": Stage("looking at the control loops", 0.01),
+        "trajectory": Stage("reconstructing the trajectory", 0.24),
         "experiment": Stage("resampling commands and motion", 0.02),
         "thrust": Stage("fitting thrust", 0.03),
         "motors": Stage("fitting transfer functions from motor PWM", 0.20),
@@ -48,6 +49,7 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
         "coverage": Stage("counting out what was flown", 0.01),
         "drift": Stage("following parameters over flights", 0.01),
         "advice": Stage("gathering advice", 0.0),
+        "answer": Stage("summing up", 0.0),
         "report": Stage("writing the report", 0.03),
     }
 )

@@ -12,10 +12,12 @@ from logparse import Finding, FlightLog, MissingDataError, health
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, Stages, silent
 from pipeline.flight.advice.next_flights import for_flight
+from pipeline.flight.answer import compose_answer
 from pipeline.flight.comparison import compare_parameters
 from pipeline.flight.coverage import measure
 from pipeline.flight.craft import fingerprint, tune_of
 from pipeline.flight.flight_health import assess_health, health_findings
+from pipeline.flight.flight_loops import assess_loops
 from pipeline.flight.identification import identify
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.log_health import logged_rates
@@ -70,6 +72,7 @@ def analyze(
     timeline = stages.run("health", lambda _: assess_health(log, flight))
     sound = flight if timeline is None else timeline.sound
     rotation = None if sound is None else stages.run("rotation", lambda _: find_rotation(log, sound))
+    loops = None if sound is None else stages.run("loops", lambda _: assess_loops(log, sound))
     estimated = stages.run(
         "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
     )
@@ -144,6 +147,7 @@ def analyze(
         motor_order=order,
         health=timeline,
         rotation=rotation,
+        loops=loops,
         findings=(
             *log.findings,
             *checked,
@@ -157,7 +161,8 @@ def analyze(
     )
     advice = stages.run("advice", lambda _: for_flight(result))
     findings = without_repetition((*result.findings, *stages.findings[told:]))
-    return replace(result, advice=advice or (), findings=findings)
+    result = replace(result, advice=advice or (), findings=findings)
+    return replace(result, answer=stages.run("answer", lambda _: compose_answer(result)))
 
 
 def _longest_flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from estimation import Trajectory
     from logparse import Finding, Tables, Vehicle
     from pipeline.results.advice import Advice
+    from pipeline.results.answer import Answer
     from pipeline.results.coverage import Coverage
     from pipeline.results.health import FlightHealth
+    from pipeline.results.loops import FlightLoops
     from pipeline.results.rotation import RotationResult
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.records.excitation import Coherence
@@ -216,6 +218,10 @@ class FlightResult(Summarised):
         What happened, by time, and which part of the flight serves models.
     rotation : RotationResult or None
         How the craft turns: frequency responses, attitude following, margins of the loops; axis by axis.
+    loops : FlightLoops or None
+        Oscillations, and how closely the attitude followed what was asked; None without a flight.
+    answer : Answer or None
+        What all of it comes to, by purpose; None only while the rest is not complete.
     advice : tuple of Advice
         How to log and fly better next time, most useful first.
     findings : tuple of Finding
@@ -244,6 +250,8 @@ class FlightResult(Summarised):
     motor_order: MotorOrder | None = None
     health: FlightHealth | None = None
     rotation: RotationResult | None = None
+    loops: FlightLoops | None = None
+    answer: Answer | None = None
     advice: tuple[Advice, ...] = ()
     findings: tuple[Finding, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)

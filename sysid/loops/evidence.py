@@ -6,6 +6,7 @@ Every check returns None where the evidence is there, else the reason.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,15 @@ RANGES = {
 
 #: Bits of PIDR.Flags that tell of a limit: mixer at its limit, P and D limited.
 _LIMITED = 1 | 2
+
+
+@dataclass(frozen=True, slots=True)
+class Oscillation:
+    """An axis that oscillates by itself: its frequency [Hz], windows with it, and all windows."""
+
+    hz: float
+    strong: int
+    windows: int
 
 
 def unfit_log(log: FlightLog) -> str | None:
@@ -95,7 +105,18 @@ def _changed_in_flight(log: FlightLog) -> list[str]:
 
 
 def oscillation(log: FlightLog, axis: str) -> str | None:
-    """Return where an axis oscillates by itself: outside chirps, narrow and strong."""
+    """Return where an axis oscillates by itself, and what to do, in a sentence."""
+    found = find_oscillation(log, axis)
+    if found is None:
+        return None
+    return (
+        f"{log.path.name}: {axis} oscillates at {found.hz:.1f} Hz in {found.strong} of {found.windows} windows of "
+        f"{_WINDOW:.0f} s; land, lower P and D of this axis by a quarter, and fly again"
+    )
+
+
+def find_oscillation(log: FlightLog, axis: str) -> Oscillation | None:
+    """Find whether an axis oscillates by itself: outside chirps, narrow and strong."""
     table = log.tables.rates
     column = axis_of(axis).input
     if table is None or log.flight is None or column not in table:
@@ -108,10 +129,7 @@ def oscillation(log: FlightLog, axis: str) -> str | None:
     strong = [hz for rms, share, hz in strength if rms > NARROW_RMS and share > NARROW_SHARE]
     if len(strong) < max(NARROW_PART * len(strength), 1.0):
         return None
-    return (
-        f"{log.path.name}: {axis} oscillates at {float(np.median(strong)):.1f} Hz in {len(strong)} of "
-        f"{len(strength)} windows of {_WINDOW:.0f} s; land, lower P and D of this axis by a quarter, and fly again"
-    )
+    return Oscillation(float(np.median(strong)), len(strong), len(strength))
 
 
 def _windows(t: Floats, values: Floats, keep: NDArray[np.bool_]) -> Iterator[tuple[Floats, float]]:

@@ -1,6 +1,7 @@
 """A flight whose truth is simple, taken through the real identification, for pages and files to be made of."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import sysid
 from estimation import Trajectory
 from logparse import Finding, Geodetic, Motor, Severity, Vehicle
 from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFacts, ModelResult, Prediction, Span
+from pipeline.flight.answer import compose_answer
 from pipeline.names import folder_names
 from pipeline.storage.store import open_store
 from reports import publish
@@ -109,7 +111,7 @@ def made_flight(
         model = sysid.fit_transfer_functions([fitted], poles=poles, zeros=zeros)
         models = (judged(model, [fitted], [held_out]), WITHOUT_REFERENCE)
     flight = Span(float(t[0]), float(t[-1]))
-    return FlightResult(
+    result = FlightResult(
         name=name,
         log=LogFacts(
             path=Path(f"/logs/{name}.BIN"),
@@ -145,6 +147,7 @@ def made_flight(
         missing={"thrust": "no voltage was logged; set LOG_BITMASK to include CURRENT"},
         timings={"read": 0.021, "trajectory": 0.84, "model": 6.2},
     )
+    return replace(result, answer=compose_answer(result))
 
 
 @pytest.fixture(scope="session")

@@ -104,9 +104,9 @@ def test_models_hold_every_coefficient(flight, tmp_path):
     assert "LOG_BITMASK" in models["flights"][0]["missing"]["reference"]
 
 
-def test_the_answer_comes_before_tables_and_plots(flight, tmp_path):
+def test_the_answer_and_its_pictures_come_before_tables(flight, tmp_path):
     html = reports.write(flight, tmp_path).read_text("utf-8")
-    order = [html.index(mark) for mark in ('class="answer', "<table", 'class="plot', "<details")]
+    order = [html.index(mark) for mark in ('class="answers', 'class="plot', 'class="contents', "<table", "<details")]
     assert order == sorted(order)
 
 

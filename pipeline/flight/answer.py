@@ -1,0 +1,347 @@
+"""What a flight says, by purpose: `compose_answer` chooses words and numbers that cannot contradict each other.
+
+Every word follows from a number by a rule that stands here; texts are short, because all five lines, the heading and
+the captions of two plots must be read in ten seconds. Full reasons stand further down in a report.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from logparse import MissingDataError
+from logparse.events.vibration import ACCEPTABLE
+from logparse.quantity import number, uncertain
+from pipeline.flight.kinds import RIGID_BODY_KEY
+from pipeline.flight.purposes import Trust, uses_of
+from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
+from pipeline.results.flight import FlightResult, ModelResult, Span
+from pipeline.results.rotation import LoopState
+from sysid.rigid_body.frame_json import frame_json
+from sysid.rigid_body.model import RigidBodyModel
+from sysid.rigid_body.physical import HEADLINE
+
+if TYPE_CHECKING:
+    from logparse import FlightEvent
+    from pipeline.flight.purposes import PredictionUse
+    from pipeline.results.health import FlightHealth
+    from pipeline.results.loops import FlightLoops
+    from pipeline.results.rotation import LoopMargins
+
+#: Words of a reason that a line has room for.
+_BRIEF = 12
+#: Time shown before and after an event, s.
+_BEFORE, _AFTER = 8.0, 6.0
+#: Time about a flight that still belongs to it, s: a crash is logged after the last moment in the air.
+_LANDING = 5.0
+
+#: Parameters of the first screen: name, and rows of `PhysicalParameters.table` in order of preference.
+_SHOWN = (
+    ("thrust", ("thrust over mass",)),
+    ("inertia", ("roll inertia over mass and arm", "pitch inertia over mass and arm")),
+    ("drag", ("linear drag over mass", "quadratic drag over mass")),
+)
+
+
+def compose_answer(result: FlightResult) -> Answer:
+    """Sum a flight up for its first screen.
+
+    Parameters
+    ----------
+    result : FlightResult
+        Complete but for its answer.
+    """
+    picture, around = _picture(result)
+    lines = (_healthy(result), _loops(result), _ahead(result), _parameters(result), _simulate(result))
+    return Answer(lines=lines, picture=picture, around=around)
+
+
+def _healthy(result: FlightResult) -> AnswerLine:
+    def line(word: str, tone: Tone, text: str, value: float | None = None, **more: float | str | None) -> AnswerLine:
+        sigma, unit = more.get("sigma"), more.get("unit", "")
+        return AnswerLine(
+            purpose="Healthy",
+            word=word,
+            tone=tone,
+            text=text,
+            value=value,
+            sigma=sigma if isinstance(sigma, float) else None,
+            unit=str(unit),
+        )
+
+    health = result.health
+    if health is None or result.flight is None:
+        return line("not known", Tone.UNKNOWN, _brief(result.missing.get("flight", "events could not be read")))
+    worst = _worst(health, result.flight)
+    if worst is not None:
+        tone = Tone.BAD if str(worst.severity) == "error" else Tone.CARE
+        word = "no" if tone is Tone.BAD else "check"
+        others = len(health.notable) - 1
+        more = f"; {others} more event{'s' if others > 1 else ''}" if others else ""
+        loss = worst.evidence.get("thrust_loss")
+        if isinstance(loss, float):
+            sigma = 100.0 * float(worst.evidence["thrust_loss_sigma"])
+            text = f"of motor {worst.evidence['motor']}'s thrust lost from {worst.t:.1f} s{more}"
+            return line(word, tone, text, 100.0 * loss, sigma=sigma, unit="%")
+        where = "" if worst in _during(health, result.flight) or worst is health.cause else " in another flight"
+        text = f"on the log's clock: {worst.id.replace('-', ' ')}{where}{more}"
+        return line(word, tone, text, worst.t, unit="s")
+    unchecked = "; motors not checked" if health.motors_missing else ""
+    tone = Tone.UNKNOWN if unchecked else Tone.GOOD
+    word = "nothing seen" if unchecked else "yes"
+    panels = () if health.signals is None else health.signals.vibration
+    peaks = [float(abs(signal.y).max()) for panel in panels for signal in panel.signals if len(signal.y)]
+    if peaks and math.isfinite(max(peaks)):
+        text = f"largest vibration (advised below {ACCEPTABLE:.0f}), no event{unchecked}"
+        return line(word, tone, text, max(peaks), unit="m/s²")
+    text = f"in the air without an event; vibration not logged{unchecked}"
+    return line(word, tone, text, result.flight.duration, unit="s")
+
+
+def _worst(health: FlightHealth, flight: Span) -> FlightEvent | None:
+    """Return the event to name: what ended the flight, else the first that endangers, else the first to look into.
+
+    Events of other flights of the log come after those of the flight that is analysed.
+    """
+    inside = _during(health, flight)
+    errors = [event for event in inside if str(event.severity) == "error"]
+    return health.cause or next(iter((*errors, *inside, *health.notable)), None)
+
+
+def _during(health: FlightHealth, flight: Span) -> list[FlightEvent]:
+    """Return the notable events of the analysed flight, its landing included."""
+    return [event for event in health.notable if flight.start - _LANDING <= event.t <= flight.stop + _LANDING]
+
+
+def _loops(result: FlightResult) -> AnswerLine:
+    loops = result.loops
+    if loops is None:
+        reason = result.missing.get("loops") or result.missing.get("flight", "no flight")
+        return AnswerLine(purpose="Loops", word="not known", tone=Tone.UNKNOWN, text=_brief(reason))
+    if loops.oscillations:
+        axis, hz = max(loops.oscillations.items(), key=lambda each: each[1])
+        named = " and ".join(loops.oscillations)
+        return AnswerLine(
+            purpose="Loops",
+            word="oscillate",
+            tone=Tone.BAD,
+            text=f"oscillation in {named}: lower P and D of {'both' if len(loops.oscillations) > 1 else axis} by 25 %",
+            value=hz,
+            unit="Hz",
+        )
+    margins = {} if result.rotation is None else result.rotation.loops
+    known = {axis: each for axis, each in margins.items() if each.computed.phase_deg.value is not None}
+    return _margins(known, result) if known else _unmeasured(result, loops)
+
+
+#: Word and colour of what margins say, worst first.
+_STATES = {
+    LoopState.UNSTABLE: ("unstable", Tone.BAD),
+    LoopState.THIN: ("thin", Tone.CARE),
+    LoopState.UNKNOWN: ("partly known", Tone.CARE),
+    LoopState.GOOD: ("good", Tone.GOOD),
+}
+
+
+def _margins(known: Mapping[str, LoopMargins], result: FlightResult) -> AnswerLine:
+    """Answer with the axis whose phase margin is smallest; the word is that of the worst of all axes."""
+    axis = min(known, key=lambda each: known[each].computed.phase_deg.value or 0.0)
+    phase = known[axis].computed.phase_deg
+    states = [each.state for each in known.values()]
+    word, tone = next(_STATES[state] for state in _STATES if state in states)
+    text = f"least phase margin ({axis})"
+    gains = [each.computed.gain_db for each in known.values() if each.computed.gain_db.value is not None]
+    if gains:
+        least = min(gains, key=lambda each: each.value or 0.0)
+        text += f", gain margin {uncertain(least.value, least.sigma, 'dB')}"
+    others = [each.axis for each in result.rotation.axes if each.axis not in known] if result.rotation else []
+    if others:
+        text += f"; {' and '.join(others)} not measured"
+        tone = Tone.CARE if tone is Tone.GOOD else tone
+    if any(each.remarks for each in known.values()):
+        text += "; weak evidence"
+        tone = Tone.CARE if tone is Tone.GOOD else tone
+    elif tone is not Tone.GOOD and not others:
+        text += "; rotorid tune proposes gains"
+    return AnswerLine(purpose="Loops", word=word, tone=tone, text=text, value=phase.value, sigma=phase.sigma, unit="°")
+
+
+def _unmeasured(result: FlightResult, loops: FlightLoops) -> AnswerLine:
+    """Answer with how fast, else how closely, the attitude followed, where no chirp shows margins."""
+    fly = "for margins fly SYSTEMID chirps"
+    axes = () if result.rotation is None else result.rotation.axes
+    followed = {
+        axis.axis: axis.attitude.bandwidth
+        for axis in axes
+        if axis.attitude is not None and axis.attitude.bandwidth.value is not None and axis.axis != "yaw"
+    }
+    if followed:
+        axis = min(followed, key=lambda each: followed[each].value or 0.0)
+        return AnswerLine(
+            purpose="Loops",
+            word="not measured",
+            tone=Tone.UNKNOWN,
+            text=f"attitude bandwidth ({axis}); {fly}",
+            value=followed[axis].value,
+            sigma=followed[axis].sigma,
+            unit=followed[axis].unit,
+        )
+    if not loops.tracking:
+        return AnswerLine(purpose="Loops", word="not measured", tone=Tone.UNKNOWN, text=fly)
+    axis, error = max(loops.tracking.items(), key=lambda each: each[1])
+    return AnswerLine(
+        purpose="Loops",
+        word="not measured",
+        tone=Tone.UNKNOWN,
+        text=f"RMS between asked and flown {axis}; {fly}",
+        value=math.degrees(error),
+        unit="°",
+    )
+
+
+def _ahead(result: FlightResult) -> AnswerLine:
+    """Answer with the model that predicts furthest, and its error there."""
+    fitted = [each for each in result.models if each.model is not None]
+    if not fitted:
+        reasons = [*(result.missing.get(stage, "") for stage in ("flight", "trajectory", "experiment"))]
+        reason = next((each for each in (*reasons, *(model.missing for model in result.models)) if each), "no model")
+        return AnswerLine(purpose="Predict ahead", word="no model", tone=Tone.UNKNOWN, text=_brief(reason))
+    uses = {each.key: uses_of(each.validation, each.model).prediction for each in fitted}
+    names = {each.key: each.title.partition(" →")[0] for each in fitted}
+    able = {key: use for key, use in uses.items() if use.longest is not None}
+    if not able:
+        judged = any(use.judged for use in uses.values())
+        text = (
+            f"none of {len(fitted)} model{'s' if len(fitted) > 1 else ''} halves the error of constant velocity"
+            if judged
+            else _brief(next((each.missing for each in fitted if each.missing), "too little flight was held out"))
+        )
+        word, tone = ("no", Tone.BAD) if judged else ("not judged", Tone.UNKNOWN)
+        return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text)
+    best = max(able, key=lambda key: able[key].longest or 0.0)
+    text = f"by {names[best]}, {_error(able[best])}"
+    second = sorted((key for key in able if key != best), key=lambda key: able[key].longest or 0.0)[-1:]
+    text += "".join(f"; {names[key]} {able[key].longest:g} s" for key in second)
+    longest = able[best].longest
+    # What predicts shorter than a person needs to react is of use to a filter only.
+    word, tone = ("yes", Tone.GOOD) if longest is not None and longest >= 1.0 else ("briefly", Tone.CARE)
+    return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text, value=longest, unit="s")
+
+
+def _error(use: PredictionUse) -> str:
+    """Write the RMS error at the longest horizon, over all axes; from which horizon on where not from the shortest."""
+    error = math.sqrt(sum(each**2 for each in use.errors.values()))
+    since = f", from {use.horizons[0]:g} s" if use.horizons[0] > 0.1 and len(use.horizons) > 1 else ""
+    return f"± {number(error, 2)} m{since}"
+
+
+def _parameters(result: FlightResult) -> AnswerLine:
+    known, unknown = [], []
+    for label, rows in _SHOWN:
+        found = next((each for each in (_row(result, row) for row in rows) if each is not None), None)
+        if found is None:
+            unknown.append(label)
+        else:
+            known.append((label, *found))
+    if not known:
+        reasons = (result.missing.get(stage) for stage in ("thrust", "parameters", "experiment", "flight"))
+        reason = next((each for each in reasons if each), "the flight determines none of them")
+        return AnswerLine(purpose="Parameters", word="not known", tone=Tone.UNKNOWN, text=_brief(reason))
+    label, value, sigma, unit = known[0]
+    parts = [f"{label}{' per motor' if label == 'thrust' else ''}"]
+    parts += [f"{name} {uncertain(*rest)}" for name, *rest in known[1:]]
+    text = ", ".join(parts)
+    if unknown:
+        text += f"; {' and '.join(unknown)} not determined"
+    disagree = result.parameters is not None and bool(result.parameters.findings)
+    if disagree:
+        text += "; methods disagree"
+    complete = not unknown and not disagree
+    word = "known" if complete else "disputed" if disagree else "partly"
+    tone = Tone.GOOD if complete else Tone.CARE
+    return AnswerLine(purpose="Parameters", word=word, tone=tone, text=text, value=value, sigma=sigma, unit=unit)
+
+
+def _row(result: FlightResult, parameter: str) -> tuple[float, float, str] | None:
+    """Return the headline of a parameter with its error, in SI with the mass where that is given."""
+    if result.parameters is not None:
+        table = result.parameters.table
+        if (parameter, HEADLINE) not in table.index:
+            return None
+        row = table.loc[(parameter, HEADLINE)]
+        for prefix in ("si_", ""):
+            value, sigma = float(row[f"{prefix}value"]), float(row[f"{prefix}sigma"])
+            if math.isfinite(value) and math.isfinite(sigma) and sigma > 0.0:
+                return value, sigma, _unit(str(row[f"{prefix}unit"]))
+        return None
+    if parameter == "thrust over mass" and result.thrust is not None:
+        common = result.thrust.common
+        if common.determined and common.per_mass is not None and common.sigma is not None:
+            return common.per_mass, common.sigma, "m/s²"
+    return None
+
+
+def _unit(unit: str) -> str:
+    """Leave the conditions out of a unit, which stand in the table of parameters."""
+    bare = re.split(r",| at | \(", unit, maxsplit=1)[0]
+    return bare.replace("^2", "²").replace("kg m²", "kg·m²")
+
+
+def _simulate(result: FlightResult) -> AnswerLine:
+    """Answer whether ArduPilot's simulator can fly this craft, and how many of its numbers the flight determined."""
+    body = _model(result, RIGID_BODY_KEY)
+    model = None if body is None else body.model
+    if body is None or not isinstance(model, RigidBodyModel):
+        reason = "no rigid body model" if body is None or not body.missing else _brief(body.missing)
+        return AnswerLine(purpose="Simulate", word="no", tone=Tone.UNKNOWN, text=reason)
+    try:
+        frame = frame_json(model, result.config.mass)
+    except MissingDataError as error:
+        needs = "give the mass (--mass)" if result.config.mass is None and model.mass is None else _brief(str(error))
+        return AnswerLine(purpose="Simulate", word="not yet", tone=Tone.UNKNOWN, text=f"SITL frame: {needs}")
+    count = len(frame.frame)
+    known = count - len(frame.undetermined)
+    confirmed = uses_of(body.validation, model).parameters.trust is Trust.YES
+    text = f"of {count} SITL frame numbers from flight"
+    if not confirmed:
+        text += "; not confirmed by predictions"
+    word, tone = ("yes", Tone.GOOD) if confirmed else ("with care", Tone.CARE)
+    return AnswerLine(purpose="Simulate", word=word, tone=tone, text=text, value=float(known))
+
+
+def _model(result: FlightResult, key: str) -> ModelResult | None:
+    return next((each for each in result.models if each.key == key), None)
+
+
+def _picture(result: FlightResult) -> tuple[Picture, Span | None]:
+    """Choose the plot that matters most: what failed, else how the models predict, else how the attitude followed."""
+    health = result.health
+    signals = None if health is None else health.signals
+    event = health.cause if health is not None else None
+    if event is None and health is not None and result.flight is not None:
+        event = next((each for each in _during(health, result.flight) if str(each.severity) == "error"), None)
+    if event is not None and result.flight is not None:
+        around = Span(max(event.t - _BEFORE, result.flight.start), event.t + _AFTER)
+        if result.motors is not None and result.motors.shape[1] and (event.id == "motor-loss" or not _asked(result)):
+            return Picture.MOTORS, around
+        if signals is not None and signals.attitude:
+            return Picture.ATTITUDE, around
+    if any(each.predictions for each in result.models):
+        return Picture.PREDICTION, None
+    if signals is not None and signals.attitude:
+        return Picture.ATTITUDE, None
+    return Picture.ALTITUDE, None
+
+
+def _asked(result: FlightResult) -> bool:
+    """Return whether asked and flown attitude are known."""
+    return result.health is not None and result.health.signals is not None and bool(result.health.signals.attitude)
+
+
+def _brief(reason: str) -> str:
+    """Return the first clause of a reason, cut to what a line has room for; the whole stands further down."""
+    clause = re.split(r"[:;(]|\. ", reason, maxsplit=1)[0].strip().rstrip(".")
+    words = clause.split()
+    return clause if len(words) <= _BRIEF else " ".join(words[:_BRIEF]) + " …"

@@ -1,0 +1,46 @@
+"""Oscillations and tracking of the autopilot's loops, as any flight shows them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from logparse import FlightLog
+from pipeline.results.flight import Span
+from pipeline.results.loops import FlightLoops
+from sysid.loops.evidence import find_oscillation
+from sysid.loops.settings import AXES
+
+#: Fewest samples of asked and flown attitude that make an RMS.
+_FEWEST = 50
+
+
+def assess_loops(log: FlightLog, sound: Span) -> FlightLoops:
+    """Look at the loops of one flight.
+
+    Parameters
+    ----------
+    log : FlightLog
+    sound : Span
+        The part of the flight before anything failed.
+    """
+    whole = log.flight is None or sound.stop >= log.flight.stop - 1.0
+    # A broken craft swings for other reasons than its gains.
+    found = {axis: find_oscillation(log, axis) for axis in AXES} if whole else {}
+    oscillations = {axis: each.hz for axis, each in found.items() if each is not None}
+    return FlightLoops(oscillations=oscillations, tracking=_tracking(log, sound))
+
+
+def _tracking(log: FlightLog, span: Span) -> dict[str, float]:
+    """Compute the RMS difference between asked and flown roll and pitch, rad."""
+    errors = {}
+    for axis in ("roll", "pitch"):
+        asked = next(iter(log.tables.columns("setpoints", (axis,))), None)
+        flown = next(iter(log.tables.columns("attitude", (axis,))), None)
+        if asked is None or flown is None:
+            continue
+        asked, flown = asked.dropna().loc[span.start : span.stop], flown.dropna().loc[span.start : span.stop]
+        if min(len(asked), len(flown)) < _FEWEST:
+            continue
+        difference = asked.to_numpy() - np.interp(asked.index, flown.index, flown)
+        errors[axis] = float(np.sqrt(np.mean(difference**2)))
+    return errors

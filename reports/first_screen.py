@@ -1,0 +1,152 @@
+"""The first screen of a flight: an answer for each purpose, beside the track and the plot that matters most."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pipeline.results.answer import Picture
+from pipeline.results.flight import FlightResult, ModelResult, Prediction
+from reports.figure import Figure, Trace, band, layout_of, limit_line, line, margin, model_color, short, time_axis
+from reports.flight_figures import altitude, track
+from reports.health_figures import attitude_figure
+
+_HEIGHT = 270
+_SIDE_HEIGHT = 330
+_PLACES = {"x": "north x", "y": "east y", "z": "up z"}
+_CAPTIONS = {
+    "motors": "Motor outputs (µs): who parts from the others, and when; limits dashed.",
+    "attitude": "Attitude asked (blue) and flown (dark).",
+    "altitude": "Height above the start.",
+}
+
+
+def first_figures(result: FlightResult) -> list[Figure]:
+    """Draw where it flew and what matters most; each is left out where nothing is known of it."""
+    beside = track(result)
+    figures = [] if beside is None else [_map(beside)]
+    matters = _matters(result)
+    if matters is not None:
+        figures.append(matters)
+    return figures
+
+
+def _map(figure: Figure) -> Figure:
+    """Leave the map's legend to its caption, which takes less room."""
+    wind = next((note["hovertext"] for note in figure.layout["annotations"] if note.get("name") == "wind"), "")
+    events = any(trace["name"] == "events" for trace in figure.data)
+    caption = f"Coloured by height; ○ start, ■ end{', × events' if events else ''}{f'; arrow: {wind}' if wind else ''}."
+    layout = figure.layout | {"showlegend": False, "margin": figure.layout["margin"] | {"t": 12}}
+    return replace(figure, height=_SIDE_HEIGHT, caption=caption, layout=layout)
+
+
+def _matters(result: FlightResult) -> Figure | None:
+    answer = result.answer
+    picture = Picture.ALTITUDE if answer is None else answer.picture
+    around = None if answer is None else answer.around
+    drawn = {
+        Picture.MOTORS: lambda: _motors(result),
+        Picture.ATTITUDE: lambda: attitude_figure(result),
+        Picture.PREDICTION: lambda: _prediction(result),
+        Picture.ALTITUDE: lambda: altitude(result),
+    }[picture]()
+    if drawn is None:
+        return None
+    layout = dict(drawn.layout)
+    if around is not None:
+        layout["xaxis"] = layout["xaxis"] | {"range": [around.start, around.stop]}
+    caption = _CAPTIONS.get(str(picture), drawn.caption)
+    # A stretch of its own must not pull the other plots along, nor be pulled by them.
+    return replace(
+        drawn, id=f"first-{picture}", height=_HEIGHT, layout=layout, caption=caption, time=drawn.time and around is None
+    )
+
+
+def _motors(result: FlightResult) -> Figure | None:
+    """Draw all motor outputs in one plot, and when it happened."""
+    if result.motors is None or result.motors.shape[1] == 0:
+        return None
+    around = None if result.answer is None else result.answer.around
+    span = around or margin(result.flight)
+    table = result.motors if span is None else result.motors.loc[span.start : span.stop]
+    if len(table) < 2:
+        return None
+    data = [
+        line(table.index, table.iloc[:, k].to_numpy(float), str(name).removeprefix("m"), f"@c{k % 8 + 1}", 1.4, 0)
+        for k, name in enumerate(table.columns)
+    ]
+    signals = None if result.health is None else result.health.signals
+    shapes = [] if signals is None else [limit_line(each, "y") for each in signals.motor_limits.values()]
+    shapes += _happened(result)
+    layout = layout_of(xaxis=time_axis(span), yaxis={"title": {"text": "output (µs)"}}, shapes=shapes)
+    return Figure("first-motors", _CAPTIONS["motors"], data, layout, _HEIGHT)
+
+
+def _happened(result: FlightResult) -> list[dict[str, Any]]:
+    """Draw a line at each event that endangered the flight."""
+    events = () if result.health is None else result.health.notable
+    return [
+        {
+            "type": "line",
+            "xref": "x",
+            "yref": "paper",
+            "x0": event.t,
+            "x1": event.t,
+            "y0": 0,
+            "y1": 1,
+            "line": {"color": "@bad", "width": 1.5, "dash": "dot"},
+        }
+        for event in events[:20]
+        if str(event.severity) == "error"
+    ]
+
+
+def _prediction(result: FlightResult) -> Figure | None:
+    """Draw measured position and the free run of the model with the least error, on what it was not fitted to."""
+    chosen = _best(result)
+    if chosen is None:
+        return None
+    model, part = chosen
+    outputs = part.experiment.output_names
+    row = 1.0 / len(outputs)
+    data: list[Trace] = []
+    axes: dict[str, Any] = {}
+    for k, output in enumerate(outputs):
+        suffix = "" if k == 0 else str(k + 1)
+        truth, predicted = part.experiment.y[:, k], part.y_hat[:, k]
+        for values, name, color in (
+            (truth, "measured", "@ink"),
+            (predicted, short(model.title), model_color(model.key)),
+        ):
+            trace = line(part.experiment.t, values, name, color, 1.8)
+            data.append(trace | {"yaxis": f"y{suffix}", "showlegend": k == 0})
+        low, high = float(np.nanmin(truth)), float(np.nanmax(truth))
+        reach = max(high - low, 0.5)
+        axes[f"yaxis{suffix}"] = {
+            "domain": [1.0 - (k + 0.86) * row, 1.0 - k * row],
+            "title": {"text": f"{_PLACES.get(output, output)} (m)", "font": {"size": 10}},
+            "nticks": 3,
+            # A free run that leaves must not flatten what was measured.
+            "range": [low - 0.6 * reach, high + 0.6 * reach],
+        }
+    axes["xaxis"] = time_axis(part.span) | {"anchor": f"y{len(outputs)}" if len(outputs) > 1 else "y"}
+    shapes = [] if not part.training else [band(part.span, "@band", 1.0)]
+    layout = layout_of(**axes, shapes=shapes)
+    where = "fitted" if part.training else "held-out"
+    caption = f"Position on the {where} part: measured, and predicted from inputs alone."
+    return Figure("first-prediction", caption, data, layout, _HEIGHT, time=False)
+
+
+def _best(result: FlightResult) -> tuple[ModelResult, Prediction] | None:
+    """Choose the model whose free run errs least over the axes, and its held-out part where there is one."""
+    runs = [(model, part) for model in result.models for part in model.predictions]
+    judged = [run for run in runs if not run[1].training] or runs
+
+    def error(run: tuple[ModelResult, Prediction]) -> float:
+        squared = (run[1].experiment.y - run[1].y_hat) ** 2
+        finite = np.isfinite(squared)
+        return float(np.sqrt(np.mean(squared[finite]))) if finite.all() and finite.size else np.inf
+
+    return min(judged, key=error, default=None)

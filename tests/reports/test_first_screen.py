@@ -1,0 +1,218 @@
+"""The first screen: few words, a number or a reason on every line, and no word that its number contradicts."""
+
+import dataclasses
+import io
+import re
+import shutil
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from logparse import FlightEvent, Severity
+from pipeline.flight.answer import compose_answer
+from pipeline.results.answer import Picture, Tone
+from pipeline.results.flight import FlightResult, Span
+from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal
+from pipeline.results.loops import FlightLoops
+from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
+from reports.first_screen import first_figures
+from reports.html import flight_page
+from reports.numbers import flight_numbers
+from reports.summary import answer_lines
+from reports.terminal import overview
+from sysid.loops.loop import Margins
+from sysid.statistics.parameter import Parameter
+
+#: Issue of this page: the first screen has below so many words in all.
+MOST_WORDS = 120
+
+
+def event(identity: str, t: float, severity: Severity = Severity.ERROR, **evidence) -> FlightEvent:
+    return FlightEvent(id=identity, t=t, end=t + 1.0, severity=severity, reason="It happened.", evidence=evidence)
+
+
+def health(*events: FlightEvent, cause: FlightEvent | None = None) -> FlightHealth:
+    t = np.arange(40.0, 100.0, 0.1)
+    asked, flown = Signal("asked", t, 0.1 * np.sin(t)), Signal("flown", t, 0.1 * np.sin(t - 0.1))
+    signals = HealthSignals(
+        attitude=tuple(Panel(title=axis, unit="rad", signals=(asked, flown)) for axis in ("roll", "pitch", "yaw")),
+        vibration=(Panel(title="vibration", unit="m/s²", signals=(Signal("x", t, 5.0 + np.sin(t)),)),),
+    )
+    return FlightHealth(events=events, sound=Span(40.0, 99.9), cause=cause, signals=signals)
+
+
+LOST = event("motor-loss", 70.0, motor=2, thrust_loss=0.99, thrust_loss_sigma=0.01)
+
+
+def loops(*axes: AxisRotation) -> RotationResult:
+    return RotationResult(axes=axes)
+
+
+def loop(axis: str, phase: float, gain: float = 12.0, unstable: float = 0.0, remarks=(), stable=True) -> AxisRotation:
+    nothing = Parameter(None, None, "Hz", "not measured")
+    margins = Margins(
+        gain_db=Parameter(gain, 0.3, "dB"),
+        phase_deg=Parameter(phase, 2.0, "deg"),
+        crossover_hz=nothing,
+        rejection_hz=nothing,
+        peak_db=nothing,
+        intervals={},
+        stable=stable,
+        unstable=unstable,
+    )
+    return AxisRotation(axis=axis, loop=LoopMargins(gains={}, computed=margins, remarks=remarks))
+
+
+def answered(given: FlightResult, /, **changed) -> FlightResult:
+    result = dataclasses.replace(given, **changed)
+    return dataclasses.replace(result, answer=compose_answer(result))
+
+
+@pytest.fixture(scope="module")
+def kinds(flight, other) -> dict[str, FlightResult]:
+    """Give flights as different as they come."""
+    nothing = {"trajectory": None, "experiments": {}, "models": (), "gps": None, "baro": None}
+    return {
+        "good": answered(flight, health=health(), loops=FlightLoops(), rotation=loops(loop("roll", 52.0))),
+        "lost motor": answered(flight, health=health(LOST, event("crash", 72.0), cause=LOST)),
+        "crash": answered(flight, health=health(event("crash", 72.0)), loops=FlightLoops(tracking={"roll": 0.05})),
+        "without models": answered(other, health=health(event("low-thrust-reserve", 50.0, Severity.WARNING))),
+        "no position": answered(flight, health=health(), **nothing, missing={"trajectory": "no GPS; log it"}),
+        "no flight": answered(flight, flight=None, motors=None, modes=None, **nothing, missing={"flight": "no flight"}),
+    }
+
+
+def words(page: str) -> int:
+    """Count the words of the first screen without those in plots."""
+    first = page[page.index('id="first"') : page.index('class="contents"')]
+    first = re.sub(r"<noscript>.*?</noscript>", "", first, flags=re.DOTALL)
+    return len(re.sub(r"<[^>]+>", " ", first.partition(">")[2]).split())
+
+
+def test_the_first_screen_has_few_words(kinds):
+    for name, result in kinds.items():
+        assert words(flight_page(result, flight_numbers(result))) < MOST_WORDS, name
+
+
+def test_every_line_has_a_number_or_a_reason(kinds):
+    for name, result in kinds.items():
+        lines = answer_lines(flight_numbers(result)["answer"])
+        assert [line["purpose"] for line in lines] == ["Healthy", "Loops", "Predict ahead", "Parameters", "Simulate"]
+        for line in lines:
+            assert line["word"], name
+            assert line["number"] or len(line["text"].split()) >= 2, (name, line)
+            assert "nan" not in f"{line['number']} {line['text']}", (name, line)
+
+
+def line_of(result: FlightResult, purpose: str):
+    return next(line for line in result.answer.lines if line.purpose == purpose)
+
+
+def test_a_lost_motor_is_named_with_its_share_and_its_second(kinds):
+    line = line_of(kinds["lost motor"], "Healthy")
+    assert (line.word, line.tone) == ("no", Tone.BAD)
+    assert (line.value, line.sigma, line.unit) == (99.0, 1.0, "%")
+    assert "motor 2" in line.text
+    assert "70.0 s" in line.text
+    assert kinds["lost motor"].answer.picture is Picture.MOTORS
+    figure = first_figures(kinds["lost motor"])[-1]
+    low, high = figure.layout["xaxis"]["range"]
+    assert low < 70.0 < high < 80.0
+    assert figure.layout["shapes"][-1]["x0"] in (70.0, 72.0)
+
+
+def test_events_of_another_flight_do_not_choose_the_picture(flight):
+    """A log of three flights showed the wrong time range: backwards, and empty."""
+    elsewhere = answered(flight, health=health(event("crash", 5.0)))
+    line = line_of(elsewhere, "Healthy")
+    assert "in another flight" in line.text
+    assert line.word == "no"
+    assert elsewhere.answer.around is None
+    assert elsewhere.answer.picture is Picture.PREDICTION
+
+
+def test_healthy_means_no_event_and_motors_that_were_looked_at(flight):
+    assert line_of(answered(flight, health=health()), "Healthy").word == "yes"
+    unchecked = dataclasses.replace(health(), motors_missing="no motor outputs")
+    line = line_of(answered(flight, health=unchecked), "Healthy")
+    assert line.word != "yes"
+    assert "motors not checked" in line.text
+
+
+@pytest.mark.parametrize(
+    ("axes", "word", "tone"),
+    [
+        ((loop("roll", 52.0), loop("pitch", 50.0)), "good", Tone.GOOD),
+        ((loop("roll", 52.0), loop("pitch", 40.0)), "thin", Tone.CARE),
+        ((loop("roll", 52.0, gain=4.0), loop("pitch", 50.0)), "thin", Tone.CARE),
+        ((loop("roll", 52.0, unstable=0.2),), "thin", Tone.CARE),
+        ((loop("roll", 20.0), loop("pitch", 50.0, stable=False)), "unstable", Tone.BAD),
+        ((loop("roll", 52.0, remarks=("weak coherence",)),), "good", Tone.CARE),
+        ((loop("roll", 52.0), AxisRotation(axis="yaw", loop_reason="no chirp")), "good", Tone.CARE),
+        ((AxisRotation(axis="roll", loop_reason="no chirp"),), "not measured", Tone.UNKNOWN),
+    ],
+)
+def test_the_word_of_the_loops_follows_from_the_worst_margin(flight, axes, word, tone):
+    """Green is for good margins on every axis with nothing against them."""
+    line = line_of(answered(flight, loops=FlightLoops(), rotation=loops(*axes)), "Loops")
+    assert (line.word, line.tone) == (word, tone)
+
+
+def test_an_axis_without_margins_is_not_covered_by_those_of_others(flight):
+    axes = loops(loop("roll", 52.0), AxisRotation(axis="yaw", loop_reason="no chirp"))
+    assert "yaw not measured" in line_of(answered(flight, loops=FlightLoops(), rotation=axes), "Loops").text
+
+
+def test_an_oscillation_is_said_before_any_margin(flight):
+    swinging = FlightLoops(oscillations={"roll": 8.0})
+    line = line_of(answered(flight, loops=swinging, rotation=loops(loop("roll", 60.0))), "Loops")
+    assert (line.word, line.value, line.unit) == ("oscillate", 8.0, "Hz")
+
+
+def test_a_prediction_is_as_long_as_the_model_was_judged(flight):
+    """The word comes from the horizon: none gives no, and a model that nobody judged gives no number."""
+    line = line_of(answered(flight), "Predict ahead")
+    horizon = flight_numbers(flight)["models"][0]["uses"]["prediction"]["horizon_s"]
+    assert line.value == horizon
+    assert (line.word in ("yes", "briefly")) == (horizon is not None)
+    unjudged = dataclasses.replace(flight.models[0], validation=None, missing="too short to judge")
+    line = line_of(answered(flight, models=(unjudged,)), "Predict ahead")
+    assert (line.word, line.value) == ("not judged", None)
+
+
+def test_the_track_shows_height_events_and_no_legend(kinds):
+    track = first_figures(kinds["lost motor"])[0]
+    assert track.id == "track"
+    assert {trace["name"] for trace in track.data} >= {"flown", "height", "events", "start", "end"}
+    assert track.layout["showlegend"] is False
+
+
+def test_the_terminal_shows_the_same_lines(kinds):
+    console = Console(width=110, record=True, file=io.StringIO())
+    console.print(overview(flight_numbers(kinds["lost motor"]), 110))
+    text = console.export_text()
+    assert "99.0 ± 1.0 % of motor 2's thrust lost from 70.0 s" in text
+
+
+def test_a_phone_need_not_scroll_sideways(kinds, tmp_path):
+    sync_playwright = pytest.importorskip("playwright.sync_api").sync_playwright
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("Chromium is not installed (Debian: apt-get install chromium)")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        for width in (390, 1280):
+            page = browser.new_page(viewport={"width": width, "height": 900})
+            faults: list[str] = []
+            page.on("pageerror", lambda error, faults=faults: faults.append(str(error)))
+            for name in ("lost motor", "no flight"):
+                path = tmp_path / "page.html"
+                path.write_text(flight_page(kinds[name], flight_numbers(kinds[name])), encoding="utf-8")
+                page.goto(path.as_uri())
+                assert page.evaluate("document.documentElement.scrollWidth") <= width
+                if width == 1280:
+                    assert page.evaluate("document.getElementById('first').getBoundingClientRect().bottom") <= 900
+            assert not faults
+            page.close()
+        browser.close()
