@@ -44,7 +44,7 @@ def _number(line: Numbers) -> str:
     if value is None:
         return ""
     if sigma is not None:
-        return uncertain(value, sigma, unit)
+        return uncertain(value, sigma, unit).replace(" °", "°")
     text = f"{round(value, 1):.8g}" if abs(value) >= 10.0 else f"{value:.3g}"
     return f"{text}{'' if unit == '°' else ' '}{unit}".strip()
 

@@ -159,12 +159,12 @@ def _margins(known: Mapping[str, LoopMargins], result: FlightResult) -> AnswerLi
     others = [each.axis for each in result.rotation.axes if each.axis not in known] if result.rotation else []
     if others:
         text += f"; {' and '.join(others)} not measured"
-        tone = Tone.CARE if tone is Tone.GOOD else tone
     if any(each.remarks for each in known.values()):
         text += "; weak evidence"
-        tone = Tone.CARE if tone is Tone.GOOD else tone
     elif tone is not Tone.GOOD and not others:
         text += "; rotorid tune proposes gains"
+    if tone is Tone.GOOD and (others or any(each.remarks for each in known.values())):
+        word, tone = _STATES[LoopState.UNKNOWN]
     return AnswerLine(purpose="Loops", word=word, tone=tone, text=text, value=phase.value, sigma=phase.sigma, unit="°")
 
 
@@ -238,7 +238,8 @@ def _error(use: PredictionUse) -> str:
 
 
 def _parameters(result: FlightResult) -> AnswerLine:
-    known, unknown = [], []
+    known: list[tuple[str, float, float, str]] = []
+    unknown = []
     for label, rows in _SHOWN:
         found = next((each for each in (_row(result, row) for row in rows) if each is not None), None)
         if found is None:
@@ -251,7 +252,7 @@ def _parameters(result: FlightResult) -> AnswerLine:
         return AnswerLine(purpose="Parameters", word="not known", tone=Tone.UNKNOWN, text=_brief(reason))
     label, value, sigma, unit = known[0]
     parts = [f"{label}{' per motor' if label == 'thrust' else ''}"]
-    parts += [f"{name} {uncertain(*rest)}" for name, *rest in known[1:]]
+    parts += [f"{name} {uncertain(known_value, error, its_unit)}" for name, known_value, error, its_unit in known[1:]]
     text = ", ".join(parts)
     if unknown:
         text += f"; {' and '.join(unknown)} not determined"
@@ -267,10 +268,10 @@ def _parameters(result: FlightResult) -> AnswerLine:
 def _row(result: FlightResult, parameter: str) -> tuple[float, float, str] | None:
     """Return the headline of a parameter with its error, in SI with the mass where that is given."""
     if result.parameters is not None:
-        table = result.parameters.table
-        if (parameter, HEADLINE) not in table.index:
+        rows = result.parameters.table.reset_index().to_dict("records")
+        row = next((each for each in rows if (each["parameter"], each["method"]) == (parameter, HEADLINE)), None)
+        if row is None:
             return None
-        row = table.loc[(parameter, HEADLINE)]
         for prefix in ("si_", ""):
             value, sigma = float(row[f"{prefix}value"]), float(row[f"{prefix}sigma"])
             if math.isfinite(value) and math.isfinite(sigma) and sigma > 0.0:

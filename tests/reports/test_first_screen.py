@@ -148,8 +148,8 @@ def test_healthy_means_no_event_and_motors_that_were_looked_at(flight):
         ((loop("roll", 52.0, gain=4.0), loop("pitch", 50.0)), "thin", Tone.CARE),
         ((loop("roll", 52.0, unstable=0.2),), "thin", Tone.CARE),
         ((loop("roll", 20.0), loop("pitch", 50.0, stable=False)), "unstable", Tone.BAD),
-        ((loop("roll", 52.0, remarks=("weak coherence",)),), "good", Tone.CARE),
-        ((loop("roll", 52.0), AxisRotation(axis="yaw", loop_reason="no chirp")), "good", Tone.CARE),
+        ((loop("roll", 52.0, remarks=("weak coherence",)),), "partly known", Tone.CARE),
+        ((loop("roll", 52.0), AxisRotation(axis="yaw", loop_reason="no chirp")), "partly known", Tone.CARE),
         ((AxisRotation(axis="roll", loop_reason="no chirp"),), "not measured", Tone.UNKNOWN),
     ],
 )
@@ -186,6 +186,17 @@ def test_the_track_shows_height_events_and_no_legend(kinds):
     assert track.id == "track"
     assert {trace["name"] for trace in track.data} >= {"flown", "height", "events", "start", "end"}
     assert track.layout["showlegend"] is False
+
+
+def test_long_reasons_of_a_folder_become_numbered_notes(flight):
+    """A folder of old logs filled the terminal with one column of broken words."""
+    reason = "the horizontal position is not known because no receiver had a fix for more than a second"
+    flights = [flight_numbers(flight) | {"models": [], "missing": {"trajectory": reason}} for _ in range(3)]
+    console = Console(width=110, record=True, file=io.StringIO())
+    console.print(overview({"kind": "fleet", "flights": flights, "groups": []}, 110))
+    text = console.export_text()
+    assert text.count("no model [1]") == 3
+    assert " ".join(text.split()).count(f"[1] {reason}") == 1
 
 
 def test_the_terminal_shows_the_same_lines(kinds):

@@ -38,13 +38,14 @@ def test_narrow_terminals_keep_every_number(fleet):
 )
 def test_coefficients_in_a_cell_have_no_more_than_four_digits(flight, value, sigma, cell):
     thrust = {"common": {"determined": value is not None, "per_mass": value, "sigma": sigma}}
-    row = shown(terminal.overview(flight_numbers(flight) | {"thrust": thrust}), 120).splitlines()[2]
+    row = shown(terminal.overview(flight_numbers(flight) | {"thrust": thrust, "answer": None}), 120).splitlines()[2]
     assert row.split()[5] == cell
 
 
 def test_a_reason_that_begins_with_the_flights_name_is_a_reason(flight):
     numbers = flight_numbers(flight) | {
         "models": [],
+        "answer": None,
         "missing": {"experiment": "flight01: no motor outputs; set RCOUT"},
     }
     assert shown(terminal.overview(numbers), 120).splitlines()[2].rstrip().endswith("no motor outputs")
