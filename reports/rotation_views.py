@@ -88,7 +88,7 @@ def sentences(axis: AxisRotation) -> list[str]:
         reason = axis.attitude.bandwidth.reason or axis.attitude.phase_delay.reason
         said.append(f"How the {axis.axis} attitude follows its target is not determined: {reason}.")
     elif axis.attitude_reason and not axis.determined:
-        said.append(f"{name} attitude: {axis.attitude_reason}.")
+        said.append(f"{name} attitude: {axis.attitude_reason.removeprefix(f'{axis.axis}: ')}.")
     return said
 
 

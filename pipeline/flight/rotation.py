@@ -24,6 +24,7 @@ from sysid.frequency.survey import AxisSurvey, survey
 from sysid.loops.errors import LoopError
 from sysid.loops.evidence import oscillation, saturation, two_ways_apart, unfit_log, weak_band
 from sysid.loops.loop import rate_loop
+from sysid.loops.settings import firmware_version
 
 #: The axes about which a craft turns.
 AXES = ("roll", "pitch", "yaw")
@@ -39,9 +40,19 @@ def find_rotation(log: FlightLog, sound: Span) -> RotationResult:
         The part of the flight that serves models.
     """
     within = (sound.start, sound.stop)
-    unfit = unfit_log(log) or ""
+    unfit = _unfit(log)
     axes = tuple(_axis(log, axis, within, unfit) for axis in survey(log, AXES, within).axes)
     return RotationResult(axes=axes, findings=tuple(_findings(axes)))
+
+
+def _unfit(log: FlightLog) -> str:
+    """Return why a log cannot tell the margins of any loop; empty where it may."""
+    try:
+        # First, because firmware whose controller is not known is no firmware to fly a chirp with either.
+        firmware_version(log)
+    except LoopError as error:
+        return str(error)
+    return unfit_log(log) or ""
 
 
 def _axis(log: FlightLog, found: AxisSurvey, within: tuple[float, float], unfit: str) -> AxisRotation:

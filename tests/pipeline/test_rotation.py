@@ -132,3 +132,10 @@ def test_advice_names_bits_and_axes():
     # Asked for once, not twice.
     assert "fly-sticks" not in {each.id for each in advise(flight, ["excite-axes"])}
     assert list(advise(replace(flight, rotation=None), [])) == []
+
+
+def test_firmware_without_the_mode_is_not_told_to_fly_it(monkeypatch):
+    log = logparse.read_log(SQUARE)
+    monkeypatch.setattr(type(log), "vehicle", replace(log.vehicle, firmware="ArduCopter", version="3.3-dev"))
+    found = find_rotation(log, Span(log.flight.start, log.flight.stop))
+    assert all("3.3-dev" in axis.loop_reason and "SYSTEMID" not in axis.loop_reason for axis in found.axes)
