@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.flight.excitation import BAND, in_band
 from pipeline.flight.purposes import PredictionUse, Trust, uses_of
-from pipeline.flight.verdict import Verdict, judge, summarise
+from pipeline.flight.verdict import Verdict, assess, summarise
 from pipeline.names import printable
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult, ModelResult, Span
@@ -129,7 +129,7 @@ def model_numbers(
         Held-out flights that leave the envelope of those fitted.
     """
     rows = _rmse_rows(result, scope, flight, craft)
-    verdict = judge(result.validation, unseen, outside)
+    verdict = assess(result.validation, unseen, outside)
     return {
         "key": result.key,
         "title": result.title,

@@ -144,8 +144,8 @@ def analyze(
         if out is not None:
             reports.write(result, out)
         return result
-    besides = None if out is None or is_url(out) else Path(out)
-    found = find([str(path) for path in several], besides=besides)
+    exclude = None if out is None or is_url(out) else Path(out)
+    found = find([str(path) for path in several], exclude=exclude)
     workers: AbstractContextManager[Executor | None] = nullcontext()
     if jobs > 1:
         workers = processes(jobs, [source.size for source in found.sources], PRELOAD)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import cache
 
 
-def give_back() -> None:
+def trim_heap() -> None:
     """Return memory that was freed back to the system.
 
     The C library keeps what large arrays have left, in pieces between what lives on: after the trajectory of a long

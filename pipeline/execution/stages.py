@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from logparse import Finding, RotoridError, Severity
-from pipeline.execution.memory import give_back
+from pipeline.execution.memory import trim_heap
 
 Progress = Callable[[str, float], None]
 T = TypeVar("T")
@@ -155,5 +155,5 @@ class Stages:
             self.progress(name, 1.0)
             return result
         finally:
-            give_back()
+            trim_heap()
             self.timings[name] = self.timings.get(name, 0.0) + perf_counter() - start

@@ -20,17 +20,17 @@ from typing import TYPE_CHECKING
 from pipeline.config import AnalysisConfig
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
+from pipeline.fleet.current import Crafts, is_current
 from pipeline.fleet.result import FleetResult
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import Failure, Publish
-from pipeline.storage.inventory import READERS, take_stock
+from pipeline.storage.inventory import READERS, index_sources
 from pipeline.storage.manifest import FLIGHTS, LogRecord, Manifest, configuration, page_key, read_manifest, software
 from pipeline.storage.removed import bring_back, set_aside
 from pipeline.storage.sources import Found, find
 from pipeline.storage.store import ENTRY, Store, TemporaryStore, open_store
 
 if TYPE_CHECKING:
-    from pipeline.fleet.crafts import Crafts
     from pipeline.fleet.job import Job
 
 _LOG = logging.getLogger("rotorid.pipeline")
@@ -80,13 +80,13 @@ def analyze_fleet(
     """
     config, progress = config or AnalysisConfig(), progress or silent
     store = TemporaryStore() if store is None else store if isinstance(store, Store) else open_store(store)
-    found = paths if isinstance(paths, Found) else find(paths, besides=store.folder)
+    found = paths if isinstance(paths, Found) else find(paths, exclude=store.folder)
     check_choices(found, config)
     store.prepare()
     with _alone(store):
         progress(f"looking into {len(found.sources)} files", 0.0)
         former = Manifest() if redo else read_manifest(store)
-        records = take_stock(found.sources, former, config, executor)
+        records = index_sources(found.sources, former, config, executor)
         known = {} if redo else _known(records, former, store, page_key(publish))
         began = perf_counter()
         new = _analyzed(records, known, found, config, store, publish, executor, part_of(progress, 0.0, 0.8), redo=redo)
@@ -306,8 +306,6 @@ def _crafts(
     redo: bool,
 ) -> Crafts:
     """Identify every craft of several flights jointly, unless that was done with these flights."""
-    from pipeline.fleet.crafts import Crafts, identify_crafts, stands
-
     pages = page_key(publish)
     before = tuple(replace(GroupEntry.from_dict(craft), pages=pages) for craft in former.crafts)
     unchanged = (
@@ -315,8 +313,11 @@ def _crafts(
         and former.configuration == configuration(config)
         and former.software == software()
     )
-    if unchanged and not redo and all(stands(store, craft) for craft in before):
+    if unchanged and not redo and all(is_current(store, craft) for craft in before):
         return Crafts(entries=before, left_out=former.left_out)
+    # Imported here: it brings the numerical packages, which an unchanged folder must not wait for.
+    from pipeline.fleet.crafts import identify_crafts
+
     return identify_crafts(flights, config, store, publish, executor, progress, redo=redo)
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
+from pipeline.fleet.current import Crafts, is_current
 from pipeline.fleet.homogeneity import unlike_findings
 from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
@@ -16,28 +17,6 @@ from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import Failure, GroupResult, Publish
 from pipeline.storage.manifest import CRAFTS, craft_key, page_key
 from pipeline.storage.store import ENTRY, Store
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Crafts:
-    """Crafts of several flights, and what has no part in them.
-
-    Attributes
-    ----------
-    entries : tuple of GroupEntry
-        Those with most flights first.
-    left_out : tuple of (str, str)
-        Sources of flights that are in no joint model though they could be, with the reason.
-    failures : tuple of Failure
-        Crafts whose products could not be stored.
-    unstored : tuple of GroupEntry
-        Their entries.
-    """
-
-    entries: tuple[GroupEntry, ...] = ()
-    left_out: tuple[tuple[str, str], ...] = ()
-    failures: tuple[Failure, ...] = ()
-    unstored: tuple[GroupEntry, ...] = ()
 
 
 def identify_crafts(
@@ -85,7 +64,7 @@ def identify_crafts(
             split=split.sentence,
             pages=page_key(publish),
         )
-        if not redo and stands(store, entry):
+        if not redo and is_current(store, entry):
             entries.append(entry)
             continue
 
@@ -113,12 +92,6 @@ def identify_crafts(
 def _light(result: GroupResult) -> GroupResult:
     """Leave out the free runs, which have been published: those of many crafts would not fit into memory."""
     return replace(result, models=tuple(replace(model, predictions=()) for model in result.models))
-
-
-def stands(store: Store, entry: GroupEntry) -> bool:
-    """Return whether the store has the products of a craft, with the pages that are wanted."""
-    facts = store.read_json(f"{CRAFTS}/{entry.folder}/{ENTRY}") or {}
-    return facts.get("key") == entry.key and (not entry.pages or facts.get("pages") == entry.pages)
 
 
 def known_result(store: Store, entry: GroupEntry) -> GroupResult | None:

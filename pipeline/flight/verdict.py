@@ -27,7 +27,7 @@ class Verdict:
     sentence: str
 
 
-def judge(
+def assess(
     validation: Validation | None,
     unseen: str = "flight time that it was not fitted to",
     outside: Collection[str] = (),
@@ -126,7 +126,7 @@ def summarise(verdicts: Mapping[str, Verdict], predictions: Mapping[str, Predict
 
 def _summed(verdicts: Mapping[str, Verdict]) -> Verdict:
     if not verdicts:
-        return judge(None)
+        return assess(None)
     if len(verdicts) == 1:
         return next(iter(verdicts.values()))
     by_trust = {trust: [title for title, each in verdicts.items() if each.trust is trust] for trust in Trust}

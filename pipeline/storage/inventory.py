@@ -17,7 +17,7 @@ from pipeline.storage.sources import Source, called_a_log, digest
 READERS = 8
 
 
-def take_stock(
+def index_sources(
     sources: Sequence[Source],
     former: Manifest,
     config: AnalysisConfig,

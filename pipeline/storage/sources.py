@@ -76,17 +76,17 @@ class Found:
     passed_over: tuple[Failure, ...]
 
 
-def find(places: Iterable[str | Path], besides: Path | None = None) -> Found:
+def find(places: Iterable[str | Path], exclude: Path | None = None) -> Found:
     """List the files in places given by the user, each once, folders in order of name.
 
     Parameters
     ----------
     places : iterable of str or Path
         Files, folders and URLs of either.
-    besides : Path, optional
+    exclude : Path, optional
         A folder to pass over: where results go, which may lie among the logs.
     """
-    search = _Search(besides)
+    search = _Search(exclude)
     for place in places:
         before = search.count
         if is_url(place):
@@ -101,11 +101,11 @@ def find(places: Iterable[str | Path], besides: Path | None = None) -> Found:
 class _Search:
     """What was found so far."""
 
-    def __init__(self, besides: Path | None) -> None:
+    def __init__(self, exclude: Path | None) -> None:
         self.sources: dict[str, Source] = {}
         self.failures: list[Failure] = []
         self.passed_over: list[Failure] = []
-        self._besides = besides
+        self._exclude = exclude
         #: Folders that were searched, by device and inode: links may lead back to them.
         self._seen: set[tuple[int, int]] = set()
 
@@ -131,7 +131,7 @@ class _Search:
         """Return whether a folder is to be searched: it is new, and not where results go."""
         try:
             status = folder.stat()
-            results = self._besides is not None and self._besides.exists() and self._besides.samefile(folder)
+            results = self._exclude is not None and self._exclude.exists() and self._exclude.samefile(folder)
         except OSError as error:
             self._closed(error)
             return False

@@ -138,7 +138,7 @@ def analyze(
     if columns is not None:
         _tables(paths, columns, out, config, as_json)
         return
-    found = find(_existing(paths), besides=None if is_url(out) else Path(out))
+    found = find(_existing(paths), exclude=None if is_url(out) else Path(out))
     _require_files(found, paths)
     check_choices(found, config)
     prepare(out)

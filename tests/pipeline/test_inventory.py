@@ -7,7 +7,7 @@ import pytest
 from pipeline import AnalysisConfig
 from pipeline.names import folder_names
 from pipeline.storage import inventory
-from pipeline.storage.inventory import flight_names, take_stock
+from pipeline.storage.inventory import flight_names, index_sources
 from pipeline.storage.manifest import Manifest
 from pipeline.storage.sources import find
 
@@ -15,7 +15,7 @@ CONFIG = AnalysisConfig()
 
 
 def stock(folder, former=None, config=CONFIG):
-    return take_stock(find([folder]).sources, former or Manifest(), config)
+    return index_sources(find([folder]).sources, former or Manifest(), config)
 
 
 def analyzed(records):

@@ -50,8 +50,8 @@ def test_results_that_lie_among_the_logs_are_no_logs(tmp_path):
     (tmp_path / "out" / "flights").mkdir(parents=True)
     (tmp_path / "out" / "flights" / "old.bin").write_bytes(b"x")
     (tmp_path / "a.bin").write_bytes(b"x")
-    assert files(find([tmp_path], besides=tmp_path / "out")) == [("a.bin", False)]
-    assert files(find([tmp_path], besides=tmp_path / "missing")) == [("a.bin", False), ("old.bin", False)]
+    assert files(find([tmp_path], exclude=tmp_path / "out")) == [("a.bin", False)]
+    assert files(find([tmp_path], exclude=tmp_path / "missing")) == [("a.bin", False), ("old.bin", False)]
 
 
 def test_what_cannot_be_read_is_named(tmp_path):

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from pipeline.flight.purposes import Trust, uses_of
-from pipeline.flight.verdict import Verdict, judge, summarise
+from pipeline.flight.verdict import Verdict, assess, summarise
 from sysid import Validation
 
 
@@ -52,7 +52,7 @@ def validation(
     ],
 )
 def test_verdict_follows_the_worst_axis(fit, trusted, trust, words):
-    verdict = judge(validation(fit, trusted))
+    verdict = assess(validation(fit, trusted))
     assert verdict.trust is trust
     assert words in verdict.sentence
 
@@ -60,26 +60,26 @@ def test_verdict_follows_the_worst_axis(fit, trusted, trust, words):
 def test_an_axis_that_does_not_follow_its_own_flight_is_right_elsewhere_by_luck():
     found = validation({"x": 60.0, "z": 80.0}, {"x": True, "z": True})
     found.table.loc[found.table["trained"] & (found.table["output"] == "x"), "fit_percent"] = -169.0
-    verdict = judge(found)
+    verdict = assess(found)
     assert verdict.trust is Trust.LIMITED
     assert "in z only" in verdict.sentence
     assert "worse than the mean on the very flight time that it was fitted to" in verdict.sentence
 
 
 def test_no_verdict_without_unseen_flight():
-    assert judge(None).trust is Trust.UNKNOWN
-    assert judge(validation({"x": 99.0}, {"x": True}, unseen=False)).trust is Trust.UNKNOWN
+    assert assess(None).trust is Trust.UNKNOWN
+    assert assess(validation({"x": 99.0}, {"x": True}, unseen=False)).trust is Trust.UNKNOWN
 
 
 def test_two_seconds_judge_nothing():
     """A held-out stretch in which the craft hardly had time to move flatters any model."""
-    verdict = judge(validation({"x": 99.0}, {"x": True}, duration=2.2))
+    verdict = assess(validation({"x": 99.0}, {"x": True}, duration=2.2))
     assert verdict.trust is Trust.UNKNOWN
     assert "too short" in verdict.sentence
 
 
 def test_one_record_is_not_enough_to_trust_a_model():
-    verdict = judge(validation({"x": 90.0, "z": 80.0}, {"x": True, "z": True}, flights="a"))
+    verdict = assess(validation({"x": 90.0, "z": 80.0}, {"x": True, "z": True}, flights="a"))
     assert verdict.trust is Trust.LIMITED
     assert "only one record" in verdict.sentence
 
@@ -87,11 +87,11 @@ def test_one_record_is_not_enough_to_trust_a_model():
 def test_a_diverging_model_is_called_that():
     bad = validation({"x": 0.0}, {"x": False})
     bad = Validation(**{name: getattr(bad, name) for name in bad.__slots__} | {"average": {"x": float("inf")}})
-    assert "diverges" in judge(bad).sentence
+    assert "diverges" in assess(bad).sentence
 
 
 def test_what_is_worse_than_the_mean_is_called_that_and_the_mean_is_quoted():
-    worse = judge(validation({"x": -90.0, "z": -80.0}, {"x": False, "z": False}, mean=0.125)).sentence
+    worse = assess(validation({"x": -90.0, "z": -80.0}, {"x": False, "z": False}, mean=0.125)).sentence
     assert "errs by 1.00, 1.00 m RMS in x and z, where always predicting the mean errs by 0.125, 0.125 m" in worse
     assert "guess" not in worse
     assert worse.endswith("In x and z that is worse than always predicting the mean.")
@@ -100,7 +100,7 @@ def test_what_is_worse_than_the_mean_is_called_that_and_the_mean_is_quoted():
 def test_axes_that_differ_are_told_apart():
     table = validation({"x": -90.0, "z": 20.0}, {"x": False, "z": True})
     table.table.loc[table.table["output"] == "x", "rmse_mean"] = 0.5
-    sentence = judge(table).sentence
+    sentence = assess(table).sentence
     assert sentence.endswith(
         "That is worse than always predicting the mean in x and hardly better than a guess without any model in z."
     )
@@ -109,7 +109,7 @@ def test_axes_that_differ_are_told_apart():
 def test_a_target_that_is_as_good_is_said_and_does_not_condemn_the_model():
     """Off by 0.1 m where the target is off by 0.1 m too, of flights that move by metres: `do not trust` misled."""
     found = validation({"x": 95.0, "z": 96.0}, {"x": False, "z": False}, mean=20.0, reference=1.02)
-    verdict = judge(found)
+    verdict = assess(found)
     assert verdict.trust is Trust.YES
     assert "and taking the target itself by 1.02, 1.02 m" in verdict.sentence
     assert verdict.sentence.endswith("In x and z taking the target itself is as good.")
@@ -119,10 +119,10 @@ def test_a_target_that_is_as_good_is_said_and_does_not_condemn_the_model():
 def test_an_axis_that_did_not_move_condemns_no_model_that_does_as_its_target():
     found = validation({"x": 95.0, "z": -55.0}, {"x": True, "z": False}, mean=20.0, reference=0.99)
     found.table.loc[found.table["output"] == "z", "rmse_mean"] = 0.6
-    assert judge(found).trust is Trust.LIMITED
+    assert assess(found).trust is Trust.LIMITED
     without = validation({"x": 95.0, "z": -55.0}, {"x": True, "z": False}, mean=20.0)
     without.table.loc[without.table["output"] == "z", "rmse_mean"] = 0.6
-    assert judge(without).trust is Trust.NO
+    assert assess(without).trust is Trust.NO
 
 
 def errors(*rows, mean=(14.0, 17.0, 7.0)):
@@ -145,14 +145,14 @@ def test_one_axis_far_beyond_the_mean_is_no_for_free_runs():
     run = uses_of(found, None).free_run
     assert (run.trust, run.follows, run.far) == (Trust.NO, ("z",), ("x", "y"))
     assert "x 4.6 times and y 3.5 times the error of always predicting the mean" in run.sentence()
-    verdict = judge(found)
+    verdict = assess(found)
     assert verdict.trust is Trust.NO
     assert "no better than its worst axis" in verdict.sentence
 
 
 def test_a_single_record_must_hold_in_all_axes():
     assert uses_of(errors((1.0, 1.0, 5.0)), None).free_run.trust is Trust.NO
-    assert "A single record must hold in every axis" in judge(errors((1.0, 1.0, 5.0))).sentence
+    assert "A single record must hold in every axis" in assess(errors((1.0, 1.0, 5.0))).sentence
     assert uses_of(errors((1.0, 1.0, 1.0)), None).free_run.trust is Trust.LIMITED
     assert uses_of(errors((1.0, 1.0, 5.0), (1.0, 1.0, 5.0)), None).free_run.trust is Trust.LIMITED
     assert uses_of(errors((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)), None).free_run.trust is Trust.YES
@@ -167,9 +167,9 @@ def test_flights_outside_the_envelope_are_counted_apart():
         "4 of 5 flights within the envelope are followed in every axis to 90–90 %; 0 of 1 outside it"
     )
     assert run.trust is Trust.YES, "on average over those within, every axis is followed"
-    assert judge(found, outside={"f"}).trust is Trust.YES
-    assert "errs by 3.12, 1.70, 0.700 m" in judge(found, outside={"f"}).sentence
-    assert judge(found).trust is Trust.NO
+    assert assess(found, outside={"f"}).trust is Trust.YES
+    assert "errs by 3.12, 1.70, 0.700 m" in assess(found, outside={"f"}).sentence
+    assert assess(found).trust is Trust.NO
     # Where all are outside, nothing else judges, and they do not make a model trusted.
     assert uses_of(errors(good, good), None, outside={"a", "b"}).free_run.trust is Trust.LIMITED
 
