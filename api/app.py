@@ -12,14 +12,14 @@ from fastapi.staticfiles import StaticFiles
 from api import openapi, problems
 from api.access import Shares, Tokens
 from api.bodies import SmallBodies
-from api.catalog import Catalog
+from api.catalog import Catalog, Quota
 from api.database import Database
 from api.dependencies import Parts
 from api.headers import SafeHeaders
 from api.housekeeping import Housekeeping
 from api.incoming import Incoming
 from api.jobs import Runner
-from api.local_only import LocalOnly
+from api.local_only import KnownHosts
 from api.metrics import Measured, Metrics
 from api.objects import Objects
 from api.rates import Rates
@@ -90,7 +90,9 @@ def create_app(
     problems.install(app)
     openapi.install(app)
     if local_only:
-        app.add_middleware(LocalOnly)
+        app.add_middleware(KnownHosts)
+    elif settings.host_names:
+        app.add_middleware(KnownHosts, names=settings.host_names)
     app.add_middleware(SafeHeaders)
     app.add_middleware(Measured, metrics=parts.metrics)
     app.include_router(logs.router, prefix="/api/v1")
@@ -111,7 +113,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
     objects.prepare()
     database = Database(settings.database_url)
     database.migrate()
-    catalog = Catalog(database, objects)
+    catalog = Catalog(database, objects, Quota(settings.bytes_limit, settings.queue_limit))
     workplace = Workplace(
         database=settings.database_url,
         objects=settings.storage_url,

@@ -7,18 +7,19 @@ bytes without a row are swept up by `api.housekeeping`.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from http import HTTPStatus
 from typing import Any, NamedTuple
 
 from sqlalchemy import delete, func, select, tuple_
 from sqlalchemy.exc import IntegrityError, OperationalError
 from sqlalchemy.orm import Session
 
-from api import queue
+from api import queue, sizes
 from api.database import Database
 from api.ids import digest, is_id, new_id, new_secret
 from api.incoming import Upload
 from api.objects import Objects
-from api.problems import Problem
+from api.problems import Problem, ProblemError
 from api.records import AnalysedLog, AnalysisRecord, LogRecord
 from api.resources import Analysis, Log, State
 
@@ -28,6 +29,21 @@ class Kept(NamedTuple):
 
     log: Log
     delete_token: str | None
+
+
+class Quota(NamedTuple):
+    """What one owner may have; 0 is any number.
+
+    Attributes
+    ----------
+    stored : int
+        Bytes of logs.
+    unfinished : int
+        Analyses that wait or run.
+    """
+
+    stored: int = 0
+    unfinished: int = 0
 
 
 class FullError(Exception):
@@ -49,9 +65,12 @@ class Catalog:
     ----------
     database : Database
     objects : Objects
+    quota : Quota, optional
+        Of each owner; none by default.
     """
 
-    def __init__(self, database: Database, objects: Objects) -> None:
+    def __init__(self, database: Database, objects: Objects, quota: Quota | None = None) -> None:
+        self._quota = quota or Quota()
         self._database = database
         self._objects = objects
 
@@ -77,7 +96,7 @@ class Catalog:
                     break
             else:
                 raise ConflictError
-        except (OSError, FullError, ConflictError):
+        except (OSError, FullError, ConflictError, ProblemError):
             self._forget(placed.values())
             raise
         used = {each.log.id for each in kept}
@@ -125,6 +144,8 @@ class Catalog:
                 added = any(each.delete_token is not None for each in kept)
                 if limit and added and _count_logs(session, owner) > limit:
                     raise FullError
+                if added and 0 < self._quota.stored < _count_bytes(session, owner):
+                    raise _too_many_bytes(self._quota.stored)
         except IntegrityError:
             return None
         return kept
@@ -197,6 +218,8 @@ class Catalog:
     def order(self, log_ids: Sequence[str], configuration: Mapping[str, Any], owner: str) -> Analysis:
         """Put an analysis of one or several logs of the owner's into the queue; KeyError names a log there is not."""
         with self._database.write() as session:
+            if 0 < self._quota.unfinished <= _count_unfinished(session, owner):
+                raise _too_many_unfinished(self._quota.unfinished)
             logs = {}
             for log_id in sorted(set(log_ids)):  # one order for all, so that no two wait for each other
                 log = _own_log(session, log_id, owner, lock=True)  # nobody deletes it meanwhile
@@ -298,6 +321,30 @@ def _same_logs(session: Session, owner: str, digests: Iterable[str]) -> dict[str
 
 def _count_logs(session: Session, owner: str) -> int:
     return session.scalar(select(func.count()).where(LogRecord.owner == owner)) or 0
+
+
+def _count_bytes(session: Session, owner: str) -> int:
+    return int(session.scalar(select(func.sum(LogRecord.size)).where(LogRecord.owner == owner)) or 0)
+
+
+def _count_unfinished(session: Session, owner: str) -> int:
+    open_ = AnalysisRecord.state.in_((State.QUEUED, State.RUNNING))
+    return session.scalar(select(func.count()).where(AnalysisRecord.owner == owner, open_)) or 0
+
+
+def _too_many_bytes(limit: int) -> ProblemError:
+    detail = f"Your logs would have more than the {sizes.in_words(limit)} that this service keeps for one user. "
+    return ProblemError(
+        Problem.named("too-many-bytes", "Too many bytes", HTTPStatus.FORBIDDEN, detail + "Delete some, then try again.")
+    )
+
+
+def _too_many_unfinished(limit: int) -> ProblemError:
+    detail = f"You have the {limit} analyses waiting or running that this service takes from one user. Try again later."
+    return ProblemError(
+        Problem.named("too-many-analyses", "Too many analyses", HTTPStatus.TOO_MANY_REQUESTS, detail),
+        {"Retry-After": "60"},
+    )
 
 
 def _owned(session: Session, analysis_id: str, owner: str) -> AnalysisRecord | None:

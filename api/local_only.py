@@ -4,6 +4,7 @@ A page of another site can have its own name lead to 127.0.0.1 and then talk to 
 a proxy in front would make an open service public without anybody having decided so.
 """
 
+from collections.abc import Collection
 from http import HTTPStatus
 
 from starlette.requests import Request
@@ -15,21 +16,37 @@ from api.problems import Problem, respond
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
-class LocalOnly:
-    """ASGI middleware: answers only to who calls the service by a name of this computer for itself."""
+class KnownHosts:
+    """ASGI middleware: answers only to who calls the service by a name of this computer for itself, or one of `names`.
 
-    def __init__(self, app: ASGIApp) -> None:
+    Parameters
+    ----------
+    app : ASGIApp
+    names : collection of str
+        In lower case, without a port.
+    """
+
+    def __init__(self, app: ASGIApp, names: Collection[str] = ()) -> None:
         self.app = app
+        self._names = {*LOOPBACK, *names}
+        self._problem = _UNKNOWN if names else _ELSEWHERE
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, or refuse it."""
         if scope["type"] == "http":
             request = Request(scope)
-            if (request.url.hostname or "") not in LOOPBACK:
-                await respond(request, _ELSEWHERE)(scope, receive, send)
+            if (request.url.hostname or "") not in self._names:
+                await respond(request, self._problem)(scope, receive, send)
                 return
         await self.app(scope, receive, send)
 
+
+_UNKNOWN = Problem.named(
+    "unknown-host",
+    "Not a name of this service",
+    HTTPStatus.MISDIRECTED_REQUEST,
+    "This service does not answer under this name. Its operator lists its names in ROTORID_HOSTS.",
+)
 
 _ELSEWHERE = Problem.named(
     "local-only",

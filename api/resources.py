@@ -136,6 +136,32 @@ class AnalysisAnswer(AnalysisSummary):
     models: dict[str, Any] | None = Field(default=None, description="Contents of models.json: the fitted models.")
 
 
+class SharedLog(BaseModel):
+    """A log as whoever has a link sees it: without what would tell it from others, or find it."""
+
+    name: str = Field(examples=["00000012.BIN"])
+    size: int = Field(description="Bytes.", examples=[2756608])
+
+
+class SharedAnalysis(BaseModel):
+    """An analysis as whoever has a link sees it."""
+
+    logs: list[SharedLog]
+    configuration: dict[str, Any] = Field(default={}, examples=[{"poles": 4}])
+    state: State
+    stage: str = Field(examples=["transfer functions"])
+    progress: float
+    created: datetime = Field(examples=["2026-03-14T09:26:54Z"])
+    started: datetime | None = None
+    ended: datetime | None = None
+    problem: Problem | None = None
+    files: dict[str, int] = Field(examples=[{"report.html": 2416301}])
+    links: dict[str, str] = Field(examples=[{"self": "/api/v1/shared/SECRET"}])
+    findings: list[dict[str, Any]] | None = None
+    report: dict[str, Any] | None = None
+    models: dict[str, Any] | None = None
+
+
 _LogId = Annotated[str, Field(examples=["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"], max_length=64)]
 
 

@@ -63,6 +63,15 @@ class Settings(BaseSettings):
         description="Uploads taken from one client in a time, such as 300/minute or 5000/day; empty for any number.",
     )
     logs_limit: NonNegativeInt = Field(default=0, description="Most logs kept for one owner; 0 for any number.")
+    bytes_limit: ByteSize = Field(default=ByteSize(0), description="Most bytes of logs kept for one owner; 0 for any.")
+    queue_limit: NonNegativeInt = Field(
+        default=1000, description="Most analyses of one owner that wait or run at a time; 0 for any number."
+    )
+    hosts: str = Field(
+        default="",
+        description="Names under which the service answers besides localhost, separated by commas, such as "
+        "rotorid.lab; by default any.",
+    )
     workers: PositiveInt = Field(default_factory=_spare_cores, description="Analyses that run at the same time.")
     scheduler: str = Field(
         default="",
@@ -97,6 +106,11 @@ class Settings(BaseSettings):
             except ValueError:
                 raise ValueError("write a number and a time, such as 300/minute, or nothing for any number") from None
         return value
+
+    @property
+    def host_names(self) -> frozenset[str]:
+        """Names under which the service answers besides localhost; none for any."""
+        return frozenset(name.strip().lower() for name in self.hosts.split(",") if name.strip())
 
     @property
     def database_url(self) -> str:

@@ -10,14 +10,20 @@ MOST_BYTES = 120
 
 
 def printable(text: str) -> str:
-    r"""Write what of a file name is not UTF-8 as ``\xff``; all else stays as it is.
+    r"""Write what of a file name is not UTF-8 as ``\xff``, and control characters as ``\x1b``; all else stays as it is.
 
-    Python carries such bytes as lone surrogates, which no UTF-8 file can hold.
+    Python carries such bytes as lone surrogates, which no UTF-8 file can hold. Control characters would command the
+    terminal that shows them; lines and tabs stay.
     """
     try:
-        return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+        text = text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
     except UnicodeEncodeError:  # a surrogate that stands for no byte, such as Windows allows in names
-        return text.encode("utf-8", "backslashreplace").decode("utf-8")
+        text = text.encode("utf-8", "backslashreplace").decode("utf-8")
+    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
+
+
+#: C0 and C1 control characters but for tab and newline.
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 def is_url(place: str | Path) -> bool:

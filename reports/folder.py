@@ -12,6 +12,7 @@ from pathlib import Path
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
 from reports import html
+from reports.cells import as_cell
 from reports.exports import write_exports
 from reports.model_figures import response_figures
 from reports.numbers import flight_numbers, group_numbers, models
@@ -123,6 +124,6 @@ def rmse_table(rows: list[Numbers]) -> str:
     table.writerow([*names, *heads])
     for row in rows:
         cells = [row[kind].get(output) for kind in kinds for output in outputs]
-        facts = [row[name] for name in names]
+        facts = [as_cell(row[name]) for name in names]
         table.writerow(["" if cell is None else cell for cell in (*facts, *cells)])
     return text.getvalue()

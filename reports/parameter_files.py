@@ -8,6 +8,7 @@ import pandas as pd
 
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
+from reports.cells import as_cell
 
 COLUMNS = ("craft", "flight", "parameter", "value", "sigma", "unit", "method", "determined", "reason")
 
@@ -29,8 +30,8 @@ def write_parameters(result: FlightResult | GroupResult, folder: Path) -> Path:
             known = pd.notna(value)
             rows.append(
                 {
-                    "craft": craft,
-                    "flight": result.name if own else "",
+                    "craft": as_cell(craft),
+                    "flight": as_cell(result.name) if own else "",
                     "parameter": row["parameter"],
                     "value": value if known else None,
                     "sigma": (row["si_sigma"] if si else row["sigma"]) if known else None,

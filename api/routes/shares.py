@@ -2,7 +2,7 @@
 
 from datetime import datetime
 from http import HTTPStatus
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Response
@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field
 from api import problems
 from api.dependencies import Owner, Parts, PartsOf, from_our_pages
 from api.problems import Problem, ProblemError
-from api.resources import Analysis, AnalysisAnswer
+from api.resources import Analysis, SharedAnalysis, SharedLog
 from api.results import answer, file_of
 from api.routes.analyses import find_analysis
 
@@ -57,12 +57,21 @@ def unshare_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
 
 
 @router.get("/shared/{secret}", summary="The analysis that a link is to")
-def show_shared(secret: str, parts: PartsOf) -> AnalysisAnswer:
+def show_shared(secret: str, parts: PartsOf) -> SharedAnalysis:
     """Show a shared analysis."""
     found = answer(find_shared(secret, parts), parts)
     here = f"/api/v1/shared/{secret}"
     links = {"self": here, "page": f"/shared/{secret}"} | {name: f"{here}/{quote(name)}" for name in found.files}
-    return found.model_copy(update={"links": links})
+    shown = {name: value for name, value in dict(found).items() if name in SharedAnalysis.model_fields}
+    logs = [SharedLog(name=log.name, size=log.size) for log in found.logs]
+    return SharedAnalysis(**shown | {"logs": logs, "links": links, "report": _without_hashes(found.report)})
+
+
+def _without_hashes(value: Any) -> Any:
+    """Return JSON without the digests of logs in it."""
+    if isinstance(value, dict):
+        return {name: _without_hashes(each) for name, each in value.items() if name != "sha256"}
+    return [_without_hashes(each) for each in value] if isinstance(value, list) else value
 
 
 @router.get("/shared/{secret}/{name:path}", response_class=FileResponse, summary="A file of a shared analysis")

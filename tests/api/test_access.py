@@ -9,6 +9,7 @@ import httpx
 import pytest
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
+from pydantic import ByteSize
 from sqlalchemy import select, update
 from typer.testing import CliRunner
 
@@ -141,7 +142,10 @@ def test_a_link_lets_read_one_analysis_until_it_is_taken_back(
     assert link["expires"]
     assert forever["expires"] is None
     shown = service.get(link["api"]).json()
-    assert shown["id"] == theirs["analysis_id"]
+    assert shown["report"]["rmse"]
+    mine = service.get(f"/api/v1/analyses/{theirs['analysis_id']}", headers=owner).json()
+    for hidden in (theirs["analysis_id"], theirs["log_id"], mine["log"]["sha256"], "sha256"):
+        assert hidden not in service.get(link["api"]).text
     for address in (*shown["links"].values(), forever["api"]):
         assert service.get(address).status_code == 200
         assert service.delete(address).status_code in (404, 405)
@@ -182,6 +186,32 @@ def test_an_owner_has_so_many_logs_and_no_more(service: httpx.Client, parts: Par
     assert service.post("/api/v1/logs", files=files[:4], headers=owner).status_code == 201
     assert service.post("/api/v1/logs", files=files[4:], headers=owner).status_code == 403
     assert service.post("/api/v1/logs", files=files[4:], headers=headers(parts, "emil")).status_code == 201
+
+
+def test_an_owner_has_so_many_bytes_and_orders_and_no_more(tmp_path: Path) -> None:
+    settings = Settings(data=tmp_path, access=Access.TOKENS, bytes_limit=ByteSize(1000), queue_limit=2, workers=1)
+    app = create_app(settings, standins.analyze, preload=())
+    ann, bob = (headers(app.state.parts, owner) for owner in ("ann", "bob"))
+    with running(app) as client:
+        log = client.post("/api/v1/logs", files={"file": ("a.bin", b"hang".ljust(600))}, headers=ann).json()
+        refused = client.post("/api/v1/logs", files={"file": ("b.bin", bytes(600))}, headers=ann)
+        assert (refused.status_code, refused.json()["type"]) == (403, "urn:rotorid:problem:too-many-bytes")
+        assert len(list((tmp_path / "objects" / "logs").iterdir())) == 1
+        assert client.post("/api/v1/logs", files={"file": ("b.bin", bytes(600))}, headers=bob).status_code == 201
+        orders = [client.post("/api/v1/analyses", json={"log": log["id"]}, headers=ann) for _ in range(3)]
+        assert [order.status_code for order in orders] == [202, 202, 429]
+        assert orders[2].json()["type"] == "urn:rotorid:problem:too-many-analyses"
+        assert client.post(f"{orders[0].headers['Location']}/cancel", headers=ann).status_code == 200
+        assert client.post("/api/v1/analyses", json={"log": log["id"]}, headers=ann).status_code == 202
+
+
+def test_a_service_that_knows_its_names_answers_under_no_other(tmp_path: Path) -> None:
+    settings = Settings(data=tmp_path, workers=1, access=Access.OPEN, hosts="drone.lab, other.lab")
+    with running(create_app(settings, standins.analyze, preload=())) as client:
+        for path in ("/", "/api/v1/logs", "/healthz", "/static/style.css", "/shared/x", "/nothing"):
+            for host, known in (("drone.lab:8000", True), ("OTHER.lab", True), ("localhost", True), ("evil.x", False)):
+                answer = client.get(path, headers={"Host": host})
+                assert (answer.status_code != 421) is known, (path, host)
 
 
 def test_an_owner_uploads_so_often_and_no_more(tmp_path: Path) -> None:

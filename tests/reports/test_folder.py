@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import io
 import json
 import math
 import re
@@ -22,9 +23,20 @@ from logparse import Finding, Severity
 from logparse.quantity import column
 from pipeline.names import folder_names
 from reports import html, summary
+from reports.folder import rmse_table
 from reports.numbers import flight_numbers, plain
 from reports.packing import unpack
 from tests.reports.conftest import composed
+
+
+@pytest.mark.parametrize("name", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "plain", "a=b"])
+def test_names_are_no_formulas_of_a_spreadsheet(name):
+    row = {"flight": name, "craft": name} | dict.fromkeys(("part", "scope", "model", "start_s", "duration_s"), -1.5)
+    text = rmse_table([row | {kind: {"x": -0.5} for kind in ("rmse_m", "fit_percent", "rmse_mean_m")}])
+    (read,) = csv.DictReader(io.StringIO(text))
+    assert read["flight"] == read["craft"] == (name if name[0].isalpha() else f"'{name}")
+    assert read["rmse_x_m"] == "-0.5"  # numbers stay numbers
+
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>\u2028"
 
