@@ -4,6 +4,6 @@
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
-def as_cell(value: object) -> object:
-    """Return what a spreadsheet shows as it is: text that it would take for a formula gets an apostrophe before it."""
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+def as_cell(text: str) -> str:
+    """Return text that a spreadsheet shows as it is: what it would take for a formula gets an apostrophe before it."""
+    return f"'{text}" if text.startswith(_FORMULA) else text

@@ -124,6 +124,6 @@ def rmse_table(rows: list[Numbers]) -> str:
     table.writerow([*names, *heads])
     for row in rows:
         cells = [row[kind].get(output) for kind in kinds for output in outputs]
-        facts = [as_cell(row[name]) for name in names]
+        facts = [as_cell(fact) if isinstance(fact := row[name], str) else fact for name in names]
         table.writerow(["" if cell is None else cell for cell in (*facts, *cells)])
     return text.getvalue()
