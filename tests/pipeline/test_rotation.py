@@ -136,6 +136,6 @@ def test_advice_names_bits_and_axes():
 
 def test_firmware_without_the_mode_is_not_told_to_fly_it(monkeypatch):
     log = logparse.read_log(SQUARE)
-    monkeypatch.setattr(type(log), "vehicle", replace(log.vehicle, firmware="ArduCopter", version="3.3-dev"))
+    monkeypatch.setitem(vars(log), "vehicle", replace(log.vehicle, firmware="ArduCopter", version="3.3-dev"))
     found = find_rotation(log, Span(log.flight.start, log.flight.stop))
     assert all("3.3-dev" in axis.loop_reason and "SYSTEMID" not in axis.loop_reason for axis in found.axes)
