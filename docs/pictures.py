@@ -42,7 +42,7 @@ def main(out: Path) -> None:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": WIDTH, "height": 1000}, color_scheme="light")
         page.goto((out / "flight" / "report.html").resolve().as_uri())
-        picture(page, "answer", page.locator("h1"), page.locator("section.answer"))
+        picture(page, "answer", page.locator("h1"), page.locator("nav.contents"))
         picture(page, "horizons", page.locator("figure:has(#plot-horizons)"))
         picture(page, "prediction", page.locator("figure:has(#plot-prediction)"))
         heading = page.get_by_role("heading", name="Physical parameters by every method")
