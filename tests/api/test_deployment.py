@@ -29,3 +29,12 @@ def test_the_unit_lets_analyses_limit_themselves_and_numba_compile() -> None:
     assert not any(line.startswith("SystemCallFilter=~") and "@resources" in line for line in lines)
     assert not any(line.startswith("MemoryDenyWriteExecute") for line in lines)
     assert "UMask=0077" in lines
+
+
+def test_the_image_has_every_package_of_ours() -> None:
+    """It once lacked the command line."""
+    root = UNIT.parents[1]
+    ours = {path.parent.name for path in root.glob("*/__init__.py")} - {"tests", "benchmarks"}
+    copied = set(re.findall(r"^COPY (\w+) \1$", (root / "deploy" / "Dockerfile").read_text(), re.MULTILINE))
+    assert "rotorid" in ours
+    assert ours <= copied
