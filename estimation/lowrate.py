@@ -55,9 +55,9 @@ LARGEST_FACTOR, FEWEST_ROWS = 25.0, 20
 NARROWING = 3.0
 #: Readings of the barometer whose median is its height at the start: any one may be a spike.
 FIRST_HEIGHTS = 9
-#: The autopilot's vertical speed is used if its height follows it to this share at least, where it climbs at all: an
-#: r.m.s. above this, m/s. Old firmware sends it with the wrong sign.
-FOLLOWS, CLIMBS = 0.5, 0.3
+#: The autopilot's vertical speed is left out if its height follows it to less than this share, that is, goes the other
+#: way, as old firmware sends it; judged where the r.m.s. of the speed is above this, m/s.
+FOLLOWS, CLIMBS = 0.0, 0.3
 #: States: position, velocity, disturbance, GPS error (three each), baro offset.
 SIZE = 13
 
@@ -195,7 +195,7 @@ def _other_height(fixes: pd.DataFrame | None, ekf: pd.DataFrame | None) -> pd.Se
 
 
 def _height_follows(ekf: pd.DataFrame) -> bool:
-    """Return whether the autopilot's height changes as its vertical speed says."""
+    """Return whether the autopilot's height changes the way its vertical speed says."""
     t = ekf.index.to_numpy(float)
     step = np.diff(t)
     speed = ekf["v_d"].to_numpy(float)
@@ -208,7 +208,7 @@ def _height_follows(ekf: pd.DataFrame) -> bool:
 
 
 def _reversed_climb(tables: Tables) -> tuple[Finding, ...]:
-    """Return a finding if the autopilot's vertical speed is no derivative of its height."""
+    """Return a finding if the autopilot's vertical speed has the wrong sign."""
     ekf = usable(tables.ekf, ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"])
     if ekf is None or _height_follows(ekf):
         return ()
@@ -216,8 +216,8 @@ def _reversed_climb(tables: Tables) -> tuple[Finding, ...]:
         Finding(
             "autopilot-climb-wrong",
             Severity.WARNING,
-            "The autopilot's height does not change as its vertical speed says, which is therefore not used; firmware "
-            "of 2013 sends it with the wrong sign.",
+            "The autopilot's height changes against its vertical speed, which is therefore not used; firmware of 2013 "
+            "sends it with the wrong sign.",
             "Analyse the .bin log of the same flight, or update the firmware.",
         ),
     )
@@ -266,7 +266,8 @@ def _estimate_segment(
             break
         measured = judged
     if smoothed:
-        x, P = _filter(node_t, thrust, _rescaled(measured, node_t, x, P), gps_sigma, noise)
+        # Sigma only: weighed anew, states of clean logs would move by more than their sigma, for better or worse.
+        _, P = _filter(node_t, thrust, _rescaled(measured, node_t, x, P), gps_sigma, noise)
     t_in = np.clip(t, node_t[0], node_t[-1])
     position = CubicHermiteSpline(node_t, x[:, :3], x[:, 3:6])(t_in)
     at_node = thrust(np.clip(node_t, when[0], when[-1]))
