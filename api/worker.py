@@ -16,9 +16,8 @@ from typing import Any, TypeAlias
 
 from api import log_lines
 from api.settings import LogFormat
-from pipeline.storage.kept import RESULT
 from pipeline.storage.manifest import MANIFEST
-from pipeline.storage.store import ENTRY, LOCK
+from pipeline.storage.store import ENTRY, LOCK, RESULT
 
 _log = logging.getLogger("rotorid.api")
 

@@ -17,10 +17,7 @@ import pyarrow
 
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
-from pipeline.storage.store import Store
-
-#: File of a result in the folder of its products.
-RESULT = "result.pickle.zst"
+from pipeline.storage.store import RESULT, Store
 
 #: Packages whose classes a result is made of.
 _OWN = ("logparse", "estimation", "sysid", "pipeline")

@@ -25,6 +25,9 @@ from urllib.parse import urlsplit
 #: The file that makes a product whole.
 ENTRY = "entry.json"
 
+#: File of a result, kept beside its products.
+RESULT = "result.pickle.zst"
+
 #: Below the root of a store on a disk: what is being written. The name hides it from query engines.
 SCRATCH = ".scratch"
 

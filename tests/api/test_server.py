@@ -132,7 +132,7 @@ def test_a_log_with_flipped_bits_is_analysed_as_far_as_it_goes(server: httpx.Cli
     assert response.json()["report"]["findings"]
 
 
-def test_the_server_itself_does_not_load_the_numerical_rooms() -> None:
+def test_the_server_itself_does_not_load_the_numerical_packages() -> None:
     code = "import api, sys; print([room for room in ('numpy', 'pandas', 'numba') if room in sys.modules])"
     assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT) == "[]\n"
 

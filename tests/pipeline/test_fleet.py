@@ -16,8 +16,7 @@ from pipeline.fleet import analysis as fleet_module
 from pipeline.fleet import job, joint
 from pipeline.storage import manifest
 from pipeline.storage.dataset import part
-from pipeline.storage.kept import RESULT
-from pipeline.storage.store import FolderStore, open_store
+from pipeline.storage.store import RESULT, FolderStore, open_store
 from tests.pipeline import flown
 
 ROOT = Path(__file__).parents[2]

@@ -7,8 +7,8 @@ import numpy as np
 import pyarrow
 import pytest
 
-from pipeline.storage.kept import RESULT, read_result, write_result
-from pipeline.storage.store import FolderStore
+from pipeline.storage.kept import read_result, write_result
+from pipeline.storage.store import RESULT, FolderStore
 from tests.reports.conftest import made_flight
 
 

@@ -34,7 +34,7 @@ def made(motors=None, flight=(10.0, 50.0)):
     states = dict.fromkeys(STATE_COLUMNS, zero) | {"q_w": zero + 1.0, "f_z": zero - 9.8}
     states |= {"p_n": 100.0 + t, "p_e": -t, "p_d": -3.0 - 2.0 * t}
     sigma = frame(t, **{f"phi_{axis}": zero for axis in "ned"})
-    trajectory = SimpleNamespace(states=frame(t, **states), sigma=sigma)
+    trajectory = SimpleNamespace(states=frame(t, **states), sigma=sigma, inconsistency="")
     if motors is None:
         motors = frame(tm, m1=1500.0 + tm, m2=1400.0 - tm)
     baro = frame(tm, alt=tm, pressure=np.full_like(tm, 101325.0), temperature=np.full_like(tm, 310.0))
