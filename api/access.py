@@ -57,7 +57,7 @@ class Tokens:
             return found is not None
 
     def owner_of(self, secret: str) -> str | None:
-        """Say whose token this is; None when it is nobody's, or has expired."""
+        """Report whose token this is; None when it is nobody's, or has expired."""
         with self._database.read() as session:
             found = session.scalar(select(TokenRecord).where(TokenRecord.digest == digest(secret)))
             return None if found is None or _expired(found) else found.owner
@@ -85,7 +85,7 @@ class Shares:
             session.execute(delete(ShareRecord).where(ShareRecord.analysis_id == analysis))
 
     def analysis_of(self, secret: str) -> str | None:
-        """Say which analysis a link is to; None when there is none, or it has expired."""
+        """Report which analysis a link is to; None when there is none, or it has expired."""
         with self._database.read() as session:
             found = session.scalar(select(ShareRecord).where(ShareRecord.digest == digest(secret)))
             return None if found is None or _expired(found) else found.analysis_id
@@ -96,7 +96,7 @@ def _expired(record: TokenRecord | ShareRecord) -> bool:
 
 
 def bearer(request: Request) -> str | None:
-    """Give the token of a request: of its Authorization header, or of the cookie of a browser that signed in."""
+    """Return the token of a request: of its Authorization header, or of the cookie of a browser that signed in."""
     scheme, _, secret = request.headers.get("authorization", "").partition(" ")
     if scheme.lower() == "bearer" and secret.strip():
         return secret.strip()

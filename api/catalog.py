@@ -181,7 +181,7 @@ class Catalog:
             return [_log(record) for record in session.scalars(query)]
 
     def may_delete_log(self, log_id: str, secret: str) -> str | None:
-        """Give the owner of the log that a delete token is for; None when it is for another or none."""
+        """Return the owner of the log that a delete token is for; None when it is for another or none."""
         with self._database.read() as session:
             found = session.get(LogRecord, log_id) if is_id(log_id) else None
             return found.owner if found is not None and found.delete_digest == digest(secret) else None
@@ -298,7 +298,7 @@ class Catalog:
         return True
 
     def object_of(self, analysis: Analysis, name: str) -> str | None:
-        """Give the key of a file of an analysis; None when it has none of this name."""
+        """Return the key of a file of an analysis; None when it has none of this name."""
         if name not in analysis.files:  # as long as it runs, without asking again
             return None
         with self._database.read() as session:

@@ -23,7 +23,7 @@ class PatientProtocol(H11Protocol):
         self._look()
 
     def data_received(self, data: bytes) -> None:
-        """Take what arrives, which may be a part of a head."""
+        """Read what arrives, which may be a part of a head."""
         super().data_received(data)
         self._look()
 

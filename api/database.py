@@ -135,14 +135,14 @@ def _make_private(file: Path | None) -> None:
 
 
 def _network(url: str) -> dict[str, int]:
-    """Say when a database that has fallen silent is given up; otherwise TCP would wait for many minutes."""
+    """Report when a database that has fallen silent is given up; otherwise TCP would wait for many minutes."""
     if make_url(url).get_backend_name() != "postgresql":
         return {}
     return {"connect_timeout": int(_PATIENCE), "tcp_user_timeout": int(1000 * _PATIENCE), "keepalives_idle": 10}
 
 
 def _prepare_sqlite(connection: sqlite3.Connection, _: ConnectionPoolEntry) -> None:
-    """Let readers read while one writes, and have what was committed on the disk."""
+    """Allow readers while one writes, and flush what was committed to disk."""
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
         connection.execute(f"PRAGMA {pragma}").close()
 

@@ -50,7 +50,7 @@ PartsOf = Annotated[Parts, Depends(_parts)]
 
 
 def owner_of(request: Request, parts: Parts) -> str:
-    """Say whose things the request is about; a problem when it has no valid token where one is needed."""
+    """Report whose things the request is about; a problem when it has no valid token where one is needed."""
     if parts.settings.access is not Access.TOKENS:
         return EVERYBODY
     secret = bearer(request)
@@ -61,7 +61,7 @@ def owner_of(request: Request, parts: Parts) -> str:
 
 
 async def _owner(request: Request, parts: PartsOf) -> str:
-    """Say whose things the request is about, without a thread where nobody has to be looked up."""
+    """Report whose things the request is about, without a thread where nobody has to be looked up."""
     if parts.settings.access is not Access.TOKENS:
         return EVERYBODY
     return await run_in_threadpool(owner_of, request, parts)

@@ -13,7 +13,7 @@ _LOOK = 0.25
 
 
 async def changes(catalog: Catalog, analysis: Analysis, stopping: Callable[[], bool]) -> AsyncIterator[Analysis]:
-    """Give an analysis as it is, and again whenever it has changed, up to its end, its removal or ours."""
+    """Yield an analysis as it is, and again whenever it has changed, up to its end, its removal or ours."""
     yield analysis
     while not (analysis.state.ended or stopping()):
         await asyncio.sleep(_LOOK)

@@ -53,7 +53,7 @@ class Heartbeat:
         self._thread.join()
 
     def reach(self, stage: str, progress: float) -> None:
-        """Say how far the work is, and let others know soon."""
+        """Report how far the work is, and let others know soon."""
         self._reached = (stage, progress)
         self._news.set()
 

@@ -13,7 +13,7 @@ def new_id() -> str:
 
 
 def is_id(text: str) -> bool:
-    """Say whether a text could be one of our identifiers."""
+    """Return whether a text could be one of our identifiers."""
     return _ID.fullmatch(text) is not None
 
 
@@ -23,5 +23,5 @@ def new_secret() -> str:
 
 
 def digest(secret: str) -> str:
-    """Give what is kept of a secret; secrets are random and long, so that a plain SHA-256 cannot be turned back."""
+    """Return what is kept of a secret; secrets are random and long, so that a plain SHA-256 cannot be turned back."""
     return hashlib.sha256(secret.encode()).hexdigest()

@@ -33,7 +33,7 @@ class Upload:
         self.size += len(data)
 
     def sync(self) -> None:
-        """Have the bytes on the disk, not only on their way."""
+        """Flush the bytes to disk (fsync)."""
         os.fsync(self._file.fileno())
 
 

@@ -67,11 +67,11 @@ class Runner:
             self._executor.shutdown(wait=True)
 
     def stopping(self) -> bool:
-        """Say whether the service is about to end."""
+        """Return whether the service is about to end."""
         return self._closing.is_set()
 
     def wake(self) -> None:
-        """Say that something was put into the queue."""
+        """Report that something was put into the queue."""
         self._woken.set()
 
     def _dispatch(self) -> None:

@@ -40,7 +40,7 @@ _PROBLEM = {
 
 
 def install(app: FastAPI) -> None:
-    """Let an application describe itself with examples."""
+    """Add examples to an application's description."""
 
     def describe() -> dict[str, Any]:
         if app.openapi_schema is None:

@@ -42,7 +42,7 @@ def _moment(when: datetime) -> str:
 
 
 def _duration(analysis: Analysis) -> str:
-    """Say how long an analysis took; empty when it has not been begun or has not ended."""
+    """Report how long an analysis took; empty when it has not been begun or has not ended."""
     if analysis.started is None or analysis.ended is None:
         return ""
     seconds = math.ceil((analysis.ended - analysis.started).total_seconds())
@@ -50,14 +50,14 @@ def _duration(analysis: Analysis) -> str:
 
 
 def _stage(analysis: Analysis) -> str:
-    """Say what is being done, beginning with a capital."""
+    """Report what is being done, beginning with a capital."""
     if analysis.state is State.QUEUED:
         return "Waiting for its turn"
     return analysis.stage[:1].upper() + analysis.stage[1:] if analysis.stage else "Starting"
 
 
 def _settings(configuration: Mapping[str, Any]) -> str:
-    """Say what was set when an analysis was ordered; empty when nothing was."""
+    """Report what was set when an analysis was ordered; empty when nothing was."""
     known = [text.format(configuration[name]) for name, text in _SETTINGS.items() if name in configuration]
     if configuration.get("training"):
         known.append(f"fitted to {', '.join(configuration['training'])}")
@@ -96,7 +96,7 @@ def render(
 
 
 def local_path(address: str) -> str:
-    """Give the path to return to that a form names, or that of the start where it would lead to another site."""
+    """Return the path to return to that a form names, or that of the start where it would lead to another site."""
     parts = urlsplit(address)
     local = address.startswith("/") and not address.startswith("//") and not parts.scheme and not parts.netloc
     return address if local and "\\" not in address and address.isprintable() else "/"

@@ -205,7 +205,7 @@ class _ProblemShape:
 
 
 def _reshaped(request: Request, start: Message) -> Response | None:
-    """Give the problem to send in place of a plain-text error that is about to start; None for all else."""
+    """Return the problem to send in place of a plain-text error that is about to start; None for all else."""
     headers = Headers(raw=start["headers"])
     if start["status"] < HTTPStatus.BAD_REQUEST or not headers.get("content-type", "text/plain").startswith(
         "text/plain"

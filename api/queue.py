@@ -74,7 +74,7 @@ class Queue:
         self._deaths = deaths
 
     def claim(self) -> Claim | None:
-        """Take the oldest analysis that waits or whose worker has died; None when there is none."""
+        """Claim the oldest analysis that waits or whose worker has died; None when there is none."""
         now = datetime.now(UTC)
         # A lease far in the future was given before the clock stepped back, and nobody may be left to prolong it.
         over = or_(AnalysisRecord.lease_until < now, AnalysisRecord.lease_until > now + _PLAUSIBLE * self._lease)
@@ -115,7 +115,7 @@ class Queue:
         return own if held else None
 
     def prolong(self, claim: Claim, stage: str = "", progress: float = 0.0) -> bool:
-        """Give a sign of life and say how far the work is; False when the lease is lost and the work for nothing."""
+        """Return a sign of life and say how far the work is; False when the lease is lost and the work for nothing."""
         until = datetime.now(UTC) + self._lease
         with self._database.write() as session:
             return _change(session, claim, lease_until=until, stage=stage, progress=progress)
@@ -135,12 +135,12 @@ class Queue:
             return _change(session, claim, **_end(State.FAILED), problem=problem.model_dump(mode="json"))
 
     def give_back(self, claim: Claim) -> bool:
-        """Let others do the work after an orderly stop, as if it had not been begun."""
+        """Return the work to the queue after an orderly stop, as if it had not been begun."""
         with self._database.write() as session:
             return _change(session, claim, **_WAITING, attempts=AnalysisRecord.attempts - 1)
 
     def retry(self, claim: Claim) -> bool:
-        """Let others try after the process has died; False when too many have, or the lease is lost."""
+        """Return the work to the queue after its process has died; False when too many have, or the lease is lost."""
         if claim.deaths + 1 >= self._deaths:
             return False
         with self._database.write() as session:
@@ -157,7 +157,7 @@ def cancel(session: Session, analysis: str) -> bool:
 
 
 def abandoned(attempts: int) -> Problem:
-    """Say that an analysis lost its worker as often as it may."""
+    """Report that an analysis lost its worker as often as it may."""
     return Problem.named(
         "analysis-crashed",
         "The analysis crashed",

@@ -28,7 +28,7 @@ class UtcTime(TypeDecorator[datetime]):
         return None if value is None else value.astimezone(UTC).replace(tzinfo=None)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Say that it is UTC."""
+        """Report that it is UTC."""
         del dialect
         return None if value is None else value.replace(tzinfo=UTC)
 

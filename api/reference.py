@@ -114,7 +114,7 @@ def _resolved(document: Schema, schema: Schema) -> Schema:
 
 
 def _kind(document: Schema, schema: Schema) -> str:
-    """Say in a few words what a value may be."""
+    """Report in a few words what a value may be."""
     schema = _resolved(document, schema)
     if "enum" in schema:
         return " or ".join(map(str, schema["enum"]))

@@ -32,7 +32,7 @@ class ReportKeys:
             return f"{token.id}.{analysis}.{until}.{_code(token, analysis, until)}"
 
     def analysis_of(self, key: str) -> str | None:
-        """Say which analysis a key is for; None when it is for none, or its time is over."""
+        """Report which analysis a key is for; None when it is for none, or its time is over."""
         parts = key.split(".")
         if len(parts) != 4 or not (parts[2].isascii() and parts[2].isdigit() and len(parts[2]) < 12):
             return None

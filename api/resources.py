@@ -74,7 +74,7 @@ class Configuration(BaseModel):
     )
 
     def chosen(self) -> dict[str, Any]:
-        """Give what was set."""
+        """Return what was set."""
         return self.model_dump(exclude_none=True)
 
 

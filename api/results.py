@@ -25,7 +25,7 @@ _MEDIA_TYPES = {
 
 
 def links_of(analysis: Analysis) -> dict[str, str]:
-    """Give the addresses of an analysis, of its page and log and, once it is done, of its files."""
+    """Return the addresses of an analysis, of its page and log and, once it is done, of its files."""
     here = f"/api/v1/analyses/{analysis.id}"
     links = {
         "self": here,
@@ -66,7 +66,7 @@ def file_of(analysis: Analysis, name: str, parts: Parts) -> FileResponse | None:
 
 
 def _here(key: str | None, parts: Parts) -> Path | None:
-    """Give an object as a file of this computer; what was brought from elsewhere stays, for results never change.
+    """Return an object as a file of this computer; what was brought from elsewhere stays, for results never change.
 
     None where there is no such object, or it was deleted at this moment.
     """

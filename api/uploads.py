@@ -89,7 +89,7 @@ class _Form:
         )
 
     def feed(self, chunk: bytes) -> None:
-        """Take the next bytes of the request's body."""
+        """Read the next bytes of the request's body."""
         self._parser.write(chunk)
 
     def waiting(self) -> int:
@@ -140,7 +140,7 @@ class _Form:
 async def receive_logs(
     request: Request, incoming: Incoming, catalog: Catalog, owner: str, *, limit: int, stall: float, logs_limit: int
 ) -> list[Kept]:
-    """Take the logs out of an upload and keep them: all, or none when something is wrong with one.
+    """Store the logs of an upload: all, or none when something is wrong with one.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def check_room(catalog: Catalog, owner: str, logs_limit: int) -> None:
 
 
 async def _body(request: Request, stall: float) -> AsyncIterator[bytes]:
-    """Give the body piece by piece, as long as it keeps coming faster than drop by drop."""
+    """Yield the body piece by piece, as long as it keeps coming faster than drop by drop."""
     pieces = request.stream()
     now = asyncio.get_running_loop().time
     deadline, arrived = now() + stall, 0

@@ -76,7 +76,7 @@ class Workplace:
     log_format: LogFormat = LogFormat.TEXT
 
     def queue(self, database: Database) -> Queue:
-        """Give the queue as this workplace's rules are."""
+        """Return the queue as this workplace's rules are."""
         return Queue(database, lease=self.lease, deaths=self.deaths)
 
     def warm_up(self) -> None:
@@ -177,7 +177,7 @@ def _keep(claim: Claim, objects: Objects, folder: Path, heartbeat: Heartbeat) ->
 def _analyse(
     workplace: Workplace, claim: Claim, heartbeat: Heartbeat, task: worker.Task, stopping: Callable[[], bool]
 ) -> Problem | None:
-    """Let a process do the task; gives what went wrong, or None when the results are there."""
+    """Run the task in a process; return what went wrong, or None when the results are there."""
     with _process(workplace, task) as (process, receiver):
         deadline = time.monotonic() + workplace.limits.time
         last = worker.Advanced("", 0.0)
@@ -235,7 +235,7 @@ def _persist(change: Callable[[], bool]) -> bool:
 
 
 def _judge(workplace: Workplace, claim: Claim, report: worker.Report) -> Problem | None:
-    """Say what a process' last report means for the user."""
+    """Report what a process' last report means for the user."""
     match report:
         case worker.Refused(reason):
             return _unusable(reason)
@@ -248,7 +248,7 @@ def _judge(workplace: Workplace, claim: Claim, report: worker.Report) -> Problem
 
 
 def _judge_exit(workplace: Workplace, claim: Claim, exit_code: int | None) -> Problem:
-    """Say what the silent death of one process after the other means for the user."""
+    """Report what the silent death of one process after the other means for the user."""
     # Not killed by us, so by the kernel when memory ran out.
     return _too_large(workplace.limits.memory) if exit_code == -signal.SIGKILL else _bug(claim)
 

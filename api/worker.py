@@ -188,7 +188,7 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, lo
 
 
 def _tell(watcher: Connection, report: Report) -> None:
-    """Tell the watcher something; when it is dead, somebody else does this analysis, and we are in the way."""
+    """Return the watcher something; when it is dead, somebody else does this analysis, and we are in the way."""
     try:
         watcher.send(report)
     except BrokenPipeError:

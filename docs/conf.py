@@ -37,7 +37,7 @@ def escape_units(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lin
 
 
 def hide_object(_app: Any, _name: str, _of: Any, _options: Any, bases: list[Any]) -> None:
-    """Say nothing of the base that every class has."""
+    """Report nothing of the base that every class has."""
     bases[:] = [base for base in bases if base is not object]
 
 

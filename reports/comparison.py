@@ -297,7 +297,7 @@ def _changed(a: Subject, b: Subject) -> list[Numbers]:
 
 
 def _sentences(parameters: list[Numbers], changed: list[Numbers]) -> list[str]:
-    """Say what changed, what did not as far as can be seen, and what these flights cannot tell."""
+    """Report what changed, what did not as far as can be seen, and what these flights cannot tell."""
     if not parameters:
         return [
             "No parameter is determined on both sides, so none can be compared; the reports say why "

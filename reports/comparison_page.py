@@ -45,7 +45,7 @@ def parameter_table(pair: Numbers) -> Numbers:
 
 
 def _unit(unit: str) -> str:
-    """Give the unit in brackets without the conditions behind it; nothing for a pure number."""
+    """Return the unit in brackets without the conditions behind it; nothing for a pure number."""
     return "" if unit.startswith("1 (") else f" ({unit.partition(',')[0]})"
 
 
@@ -119,7 +119,7 @@ def chance(p: float | None) -> str:
 
 
 def tables(pair: Numbers) -> Iterator[tuple[str, Numbers]]:
-    """Give the tables that have rows, with their headings, what matters most first."""
+    """Yield the tables that have rows, with their headings, what matters most first."""
     for title, table in (
         ("Parameters", parameter_table(pair)),
         ("Errors of the models", error_table(pair)),
@@ -137,7 +137,7 @@ def heading(pair: Numbers) -> str:
 
 
 def flights(pair: Numbers) -> str:
-    """Say how many flights the two sides hold, and when they were."""
+    """Report how many flights the two sides hold, and when they were."""
     return f"{_flights(pair['a'])} before, {_flights(pair['b'])} after"
 
 
@@ -148,7 +148,7 @@ def _flights(side: Numbers) -> str:
 
 
 def unpaired(numbers: Numbers) -> str:
-    """Say which crafts have nobody to be compared with; empty when all have."""
+    """Report which crafts have nobody to be compared with; empty when all have."""
     parts = [
         f"only in {numbers[side]['report']}: {', '.join(numbers['unpaired'][side])}"
         for side in "ab"

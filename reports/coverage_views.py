@@ -39,7 +39,7 @@ def coverage_table(coverage: Numbers | None) -> View | None:
 
 
 def _reach(quantity: Numbers, part: str, factor: float) -> list[float] | None:
-    """Give the edges of the bins that hold any time."""
+    """Return the edges of the bins that hold any time."""
     filled = [place for place, seconds in enumerate(quantity[part]) if seconds]
     if not filled:
         return None
@@ -83,7 +83,7 @@ def flight_coverage(coverage: Numbers | None) -> View | None:
 
 
 def excitation(coverage: Numbers | None) -> list[str]:
-    """Say how much a flight moved in each axis, and the wind."""
+    """Report how much a flight moved in each axis, and the wind."""
     if coverage is None:
         return []
     found = coverage["excitation"]

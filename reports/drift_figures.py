@@ -40,12 +40,12 @@ def drift_figures(drift: Numbers | None, prefix: str) -> tuple[list[Figure], lis
 
 
 def changes(parameter: Numbers) -> bool:
-    """Tell whether a parameter is seen to change over the flights."""
+    """Return whether a parameter is seen to change over the flights."""
     return any(parameter[kind] is not None and parameter[kind]["significant"] for kind in ("trend", "step"))
 
 
 def _place(drift: Numbers, point: Numbers) -> Any:
-    """Give the place of a flight on the axis: its start where all are known, else its name."""
+    """Return the place of a flight on the axis: its start where all are known, else its name."""
     return _utc(point["start_utc"]) if _dated(drift) else point["flight"]
 
 

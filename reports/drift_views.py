@@ -44,7 +44,7 @@ def drift_table(drift: Numbers | None) -> View | None:
 
 
 def drift_sentences(drift: Numbers | None) -> list[str]:
-    """Say what changes over the flights, the gravest first; of what does not, only that."""
+    """Report what changes over the flights, the gravest first; of what does not, only that."""
     if drift is None:
         return []
     motors = drift["motors"]

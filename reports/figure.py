@@ -59,7 +59,7 @@ class Figure:
     place: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Give what JSON can say, long lines as differences (`reports.packing`)."""
+        """Return what JSON can hold, long lines as differences (`reports.packing`)."""
         return {
             "id": self.id,
             "caption": self.caption,
@@ -71,7 +71,7 @@ class Figure:
         }
 
     def packed(self) -> dict[str, Any]:
-        """Give what travels in a page."""
+        """Return what travels in a page."""
         drawing = self.to_dict()
         return {
             "id": self.id,
@@ -88,7 +88,7 @@ def short(title: str) -> str:
 
 
 def model_color(key: str) -> str:
-    """Give the colour that a kind of model has everywhere."""
+    """Return the colour that a kind of model has everywhere."""
     return MODEL_COLORS.get(key, "@body")
 
 
@@ -212,7 +212,7 @@ def line(
 
 
 def padded(data: Iterable[Trace], axis: str) -> list[float]:
-    """Give the range of an axis with room around what is drawn."""
+    """Return the range of an axis with room around what is drawn."""
     values = [value for trace in data for value in trace[axis] if value is not None]
     pad = max(0.06 * (max(values) - min(values)), 0.5)
     return [min(values) - pad, max(values) + pad]

@@ -18,7 +18,7 @@ ALONE = "No craft has two usable flights here, so there is no joint model; every
 
 
 def links(flights: Sequence[Numbers]) -> dict[str, str]:
-    """Give the page of every flight, by its name."""
+    """Return the page of every flight, by its name."""
     return {flight["name"]: f"{quote(flight['folder'])}/report.html" for flight in flights}
 
 
@@ -99,7 +99,7 @@ def _digits(value: float | None) -> str:
 
 
 def own_models(numbers: Numbers) -> str:
-    """Say how many flights have a model of their own, and how far it can be trusted."""
+    """Report how many flights have a model of their own, and how far it can be trusted."""
     chosen = [summary.best(flight["models"]) for flight in numbers["flights"]]
     words = {
         "yes": "a model that can be trusted for flights like it",

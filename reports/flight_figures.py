@@ -293,7 +293,7 @@ def _start(values: pd.Series, flight: Span | None) -> float:
 
 
 def _gps_offsets(result: FlightResult) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Give the GPS fixes in metres north and east of the trajectory's origin, else of the first fix."""
+    """Return the GPS fixes in metres north and east of the trajectory's origin, else of the first fix."""
     if result.gps is None:
         return None
     table = _within(result.gps[["lat", "lon"]], result.flight).dropna()

@@ -108,7 +108,7 @@ def failed_page(error: Exception) -> str:
 
 
 def plotly_script() -> bytes:
-    """Give Plotly's script, for a file that several pages share."""
+    """Return Plotly's script, for a file that several pages share."""
     return (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
 
 

@@ -123,7 +123,7 @@ def orders(result: Numbers) -> View | None:
 
 
 def judgements(models: Sequence[Numbers]) -> list[View]:
-    """Say axis by axis what each model is worth, and what the tests of its residuals found."""
+    """Report axis by axis what each model is worth, and what the tests of its residuals found."""
     views = []
     for result in models:
         validation = result["validation"]

@@ -299,7 +299,7 @@ def _rmse_rows(result: ModelResult, scope: str, flight: str | None, craft: str |
 
 
 def _model_facts(model: Model) -> Numbers:
-    """Give a model without its findings, which stand beside it, and without covariances, which models.json has."""
+    """Return a model without its findings, which stand beside it, and without covariances, which models.json has."""
     return {key: value for key, value in _without_covariance(model.to_dict()).items() if key != "findings"}
 
 

@@ -42,7 +42,7 @@ def differences(values: list[float | None]) -> dict[str, Any] | None:
 
 
 def compact(trace: Mapping[str, Any]) -> dict[str, Any]:
-    """Give a trace with its long lines as differences."""
+    """Return a trace with its long lines as differences."""
     slim = dict(trace)
     for axis in ("x", "y"):
         values = slim.get(axis)

@@ -94,7 +94,7 @@ def coherence(models: Sequence[Numbers]) -> View | None:
 
 
 def _worth(result: Numbers) -> str:
-    """Say of which outputs the inputs tell something at most frequencies of the band, and of which they do not."""
+    """Report of which outputs the inputs tell something at most frequencies of the band, and of which they do not."""
     outputs = result["coherence"]["outputs"]
     good = [name for name, each in outputs.items() if (each["above_chance"] or 0.0) > 0.5]
     poor = [name for name in outputs if name not in good]

@@ -204,7 +204,7 @@ def _axes(output: str, number: int, count: int, main: str, below: str, shown: li
 
 
 def _held_out(runs: Sequence[tuple[ModelResult, Prediction]]) -> Span | None:
-    """Give the part of the flight that a model was not fitted to, where it was fitted to the rest."""
+    """Return the part of the flight that a model was not fitted to, where it was fitted to the rest."""
     fitted = {result.key for result, part in runs if part.training}
     return next((part.span for result, part in runs if not part.training and result.key in fitted), None)
 

@@ -26,5 +26,5 @@ def average(rows: Sequence[Numbers], key: str = "rmse_m") -> Numbers:
 
 
 def held_out(result: Numbers) -> list[Numbers]:
-    """Give the RMSE rows of a model on flight time that it was not fitted to."""
+    """Return the RMSE rows of a model on flight time that it was not fitted to."""
     return [row for row in result["rmse"] if row["part"] == "held-out"]

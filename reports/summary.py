@@ -76,7 +76,7 @@ def facts(numbers: Numbers) -> str:
 
 
 def sentences(numbers: Numbers) -> list[str]:
-    """Say what the log is and what was identified; the verdict follows these."""
+    """Report what the log is and what was identified; the verdict follows these."""
     return [part for part in (_what_it_is(numbers), _what_was_identified(numbers)) if part]
 
 
@@ -114,7 +114,7 @@ def _identified(numbers: Numbers) -> str:
 
 
 def joint_sentences(group: Numbers) -> list[str]:
-    """Say what was identified from several flights of one craft, and from which."""
+    """Report what was identified from several flights of one craft, and from which."""
     count = len(group["training"]) + len(group["held_out"])
     split = f"{len(group['training'])} to fit, {len(group['held_out'])} to judge"
     text = f"{count} flights of one craft ({group['name']}): {split}."
@@ -141,14 +141,14 @@ def thrust_coefficient(thrust: Numbers | None) -> str:
 
 
 def thrust_conditions(thrust: Numbers) -> str:
-    """Say at which voltage and in which air thrust coefficients hold."""
+    """Report at which voltage and in which air thrust coefficients hold."""
     voltage = thrust["reference_voltage"]
     at = "at the unknown voltage of the flight" if voltage is None else f"at {voltage:.1f} V"
     return f"{at}, in standard sea-level air"
 
 
 def first_reason(numbers: Numbers) -> str:
-    """Give the first reason why a flight has no validated model."""
+    """Return the first reason why a flight has no validated model."""
     reasons = [*numbers["missing"].values(), *(result["missing"] for result in numbers["models"])]
     return next((str(reason) for reason in reasons if reason), "no model")
 

@@ -161,7 +161,7 @@ def _shortened(name: str, most: int) -> str:
 
 
 def _first_clause(reason: str, name: str) -> str:
-    """Give what fits a cell of a reason; the flight's own name, which some begin with, stands in the row already."""
+    """Return what fits a cell of a reason; the flight's own name, which some begin with, stands in the row already."""
     reason = reason.removeprefix(f"{name}: ")
     return re.split(r"[:;]", reason, maxsplit=1)[0]
 
@@ -174,7 +174,7 @@ def failures(numbers: Numbers) -> Iterable[str]:
 
 
 def no_model(numbers: Numbers) -> str:
-    """Say that logs were analysed but none gave a model, and why; empty where one did or all failed anyway."""
+    """Report that logs were analysed but none gave a model, and why; empty where one did or all failed anyway."""
     flights = [numbers] if numbers["kind"] == "flight" else numbers["flights"]
     every = [*flights, *numbers.get("groups", [])]
     if not flights or any(

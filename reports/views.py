@@ -36,7 +36,7 @@ def missing_stages(numbers: Numbers) -> list[tuple[str, str]]:
 
 
 def verdicts(models: Sequence[Numbers]) -> list[View]:
-    """Give every model's verdict for the top of a page."""
+    """Return every model's verdict for the top of a page."""
     return [
         {
             "title": result["title"],

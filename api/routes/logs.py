@@ -129,7 +129,7 @@ def delete_log(
 
 
 def _deleter(request: Request, parts: Parts, log_id: str, delete_token: str | None) -> str | None:
-    """Say for whom a log may be deleted: for the owner who asks, or for the one whose delete token was sent."""
+    """Report for whom a log may be deleted: for the owner who asks, or for the one whose delete token was sent."""
     if delete_token is not None and bearer(request) is None:
         return parts.catalog.may_delete_log(log_id, delete_token)
     return owner_of(request, parts)

@@ -102,14 +102,14 @@ async def analyse_again(request: Request, analysis_id: str, parts: PartsOf, owne
 
 
 def _flights(analysis: Analysis, parts: Parts) -> dict[str, bool]:
-    """Say of every flight of a joint analysis whether it was fitted to; nothing where there is no joint model."""
+    """Report of every flight of a joint analysis whether it was fitted to; nothing where there is no joint model."""
     report = answer(analysis, parts).report or {}
     groups = report.get("groups", [])
     return {name: part == "training" for part in ("training", "held_out") for each in groups for name in each[part]}
 
 
 def _in_words(error: ValidationError | ProblemError) -> str:
-    """Say what about the settings cannot be."""
+    """Report what about the settings cannot be."""
     if isinstance(error, ProblemError):
         return error.problem.detail.removeprefix("configuration: ")
     return "; ".join(f"{item['loc'][-1]}: {item['msg']}" for item in error.errors())

@@ -46,7 +46,7 @@ def home(request: Request, parts: PartsOf, owner: Owner) -> Response:
 
 @router.post("/", dependencies=[from_our_pages])
 async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Response:
-    """Take the form of a browser that runs no scripts, and lead it to the analysis."""
+    """Accept the form of a browser that runs no scripts, and lead it to the analysis."""
     kept = await take_upload(request, parts, owner)
     analysis = await run_in_threadpool(parts.catalog.order, [each.log.id for each in kept], {}, owner)
     parts.runner.wake()
@@ -146,7 +146,7 @@ def _shown(analysis: Analysis, address: str, frame: str) -> dict[str, Any]:
 
 @router.get("/static/htmx.min.js")
 def htmx() -> Response:
-    """Give htmx out of the wheel that brings it."""
+    """Return htmx out of the wheel that brings it."""
     return FileResponse(str(files("js_lib_htmx") / "static" / "htmx" / "htmx.min.js"), media_type="text/javascript")
 
 

@@ -52,7 +52,7 @@ def share_analysis(
     dependencies=[from_our_pages],
 )
 def unshare_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
-    """Take all links to an analysis back."""
+    """Withdraw all links to an analysis."""
     parts.shares.revoke_all(find_analysis(analysis_id, parts.catalog, owner).id)
 
 

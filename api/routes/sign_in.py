@@ -35,7 +35,7 @@ def sign_in(
     token: Annotated[str, Form(max_length=200)] = "",
     following: Annotated[str, Form(alias="next", max_length=2000)] = "/",
 ) -> Response:
-    """Let the browser keep a token, if it is somebody's."""
+    """Store a token in the browser, if it is somebody's."""
     parts.rates.check_sign_ins(request)
     secret = token.strip()
     if parts.tokens.owner_of(secret) is None:
@@ -51,7 +51,7 @@ def sign_in(
 
 @router.post("/sign-out", dependencies=[from_our_pages])
 def sign_out(request: Request) -> Response:
-    """Let the browser forget its token."""
+    """Remove the browser's token."""
     response = RedirectResponse("/sign-in", HTTPStatus.SEE_OTHER)
     response.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=request.url.scheme == "https")
     return response

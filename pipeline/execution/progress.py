@@ -48,12 +48,12 @@ class Watch:
         self._done: set[str] = set()
 
     def begin(self, url: str) -> None:
-        """Take note that a log was handed to a worker."""
+        """Note that a log was handed to a worker."""
         self._begun.append(url)
         self._tell()
 
     def end(self, url: str) -> None:
-        """Take note that a log is done."""
+        """Note that a log is done."""
         self._done.add(url)
         self._tell()
 

@@ -223,7 +223,7 @@ def _motor_order(experiments: Mapping[str, sysid.Experiment]) -> MotorOrder | No
 
 
 def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:
-    """Say why no model of the motion can be fitted; empty when the position is known."""
+    """Explain why no model of the motion can be fitted; empty when the position is known."""
     sigma = horizontal_sigma(trajectory, flight)
     if sigma <= POSITION_KNOWN:
         return ""

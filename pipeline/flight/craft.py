@@ -104,7 +104,7 @@ def by_craft(flights: Iterable[FlightEntry]) -> list[tuple[FlightEntry, ...]]:
 
 
 def same_flight(a: FlightEntry, b: FlightEntry) -> bool:
-    """Tell whether two logs recorded the same flight, such as DataFlash on board and telemetry on the ground.
+    """Return whether two logs recorded the same flight, such as DataFlash on board and telemetry on the ground.
 
     They have the same content, or the same frame was in the air at the same time and place. A copy among the flights
     that judge a model would make it look better than it is. Time alone does not tell: simulators fly several craft at
@@ -125,7 +125,7 @@ def same_flight(a: FlightEntry, b: FlightEntry) -> bool:
 
 
 def _near(a: FlightEntry, b: FlightEntry, times: Sequence[datetime]) -> bool:
-    """Tell whether two tracks are at one place at the same times; also where one of them does not tell."""
+    """Return whether two tracks are at one place at the same times; also where one of them does not tell."""
     import numpy as np
 
     tracks = [track for track in (_places(a, times), _places(b, times)) if track is not None]
@@ -133,7 +133,7 @@ def _near(a: FlightEntry, b: FlightEntry, times: Sequence[datetime]) -> bool:
 
 
 def changes(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
-    """Say what was changed about one craft between its flights: gains, filters, firmware.
+    """Report what was changed about one craft between its flights: gains, filters, firmware.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def changes(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
 
 
 def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Finding, ...]]:
-    """Say why flights that look like those of one craft are not analysed together.
+    """Explain why flights that look like those of one craft are not analysed together.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def in_order(flights: Iterable[Flown]) -> list[Flown]:
 
 
 def took_off(flight: FlightSummary) -> datetime | None:
-    """Tell when the flight began, UTC."""
+    """Return when the flight began, UTC."""
     if flight.start_utc is None:
         return None
     return flight.start_utc + timedelta(seconds=flight.flight.start if flight.flight else 0.0)

@@ -87,7 +87,7 @@ def _rms(vectors: Floats) -> float:
 
 
 def _commands(log: FlightLog, context: pd.DataFrame) -> Mapping[str, float]:
-    """Give the standard deviation of each command of the mixer; nothing where motor outputs do not tell it."""
+    """Return the standard deviation of each command of the mixer; nothing where motor outputs do not tell it."""
     motors = log.tables.motors
     if motors is None or len(motors) < 2:
         return {}

@@ -81,7 +81,7 @@ def flight_parameters(result: FlightResult) -> list[dict[str, Any]]:
 
 
 def motor_shares(record: Experiment) -> dict[str, tuple[float, float]]:
-    """Give each motor's part in the hover command, over the mean of all, with its standard error.
+    """Return each motor's part in the hover command, over the mean of all, with its standard error.
 
     Hovering is looked at alone where there is enough of it: flying forward takes steady moments of its own.
 

@@ -121,7 +121,7 @@ def _rigid_body(
 
 
 def _same_wind(model: sysid.Model, fitted: sysid.Experiment, judge: sysid.Experiment) -> sysid.Model:
-    """Take wind and thrust scale of the part fitted for the rest of its flight, whose outputs stay unseen."""
+    """Carry wind and thrust scale of the part fitted over to the rest of its flight, whose outputs stay unseen."""
     assert isinstance(model, sysid.RigidBodyModel)
     return model.continued(fitted, judge)
 

@@ -268,7 +268,7 @@ def _from_table(
 
 
 def _about(record: sysid.Experiment, model: sysid.Model, trim: Trim, title: str) -> tuple[sysid.Experiment, list[str]]:
-    """Give a record the trim that a linear model of the craft works about, and say which; others need none."""
+    """Return a record the trim that a linear model of the craft works about, and say which; others need none."""
     if not isinstance(model, sysid.TransferFunctionModel):
         return record, []
     if trim is Trim.OWN:

@@ -145,7 +145,7 @@ def _summed(verdicts: Mapping[str, Verdict]) -> Verdict:
 
 
 def _hardly(validation: Validation, average: Mapping[str, float], means: pd.Series[float], outputs: list[str]) -> str:
-    """Say how little a model achieves on outputs that it does not follow, output by output where they differ."""
+    """Report how little a model achieves on outputs that it does not follow, output by output where they differ."""
     trained = validation.table[validation.table["trained"].astype(bool)]
     own = trained.groupby("output", sort=False)["fit_percent"].mean()
     words: dict[str, list[str]] = {}
@@ -168,12 +168,12 @@ def _hardly(validation: Validation, average: Mapping[str, float], means: pd.Seri
 
 
 def _about(validation: Validation) -> str:
-    """Say what a linear model of the craft must be told of a flight: the mean of its inputs."""
+    """Report what a linear model of the craft must be told of a flight: the mean of its inputs."""
     return ", given the mean of its inputs there," if validation.own_trim else ""
 
 
 def _closed_loop(validation: Validation) -> bool:
-    """Tell whether the model's inputs are what its outputs should be, which is a guess that is hard to beat."""
+    """Return whether the model's inputs are what its outputs should be, which is a guess that is hard to beat."""
     return bool(validation.table["rmse_reference"].notna().all())
 
 

@@ -242,7 +242,7 @@ def _write_plots(result: "FlightResult", out: Path, plots: PlotFormat) -> None:
 
 
 def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManager[Executor]":
-    """Give processes of this computer."""
+    """Return worker processes of this computer."""
     from pipeline.execution.executors import processes
 
     return processes(jobs, sizes, PRELOAD)
@@ -250,7 +250,7 @@ def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManage
 
 @contextmanager
 def _cluster(scheduler: str, jobs: int | None, paths: Sequence[str], out: str) -> "Iterator[Executor]":
-    """Give the workers of a cluster, when they have shown that they can do this work."""
+    """Return the workers of a cluster, when they have shown that they can do this work."""
     from pipeline.errors import ConfigError
     from pipeline.execution.cluster import Cluster, SchedulerError
 

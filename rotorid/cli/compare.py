@@ -26,7 +26,7 @@ def compare(
         bool, typer.Option("--json", help="Write comparison.json to stdout instead of the tables.")
     ] = False,
 ) -> None:
-    """Tell what changed between two reports, such as before and after a change of propellers.
+    """Compare two reports, such as before and after a change of propellers.
 
     Physical parameters are compared over the flights of a craft: a difference counts when it is larger than flights
     differ anyway. Errors of the models and settings that differ stand beside them.

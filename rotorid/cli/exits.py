@@ -11,7 +11,7 @@ INTERRUPTED = 130
 
 
 def fail(message: str, status: int) -> NoReturn:
-    """Say on stderr what is wrong, and end."""
+    """Report on stderr what is wrong, and end."""
     from pipeline.names import printable  # the pipeline takes a second to load, which only a failure has to spend
 
     sys.stderr.write(f"rotorid: {printable(message)}\n")

@@ -41,7 +41,7 @@ class Group(TyperGroup):
     """
 
     def get_help_option(self, ctx: Any) -> TyperOption | None:
-        """Give the option, not asked for unless it is given."""
+        """Return the option, not asked for unless it is given."""
         option = super().get_help_option(ctx)
         if option is not None:
             option.default = False
@@ -74,7 +74,7 @@ app = typer.Typer(
 for _command, _summary in (
     (analyze, "Logs to trajectories, models and a report."),
     (report, "Show a report made before, or open its page."),
-    (compare, "Tell what changed between two reports."),
+    (compare, "What changed between two reports."),
     (inspect, "Show what is in a log and what to log better."),
     (plot, "Plot any fields of a log over time."),
     (export, "Write messages and tables as files for other programs."),

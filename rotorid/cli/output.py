@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def console() -> "Console":
-    """Give stdout as Rich writes to it; where it is no terminal, wide enough that tables need no folding."""
+    """Return stdout as Rich writes to it; where it is no terminal, wide enough that tables need no folding."""
     from rich.console import Console
 
     return Console(highlight=False, width=None if sys.stdout.isatty() else 120)

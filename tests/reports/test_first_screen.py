@@ -71,7 +71,7 @@ def answered(given: FlightResult, /, **changed) -> FlightResult:
 
 @pytest.fixture(scope="module")
 def kinds(flight, other) -> dict[str, FlightResult]:
-    """Give flights as different as they come."""
+    """Return flights as different as they come."""
     nothing = {"trajectory": None, "experiments": {}, "models": (), "gps": None, "baro": None}
     return {
         "good": answered(flight, health=health(), loops=FlightLoops(), rotation=loops(loop("roll", 52.0))),
