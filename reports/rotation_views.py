@@ -9,7 +9,6 @@ from logparse.quantity import uncertain
 from pipeline.results.rotation import AxisRotation, RotationResult
 from reports.figure import Figure
 from reports.frequency_figures import bode_figure
-from reports.rows import Numbers
 from sysid.loops.loop import MARGINS, Margins
 from sysid.statistics.parameter import Parameter
 
@@ -133,24 +132,6 @@ def loop_table(found: RotationResult) -> View | None:
             for k, label in enumerate(labels)
         ],
     }
-
-
-def rotation_line(rotation: Numbers | None) -> str:
-    """Sum up in a line what a flight tells of how its craft turns; empty where nothing."""
-    if rotation is None:
-        return ""
-    known = [axis["axis"] for axis in rotation["axes"] if axis["determined"]]
-    parts = [f"determined in {_and(known)}"] if known else []
-    for axis in rotation["axes"]:
-        if axis["loop"] is not None:
-            gain, phase = (axis["loop"]["computed"][name] for name in ("gain_db", "phase_deg"))
-            told = [
-                f"{title} {uncertain(each['value'], each['sigma'], each['unit'])}"
-                for title, each in (("gain margin", gain), ("phase margin", phase))
-                if each["value"] is not None
-            ]
-            parts.append(f"{axis['axis']} loop {axis['loop']['state']}" + (f" ({', '.join(told)})" if told else ""))
-    return f"How it turns: {'; '.join(parts)}." if parts else ""
 
 
 def _grouped(found: RotationResult, name: str, file: str) -> list[tuple[str, str]]:

@@ -11,7 +11,7 @@ from rich.text import Text
 from logparse.quantity import column, number
 from reports import summary
 from reports.health_views import sentence
-from reports.rotation_views import rotation_line
+from reports.rotation_line import rotation_line
 from reports.rows import Numbers, average, held_out
 
 #: Longest reason that stands in a cell.

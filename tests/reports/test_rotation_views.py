@@ -6,7 +6,8 @@ from dataclasses import replace
 import jsonschema
 
 import reports
-from reports.rotation_views import rotation_line, rotation_view
+from reports.rotation_line import rotation_line
+from reports.rotation_views import rotation_view
 from tests.pipeline.test_rotation import margins, turning
 from tests.reports.conftest import made_flight
 from tests.reports.test_report_schema import schema_of
