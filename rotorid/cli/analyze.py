@@ -208,14 +208,16 @@ def _one_log(
     source: "Source", out: Path, config: AnalysisConfig, as_json: bool, plots: "PlotFormat | None" = None
 ) -> None:
     """Analyse a log anew and write its report."""
-    import pipeline
-    import reports
     from pipeline.execution.progress import shown
     from pipeline.execution.stages import overall
     from pipeline.storage.sources import fetched
-    from reports.numbers import flight_numbers
 
     with shown() as progress, fetched(source.url) as file:
+        # The numerical packages take seconds to import: the terminal shows first that something happens.
+        progress("loading the numerical packages", 0.0)
+        import pipeline
+        import reports
+
         advance = overall(progress)
         result = pipeline.analyze(file, config, advance)
         advance("report", 0.0)
@@ -224,6 +226,8 @@ def _one_log(
             if plots is not None:
                 _write_plots(result, out, plots)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
+            from reports.numbers import flight_numbers
+
             _show(flight_numbers(result), "", as_json)
             fail(f"the report could not be written: {error.filename or out}: {error.strerror}", SOME_FAILED)
     # What was written need not be gathered again.
