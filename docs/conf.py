@@ -19,13 +19,13 @@ suppress_warnings = ["toc.not_included"]
 
 myst_heading_anchors = 3
 
-# numpydoc sections. Attributes stand where the docstring lists them, with shapes and units, several names on a line.
+# numpydoc sections. Fields are described beside them (`#:`); one that needs no word stands with its name alone.
 napoleon_google_docstring = False
 napoleon_use_param = False
 napoleon_use_rtype = False
 napoleon_custom_sections = [("Attributes", "params_style")]
 
-autodoc_default_options = {"members": True}
+autodoc_default_options = {"members": True, "undoc-members": True}
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 autodoc_preserve_defaults = True
@@ -36,6 +36,12 @@ def escape_units(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lin
     lines[:] = [re.sub(r"^(\s*)([A-Za-z])\.(?=\s|$)", r"\1\2\\.", line) for line in lines]
 
 
+def keep_first_line(_app: Any, what: str, _name: str, _of: Any, _options: Any, lines: list[str]) -> None:
+    """Keep what stands before a colon in a field's description from being read as its type."""
+    if what in ("attribute", "property"):
+        lines.insert(0, "\\ ")
+
+
 def hide_object(_app: Any, _name: str, _of: Any, _options: Any, bases: list[Any]) -> None:
     """Report nothing of the base that every class has."""
     bases[:] = [base for base in bases if base is not object]
@@ -44,4 +50,5 @@ def hide_object(_app: Any, _name: str, _of: Any, _options: Any, bases: list[Any]
 def setup(app: Any) -> None:
     """Connect the above, before docstrings are read."""
     app.connect("autodoc-process-docstring", escape_units, priority=400)
+    app.connect("autodoc-process-docstring", keep_first_line, priority=400)
     app.connect("autodoc-process-bases", hide_object)

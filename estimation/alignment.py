@@ -43,27 +43,14 @@ UNSEEN_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """The start of one segment.
+    """The start of one segment."""
 
-    Attributes
-    ----------
-    x : ndarray, shape (27,)
-        Nominal state: position, velocity, quaternion, sensor errors in the order of `states`.
-    P : ndarray, shape (26, 26)
-        Covariance of its error.
-    still : bool
-        Found standing still before flight.
-    yaw_source : str
-        ``"magnetometer"``, ``"autopilot"``, ``"movement"`` or ``"unknown"``.
-    levelled : bool
-        Whether tilt was read off the accelerometer, and is as wrong as its bias makes it.
-    """
-
+    #: shape (27,): Nominal state: position, velocity, quaternion, sensor errors in the order of `states`.
     x: np.ndarray
-    P: np.ndarray
-    still: bool
-    yaw_source: str
-    levelled: bool
+    P: np.ndarray  #: shape (26, 26): Covariance of its error.
+    still: bool  #: Found standing still before flight.
+    yaw_source: str  #: ``"magnetometer"``, ``"autopilot"``, ``"movement"`` or ``"unknown"``.
+    levelled: bool  #: Whether tilt was read off the accelerometer, and is as wrong as its bias makes it.
 
 
 def still_span(imu: pd.DataFrame) -> float:

@@ -31,47 +31,30 @@ class World:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One segment as the kernels read it.
+    """One segment as the kernels read it."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Times of the nodes, s.
-    sub_dt, sub_angle, sub_velocity, sub_noise : ndarray, shapes (k,), (k, 3), (k, 3), (k, 2)
-        IMU increments of the sub-steps and the variance they add to attitude and velocity.
-    node_sub, node_group : ndarray, shape (n + 1,)
-        Node i is reached by sub-steps ``node_sub[i]:node_sub[i + 1]`` and has measurement groups
-        ``node_group[i]:node_group[i + 1]``.
-    node_out : ndarray, shape (n,)
-        Row of the output, -1 for nodes that nobody asked for.
-    observations : Observations
-    world : World
-    noise : SensorNoise
-    x, P : ndarray, shapes (27,), (26, 26)
-        The start.
-    white_scale : ndarray, shape (7,)
-        Factor on the white variance of each kind of measurement.
-    moves : bool
-        Whether the craft turns, and so can learn its heading.
-    prior : ndarray, shape (26,), or None
-        Variances at the beginning of the segment, of a piece that begins later; the GPS error wanders with its own.
-    """
-
-    t: np.ndarray
+    t: np.ndarray  #: shape (n,): Times of the nodes, s.
+    #: shapes (k,), (k, 3), (k, 3), (k, 2): IMU increments of the sub-steps and the variance they add to attitude and
+    #: velocity.
     sub_dt: np.ndarray
     sub_angle: np.ndarray
     sub_velocity: np.ndarray
     sub_noise: np.ndarray
+    #: shape (n + 1,): Node i is reached by sub-steps ``node_sub[i]:node_sub[i + 1]`` and has measurement groups
+    #: ``node_group[i]:node_group[i + 1]``.
     node_sub: np.ndarray
     node_group: np.ndarray
-    node_out: np.ndarray
+    node_out: np.ndarray  #: shape (n,): Row of the output, -1 for nodes that nobody asked for.
     observations: Observations
     world: World
     noise: SensorNoise
+    #: shapes (27,), (26, 26): The start.
     x: np.ndarray
     P: np.ndarray
-    white_scale: np.ndarray
-    moves: bool
+    white_scale: np.ndarray  #: shape (7,): Factor on the white variance of each kind of measurement.
+    moves: bool  #: Whether the craft turns, and so can learn its heading.
+    #: shape (26,): Variances at the beginning of the segment, of a piece that begins later; the GPS error wanders with
+    #: its own.
     prior: np.ndarray | None = None
 
     @property
@@ -82,73 +65,44 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class ForwardPass:
-    """What the filter leaves: its estimates, innovations and, when kept, the history that the smoother walks back.
+    """What the filter leaves: its estimates, innovations and, when kept, the history that the smoother walks back."""
 
-    Attributes
-    ----------
-    x : ndarray, shape (m, 27)
-        Filtered nominal states at the outputs.
-    rows : ndarray, shape (m, 9, 26)
-        Rows of their covariances that belong to position, velocity and attitude.
-    sensor_rows : ndarray, shape (ceil(m / 8), 17, 26)
-        The other rows, of every eighth output.
-    innovation, inverse_variance : ndarray, shape (s,)
-        Of each scalar measurement; inverse variance 0 where it was refused.
-    variance : ndarray, shape (s,)
-        Of each innovation by the filter's own account, however it was weighted.
-    log_likelihood : float
-    transition_time, transition_velocity, transition_rotation : ndarray, shapes (n,), (n, 3), (n, 3, 3)
-        T, S and C of the transition to each node (see `_kernels`).
-    gain, index, value : ndarray, shapes (s, 26), (s, 7), (s, 7)
-        Kalman gain of each scalar measurement and its row of H.
-    last_state, last_covariance : ndarray, shapes (27,), (26, 26)
-        State and covariance after the last measurement.
-    """
-
-    x: np.ndarray
-    rows: np.ndarray
-    sensor_rows: np.ndarray
+    x: np.ndarray  #: shape (m, 27): Filtered nominal states at the outputs.
+    rows: np.ndarray  #: shape (m, 9, 26): Rows of their covariances that belong to position, velocity and attitude.
+    sensor_rows: np.ndarray  #: shape (ceil(m / 8), 17, 26): The other rows, of every eighth output.
+    #: shape (s,): Of each scalar measurement; inverse variance 0 where it was refused.
     innovation: np.ndarray
     inverse_variance: np.ndarray
-    variance: np.ndarray
+    variance: np.ndarray  #: shape (s,): Of each innovation by the filter's own account, however it was weighted.
     log_likelihood: float
+    #: shapes (n,), (n, 3), (n, 3, 3): T, S and C of the transition to each node (see `_kernels`).
     transition_time: np.ndarray
     transition_velocity: np.ndarray
     transition_rotation: np.ndarray
+    #: shapes (s, 26), (s, 7), (s, 7): Kalman gain of each scalar measurement and its row of H.
     gain: np.ndarray
     index: np.ndarray
     value: np.ndarray
+    #: shapes (27,), (26, 26): State and covariance after the last measurement.
     last_state: np.ndarray
     last_covariance: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
 class Filtered:
-    """What the filter has to say of a whole segment.
-
-    Attributes
-    ----------
-    observations : Observations
-    white_scale : ndarray, shape (7,)
-    stop : float
-        Its end, s.
-    innovation, inverse_variance : ndarray, shape (s,)
-    log_likelihood : float
-    last_state, last_covariance : ndarray, shapes (27,), (26, 26)
-        As of `ForwardPass`.
-    shocks : Shocks
-        Steps that the IMU missed.
-    """
+    """What the filter has to say of a whole segment."""
 
     observations: Observations
-    white_scale: np.ndarray
-    stop: float
+    white_scale: np.ndarray  #: shape (7,)
+    stop: float  #: Its end, s.
+    #: shape (s,)
     innovation: np.ndarray
     inverse_variance: np.ndarray
     log_likelihood: float
+    #: shapes (27,), (26, 26): As of `ForwardPass`.
     last_state: np.ndarray
     last_covariance: np.ndarray
-    shocks: Shocks
+    shocks: Shocks  #: Steps that the IMU missed.
 
 
 def assemble(

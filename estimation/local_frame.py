@@ -26,15 +26,10 @@ class LocalFrame:
 
     North and east are arc lengths at the origin's radii of curvature, down is minus the rise above the origin, so that
     level flight at constant altitude stays at constant `p_d`.
-
-    Attributes
-    ----------
-    origin : Geodetic
-    metres_per_lat, metres_per_lon : float
-        m per rad of latitude and longitude.
     """
 
     origin: Geodetic
+    #: m per rad of latitude and longitude.
     metres_per_lat: float
     metres_per_lon: float
 

@@ -29,27 +29,17 @@ FEWEST_REPEATED = 50
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """Groups of scalar measurements that one sensor took at one time, sorted by time.
+    """Groups of scalar measurements that one sensor took at one time, sorted by time."""
 
-    Attributes
-    ----------
-    t, kind : ndarray, shape (g,)
-        Time of validity [s] and kind (`KIND_NAMES`) of each group.
-    start : ndarray, shape (g + 1,)
-        Group k consists of the scalars ``start[k]:start[k + 1]``.
-    axis, z, variance : ndarray, shape (m,)
-        Component, value and white variance of each scalar, SI.
-    admitted : ndarray of bool, shape (g,)
-        Groups that may be fused; what the others differ by is looked at all the same.
-    """
-
+    #: shape (g,): Time of validity [s] and kind (`KIND_NAMES`) of each group.
     t: np.ndarray
     kind: np.ndarray
-    start: np.ndarray
+    start: np.ndarray  #: shape (g + 1,): Group k consists of the scalars ``start[k]:start[k + 1]``.
+    #: shape (m,): Component, value and white variance of each scalar, SI.
     axis: np.ndarray
     z: np.ndarray
     variance: np.ndarray
-    admitted: np.ndarray
+    admitted: np.ndarray  #: shape (g,): Groups that may be fused; what the others differ by is looked at all the same.
 
     @classmethod
     def merge(cls, blocks: Sequence[Block]) -> "Observations":

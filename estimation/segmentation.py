@@ -31,23 +31,13 @@ Piece = tuple[int, pd.DataFrame]
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A stretch of the log without holes in its IMU, and where it starts.
+    """A stretch of the log without holes in its IMU, and where it starts."""
 
-    Attributes
-    ----------
-    imu : int
-        Which IMU carries it, 0 for the first; never a mixture.
-    samples : DataFrame
-    signal : InertialSignal
-    aligned : Alignment
-    gain : float
-        Log-likelihood by which this IMU is better than the first one; inf where that one does not span the segment.
-    """
-
-    imu: int
+    imu: int  #: Which IMU carries it, 0 for the first; never a mixture.
     samples: pd.DataFrame
     signal: InertialSignal
     aligned: Alignment
+    #: Log-likelihood by which this IMU is better than the first one; inf where that one does not span the segment.
     gain: float = 0.0
 
     @property

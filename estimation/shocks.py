@@ -19,18 +19,10 @@ NARROWING = 8.0
 
 @dataclass(frozen=True, slots=True)
 class Shocks:
-    """Steps of attitude and velocity that the IMU may have missed.
+    """Steps of attitude and velocity that the IMU may have missed."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (k,)
-        Ascending, s.
-    variance : ndarray, shape (k, 2)
-        Of the step of attitude [rad^2] and of velocity [(m/s)^2] there.
-    """
-
-    t: np.ndarray
-    variance: np.ndarray
+    t: np.ndarray  #: shape (k,): Ascending, s.
+    variance: np.ndarray  #: shape (k, 2): Of the step of attitude [rad^2] and of velocity [(m/s)^2] there.
 
     @classmethod
     def none(cls) -> "Shocks":

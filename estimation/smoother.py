@@ -14,31 +14,17 @@ Adjoint = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, slots=True)
 class Estimates:
-    """What a segment gives at its outputs.
+    """What a segment gives at its outputs."""
 
-    Attributes
-    ----------
-    x : ndarray, shape (m, 27)
-        Nominal states at the outputs.
-    covariance : ndarray, shape (m, 9, 9)
-        Covariance of position, velocity and attitude errors.
-    slow_variance : ndarray, shape (m, 17)
-        Variance of each sensor error.
-    deletion : ndarray, shape (s,)
-        How far each scalar measurement lies from what all the others say, squared and over its variance (de Jong &
-        Penzer 1998); NaN where nothing was smoothed.
-    nodes : ndarray, shape (n,)
-        Times of the filter's nodes, s.
-    shock, shock_size : ndarray, shape (n, 2)
-        Step of attitude and of velocity at each node that all measurements together ask for beyond the noise of the
-        IMU: squared and over its variance, and its size, rad and m/s.
-    """
-
-    x: np.ndarray
-    covariance: np.ndarray
-    slow_variance: np.ndarray
+    x: np.ndarray  #: shape (m, 27): Nominal states at the outputs.
+    covariance: np.ndarray  #: shape (m, 9, 9): Covariance of position, velocity and attitude errors.
+    slow_variance: np.ndarray  #: shape (m, 17): Variance of each sensor error.
+    #: shape (s,): How far each scalar measurement lies from what all the others say, squared and over its variance (de
+    #: Jong & Penzer 1998); NaN where nothing was smoothed.
     deletion: np.ndarray
-    nodes: np.ndarray
+    nodes: np.ndarray  #: shape (n,): Times of the filter's nodes, s.
+    #: shape (n, 2): Step of attitude and of velocity at each node that all measurements together ask for beyond the
+    #: noise of the IMU: squared and over its variance, and its size, rad and m/s.
     shock: np.ndarray
     shock_size: np.ndarray
 

@@ -50,79 +50,48 @@ class SensorNoise:
     The values are those of sensor classes (data sheets and the literature), not of any log. White noise of the IMU is
     raised to what the log itself shows (`timing.noise_density`): vibration and aliasing exceed the sensor's own
     noise by far. White noise of the aiding sensors is scaled by the innovations (`filter.matched_noise`).
-
-    Attributes
-    ----------
-    gyro, accel : float
-        White noise floor, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz). ICM-20689 class: 0.006 deg/s and 150 ug, per sqrt(Hz).
-    gyro_bias_walk, accel_bias_walk : float
-        Random walk of the biases, rad/s/sqrt(s) and m/s^2/sqrt(s): warming and bias
-        instability, about 30 deg/h and 0.1 mg in a minute.
-    gyro_bias, accel_bias : float
-        1-sigma turn-on bias, rad/s and m/s^2, after the autopilot's calibration.
-    baro : float
-        White noise of the pressure altitude, m.
-    baro_walk : float
-        Drift of the pressure altitude, m/sqrt(s): weather and warming, about 1 m in ten minutes.
-    baro_bias : float
-        1-sigma offset of the baro's zero from the origin, m.
-    mag : float
-        White noise of the magnetometer, T: noise, quantisation, motor currents.
-    hard_iron : float
-        1-sigma hard iron left by the calibration, T.
-    hard_iron_walk : float
-        T/sqrt(s).
-    field : (float, float, float)
-        1-sigma of the world magnetic field's model north, east and down, T: the World Magnetic Model's own error at
-        the ground, crust included (Chulliat et al. 2020, WMM2020 report, section 3).
-    gps_error_time : float
-        Correlation time of the Gauss-Markov position error of the GPS, s: the carrier-smoothed single-frequency
-        receivers of this class wander over one to a few minutes.
-    gps_error_share : float
-        Share of the reported accuracy that is the slowly varying error.
-    gps_white_share : float
-        Share of the reported accuracy that is white from sample to sample; squares of both shares add up to one.
-    range_finder : float
-        White noise of the range finder, m: the lidars of this class read to 0.02-0.1 m over grass and concrete.
-    terrain : float
-        1-sigma of the ground's height about the origin, m.
-    terrain_walk : float
-        How the ground rises and falls along the way, m/sqrt(m): 1 m within 100 m of a field.
-    gps_jitter, baro_jitter, mag_jitter, range_jitter : float
-        How well the time of a sample is known, s; it counts as noise while the measured quantity changes.
-    h_acc, v_acc, s_acc : float
-        Accuracy taken where the receiver reports none (1-sigma), m, m and m/s.
-    gate : float
-        Innovations beyond this many sigma are refused.
     """
 
+    #: White noise floor, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz). ICM-20689 class: 0.006 deg/s and 150 ug, per sqrt(Hz).
     gyro: float = 1.0e-4
     accel: float = 1.5e-3
+    #: Random walk of the biases, rad/s/sqrt(s) and m/s^2/sqrt(s): warming and bias instability, about 30 deg/h and 0.1
+    #: mg in a minute.
     gyro_bias_walk: float = 2.0e-5
     accel_bias_walk: float = 1.5e-4
+    #: 1-sigma turn-on bias, rad/s and m/s^2, after the autopilot's calibration.
     gyro_bias: float = 0.01
     accel_bias: float = 0.1
-    baro: float = 0.15
+    baro: float = 0.15  #: White noise of the pressure altitude, m.
+    #: Drift of the pressure altitude, m/sqrt(s): weather and warming, about 1 m in ten minutes.
     baro_walk: float = 0.04
-    baro_bias: float = 30.0
-    mag: float = 5.0e-7
-    hard_iron: float = 3.0e-6
-    hard_iron_walk: float = 2.0e-8
+    baro_bias: float = 30.0  #: 1-sigma offset of the baro's zero from the origin, m.
+    mag: float = 5.0e-7  #: White noise of the magnetometer, T: noise, quantisation, motor currents.
+    hard_iron: float = 3.0e-6  #: 1-sigma hard iron left by the calibration, T.
+    hard_iron_walk: float = 2.0e-8  #: T/sqrt(s).
+    #: 1-sigma of the world magnetic field's model north, east and down, T: the World Magnetic Model's own error at the
+    #: ground, crust included (Chulliat et al. 2020, WMM2020 report, section 3).
     field: tuple[float, float, float] = (1.31e-7, 0.94e-7, 1.57e-7)
+    #: Correlation time of the Gauss-Markov position error of the GPS, s: the carrier-smoothed single-frequency
+    #: receivers of this class wander over one to a few minutes.
     gps_error_time: float = 100.0
-    gps_error_share: float = 0.98
+    gps_error_share: float = 0.98  #: Share of the reported accuracy that is the slowly varying error.
+    #: Share of the reported accuracy that is white from sample to sample; squares of both shares add up to one.
     gps_white_share: float = 0.2
+    #: White noise of the range finder, m: the lidars of this class read to 0.02-0.1 m over grass and concrete.
     range_finder: float = 0.06
-    terrain: float = 30.0
-    terrain_walk: float = 0.1
+    terrain: float = 30.0  #: 1-sigma of the ground's height about the origin, m.
+    terrain_walk: float = 0.1  #: How the ground rises and falls along the way, m/sqrt(m): 1 m within 100 m of a field.
+    #: How well the time of a sample is known, s; it counts as noise while the measured quantity changes.
     gps_jitter: float = 0.01
     baro_jitter: float = 0.01
     mag_jitter: float = 0.01
     range_jitter: float = 0.02
+    #: Accuracy taken where the receiver reports none (1-sigma), m, m and m/s.
     h_acc: float = 1.0
     v_acc: float = 1.8
     s_acc: float = 0.2
-    gate: float = 5.0
+    gate: float = 5.0  #: Innovations beyond this many sigma are refused.
 
     def random_walks(self) -> np.ndarray:
         """Growth of each error state's variance per second, without the IMU's white noise, shape (26,).

@@ -81,26 +81,17 @@ class InertialSignal:
 
     Between samples both are cubic splines: offline we may look at the next sample, so an interval is integrated to
     higher order than the trapezoid which the autopilot has.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        When the samples were written, s on the boot clock.
-    values : ndarray, shape (n, 6)
-        Rate and force in body axes, rad/s and m/s^2; of the table itself where nothing had to be mended.
-    gyro_delay, accel_delay : float
-        By which each was true before it was written, s.
-    noise_density : ndarray, shape (n, 2)
-        Density of the white noise of rate and force about `t`, (rad/s)^2/Hz and (m/s^2)^2/Hz.
-    start, stop : float
-        s; where both are known.
     """
 
-    t: np.ndarray
+    t: np.ndarray  #: shape (n,): When the samples were written, s on the boot clock.
+    #: shape (n, 6): Rate and force in body axes, rad/s and m/s^2; of the table itself where nothing had to be mended.
     values: np.ndarray
+    #: By which each was true before it was written, s.
     gyro_delay: float
     accel_delay: float
+    #: shape (n, 2): Density of the white noise of rate and force about `t`, (rad/s)^2/Hz and (m/s^2)^2/Hz.
     noise_density: np.ndarray
+    #: s; where both are known.
     start: float
     stop: float
 

@@ -46,30 +46,16 @@ SIGMA_COLUMNS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Trajectory(Summarised):
-    """A flight as the estimator sees it.
+    """A flight as the estimator sees it."""
 
-    Attributes
-    ----------
-    states : DataFrame
-        Index `t` [s], columns of `STATE_COLUMNS`, then estimated biases.
-    sigma : DataFrame
-        Same index, columns of `SIGMA_COLUMNS`, then the sigma of each bias column.
-    covariance : ndarray, shape (n, 3, 3, 3)
-        Covariances of the errors of position, of velocity and of attitude at each row.
-    origin : Geodetic
-        Place of the local NED frame. Latitude and longitude are NaN where no sensor knew them.
-    method : str
-        ``"strapdown"`` (IMU-rate error-state EKF and smoother) or ``"low-rate"`` (telemetry: attitude-aided filter).
-    diagnostics : mapping
-        What the filter reports of itself, such as innovation statistics per sensor.
-    findings : tuple of Finding
-    """
-
-    states: pd.DataFrame
-    sigma: pd.DataFrame
+    states: pd.DataFrame  #: Index `t` [s], columns of `STATE_COLUMNS`, then estimated biases.
+    sigma: pd.DataFrame  #: Same index, columns of `SIGMA_COLUMNS`, then the sigma of each bias column.
+    #: shape (n, 3, 3, 3): Covariances of the errors of position, of velocity and of attitude at each row.
     covariance: np.ndarray
-    origin: Geodetic
+    origin: Geodetic  #: Place of the local NED frame. Latitude and longitude are NaN where no sensor knew them.
+    #: ``"strapdown"`` (IMU-rate error-state EKF and smoother) or ``"low-rate"`` (telemetry: attitude-aided filter).
     method: str
+    #: What the filter reports of itself, such as innovation statistics per sensor.
     diagnostics: Mapping[str, object] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 

@@ -68,23 +68,12 @@ IMU_SCALES = (0.25, 0.5, 1.0, 2.0, 4.0)
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """Settings found for one log.
-
-    Attributes
-    ----------
-    noise : SensorNoise
-    white_scale : ndarray, shape (7,)
-        Factor on the white variance of each kind of measurement.
-    imu_scale : ndarray, shape (2,)
-        Factor on the variance that gyro and accelerometer noise add.
-    lags : mapping of str to float
-        Lag found beyond the time that the tables give, by sensor (`LAGGING`), s.
-    """
+    """Settings found for one log."""
 
     noise: SensorNoise
-    white_scale: np.ndarray
-    imu_scale: np.ndarray
-    lags: Mapping[str, float]
+    white_scale: np.ndarray  #: shape (7,): Factor on the white variance of each kind of measurement.
+    imu_scale: np.ndarray  #: shape (2,): Factor on the variance that gyro and accelerometer noise add.
+    lags: Mapping[str, float]  #: Lag found beyond the time that the tables give, by sensor (`LAGGING`), s.
 
     def in_time(self, observations: Observations) -> Observations:
         """Put observations at the times that were found."""

@@ -17,26 +17,13 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that a reader of the result should know.
+    """One thing that a reader of the result should know."""
 
-    Attributes
-    ----------
-    id : str
-        Stable kebab-case name, such as ``"truncated-tail"``.
-    severity : Severity
-        How much it matters.
-    reason : str
-        What was found, in a sentence for the person who must act.
-    advice : str
-        What to do about it; empty when there is nothing to do.
-    evidence : mapping of str to (str, int, float or bool)
-        The numbers behind the reason (byte offsets, counts, seconds).
-    """
-
-    id: str
-    severity: Severity
-    reason: str
-    advice: str = ""
+    id: str  #: Stable kebab-case name, such as ``"truncated-tail"``.
+    severity: Severity  #: How much it matters.
+    reason: str  #: What was found, in a sentence for the person who must act.
+    advice: str = ""  #: What to do about it; empty when there is nothing to do.
+    #: The numbers behind the reason (byte offsets, counts, seconds).
     evidence: Mapping[str, str | int | float | bool] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:

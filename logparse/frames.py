@@ -58,30 +58,16 @@ FRAME_TYPES: Mapping[int, str] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Motor:
-    """One motor of the autopilot's frame.
+    """One motor of the autopilot's frame."""
 
-    Attributes
-    ----------
-    number : int
-        Motor number of the frame, from 1 (SERVOn_FUNCTION 33-40, 82-85).
-    channel : int or None
-        Servo output that drives it, from 1; None when the log does not tell.
-    angle : float
-        Direction of the arm seen from above, rad clockwise from the nose, in (-pi, pi].
-    spin : int
-        Rotation seen from above: +1 clockwise, -1 counter-clockwise. A clockwise propeller pushes the craft's
-        nose to the left (negative yaw torque). 0 where the frame does not prescribe it (tricopter, V-tail fronts).
-    layer : int
-        +1 upper and -1 lower motor of a coaxial pair or two-layer frame, 0 otherwise.
-    roll, pitch, yaw : float
-        Mixer factors as ArduPilot normalises them (AP_MotorsMatrix), roll right / pitch up / yaw right positive.
-    """
-
-    number: int
-    channel: int | None
-    angle: float
+    number: int  #: Motor number of the frame, from 1 (SERVOn_FUNCTION 33-40, 82-85).
+    channel: int | None  #: Servo output that drives it, from 1; None when the log does not tell.
+    angle: float  #: Direction of the arm seen from above, rad clockwise from the nose, in (-pi, pi].
+    #: Rotation seen from above: +1 clockwise, -1 counter-clockwise. A clockwise propeller pushes the craft's nose to
+    #: the left (negative yaw torque). 0 where the frame does not prescribe it (tricopter, V-tail fronts).
     spin: int
-    layer: int
+    layer: int  #: +1 upper and -1 lower motor of a coaxial pair or two-layer frame, 0 otherwise.
+    #: Mixer factors as ArduPilot normalises them (AP_MotorsMatrix), roll right / pitch up / yaw right positive.
     roll: float
     pitch: float
     yaw: float

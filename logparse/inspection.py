@@ -51,40 +51,19 @@ class MessageSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inspection:
-    """What `inspect` finds in one boot of a log.
+    """What `inspect` finds in one boot of a log."""
 
-    Attributes
-    ----------
-    file : str
-        Name of the file.
-    format : str
-    boots : int
-        Power-ups in the file; `boot` is the index of the one shown.
-    start_utc : str or None
-        UTC at the start of the boot clock, ISO 8601.
-    duration : float
-        Length of the log [s].
-    vehicle : Vehicle
-    flights : tuple of Flight
-    tables : tuple of TableSummary
-        Canonical tables that the log has.
-    messages : tuple of MessageSummary
-        All messages, most frequent first.
-    findings : tuple of Finding
-        Of reading, of the tables, and of `health.check`, worst first.
-    """
-
-    file: str
+    file: str  #: Name of the file.
     format: str
-    boots: int
+    boots: int  #: Power-ups in the file; `boot` is the index of the one shown.
     boot: int
-    start_utc: str | None
-    duration: float
+    start_utc: str | None  #: UTC at the start of the boot clock, ISO 8601.
+    duration: float  #: Length of the log [s].
     vehicle: Vehicle
     flights: tuple[Flight, ...]
-    tables: tuple[TableSummary, ...]
-    messages: tuple[MessageSummary, ...]
-    findings: tuple[Finding, ...]
+    tables: tuple[TableSummary, ...]  #: Canonical tables that the log has.
+    messages: tuple[MessageSummary, ...]  #: All messages, most frequent first.
+    findings: tuple[Finding, ...]  #: Of reading, of the tables, and of `health.check`, worst first.
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types for JSON; what is not known is None."""

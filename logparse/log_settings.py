@@ -35,21 +35,11 @@ class Need(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Bit:
-    """One bit of a parameter that chooses what is logged.
+    """One bit of a parameter that chooses what is logged."""
 
-    Attributes
-    ----------
-    number : int
-        Counted from 0.
-    name : str
-        As ground stations list it.
-    logs : str
-        Messages that it brings.
-    """
-
-    number: int
-    name: str
-    logs: str
+    number: int  #: Counted from 0.
+    name: str  #: As ground stations list it.
+    logs: str  #: Messages that it brings.
 
     def __str__(self) -> str:
         return f"bit {self.number} ({self.name})"
@@ -124,21 +114,12 @@ _STREAMS: Mapping[Need, str] = {
 
 @dataclass(frozen=True, slots=True)
 class LogSetting:
-    """The parameter that chooses what is logged, and its one final value.
+    """The parameter that chooses what is logged, and its one final value."""
 
-    Attributes
-    ----------
-    parameter : str
-        ``"LOG_BITMASK"`` or ``"SDLOG_PROFILE"``.
-    present : int or None
-        Its value in the log, as a number of as many bits as the autopilot gives it (-1: all); None where not known.
-    bits : tuple of Bit
-        All that must be set so that nothing is lacking, in order of their numbers.
-    """
-
-    parameter: str
+    parameter: str  #: ``"LOG_BITMASK"`` or ``"SDLOG_PROFILE"``.
+    #: Its value in the log, as a number of as many bits as the autopilot gives it (-1: all); None where not known.
     present: int | None
-    bits: tuple[Bit, ...]
+    bits: tuple[Bit, ...]  #: All that must be set so that nothing is lacking, in order of their numbers.
 
     @property
     def added(self) -> tuple[Bit, ...]:

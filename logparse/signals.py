@@ -26,20 +26,11 @@ class SignalError(RotoridError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedSignal:
-    """One field of a message, or one column of a canonical table, over time.
+    """One field of a message, or one column of a canonical table, over time."""
 
-    Attributes
-    ----------
-    name : str
-        As asked for.
-    unit : str
-        As logged; of canonical tables SI. Empty where unknown.
-    t, y : ndarray, shape (n,)
-        s on the boot clock, and the value.
-    """
-
-    name: str
-    unit: str
+    name: str  #: As asked for.
+    unit: str  #: As logged; of canonical tables SI. Empty where unknown.
+    #: shape (n,): s on the boot clock, and the value.
     t: npt.NDArray[np.float64]
     y: npt.NDArray[np.float64]
 

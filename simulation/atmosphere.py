@@ -22,18 +22,10 @@ TROPOPAUSE = 11000.0  # m
 
 @dataclass(frozen=True, slots=True)
 class Atmosphere:
-    """Air over a place: its state on the ground; above it temperature falls by the standard lapse rate.
+    """Air over a place: its state on the ground; above it temperature falls by the standard lapse rate."""
 
-    Attributes
-    ----------
-    temperature : float
-        On the ground, K.
-    pressure : float
-        On the ground, Pa.
-    """
-
-    temperature: float
-    pressure: float
+    temperature: float  #: On the ground, K.
+    pressure: float  #: On the ground, Pa.
 
     def __post_init__(self) -> None:
         if not 180.0 < self.temperature < 340.0:

@@ -15,21 +15,12 @@ from simulation.settings import changed, nearest
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A simulation with a name.
-
-    Attributes
-    ----------
-    name, summary : str
-    settings : dataclass
-        What can be changed, with the usual values.
-    simulate : callable
-        Takes name, summary and settings.
-    """
+    """A simulation with a name."""
 
     name: str
     summary: str
-    settings: Any
-    simulate: Callable[[str, str, Any], Outcome]
+    settings: Any  #: What can be changed, with the usual values.
+    simulate: Callable[[str, str, Any], Outcome]  #: Takes name, summary and settings.
 
     def run(self, changes: Mapping[str, object] = MappingProxyType({})) -> Outcome:
         """Simulate the case.

@@ -22,38 +22,22 @@ class Cascade:
     normalised to -1..1 of the mixer's range, the vertical velocity loop thrust normalised to 0..1, the
     horizontal velocity loop acceleration in m/s^2 that is turned into lean angles. Attitude control runs five times
     as often as position control.
-
-    Attributes
-    ----------
-    angle_p : tuple of 3 float
-        Roll, pitch, yaw, 1/s.
-    roll_rate, pitch_rate, yaw_rate : tuple of 3 float
-        P, I, D: normalised torque per rad/s, per rad, per rad/s^2.
-    position_p : tuple of 3 float
-        North, east, down, 1/s.
-    horizontal_velocity : tuple of 3 float
-        P, I, D: m/s^2 per m/s, per m, per m/s^2.
-    vertical_velocity : tuple of 3 float
-        P, I, D: normalised thrust per m/s, per m, per m/s^2.
-    tilt_limit_deg : float
-    speed_horizontal, speed_up, speed_down : float
-        Limits of the velocity target, m/s.
-    filter_frequency : float
-        Corner of the gyro and accelerometer low-pass, Hz.
     """
 
-    angle_p: Gains = (6.5, 6.5, 2.5)
+    angle_p: Gains = (6.5, 6.5, 2.5)  #: Roll, pitch, yaw, 1/s.
+    #: P, I, D: normalised torque per rad/s, per rad, per rad/s^2.
     roll_rate: Gains = (0.1, 0.02, 0.001)
     pitch_rate: Gains = (0.1, 0.02, 0.001)
     yaw_rate: Gains = (0.5, 0.01, 0.001)
-    position_p: Gains = (2.0, 2.0, 4.0)
-    horizontal_velocity: Gains = (2.5, 0.4, 0.01)
-    vertical_velocity: Gains = (0.45, 0.01, 0.005)
+    position_p: Gains = (2.0, 2.0, 4.0)  #: North, east, down, 1/s.
+    horizontal_velocity: Gains = (2.5, 0.4, 0.01)  #: P, I, D: m/s^2 per m/s, per m, per m/s^2.
+    vertical_velocity: Gains = (0.45, 0.01, 0.005)  #: P, I, D: normalised thrust per m/s, per m, per m/s^2.
     tilt_limit_deg: float = 30.0
+    #: Limits of the velocity target, m/s.
     speed_horizontal: float = 10.0
     speed_up: float = 2.5
     speed_down: float = 1.5
-    filter_frequency: float = 20.0
+    filter_frequency: float = 20.0  #: Corner of the gyro and accelerometer low-pass, Hz.
 
     def __post_init__(self) -> None:
         gains = (

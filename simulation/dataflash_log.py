@@ -30,21 +30,11 @@ _EVENT_ARMED, _EVENT_DISARMED, _EVENT_AUTO_ARMED, _EVENT_LANDED, _EVENT_NOT_LAND
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Logging:
-    """What is logged how often; the rest at ArduPilot's usual 10 Hz.
+    """What is logged how often; the rest at ArduPilot's usual 10 Hz."""
 
-    Attributes
-    ----------
-    imu : float
-        Rows of IMU per second.
-    rate : float
-        Rows of RATE per second.
-    esc : float
-        Rows of ESC per second and motor; 0: the speed controllers do not report.
-    """
-
-    imu: float = 50.0
-    rate: float = 10.0
-    esc: float = 0.0
+    imu: float = 50.0  #: Rows of IMU per second.
+    rate: float = 10.0  #: Rows of RATE per second.
+    esc: float = 0.0  #: Rows of ESC per second and motor; 0: the speed controllers do not report.
 
 
 def write_bin(path: Path, log: InstrumentedFlight, logging: Logging = Logging()) -> None:

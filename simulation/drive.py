@@ -16,28 +16,16 @@ class ThirdOrder:
     The paper prints this as the way from the commanded speed to the reaction torque. Speed and acceleration are what
     it limits, so here the fraction gives the speed; the torque follows from the speed by the rotor's own law, about
     hover with ``Q = 2 b w``.
-
-    Attributes
-    ----------
-    lead : float
-        T, s.
-    a1, a2, a3 : float
-        s, s^2, s^3.
-    speed_limit : float
-        rad/s.
-    acceleration_limit : float
-        rad/s^2.
-    catch_up : float
-        Time constant with which the speed returns to that of the fraction after a limit, s.
     """
 
-    lead: float
+    lead: float  #: T, s.
+    #: s, s^2, s^3.
     a1: float
     a2: float
     a3: float
-    speed_limit: float = 490.0
-    acceleration_limit: float = 500.0
-    catch_up: float = 0.005
+    speed_limit: float = 490.0  #: rad/s.
+    acceleration_limit: float = 500.0  #: rad/s^2.
+    catch_up: float = 0.005  #: Time constant with which the speed returns to that of the fraction after a limit, s.
 
     def __post_init__(self) -> None:
         require_positive("drive", self, ("a1", "a2", "a3", "speed_limit", "acceleration_limit", "catch_up"))
@@ -62,15 +50,9 @@ class ThirdOrder:
 
 @dataclass(frozen=True, slots=True)
 class FirstOrder:
-    """First-order lag.
+    """First-order lag."""
 
-    Attributes
-    ----------
-    time_constant : float
-        s.
-    """
-
-    time_constant: float
+    time_constant: float  #: s.
 
     def __post_init__(self) -> None:
         require_positive("drive", self, ("time_constant",))
@@ -93,34 +75,20 @@ class Drive:
     `spin_max` of the PWM range, the speed settles at
     ``speed_max (V / voltage_reference) sqrt((1 - expo) a + expo a^2)``, so thrust follows the curve that ArduPilot
     inverts with MOT_THST_EXPO. The speed approaches it as `response` says.
-
-    Attributes
-    ----------
-    speed_max : float
-        Rotor speed at full command and reference voltage, rad/s.
-    response : FirstOrder or ThirdOrder
-    expo : float
-        Curvature of thrust against command, 0 (linear) to 1 (quadratic).
-    voltage_reference : float
-        Battery voltage at which `speed_max` holds, V.
-    pwm_min, pwm_max : float
-        Ends of the PWM range, us.
-    spin_arm, spin_min, spin_max : float
-        Fractions of the PWM range at idle, at zero thrust and at full thrust.
-    efficiency : float
-        Mechanical power over electrical power.
     """
 
-    speed_max: float
+    speed_max: float  #: Rotor speed at full command and reference voltage, rad/s.
     response: FirstOrder | ThirdOrder
-    expo: float = 0.65
-    voltage_reference: float = 16.8
+    expo: float = 0.65  #: Curvature of thrust against command, 0 (linear) to 1 (quadratic).
+    voltage_reference: float = 16.8  #: Battery voltage at which `speed_max` holds, V.
+    #: Ends of the PWM range, us.
     pwm_min: float = 1000.0
     pwm_max: float = 2000.0
+    #: Fractions of the PWM range at idle, at zero thrust and at full thrust.
     spin_arm: float = 0.1
     spin_min: float = 0.15
     spin_max: float = 0.95
-    efficiency: float = 0.7
+    efficiency: float = 0.7  #: Mechanical power over electrical power.
 
     def __post_init__(self) -> None:
         require_positive("drive", self, ("speed_max", "voltage_reference", "efficiency"))
@@ -151,25 +119,14 @@ class Drive:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Battery:
-    """Lithium polymer pack: open-circuit voltage falling linearly with charge drawn, and a resistance.
+    """Lithium polymer pack: open-circuit voltage falling linearly with charge drawn, and a resistance."""
 
-    Attributes
-    ----------
-    voltage_full, voltage_empty : float
-        Open-circuit voltage at full and no charge, V.
-    capacity : float
-        A h.
-    resistance : float
-        Of pack and wiring, ohm.
-    avionics_power : float
-        Drawn besides the drives, W.
-    """
-
+    #: Open-circuit voltage at full and no charge, V.
     voltage_full: float = 16.8
     voltage_empty: float = 14.0
-    capacity: float = 5.2
-    resistance: float = 0.012
-    avionics_power: float = 6.0
+    capacity: float = 5.2  #: A h.
+    resistance: float = 0.012  #: Of pack and wiring, ohm.
+    avionics_power: float = 6.0  #: Drawn besides the drives, W.
 
     def __post_init__(self) -> None:
         if not 0.0 < self.voltage_empty < self.voltage_full:

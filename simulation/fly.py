@@ -134,21 +134,7 @@ def propagate(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """Everything that determines a simulated flight.
-
-    Attributes
-    ----------
-    mission : Mission
-    place : Place
-    vehicle : Multirotor
-    wind : Wind
-    cascade : Cascade
-    sensors : Sensors
-    seed : int
-        Of all noise.
-    step : float
-        Of the physics, s; attitude is controlled every second step, position every tenth.
-    """
+    """Everything that determines a simulated flight."""
 
     mission: Mission
     place: Place
@@ -156,8 +142,8 @@ class Setup:
     wind: Wind = field(default_factory=Wind)
     cascade: Cascade = field(default_factory=Cascade)
     sensors: Sensors = field(default_factory=Sensors)
-    seed: int = 0
-    step: float = TICK / 10.0
+    seed: int = 0  #: Of all noise.
+    step: float = TICK / 10.0  #: Of the physics, s; attitude is controlled every second step, position every tenth.
 
     def __post_init__(self) -> None:
         if not 1e-5 <= self.step <= 2e-3:
@@ -168,31 +154,15 @@ class Setup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
-    """A simulated flight before it is logged.
-
-    Attributes
-    ----------
-    setup : Setup
-    truth : DataFrame
-        Index `t` [s from boot]; `RECORD_COLUMNS` without t, then w1 ... and m1 ...
-    reference : Reference
-    navigation : ndarray, shape (M, 9)
-        Errors of the autopilot's own position, velocity and attitude at each tick.
-    hover_thrust : float
-        Fraction of thrust that the autopilot takes for hover.
-    airborne : tuple of 2 float
-        First and last time off the ground, s.
-    disarm : float
-        Time at which the autopilot disarmed after landing, s.
-    """
+    """A simulated flight before it is logged."""
 
     setup: Setup
-    truth: pd.DataFrame
+    truth: pd.DataFrame  #: Index `t` [s from boot]; `RECORD_COLUMNS` without t, then w1 ... and m1 ...
     reference: Reference
-    navigation: np.ndarray
-    hover_thrust: float
-    airborne: tuple[float, float]
-    disarm: float
+    navigation: np.ndarray  #: shape (M, 9): Errors of the autopilot's own position, velocity and attitude at each tick.
+    hover_thrust: float  #: Fraction of thrust that the autopilot takes for hover.
+    airborne: tuple[float, float]  #: First and last time off the ground, s.
+    disarm: float  #: Time at which the autopilot disarmed after landing, s.
 
 
 def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:

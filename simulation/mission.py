@@ -28,20 +28,13 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class GoTo:
-    """Fly straight to a point and stop there.
+    """Fly straight to a point and stop there."""
 
-    Attributes
-    ----------
-    north, east, up : float
-        From the place of take-off, m.
-    speed : float
-        Largest speed on the way, m/s.
-    """
-
+    #: From the place of take-off, m.
     north: float
     east: float
     up: float
-    speed: float = 3.0
+    speed: float = 3.0  #: Largest speed on the way, m/s.
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,26 +49,14 @@ class Chirp:
     """Hold the position while a sine of growing frequency is added at the mixer, as ArduPilot's SYSTEMID mode does.
 
     The first frequency is held for two periods, then the frequency grows exponentially.
-
-    Attributes
-    ----------
-    axis : str
-        One of `CHIRP_AXES`.
-    magnitude : float
-        Of the sine, as a fraction of the mixer's range.
-    start_hz, stop_hz : float
-    seconds : float
-        Length of the sweep after the first two periods.
-    fade : float
-        Time over which the sine grows at the start and shrinks at the end, s.
     """
 
-    axis: str
-    magnitude: float
+    axis: str  #: One of `CHIRP_AXES`.
+    magnitude: float  #: Of the sine, as a fraction of the mixer's range.
     start_hz: float = 0.3
     stop_hz: float = 12.0
-    seconds: float = 24.0
-    fade: float = 1.5
+    seconds: float = 24.0  #: Length of the sweep after the first two periods.
+    fade: float = 1.5  #: Time over which the sine grows at the start and shrinks at the end, s.
 
     def __post_init__(self) -> None:
         if self.axis not in CHIRP_AXES:
@@ -117,27 +98,15 @@ Step = Wait | GoTo | Turn | Chirp
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mission:
-    """Stand, arm, take off, fly the steps, land where the last one ended.
+    """Stand, arm, take off, fly the steps, land where the last one ended."""
 
-    Attributes
-    ----------
-    takeoff : float
-        Height of the first hover, m.
-    steps : tuple of Wait, GoTo, Turn or Chirp
-    heading_deg : float
-        Heading on the ground, held in flight unless turned.
-    disarmed, armed : float
-        Time on the ground before arming and between arming and take-off, s.
-    acceleration : float
-        Largest acceleration of the reference, m/s^2.
-    """
-
-    takeoff: float
+    takeoff: float  #: Height of the first hover, m.
     steps: tuple[Step, ...]
-    heading_deg: float = 0.0
+    heading_deg: float = 0.0  #: Heading on the ground, held in flight unless turned.
+    #: Time on the ground before arming and between arming and take-off, s.
     disarmed: float = 6.0
     armed: float = 2.0
-    acceleration: float = 1.2
+    acceleration: float = 1.2  #: Largest acceleration of the reference, m/s^2.
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.takeoff <= 120.0:
@@ -197,32 +166,17 @@ class Mission:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """A planned mission.
+    """A planned mission."""
 
-    Attributes
-    ----------
-    phase : ndarray of int, shape (M,)
-        DISARMED, IDLE, FLYING or LANDING at each tick.
-    samples : ndarray, shape (M, 10)
-        Position [m], velocity [m/s], acceleration [m/s^2] in NED, and yaw [rad].
-    arm, takeoff, land : float
-        Times of arming, take-off and the start of landing, s.
-    items : tuple of (float, str)
-        Start [s] and name of each step.
-    chirps : tuple of (float, Chirp)
-        Start [s] and chirp.
-    tick : float
-        s.
-    """
-
-    phase: np.ndarray
-    samples: np.ndarray
+    phase: np.ndarray  #: shape (M,): DISARMED, IDLE, FLYING or LANDING at each tick.
+    samples: np.ndarray  #: shape (M, 10): Position [m], velocity [m/s], acceleration [m/s^2] in NED, and yaw [rad].
+    #: Times of arming, take-off and the start of landing, s.
     arm: float
     takeoff: float
     land: float
-    items: tuple[tuple[float, str], ...]
-    chirps: tuple[tuple[float, Chirp], ...]
-    tick: float
+    items: tuple[tuple[float, str], ...]  #: Start [s] and name of each step.
+    chirps: tuple[tuple[float, Chirp], ...]  #: Start [s] and chirp.
+    tick: float  #: s.
 
     def excitation(self) -> np.ndarray:
         """Return what the chirps add to roll, pitch, yaw and throttle at each attitude-control step; shape (5 M, 4)."""

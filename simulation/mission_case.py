@@ -18,45 +18,25 @@ from simulation.vehicle import Vector
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionSettings:
-    """What of a mission can be changed.
+    """What of a mission can be changed."""
 
-    Attributes
-    ----------
-    mass : float
-        kg; the inertia stays.
-    takeoff : float
-        Height of the first hover, m.
-    points : tuple of (float, float, float)
-        North, east and up [m] to fly to one after the other, with two seconds' hover at each; none: the case's own.
-    speed : float
-        Largest speed between the points, m/s.
-    heading : float
-        deg.
-    wind, wind_from, gusts : float
-        Mean wind [m/s], where it comes from [deg] and the factor on its turbulence.
-    latitude, longitude, altitude, warmer : float
-        deg, deg, m above sea level, K above the standard atmosphere.
-    gps_lag : float
-        s.
-    step : float
-        Of the physics, s.
-    seed : int
-    """
-
-    mass: float
-    takeoff: float
+    mass: float  #: kg; the inertia stays.
+    takeoff: float  #: Height of the first hover, m.
+    #: North, east and up [m] to fly to one after the other, with two seconds' hover at each; none: the case's own.
     points: tuple[Vector, ...]
-    speed: float
-    heading: float
+    speed: float  #: Largest speed between the points, m/s.
+    heading: float  #: deg.
+    #: Mean wind [m/s], where it comes from [deg] and the factor on its turbulence.
     wind: float
     wind_from: float
     gusts: float
+    #: deg, deg, m above sea level, K above the standard atmosphere.
     latitude: float
     longitude: float
     altitude: float
     warmer: float
-    gps_lag: float
-    step: float
+    gps_lag: float  #: s.
+    step: float  #: Of the physics, s.
     seed: int
 
 

@@ -24,21 +24,11 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """Lines over time.
+    """Lines over time."""
 
-    Attributes
-    ----------
-    caption : str
-        What to see.
-    axis : str
-        Title of the vertical axis, with the unit.
-    lines : DataFrame
-        Index `t` [s]; a column for each line, named as in the legend.
-    """
-
-    caption: str
-    axis: str
-    lines: pd.DataFrame
+    caption: str  #: What to see.
+    axis: str  #: Title of the vertical axis, with the unit.
+    lines: pd.DataFrame  #: Index `t` [s]; a column for each line, named as in the legend.
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,33 +41,17 @@ class Table:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """A simulated case.
-
-    Attributes
-    ----------
-    name, summary : str
-    facts : tuple of Fact
-        Characteristics of the flight.
-    notes : tuple of str
-        Where this differs from what the paper prints, and why.
-    plots : tuple of Plot
-    tables : tuple of Table
-    history : DataFrame
-        Index `t` [s]; names of columns carry their units.
-    write_log : callable
-        Writes the flight's log and its truth into a folder and gives the files.
-    fault : str
-        What is wrong with the settings although the flight came to its end, such as unstable gains; else empty.
-    """
+    """A simulated case."""
 
     name: str
     summary: str
-    facts: tuple[Fact, ...]
+    facts: tuple[Fact, ...]  #: Characteristics of the flight.
     plots: tuple[Plot, ...]
-    history: pd.DataFrame
-    write_log: Callable[[Path], list[Path]]
-    notes: tuple[str, ...] = ()
+    history: pd.DataFrame  #: Index `t` [s]; names of columns carry their units.
+    write_log: Callable[[Path], list[Path]]  #: Writes the flight's log and its truth into a folder and gives the files.
+    notes: tuple[str, ...] = ()  #: Where this differs from what the paper prints, and why.
     tables: tuple[Table, ...] = field(default=())
+    #: What is wrong with the settings although the flight came to its end, such as unstable gains; else empty.
     fault: str = ""
 
 

@@ -14,24 +14,14 @@ from simulation.errors import ParameterError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where the craft takes off; the origin of its NED frame lies where the craft's centre of gravity rests.
-
-    Attributes
-    ----------
-    name : str
-    lat_deg, lon_deg : float
-        WGS84, degrees (as maps print them).
-    alt : float
-        Metres above mean sea level; geoid undulation is taken as zero.
-    warmer : float
-        Air temperature above that of the standard atmosphere, K.
-    """
+    """Where the craft takes off; the origin of its NED frame lies where the craft's centre of gravity rests."""
 
     name: str
+    #: WGS84, degrees (as maps print them).
     lat_deg: float
     lon_deg: float
-    alt: float
-    warmer: float = 0.0
+    alt: float  #: Metres above mean sea level; geoid undulation is taken as zero.
+    warmer: float = 0.0  #: Air temperature above that of the standard atmosphere, K.
 
     def __post_init__(self) -> None:
         if not (abs(self.lat_deg) < 89.0 and abs(self.lon_deg) <= 180.0):

@@ -11,21 +11,11 @@ from simulation.errors import require_positive
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QuadraticRotor:
-    """Thrust ``k w^2`` and torque ``b w^2`` of Elhesasy 2024 (eq. 12), proportional to air density.
+    """Thrust ``k w^2`` and torque ``b w^2`` of Elhesasy 2024 (eq. 12), proportional to air density."""
 
-    Attributes
-    ----------
-    thrust_coefficient : float
-        k, N s^2 at `reference_density`.
-    torque_coefficient : float
-        b, N m s^2 at `reference_density`.
-    reference_density : float
-        Air density at which k and b hold, kg/m^3.
-    """
-
-    thrust_coefficient: float
-    torque_coefficient: float
-    reference_density: float = SEA_LEVEL_DENSITY
+    thrust_coefficient: float  #: k, N s^2 at `reference_density`.
+    torque_coefficient: float  #: b, N m s^2 at `reference_density`.
+    reference_density: float = SEA_LEVEL_DENSITY  #: Air density at which k and b hold, kg/m^3.
 
     def __post_init__(self) -> None:
         require_positive("rotor", self, ("thrust_coefficient", "torque_coefficient", "reference_density"))
@@ -50,28 +40,14 @@ class BladeElementRotor:
 
     are solved for the induced velocity v. The thesis gives the rotor no torque; here it is that of the ideal power
     ``T (v - W)``, a lower bound.
-
-    Attributes
-    ----------
-    radius : float
-        m.
-    pitch : float
-        Advance per turn of the propeller as its maker states it, m.
-    chord : float
-        Mean chord, m.
-    blades : int
-    lift_slope : float
-        Per rad.
-    efficiency : float
-        eta.
     """
 
-    radius: float
-    pitch: float
-    chord: float
+    radius: float  #: m.
+    pitch: float  #: Advance per turn of the propeller as its maker states it, m.
+    chord: float  #: Mean chord, m.
     blades: int = 2
-    lift_slope: float = 5.7
-    efficiency: float = 1.0
+    lift_slope: float = 5.7  #: Per rad.
+    efficiency: float = 1.0  #: eta.
 
     def __post_init__(self) -> None:
         require_positive("rotor", self, ("radius", "pitch", "chord", "blades", "lift_slope", "efficiency"))

@@ -20,33 +20,15 @@ _USUAL = Logging()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SampleFlight:
-    """A mission that can be flown by name.
+    """A mission that can be flown by name."""
 
-    Attributes
-    ----------
-    name : str
-        Also the name of its log.
-    summary : str
-        What is flown, in a line.
-    setup : Setup
-        Everything that determines the flight.
-    start_utc : datetime
-        UTC at the start of the simulation.
-    boot : float
-        Time since the autopilot's boot at that instant, s.
-    logging : Logging
-        What is logged how often.
-    telemetry : bool
-        Whether a telemetry log (`.tlog`) is written beside the on-board log.
-    """
-
-    name: str
-    summary: str
-    setup: Setup
-    start_utc: dt.datetime
-    boot: float = 18.0
-    logging: Logging = _USUAL
-    telemetry: bool = False
+    name: str  #: Also the name of its log.
+    summary: str  #: What is flown, in a line.
+    setup: Setup  #: Everything that determines the flight.
+    start_utc: dt.datetime  #: UTC at the start of the simulation.
+    boot: float = 18.0  #: Time since the autopilot's boot at that instant, s.
+    logging: Logging = _USUAL  #: What is logged how often.
+    telemetry: bool = False  #: Whether a telemetry log (`.tlog`) is written beside the on-board log.
 
 
 def _octocopter(

@@ -17,35 +17,21 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inertial:
-    """Gyro and accelerometer, sampled every step of the simulation before the low-pass.
+    """Gyro and accelerometer, sampled every step of the simulation before the low-pass."""
 
-    Attributes
-    ----------
-    gyro_bias : tuple of 3 float
-        rad/s.
-    accel_bias : tuple of 3 float
-        m/s^2.
-    gyro_noise, accel_noise : float
-        Noise density, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz).
-    gyro_vibration, accel_vibration : float
-        Further noise densities at hover; grow with the square of the rotor speed.
-    gyro_instability, accel_instability : float
-        Standard deviation of the Gauss-Markov drift of the biases, rad/s and m/s^2; it starts at zero.
-    instability_time : float
-        Correlation time of that drift, s.
-    gyro_range, accel_range : float
-        Where the sensors clip, rad/s and m/s^2 (2000 deg/s and 16 g).
-    """
-
-    gyro_bias: Vector = (0.0, 0.0, 0.0)
-    accel_bias: Vector = (0.0, 0.0, 0.0)
+    gyro_bias: Vector = (0.0, 0.0, 0.0)  #: rad/s.
+    accel_bias: Vector = (0.0, 0.0, 0.0)  #: m/s^2.
+    #: Noise density, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz).
     gyro_noise: float = 1.5e-4
     accel_noise: float = 2.0e-3
+    #: Further noise densities at hover; grow with the square of the rotor speed.
     gyro_vibration: float = 6.0e-4
     accel_vibration: float = 2.0e-2
+    #: Standard deviation of the Gauss-Markov drift of the biases, rad/s and m/s^2; it starts at zero.
     gyro_instability: float = 0.0
     accel_instability: float = 0.0
-    instability_time: float = 100.0
+    instability_time: float = 100.0  #: Correlation time of that drift, s.
+    #: Where the sensors clip, rad/s and m/s^2 (2000 deg/s and 16 g).
     gyro_range: float = 34.9
     accel_range: float = 156.9
 
@@ -80,32 +66,19 @@ class Inertial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gps:
-    """Receiver with late samples, an error that wanders and white noise on top.
+    """Receiver with late samples, an error that wanders and white noise on top."""
 
-    Attributes
-    ----------
-    rate : float
-        Hz.
-    lag : float
-        From the instant that a sample is valid to the row in the log, s.
-    horizontal_wander, vertical_wander : float
-        Standard deviation of the Gauss-Markov position error, m per axis.
-    wander_time : float
-        Its correlation time, s.
-    position_noise, velocity_noise : float
-        White noise, m and m/s per axis.
-    outages : tuple of (float, float)
-        Start and end of times without a fix, s from the start of the simulation; the receiver goes on
-        sending rows, with its last position.
-    """
-
-    rate: float = 5.0
-    lag: float = 0.12
+    rate: float = 5.0  #: Hz.
+    lag: float = 0.12  #: From the instant that a sample is valid to the row in the log, s.
+    #: Standard deviation of the Gauss-Markov position error, m per axis.
     horizontal_wander: float = 0.5
     vertical_wander: float = 0.9
-    wander_time: float = 60.0
+    wander_time: float = 60.0  #: Its correlation time, s.
+    #: White noise, m and m/s per axis.
     position_noise: float = 0.04
     velocity_noise: float = 0.05
+    #: Start and end of times without a fix, s from the start of the simulation; the receiver goes on sending rows, with
+    #: its last position.
     outages: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -165,27 +138,13 @@ class Gps:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Barometer:
-    """Static pressure with noise and drift.
+    """Static pressure with noise and drift."""
 
-    Attributes
-    ----------
-    rate : float
-        Hz.
-    noise : float
-        White noise, Pa.
-    drift : float
-        Standard deviation of the Gauss-Markov drift, Pa.
-    drift_time : float
-        Its correlation time, s.
-    self_heating : float
-        Sensor above air temperature, K.
-    """
-
-    rate: float = 10.0
-    noise: float = 1.2
-    drift: float = 4.0
-    drift_time: float = 120.0
-    self_heating: float = 12.0
+    rate: float = 10.0  #: Hz.
+    noise: float = 1.2  #: White noise, Pa.
+    drift: float = 4.0  #: Standard deviation of the Gauss-Markov drift, Pa.
+    drift_time: float = 120.0  #: Its correlation time, s.
+    self_heating: float = 12.0  #: Sensor above air temperature, K.
 
     def sample(self, truth: pd.DataFrame, place: Place, random: np.random.RandomState) -> pd.DataFrame:
         """Sample a flight: index `t` [s]; pressure [Pa], temperature of the sensor [K].
@@ -205,21 +164,11 @@ class Barometer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Magnetometer:
-    """Three-axis compass with what is left of hard iron after calibration.
+    """Three-axis compass with what is left of hard iron after calibration."""
 
-    Attributes
-    ----------
-    rate : float
-        Hz.
-    noise : float
-        White noise, T.
-    hard_iron : tuple of 3 float
-        Constant field of the craft left by the calibration, body axes, T.
-    """
-
-    rate: float = 10.0
-    noise: float = 2.0e-7
-    hard_iron: Vector = (0.0, 0.0, 0.0)
+    rate: float = 10.0  #: Hz.
+    noise: float = 2.0e-7  #: White noise, T.
+    hard_iron: Vector = (0.0, 0.0, 0.0)  #: Constant field of the craft left by the calibration, body axes, T.
 
     def sample(self, truth: pd.DataFrame, field_n: np.ndarray, random: np.random.RandomState) -> pd.DataFrame:
         """Sample a flight: index `t` [s]; mag_x, mag_y, mag_z [T].
@@ -277,18 +226,10 @@ class Sensors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeedControllers:
-    """ESCs that report over telemetry how fast their motors turn.
+    """ESCs that report over telemetry how fast their motors turn."""
 
-    Attributes
-    ----------
-    rate : float
-        Rows of each motor per second.
-    resolution : float
-        Step of the reported speed, turns per minute.
-    """
-
-    rate: float = 10.0
-    resolution: float = 6.0
+    rate: float = 10.0  #: Rows of each motor per second.
+    resolution: float = 6.0  #: Step of the reported speed, turns per minute.
 
     def sample(self, truth: pd.DataFrame, rotors: int) -> pd.DataFrame:
         """Sample a flight: index `t` [s]; rpm1 ... rpmN as reported, current1 ... currentN [A].

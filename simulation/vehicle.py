@@ -19,49 +19,24 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class RotorMount:
-    """Where a rotor sits and how it turns.
+    """Where a rotor sits and how it turns."""
 
-    Attributes
-    ----------
-    rotor : QuadraticRotor or BladeElementRotor
-        Its thrust and torque.
-    position : tuple of 3 float
-        From the centre of gravity, body FRD, m.
-    spin : int
-        +1 clockwise seen from above, -1 counter-clockwise.
-    layer : int
-        +1 upper, -1 lower, 0 where there is one layer.
-    axis : tuple of 3 float
-        Unit vector of the thrust, body FRD.
-    inertia : float
-        Of propeller and bell about the axis, kg m^2; makes gyroscopic moments and the kick of a rotor that speeds up.
-    """
-
-    rotor: Rotor
-    position: tuple[float, float, float]
-    spin: int
-    layer: int = 0
-    axis: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    rotor: Rotor  #: Its thrust and torque.
+    position: tuple[float, float, float]  #: From the centre of gravity, body FRD, m.
+    spin: int  #: +1 clockwise seen from above, -1 counter-clockwise.
+    layer: int = 0  #: +1 upper, -1 lower, 0 where there is one layer.
+    axis: tuple[float, float, float] = (0.0, 0.0, -1.0)  #: Unit vector of the thrust, body FRD.
+    #: Of propeller and bell about the axis, kg m^2; makes gyroscopic moments and the kick of a rotor that speeds up.
     inertia: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tank:
-    """Payload that flows out in flight: the craft's mass properties over time, linear between the entries.
+    """Payload that flows out in flight: the craft's mass properties over time, linear between the entries."""
 
-    Attributes
-    ----------
-    time : tuple of float
-        s, increasing; before the first and after the last nothing changes.
-    mass : tuple of float
-        Of the whole craft, kg.
-    inertia : tuple of ndarray, shape (3, 3)
-        kg m^2.
-    """
-
-    time: tuple[float, ...]
-    mass: tuple[float, ...]
-    inertia: tuple[np.ndarray, ...]
+    time: tuple[float, ...]  #: s, increasing; before the first and after the last nothing changes.
+    mass: tuple[float, ...]  #: Of the whole craft, kg.
+    inertia: tuple[np.ndarray, ...]  #: tuple of ndarray, shape (3, 3): kg m^2.
 
     def __post_init__(self) -> None:
         if not len(self.time) == len(self.mass) == len(self.inertia) >= 2:
@@ -76,66 +51,33 @@ class Tank:
 
 @dataclass(frozen=True, slots=True)
 class LandingGear:
-    """Four feet at the corners of a square, springs and dampers on flat ground.
+    """Four feet at the corners of a square, springs and dampers on flat ground."""
 
-    Attributes
-    ----------
-    height : float
-        Of the centre of gravity above the feet, m.
-    reach : float
-        Distance of a foot from the vertical axis, m.
-    sag : float
-        How far the craft sinks in when it stands, m.
-    damping_ratio : float
-        Of the vertical motion on all four feet.
-    friction : float
-        Coulomb coefficient.
-    """
-
-    height: float = 0.18
-    reach: float = 0.22
-    sag: float = 0.004
-    damping_ratio: float = 0.6
-    friction: float = 0.6
+    height: float = 0.18  #: Of the centre of gravity above the feet, m.
+    reach: float = 0.22  #: Distance of a foot from the vertical axis, m.
+    sag: float = 0.004  #: How far the craft sinks in when it stands, m.
+    damping_ratio: float = 0.6  #: Of the vertical motion on all four feet.
+    friction: float = 0.6  #: Coulomb coefficient.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Multirotor:
-    """A rigid body with rotors.
-
-    Attributes
-    ----------
-    name : str
-    mass : float
-        kg.
-    inertia : ndarray, shape (3, 3)
-        About the centre of gravity, body FRD, kg m^2. Off-diagonal elements are minus the products of inertia.
-    rotors : tuple of RotorMount
-        In the order of the autopilot's motor numbers.
-    drive : Drive
-        The same for all rotors.
-    battery : Battery
-    gear : LandingGear
-    drag_linear : tuple of 3 float
-        Drag per airspeed along body x, y, z at the rotors' reference density, N s/m.
-    drag_area : tuple of 3 float
-        Drag coefficient times area along body x, y, z, m^2.
-    tank : Tank, optional
-        Payload that flows out; mass and inertia above are then those at the start.
-    frame_class, frame_type : int
-        ArduPilot's FRAME_CLASS (1 quad, 2 hexa, 3 octa) and FRAME_TYPE (0 plus, 1 x).
-    """
+    """A rigid body with rotors."""
 
     name: str
-    mass: float
+    mass: float  #: kg.
+    #: shape (3, 3): About the centre of gravity, body FRD, kg m^2. Off-diagonal elements are minus the products of
+    #: inertia.
     inertia: np.ndarray
-    rotors: tuple[RotorMount, ...]
-    drive: Drive
+    rotors: tuple[RotorMount, ...]  #: In the order of the autopilot's motor numbers.
+    drive: Drive  #: The same for all rotors.
     battery: Battery = field(default_factory=Battery)
     gear: LandingGear = field(default_factory=LandingGear)
+    #: Drag per airspeed along body x, y, z at the rotors' reference density, N s/m.
     drag_linear: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    drag_area: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    tank: Tank | None = None
+    drag_area: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Drag coefficient times area along body x, y, z, m^2.
+    tank: Tank | None = None  #: Payload that flows out; mass and inertia above are then those at the start.
+    #: ArduPilot's FRAME_CLASS (1 quad, 2 hexa, 3 octa) and FRAME_TYPE (0 plus, 1 x).
     frame_class: int = 3
     frame_type: int = 0
 

@@ -13,24 +13,12 @@ _FEET = 0.3048
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wind:
-    """Mean wind of one direction and turbulence carried past the craft by it.
+    """Mean wind of one direction and turbulence carried past the craft by it."""
 
-    Attributes
-    ----------
-    speed : float
-        Mean wind speed, m/s.
-    from_deg : float
-        Direction that the wind comes from, degrees clockwise from north.
-    gusts : float
-        Factor on the Dryden intensity for this wind speed; 0 is steady wind.
-    height : float
-        Height above ground for which the spectra are taken, m.
-    """
-
-    speed: float = 0.0
-    from_deg: float = 0.0
-    gusts: float = 1.0
-    height: float = 15.0
+    speed: float = 0.0  #: Mean wind speed, m/s.
+    from_deg: float = 0.0  #: Direction that the wind comes from, degrees clockwise from north.
+    gusts: float = 1.0  #: Factor on the Dryden intensity for this wind speed; 0 is steady wind.
+    height: float = 15.0  #: Height above ground for which the spectra are taken, m.
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.speed <= 40.0:

@@ -44,21 +44,12 @@ class SomeFields(Mapping[str, pd.DataFrame]):
 
 @dataclass(slots=True)
 class Later:
-    """What is still to be built, and what building had to say.
+    """What is still to be built, and what building had to say."""
 
-    Attributes
-    ----------
-    builders : dict of str to callable
-        By table.
-    columns : dict of str to callable
-        By table, of those whose columns can be had one by one; what removes no value, and so has nothing to say.
-    remarks : dict of str to Remarks
-        Of the tables that were built so far.
-    """
-
-    builders: dict[str, Callable[[], Built]] = field(default_factory=dict)
+    builders: dict[str, Callable[[], Built]] = field(default_factory=dict)  #: By table.
+    #: By table, of those whose columns can be had one by one; what removes no value, and so has nothing to say.
     columns: dict[str, Columns] = field(default_factory=dict)
-    remarks: dict[str, Remarks] = field(default_factory=dict)
+    remarks: dict[str, Remarks] = field(default_factory=dict)  #: Of the tables that were built so far.
 
     def take(
         self,

@@ -31,29 +31,16 @@ Int64s = npt.NDArray[np.int64]
 
 @dataclass
 class Slot:
-    """One definition in force somewhere in the file.
-
-    Attributes
-    ----------
-    definition : Definition
-    length : int
-        Bytes of its messages with their header.
-    since : int
-        Message from which on it holds.
-    units, multipliers : str
-        One-letter ids of its FMTU row.
-    fields : tuple of Field
-    time : Field or None
-        The one with the boot clock, which counts `time_scale` times a second.
-    """
+    """One definition in force somewhere in the file."""
 
     definition: Definition
-    length: int
-    since: int
+    length: int  #: Bytes of its messages with their header.
+    since: int  #: Message from which on it holds.
+    #: One-letter ids of its FMTU row.
     units: str = ""
     multipliers: str = ""
     fields: tuple[Field, ...] = field(init=False)
-    time: Field | None = field(init=False)
+    time: Field | None = field(init=False)  #: The one with the boot clock, which counts `time_scale` times a second.
     time_scale: int = field(init=False)
 
     def __post_init__(self) -> None:

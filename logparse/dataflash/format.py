@@ -21,21 +21,11 @@ FMT_LENGTH = 89
 
 @dataclass(frozen=True, slots=True)
 class FieldType:
-    """What one format character stands for.
+    """What one format character stands for."""
 
-    Attributes
-    ----------
-    dtype : numpy dtype
-        Little-endian type in the file; for ``a`` the element type.
-    divisor : int
-        Legacy scale: the value is the stored integer divided by this.
-    items : int
-        Elements of an array field, else 1.
-    """
-
-    dtype: np.dtype
-    divisor: int = 1
-    items: int = 1
+    dtype: np.dtype  #: Little-endian type in the file; for ``a`` the element type.
+    divisor: int = 1  #: Legacy scale: the value is the stored integer divided by this.
+    items: int = 1  #: Elements of an array field, else 1.
 
     @property
     def size(self) -> int:
@@ -162,25 +152,14 @@ class Field:
 
 @dataclass(frozen=True)
 class Definition:
-    """One FMT row.
+    """One FMT row."""
 
-    Attributes
-    ----------
-    id : int
-        Message id, 0..255.
-    length : int
-        Bytes of the message with its header, as declared.
-    name, format : str
-        As declared.
-    labels : tuple of str
-        Column names as declared; their number may differ from that of the format characters.
-    """
-
-    id: int
-    length: int
+    id: int  #: Message id, 0..255.
+    length: int  #: Bytes of the message with its header, as declared.
+    #: As declared.
     name: str
     format: str
-    labels: tuple[str, ...]
+    labels: tuple[str, ...]  #: Column names as declared; their number may differ from that of the format characters.
 
     @cached_property
     def format_length(self) -> int | None:

@@ -8,34 +8,19 @@ from logparse.findings import Severity
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightEvent:
-    """One entry of a flight's timeline.
+    """One entry of a flight's timeline."""
 
-    Attributes
-    ----------
-    id : str
-        Stable kebab-case name, such as ``"gps-lost"``; docs/findings.md explains each.
-    t, end : float
-        First and last moment, s on the log's boot clock; equal for what has no duration.
-    severity : Severity
-        INFO for what belongs to a healthy flight, WARNING for what should be looked into, ERROR for what endangers.
-    reason : str
-        What happened, in a sentence.
-    advice : str
-        What to do about it; empty when there is nothing to do.
-    evidence : mapping of str to (str, int, float or bool)
-        Numbers behind the reason, SI units unless the name says otherwise.
-    source : str
-        Where the limit comes from; empty when no limit is involved.
-    """
-
-    id: str
+    id: str  #: Stable kebab-case name, such as ``"gps-lost"``; docs/findings.md explains each.
+    #: First and last moment, s on the log's boot clock; equal for what has no duration.
     t: float
     end: float
+    #: INFO for what belongs to a healthy flight, WARNING for what should be looked into, ERROR for what endangers.
     severity: Severity
-    reason: str
-    advice: str = ""
+    reason: str  #: What happened, in a sentence.
+    advice: str = ""  #: What to do about it; empty when there is nothing to do.
+    #: Numbers behind the reason, SI units unless the name says otherwise.
     evidence: Mapping[str, str | int | float | bool] = field(default_factory=dict)
-    source: str = ""
+    source: str = ""  #: Where the limit comes from; empty when no limit is involved.
 
     @property
     def duration(self) -> float:

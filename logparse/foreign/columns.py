@@ -47,41 +47,21 @@ _KEYS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """Columns of one vector and how to read them.
-
-    Attributes
-    ----------
-    columns : tuple of str
-    factor : float
-        To SI.
-    body : bool
-        In body axes rather than the world's.
-    """
+    """Columns of one vector and how to read them."""
 
     columns: tuple[str, ...]
-    factor: float = 1.0
-    body: bool = False
+    factor: float = 1.0  #: To SI.
+    body: bool = False  #: In body axes rather than the world's.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AttitudeSignal:
-    """Columns of the attitude.
+    """Columns of the attitude."""
 
-    Attributes
-    ----------
-    columns : tuple of str
-        Four of a quaternion, or roll, pitch, yaw.
-    scalar_first : bool
-    world_to_body : bool
-        The quaternion turns from the world to the body; else from the body to the world.
-    factor : float
-        Of angles, to rad.
-    """
-
-    columns: tuple[str, ...]
+    columns: tuple[str, ...]  #: Four of a quaternion, or roll, pitch, yaw.
     scalar_first: bool = False
-    world_to_body: bool = False
-    factor: float = 1.0
+    world_to_body: bool = False  #: The quaternion turns from the world to the body; else from the body to the world.
+    factor: float = 1.0  #: Of angles, to rad.
 
     @property
     def quaternion(self) -> bool:
@@ -91,59 +71,23 @@ class AttitudeSignal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorSignal:
-    """Columns of the motors.
+    """Columns of the motors."""
 
-    Attributes
-    ----------
-    columns : tuple of str
-        In the order of `motors`.
-    quantity : str
-        One of `QUANTITIES`.
-    factor : float
-        To rad/s for rotor speeds, us for PWM, 0..1 for commands.
-    motors : tuple of Motor
-        Where each sits.
-    pwm : (float, float)
-        Idle and full, us; for PWM.
-    """
-
-    columns: tuple[str, ...]
-    quantity: str
-    factor: float
-    motors: tuple[Motor, ...]
-    pwm: tuple[float, float] = (1000.0, 2000.0)
+    columns: tuple[str, ...]  #: In the order of `motors`.
+    quantity: str  #: One of `QUANTITIES`.
+    factor: float  #: To rad/s for rotor speeds, us for PWM, 0..1 for commands.
+    motors: tuple[Motor, ...]  #: Where each sits.
+    pwm: tuple[float, float] = (1000.0, 2000.0)  #: Idle and full, us; for PWM.
     frame: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColumnMap:
-    """All that a user says of a table.
+    """All that a user says of a table."""
 
-    Attributes
-    ----------
-    time : Signal or None
-        None when the rate is given instead.
-    rate : float or None
-        Samples per second.
-    world, body : str
-        Frames.
-    position, velocity, rates : Signal or None
-    attitude : AttitudeSignal or None
-    motors : MotorSignal
-    inputs : mapping of str to Signal
-        Further inputs, by the name that they get.
-    voltage : Signal or None
-    mass, arm : float or None
-        kg, m.
-    indoors : bool
-        No wind.
-    name : str or None
-    fill : bool
-        Fill gaps of any length from the samples before and after them.
-    """
-
-    time: Signal | None
-    rate: float | None
+    time: Signal | None  #: None when the rate is given instead.
+    rate: float | None  #: Samples per second.
+    #: Frames.
     world: str
     body: str
     position: Signal
@@ -151,13 +95,14 @@ class ColumnMap:
     attitude: AttitudeSignal
     rates: Signal | None
     motors: MotorSignal
-    inputs: Mapping[str, Signal]
+    inputs: Mapping[str, Signal]  #: Further inputs, by the name that they get.
     voltage: Signal | None
+    #: kg, m.
     mass: float | None
     arm: float | None
-    indoors: bool
+    indoors: bool  #: No wind.
     name: str | None
-    fill: bool
+    fill: bool  #: Fill gaps of any length from the samples before and after them.
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -28,42 +28,20 @@ _NORM = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionTable:
-    """One record.
-
-    Attributes
-    ----------
-    name : str
-    t : ndarray, shape (N,)
-        s, uniform, in the table's own clock.
-    position, velocity : ndarray, shape (N, 3)
-        NED, m and m/s.
-    quaternion : ndarray, shape (N, 4)
-        Body (FRD) to NED, scalar first, continuous.
-    rates : ndarray, shape (N, 3)
-        FRD, rad/s.
-    motors : ndarray, shape (N, m)
-        rad/s, us or 0..1.
-    motor_unit : str
-        ``"rad/s"``, ``"us"`` or ``"1"``.
-    inputs : ndarray, shape (N, e)
-    input_names : tuple of str
-    voltage : ndarray, shape (N,) or None
-    vehicle : Vehicle
-    columns : ColumnMap
-    findings : tuple of Finding
-    """
+    """One record."""
 
     name: str
-    t: Floats
+    t: Floats  #: shape (N,): s, uniform, in the table's own clock.
+    #: shape (N, 3): NED, m and m/s.
     position: Floats
     velocity: Floats
-    quaternion: Floats
-    rates: Floats
-    motors: Floats
-    motor_unit: str
-    inputs: Floats
+    quaternion: Floats  #: shape (N, 4): Body (FRD) to NED, scalar first, continuous.
+    rates: Floats  #: shape (N, 3): FRD, rad/s.
+    motors: Floats  #: shape (N, m): rad/s, us or 0..1.
+    motor_unit: str  #: ``"rad/s"``, ``"us"`` or ``"1"``.
+    inputs: Floats  #: shape (N, e)
     input_names: tuple[str, ...]
-    voltage: Floats | None
+    voltage: Floats | None  #: shape (N,)
     vehicle: Vehicle
     columns: ColumnMap
     findings: tuple[Finding, ...]

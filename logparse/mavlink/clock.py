@@ -50,20 +50,12 @@ _MOST_JUMPS_EXAMINED = 1000
 
 @dataclass(frozen=True, slots=True)
 class BootClock:
-    """What `find_boots` found.
-
-    Attributes
-    ----------
-    boots : tuple of Boot
-    knots : ndarray of int64, shape (n, 4)
-        Position in the stream, logger time less boot time [us], boot time there and at the next knot [us].
-    jumps : tuple of float
-        Jumps of the logger's clock within a boot, s.
-    """
+    """What `find_boots` found."""
 
     boots: tuple[Boot, ...]
+    #: shape (n, 4): Position in the stream, logger time less boot time [us], boot time there and at the next knot [us].
     knots: Int64s
-    jumps: tuple[float, ...]
+    jumps: tuple[float, ...]  #: Jumps of the logger's clock within a boot, s.
 
 
 def find_boots(windows: Int64s, size: int, stamped: bool, boundary: Callable[[int, int], int]) -> BootClock:

@@ -30,31 +30,16 @@ _NUMPY_CODES = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class MessageDefinition:
-    """One message of the dialect.
+    """One message of the dialect."""
 
-    Attributes
-    ----------
-    name : str
-        MAVLink name, such as ``"ATTITUDE"``.
-    id : int
-        Message id.
-    crc_extra : int
-        Seed that the definition adds to each frame's checksum.
-    wire : numpy.dtype
-        Packed structured dtype of a payload that is not truncated, fields in wire order. Arrays are subarrays;
-        ``char`` arrays are byte strings (``S``).
-    fields : tuple of str
-        Field names in the order of the definition.
-    units : mapping of str to str
-        Unit of each field that has one, as the definition says it.
-    """
-
-    name: str
-    id: int
-    crc_extra: int
+    name: str  #: MAVLink name, such as ``"ATTITUDE"``.
+    id: int  #: Message id.
+    crc_extra: int  #: Seed that the definition adds to each frame's checksum.
+    #: Packed structured dtype of a payload that is not truncated, fields in wire order. Arrays are subarrays; ``char``
+    #: arrays are byte strings (``S``).
     wire: np.dtype[Any]
-    fields: tuple[str, ...]
-    units: Mapping[str, str]
+    fields: tuple[str, ...]  #: Field names in the order of the definition.
+    units: Mapping[str, str]  #: Unit of each field that has one, as the definition says it.
 
     def place(self, field: str) -> tuple[np.dtype[Any], int]:
         """Dtype of a field and where it begins in the payload."""

@@ -38,40 +38,21 @@ CarryOver = Callable[[sysid.Model, sysid.Experiment, sysid.Experiment], sysid.Mo
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of model.
+    """One kind of model."""
 
-    Attributes
-    ----------
-    key : str
-        Names it in files.
-    title : str
-        Names it for people.
-    inputs, frame : str
-        Inputs of its experiments and their frame, as `Experiment.from_flight` takes them.
-    fit : callable
-        ``fit(experiments, config, progress)``.
-    note : str
-        What the model describes, and what it cannot tell, for people who have to choose.
-    scans : str
-        Structure with which its number of poles and zeros can be scanned; empty when it cannot.
-    rate : float or None
-        Samples per second that it needs; those of the configuration when None.
-    linear : bool
-        Its outputs are a linear answer to its inputs, so that their coherence tells what it can know.
-    carry_over : callable or None
-        ``carry_over(model, fitted, judge)`` tells the model what it learned of the flight that both parts are of, such
-        as the wind.
-    """
-
-    key: str
-    title: str
+    key: str  #: Names it in files.
+    title: str  #: Names it for people.
+    #: Inputs of its experiments and their frame, as `Experiment.from_flight` takes them.
     inputs: str
     frame: str
-    fit: Fit
-    note: str
-    scans: str = ""
-    rate: float | None = None
+    fit: Fit  #: ``fit(experiments, config, progress)``.
+    note: str  #: What the model describes, and what it cannot tell, for people who have to choose.
+    scans: str = ""  #: Structure with which its number of poles and zeros can be scanned; empty when it cannot.
+    rate: float | None = None  #: Samples per second that it needs; those of the configuration when None.
+    #: Its outputs are a linear answer to its inputs, so that their coherence tells what it can know.
     linear: bool = True
+    #: ``carry_over(model, fitted, judge)`` tells the model what it learned of the flight that both parts are of, such
+    #: as the wind.
     carry_over: CarryOver | None = None
 
 

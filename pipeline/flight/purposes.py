@@ -49,22 +49,13 @@ class Trust(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PredictionUse:
-    """How far ahead predictions are worth having.
+    """How far ahead predictions are worth having."""
 
-    Attributes
-    ----------
-    horizons : tuple of float
-        Without a break, those at which the error of every axis is below half of that of constant position and of
-        constant velocity, s; empty where there are none.
-    errors : mapping of str to float
-        RMS error by output at the last of them, m.
-    judged : bool
-        False where no record was held out.
-    """
-
+    #: Without a break, those at which the error of every axis is below half of that of constant position and of
+    #: constant velocity, s; empty where there are none.
     horizons: tuple[float, ...]
-    errors: Mapping[str, float] = field(default_factory=dict)
-    judged: bool = True
+    errors: Mapping[str, float] = field(default_factory=dict)  #: RMS error by output at the last of them, m.
+    judged: bool = True  #: False where no record was held out.
 
     @property
     def longest(self) -> float | None:
@@ -85,35 +76,24 @@ class PredictionUse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FreeRunUse:
-    """Whether the model may simulate whole flights from inputs and initial state.
-
-    Attributes
-    ----------
-    trust : Trust
-    ratios : mapping of str to float
-        Error by output over that of always predicting the mean, on held-out flights within the fitted envelope (on all
-        where there are none).
-    follows : tuple of str
-        Outputs that are followed to `CLOSE_PERCENT` or better, and better than without a model.
-    as_good_as_target : tuple of str
-        Where inputs are targets, outputs that the target itself follows as well: there the model adds nothing to it,
-        and errs no more than the autopilot did.
-    within, followed : int
-        Held-out flights within the envelope, and those of them that are followed in every axis.
-    outside, followed_outside : int
-        The same of flights that leave it.
-    fit_percent : tuple of 2 float, or None
-        Least and greatest fit over axes and flights of those followed within the envelope.
-    """
+    """Whether the model may simulate whole flights from inputs and initial state."""
 
     trust: Trust
+    #: Error by output over that of always predicting the mean, on held-out flights within the fitted envelope (on all
+    #: where there are none).
     ratios: Mapping[str, float] = field(default_factory=dict)
+    #: Outputs that are followed to `CLOSE_PERCENT` or better, and better than without a model.
     follows: tuple[str, ...] = ()
+    #: Where inputs are targets, outputs that the target itself follows as well: there the model adds nothing to it, and
+    #: errs no more than the autopilot did.
     as_good_as_target: tuple[str, ...] = ()
+    #: Held-out flights within the envelope, and those of them that are followed in every axis.
     within: int = 0
     followed: int = 0
+    #: The same of flights that leave it.
     outside: int = 0
     followed_outside: int = 0
+    #: Least and greatest fit over axes and flights of those followed within the envelope.
     fit_percent: tuple[float, float] | None = None
 
     @property
@@ -164,21 +144,14 @@ class FreeRunUse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterUse:
-    """Whether its parameters mean something by themselves.
-
-    Attributes
-    ----------
-    trust : Trust
-    determined, total : int
-        Parameters, or coefficients, whose standard deviation is below half of them, and all.
-    confirmed : bool
-        Whether predictions on held-out flights are worth having at some horizon: what predicts nothing is determined
-        in the fit alone.
-    """
+    """Whether its parameters mean something by themselves."""
 
     trust: Trust
+    #: Parameters, or coefficients, whose standard deviation is below half of them, and all.
     determined: int = 0
     total: int = 0
+    #: Whether predictions on held-out flights are worth having at some horizon: what predicts nothing is determined in
+    #: the fit alone.
     confirmed: bool = False
 
     def sentence(self) -> str:

@@ -25,50 +25,25 @@ from pipeline.results.flight import ModelResult, Prediction
 
 @dataclass(frozen=True, slots=True)
 class StoredModel:
-    """A model in a file, not yet read.
+    """A model in a file, not yet read."""
 
-    Attributes
-    ----------
-    owner : str
-        Craft (joint models) or flight that it was fitted to.
-    key : str
-        Its kind, as `pipeline.flight.kinds.KINDS` has it.
-    content : mapping
-        What its `to_dict` gave.
-    """
-
-    owner: str
-    key: str
-    content: Mapping[str, Any]
+    owner: str  #: Craft (joint models) or flight that it was fitted to.
+    key: str  #: Its kind, as `pipeline.flight.kinds.KINDS` has it.
+    content: Mapping[str, Any]  #: What its `to_dict` gave.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Replay:
-    """Stored models, run with new inputs.
+    """Stored models, run with new inputs."""
 
-    Attributes
-    ----------
-    name : str
-        Of the log or table.
-    inputs, models : Path
-        Files.
-    owner : str
-        Whose models they are.
-    results : tuple of ModelResult
-        With one prediction each, and a validation where the motion was measured.
-    measured : bool
-        Whether the motion is known, so that there is something to compare with.
-    notes : tuple of str
-        What a reader must know of how the models were run.
-    """
-
-    name: str
+    name: str  #: Of the log or table.
+    #: Files.
     inputs: Path
     models: Path
-    owner: str
-    results: tuple[ModelResult, ...]
-    measured: bool
-    notes: tuple[str, ...] = ()
+    owner: str  #: Whose models they are.
+    results: tuple[ModelResult, ...]  #: With one prediction each, and a validation where the motion was measured.
+    measured: bool  #: Whether the motion is known, so that there is something to compare with.
+    notes: tuple[str, ...] = ()  #: What a reader must know of how the models were run.
 
 
 def load_models(path: str | Path) -> list[StoredModel]:

@@ -20,24 +20,14 @@ GYRO_HZ = LOOP_HZ * SUBSTEPS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CraftAxis:
-    """What turns mixer input into a body rate.
+    """What turns mixer input into a body rate."""
 
-    Attributes
-    ----------
-    gain : float
-        rad/s^2 per unit of mixer input.
-    damping : float
-        1/s.
-    lag, delay : float
-        Of the motors, s.
-    flex_hz, flex_damping, flex_share : float
-        A flexible mode between motors and gyro; frequency 0 for none; its share of the acceleration.
-    """
-
-    gain: float
-    damping: float = 1.0
+    gain: float  #: rad/s^2 per unit of mixer input.
+    damping: float = 1.0  #: 1/s.
+    #: Of the motors, s.
     lag: float = 0.02
     delay: float = 0.003
+    #: A flexible mode between motors and gyro; frequency 0 for none; its share of the acceleration.
     flex_hz: float = 0.0
     flex_damping: float = 0.05
     flex_share: float = 0.0

@@ -29,26 +29,14 @@ ARM = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Motor:
-    """A motor of table 3.1 and the craft that carries four of it (section 4.1.2).
-
-    Attributes
-    ----------
-    name : str
-    kv : float
-        Speed per voltage without load, rad/s/V.
-    power : float
-        Largest power, W.
-    masses : tuple of 5 float
-        Mass of the craft with each of `PAYLOADS`, kg.
-    inertias : tuple of 5 tuples of 3 float
-        Ixx, Iyy, Izz with each of `PAYLOADS`, kg m^2. Printed as ``4,59E+09 kgmm^2``, which would be 4590 kg m^2; the
-        same digits with E+04 fit a craft of 2 kg and are taken here.
-    """
+    """A motor of table 3.1 and the craft that carries four of it (section 4.1.2)."""
 
     name: str
-    kv: float
-    power: float
-    masses: tuple[float, ...]
+    kv: float  #: Speed per voltage without load, rad/s/V.
+    power: float  #: Largest power, W.
+    masses: tuple[float, ...]  #: Mass of the craft with each of `PAYLOADS`, kg.
+    #: Ixx, Iyy, Izz with each of `PAYLOADS`, kg m^2. Printed as ``4,59E+09 kgmm^2``, which would be 4590 kg m^2; the
+    #: same digits with E+04 fit a craft of 2 kg and are taken here.
     inertias: tuple[tuple[float, float, float], ...]
 
 

@@ -15,32 +15,15 @@ from simulation.papers.guntur2019 import GRAVITY, MOTORS, PAYLOADS, RPM
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """What of the plan can be changed.
+    """What of the plan can be changed."""
 
-    Attributes
-    ----------
-    motor : str
-        One of the thesis' five.
-    payload : float
-        Share of the full tank of 1 kg, 0..1, with which the logged flight begins.
-    trim_rpm : float
-        Turns per minute about which the plan commands; 0: those that hover.
-    discharge : float
-        Share of the full tank that flows out per second.
-    discharge_start : float
-        s.
-    voltage : float
-        Of the battery, for the table of feasibility, V.
-    duration, step : float
-        s.
-    """
-
-    motor: str = "Sunnysky X2212-13 980KV"
-    payload: float = 0.5
-    trim_rpm: float = 0.0
-    discharge: float = 0.0
-    discharge_start: float = 5.0
-    voltage: float = 11.1
+    motor: str = "Sunnysky X2212-13 980KV"  #: One of the thesis' five.
+    payload: float = 0.5  #: Share of the full tank of 1 kg, 0..1, with which the logged flight begins.
+    trim_rpm: float = 0.0  #: Turns per minute about which the plan commands; 0: those that hover.
+    discharge: float = 0.0  #: Share of the full tank that flows out per second.
+    discharge_start: float = 5.0  #: s.
+    voltage: float = 11.1  #: Of the battery, for the table of feasibility, V.
+    #: s.
     duration: float = 30.0
     step: float = 0.01
 

@@ -146,20 +146,11 @@ class HeightGains:
 
     The printed PI (Kp -80, Ki -200) cannot hold height: hover is a double integrator, and without a term on the climb
     rate the cubic ``s^3 + a (80 s + 200)`` has a pair of roots to the right for any a. `rate` supplies it.
-
-    Attributes
-    ----------
-    proportional : float
-        rad/s per m.
-    integral : float
-        rad/s per m s.
-    rate : float
-        rad/s per m/s.
     """
 
-    proportional: float = -80.0
-    integral: float = -200.0
-    rate: float = -120.0
+    proportional: float = -80.0  #: rad/s per m.
+    integral: float = -200.0  #: rad/s per m s.
+    rate: float = -120.0  #: rad/s per m/s.
 
 
 def height_fault(height: HeightGains, voltage: float = 16.0) -> str:

@@ -15,24 +15,14 @@ from simulation.papers import kim2017
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recovery:
-    """What of the recovery can be changed.
+    """What of the recovery can be changed."""
 
-    Attributes
-    ----------
-    voltage : float
-        Of the battery, V: coefficients and gain follow it.
-    roll, pitch : float
-        Where the craft starts, deg.
-    duration : float
-        s.
-    height_p, height_i, height_rate : float
-        Gains of the height loop; see `kim2017.HeightGains`.
-    """
-
-    voltage: float = 16.0
+    voltage: float = 16.0  #: Of the battery, V: coefficients and gain follow it.
+    #: Where the craft starts, deg.
     roll: float = 20.0
     pitch: float = 20.0
-    duration: float = 20.0
+    duration: float = 20.0  #: s.
+    #: Gains of the height loop; see `kim2017.HeightGains`.
     height_p: float = -80.0
     height_i: float = -200.0
     height_rate: float = -120.0

@@ -46,31 +46,16 @@ CONTROL_STEP = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
-    """A flight from point to point, in the paper's axes.
+    """A flight from point to point, in the paper's axes."""
 
-    Attributes
-    ----------
-    start, target : tuple of 3 float
-        x, y, z, m.
-    wind : tuple of 3 float
-        Velocity of the air along x, y, z, m/s.
-    mass : float
-        Of the whole craft, kg.
-    speed : float
-        That the autopilot does not exceed, m/s.
-    step : float
-        Of Euler's method, s.
-    time_limit : float
-        When to give up, s.
-    """
-
+    #: x, y, z, m.
     start: Vector = (0.0, 10.0, 17.0)
     target: Vector = (0.0, 25.0, 17.0)
-    wind: Vector = (0.0, 0.0, 0.0)
-    mass: float = 1.0
-    speed: float = 5.0
-    step: float = STEP
-    time_limit: float = 200.0
+    wind: Vector = (0.0, 0.0, 0.0)  #: Velocity of the air along x, y, z, m/s.
+    mass: float = 1.0  #: Of the whole craft, kg.
+    speed: float = 5.0  #: That the autopilot does not exceed, m/s.
+    step: float = STEP  #: Of Euler's method, s.
+    time_limit: float = 200.0  #: When to give up, s.
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.start, *self.target, *self.wind))):
@@ -136,31 +121,16 @@ def quadcopter(mass: float = 1.0) -> Multirotor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gains:
-    """Gains of the autopilot, innermost loop last.
+    """Gains of the autopilot, innermost loop last."""
 
-    Attributes
-    ----------
-    position : float
-        Speed per distance, 1/s.
-    velocity, velocity_integral : float
-        Acceleration per speed, 1/s, and per its integral, 1/s^2.
-    angle : float
-        Rate per angle, 1/s.
-    rate : float
-        Angular acceleration per rate, 1/s.
-    brake : float
-        Deceleration that the approach counts on, m/s^2.
-    tilt_deg : float
-        Largest lean.
-    """
-
-    position: float = 1.0
+    position: float = 1.0  #: Speed per distance, 1/s.
+    #: Acceleration per speed, 1/s, and per its integral, 1/s^2.
     velocity: float = 2.0
     velocity_integral: float = 0.4
-    angle: float = 5.0
-    rate: float = 12.0
-    brake: float = 1.0
-    tilt_deg: float = 25.0
+    angle: float = 5.0  #: Rate per angle, 1/s.
+    rate: float = 12.0  #: Angular acceleration per rate, 1/s.
+    brake: float = 1.0  #: Deceleration that the approach counts on, m/s^2.
+    tilt_deg: float = 25.0  #: Largest lean.
 
 
 class Autopilot:

@@ -19,33 +19,17 @@ _SUBSTEPS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisPlant:
-    """What turns the controller's output into a rate (or, where it does not integrate, into an acceleration).
+    """What turns the controller's output into a rate (or, where it does not integrate, into an acceleration)."""
 
-    Attributes
-    ----------
-    gain : float
-        rad/s^2 (or m/s^2) per unit of the output.
-    damping : float
-        Of the rate, 1/s.
-    lag : float
-        Time constant of the motors, s; 0: none.
-    delay : float
-        From output to motors, s, beside the half period of the loop that holding the output costs.
-    flex_hz, flex_damping, flex_share : float
-        Frequency of a flexible mode, 0: none; its damping, and its part of the acceleration.
-    filter_hz : float
-        Corner of the second-order low-pass of the sensor; 0: none.
-    integrates : bool
-    """
-
-    gain: float
-    damping: float = 2.0
-    lag: float = 0.0
-    delay: float = 0.0
+    gain: float  #: rad/s^2 (or m/s^2) per unit of the output.
+    damping: float = 2.0  #: Of the rate, 1/s.
+    lag: float = 0.0  #: Time constant of the motors, s; 0: none.
+    delay: float = 0.0  #: From output to motors, s, beside the half period of the loop that holding the output costs.
+    #: Frequency of a flexible mode, 0: none; its damping, and its part of the acceleration.
     flex_hz: float = 0.0
     flex_damping: float = 0.03
     flex_share: float = 0.0
-    filter_hz: float = 20.0
+    filter_hz: float = 20.0  #: Corner of the second-order low-pass of the sensor; 0: none.
     integrates: bool = True
 
     @property
@@ -109,34 +93,20 @@ class AxisController:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Excitation:
-    """What shakes an axis.
+    """What shakes an axis."""
 
-    Attributes
-    ----------
-    duration : float
-        s.
-    chirp : tuple of float
-        Start and stop frequency, Hz, and magnitude; magnitude 0: none. The chirp lasts from `chirp_start` on for
-        `chirp_seconds`, faded in and out over a second, after two cycles at its start frequency.
-    sid_axis : int
-        10 to 13: at the mixer; 7 to 9: on the rate target.
-    stick : float
-        Standard deviation of random sticks, rad (or m/s^2), held for 0.4 to 2.5 s each.
-    gust : float
-        Standard deviation of disturbing accelerations, rad/s^2 (or m/s^2), first-order with `gust_hz`.
-    noise : float
-        Standard deviation of the sensor's noise after its filter, rad/s (or m/s^2).
-    """
-
-    duration: float
+    duration: float  #: s.
+    #: Start and stop frequency, Hz, and magnitude; magnitude 0: none. The chirp lasts from `chirp_start` on for
+    #: `chirp_seconds`, faded in and out over a second, after two cycles at its start frequency.
     chirp: tuple[float, float, float] = (0.5, 40.0, 0.0)
     chirp_start: float = 0.0
     chirp_seconds: float = 20.0
-    sid_axis: int = 10
-    stick: float = 0.0
+    sid_axis: int = 10  #: 10 to 13: at the mixer; 7 to 9: on the rate target.
+    stick: float = 0.0  #: Standard deviation of random sticks, rad (or m/s^2), held for 0.4 to 2.5 s each.
+    #: Standard deviation of disturbing accelerations, rad/s^2 (or m/s^2), first-order with `gust_hz`.
     gust: float = 0.0
     gust_hz: float = 1.0
-    noise: float = 0.0
+    noise: float = 0.0  #: Standard deviation of the sensor's noise after its filter, rad/s (or m/s^2).
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,55 +19,31 @@ APART = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Coefficients:
-    """Coefficients of one motor at one voltage (algorithm 2), in the air of the stand.
+    """Coefficients of one motor at one voltage (algorithm 2), in the air of the stand."""
 
-    Attributes
-    ----------
-    thrust, torque : Parameter
-        k [N s^2] and b [N m s^2].
-    """
-
+    #: k [N s^2] and b [N m s^2].
     thrust: Parameter
     torque: Parameter
 
 
 @dataclass(frozen=True, slots=True)
 class Trim:
-    """Hover of one motor at one voltage (algorithm 1).
+    """Hover of one motor at one voltage (algorithm 1)."""
 
-    Attributes
-    ----------
-    pwm : float
-        us.
-    thrust : float
-        N.
-    speed, current : float or None
-        rad/s and A where measured.
-    """
-
-    pwm: float
-    thrust: float
+    pwm: float  #: us.
+    thrust: float  #: N.
+    #: rad/s and A where measured.
     speed: float | None
     current: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class CommandCurve:
-    """Thrust over the autopilot's command, common to the motors: k and e of `sysid.records.thrust_curve`.
+    """Thrust over the autopilot's command, common to the motors: k and e of `sysid.records.thrust_curve`."""
 
-    Attributes
-    ----------
-    full_thrust : Parameter
-        N at full command and `voltage`, in sea-level air.
-    expo : Parameter
-        MOT_THST_EXPO that makes thrust linear in what the autopilot asks for.
-    voltage : float
-        V.
-    """
-
-    full_thrust: Parameter
-    expo: Parameter
-    voltage: float
+    full_thrust: Parameter  #: N at full command and `voltage`, in sea-level air.
+    expo: Parameter  #: MOT_THST_EXPO that makes thrust linear in what the autopilot asks for.
+    voltage: float  #: V.
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,35 +39,19 @@ RANGE = (1e-6, 1e6)
 
 @dataclass(frozen=True, slots=True)
 class BifilarResult:
-    """Inertia about one axis.
-
-    Attributes
-    ----------
-    axis : str
-    inertia : float
-        kg m^2, of the mean period.
-    std, variance : float
-        Of the inertias of the single repetitions, as in Table 1: how well swings repeat.
-    sigma : float
-        Standard uncertainty of `inertia`: repetition over the root of their number (or `RESOLUTION`, where that is
-        larger), mass, lengths and g together.
-    parts : dict of str to float
-        Relative contributions: ``period``, ``mass``, ``length``, ``distance``, ``gravity``.
-    period : float
-        Mean, s.
-    repetitions : int
-        Used.
-    findings : tuple of Finding
-    """
+    """Inertia about one axis."""
 
     axis: str
-    inertia: float
+    inertia: float  #: kg m^2, of the mean period.
+    #: Of the inertias of the single repetitions, as in Table 1: how well swings repeat.
     std: float
     variance: float
+    #: Standard uncertainty of `inertia`: repetition over the root of their number (or `RESOLUTION`, where that is
+    #: larger), mass, lengths and g together.
     sigma: float
-    parts: dict[str, float]
-    period: float
-    repetitions: int
+    parts: dict[str, float]  #: Relative contributions: ``period``, ``mass``, ``length``, ``distance``, ``gravity``.
+    period: float  #: Mean, s.
+    repetitions: int  #: Used.
     findings: tuple[Finding, ...]
 
     @property
@@ -89,20 +73,11 @@ class BifilarResult:
 
 @dataclass(frozen=True, slots=True)
 class Threads:
-    """How the craft hangs.
+    """How the craft hangs."""
 
-    Attributes
-    ----------
-    length : float
-        L of the threads, m.
-    distance : float
-        b from the axis to each thread, m.
-    length_sigma, distance_sigma : float
-        Standard uncertainties of the ruler, m.
-    """
-
-    length: float
-    distance: float
+    length: float  #: L of the threads, m.
+    distance: float  #: b from the axis to each thread, m.
+    #: Standard uncertainties of the ruler, m.
     length_sigma: float = 0.002
     distance_sigma: float = 0.001
 
@@ -203,19 +178,10 @@ def bifilar(
 
 @dataclass(frozen=True, slots=True)
 class ThreadCheck:
-    """Gravity by the simple pendulum, and the thread length that true gravity would take.
+    """Gravity by the simple pendulum, and the thread length that true gravity would take."""
 
-    Attributes
-    ----------
-    gravity : float
-        m/s^2, from the assumed length.
-    length : float
-        m, from true gravity.
-    findings : tuple of Finding
-    """
-
-    gravity: float
-    length: float
+    gravity: float  #: m/s^2, from the assumed length.
+    length: float  #: m, from true gravity.
     findings: tuple[Finding, ...]
 
     def to_dict(self) -> dict[str, Any]:

@@ -47,23 +47,12 @@ _GRAVITY = 9.80665
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """A thrust-stand test.
-
-    Attributes
-    ----------
-    table : BenchTable
-    density : float
-        Air at the stand, kg/m^3.
-    voltages : tuple of float
-        Voltages tested, V; empty when not recorded.
-    findings : tuple of Finding
-        Of the table and of the test.
-    """
+    """A thrust-stand test."""
 
     table: BenchTable
-    density: float
-    voltages: tuple[float, ...]
-    findings: tuple[Finding, ...]
+    density: float  #: Air at the stand, kg/m^3.
+    voltages: tuple[float, ...]  #: Voltages tested, V; empty when not recorded.
+    findings: tuple[Finding, ...]  #: Of the table and of the test.
     _levels: Mapping[str, tuple[Level, ...]]
 
     @property

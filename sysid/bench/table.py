@@ -84,21 +84,12 @@ class BenchError(RotoridError):
 
 @dataclass(frozen=True, slots=True)
 class BenchTable:
-    """Measurements of a thrust stand.
-
-    Attributes
-    ----------
-    name : str
-    rows : DataFrame
-        ``motor`` (str) and the columns of `COLUMNS` in SI; NaN where not measured. Implausible rows are left out.
-    density : float or None
-        Air at the stand, kg/m^3, where the table tells it.
-    findings : tuple of Finding
-    """
+    """Measurements of a thrust stand."""
 
     name: str
+    #: ``motor`` (str) and the columns of `COLUMNS` in SI; NaN where not measured. Implausible rows are left out.
     rows: pd.DataFrame
-    density: float | None
+    density: float | None  #: Air at the stand, kg/m^3, where the table tells it.
     findings: tuple[Finding, ...]
 
     @property

@@ -15,30 +15,16 @@ class FrequencyError(RotoridError):
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One axis of control.
-
-    Attributes
-    ----------
-    name : str
-    input, output : str
-        Columns of the table `rates`; the vertical acceleration is that of RATE.A.
-    unit : str
-        Of output per input.
-    reference : str
-        Column of the target of the output.
-    attitude : str
-        Column of the table `attitude` whose derivative the output is; empty for the vertical axis.
-    letter : str
-        Of the axis in RATE and PID messages.
-    """
+    """One axis of control."""
 
     name: str
+    #: Columns of the table `rates`; the vertical acceleration is that of RATE.A.
     input: str
     output: str
-    unit: str
-    reference: str
-    attitude: str
-    letter: str
+    unit: str  #: Of output per input.
+    reference: str  #: Column of the target of the output.
+    attitude: str  #: Column of the table `attitude` whose derivative the output is; empty for the vertical axis.
+    letter: str  #: Of the axis in RATE and PID messages.
 
 
 AXES: Mapping[str, Axis] = MappingProxyType(

@@ -39,25 +39,13 @@ _REAL_FLIGHT = 1.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttitudeResponse:
-    """How an axis follows its target.
-
-    Attributes
-    ----------
-    axis : str
-    bandwidth : Parameter
-        Frequency at which the phase leaves 45 deg to -180 deg, rad/s (ADS-33E-PRF, figure 5, attitude command).
-    phase_delay : Parameter
-        Slope of the phase beyond -180 deg, s (same figure).
-    peak : Parameter
-        Largest gain over the gain at low frequency, dB.
-    frf : FrequencyResponse
-    fit : FrequencyFit
-    """
+    """How an axis follows its target."""
 
     axis: str
+    #: Frequency at which the phase leaves 45 deg to -180 deg, rad/s (ADS-33E-PRF, figure 5, attitude command).
     bandwidth: Parameter
-    phase_delay: Parameter
-    peak: Parameter
+    phase_delay: Parameter  #: Slope of the phase beyond -180 deg, s (same figure).
+    peak: Parameter  #: Largest gain over the gain at low frequency, dB.
     frf: FrequencyResponse = field(repr=False)
     fit: FrequencyFit = field(repr=False)
 

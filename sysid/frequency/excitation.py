@@ -25,32 +25,18 @@ _SHORTEST = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Chirp:
-    """One run of SYSTEMID mode.
+    """One run of SYSTEMID mode."""
 
-    Attributes
-    ----------
-    axis : str
-        Axis of the craft that it excites; empty for a SID_AXIS that nobody knows.
-    sid_axis : int
-        As SID_AXIS numbers it; 0 where the log does not tell.
-    start, stop : float
-        s on the boot clock.
-    low, high : float
-        Frequencies that were swept, Hz.
-    at_mixer : bool
-        Whether the chirp was added after the controller (SID_AXIS 10-13).
-    complete : bool
-        Whether it ran as long as SIDS announced.
-    """
-
-    axis: str
-    sid_axis: int
+    axis: str  #: Axis of the craft that it excites; empty for a SID_AXIS that nobody knows.
+    sid_axis: int  #: As SID_AXIS numbers it; 0 where the log does not tell.
+    #: s on the boot clock.
     start: float
     stop: float
+    #: Frequencies that were swept, Hz.
     low: float
     high: float
-    at_mixer: bool
-    complete: bool
+    at_mixer: bool  #: Whether the chirp was added after the controller (SID_AXIS 10-13).
+    complete: bool  #: Whether it ran as long as SIDS announced.
 
     @property
     def duration(self) -> float:

@@ -40,41 +40,23 @@ _SIGNIFICANT, _MOST_NEGATIVE_DELAY = 3.0, -0.003
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrequencyFit:
-    """Parameters fitted to one or several frequency responses.
-
-    Attributes
-    ----------
-    axes : tuple of str
-    structure : tuple of Structure
-        One for each response.
-    parameters : mapping of str to Parameter
-        By name; with several responses by ``"roll.gain"`` and so on, shared ones without the axis. A parameter that the
-        data do not determine has no value, and a reason.
-    values : ndarray, shape (k,)
-        Of the search, in the order of `names`, determined or not.
-    covariance : ndarray, shape (k, k)
-        Of `values`: Cramer-Rao's, widened where the response does not fit within its errors.
-    insensitivity : ndarray, shape (k,)
-        Smallest change of each parameter alone that shows, in parts of its value (Tischler and Remple 2012, 11.3.3).
-    cost : float
-        J, the largest of the responses; up to 100 is good, up to 50 excellent.
-    costs : tuple of float
-        J of each response.
-    excess : float
-        Root mean square of the remainder in its own errors; 1 where the structure is right.
-    responses : tuple of FrequencyResponse
-    """
+    """Parameters fitted to one or several frequency responses."""
 
     axes: tuple[str, ...]
-    structure: tuple[Structure, ...]
+    structure: tuple[Structure, ...]  #: One for each response.
+    #: By name; with several responses by ``"roll.gain"`` and so on, shared ones without the axis. A parameter that the
+    #: data do not determine has no value, and a reason.
     parameters: Mapping[str, Parameter]
     names: tuple[str, ...]
-    values: Floats
+    values: Floats  #: shape (k,): Of the search, in the order of `names`, determined or not.
+    #: shape (k, k): Of `values`: Cramer-Rao's, widened where the response does not fit within its errors.
     covariance: Floats
+    #: shape (k,): Smallest change of each parameter alone that shows, in parts of its value (Tischler and Remple 2012,
+    #: 11.3.3).
     insensitivity: Floats
-    cost: float
-    costs: tuple[float, ...]
-    excess: float
+    cost: float  #: J, the largest of the responses; up to 100 is good, up to 50 excellent.
+    costs: tuple[float, ...]  #: J of each response.
+    excess: float  #: Root mean square of the remainder in its own errors; 1 where the structure is right.
     responses: tuple[FrequencyResponse, ...] = field(repr=False)
     columns: tuple[tuple[int, ...], ...] = field(repr=False)
 

@@ -35,31 +35,16 @@ class StateSpace:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RationalModel:
-    """``G(s) = exp(-delay s) num(s) / den(s)``, without the filter of the measurement.
+    """``G(s) = exp(-delay s) num(s) / den(s)``, without the filter of the measurement."""
 
-    Attributes
-    ----------
-    num, den : ndarray
-        Highest power first; `den` is monic.
-    delay : float
-        s.
-    covariance : ndarray
-        Of ``(num, den without its leading 1, delay)``.
-    cost : float
-        J of the response that it was fitted to.
-    criterion : float
-        Bayesian information criterion; the least is best.
-    gyro_filter_hz : float or None
-        Filter of the measurement that was taken out.
-    """
-
+    #: Highest power first; `den` is monic.
     num: Floats
     den: Floats
-    delay: float
-    covariance: Floats = field(repr=False)
-    cost: float
-    criterion: float = float("nan")
-    gyro_filter_hz: float | None = None
+    delay: float  #: s.
+    covariance: Floats = field(repr=False)  #: Of ``(num, den without its leading 1, delay)``.
+    cost: float  #: J of the response that it was fitted to.
+    criterion: float = float("nan")  #: Bayesian information criterion; the least is best.
+    gyro_filter_hz: float | None = None  #: Filter of the measurement that was taken out.
 
     @property
     def poles(self) -> Complex:

@@ -46,38 +46,20 @@ _NAMES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisRecord:
-    """Signals of one stretch of a flight on a uniform clock.
+    """Signals of one stretch of a flight on a uniform clock."""
 
-    Attributes
-    ----------
-    name : str
-        Which log and which stretch.
-    start, dt : float
-        First sample and step, s.
-    inputs : ndarray, shape (N, m)
-    output : ndarray, shape (N,)
-    instruments : ndarray, shape (N, m)
-        One for each input; the inputs themselves where nothing was injected.
-    usable : ndarray of bool, shape (N,)
-        False in holes of the log.
-    band : tuple of float
-        Frequencies that were excited, Hz.
-    instrument : str
-        What the instruments are; empty where they are the inputs.
-    differenced : bool
-        Whether the output is the central difference of what was measured. An integrator remembers everything before a
-        window, which bends its response at fewer than some twenty cycles per window; its derivative remembers nothing.
-    """
-
-    name: str
+    name: str  #: Which log and which stretch.
+    #: First sample and step, s.
     start: float
     dt: float
-    inputs: Floats
-    output: Floats
-    instruments: Floats
-    usable: NDArray[np.bool_]
-    band: tuple[float, float]
-    instrument: str
+    inputs: Floats  #: shape (N, m)
+    output: Floats  #: shape (N,)
+    instruments: Floats  #: shape (N, m): One for each input; the inputs themselves where nothing was injected.
+    usable: NDArray[np.bool_]  #: shape (N,): False in holes of the log.
+    band: tuple[float, float]  #: Frequencies that were excited, Hz.
+    instrument: str  #: What the instruments are; empty where they are the inputs.
+    #: Whether the output is the central difference of what was measured. An integrator remembers everything before a
+    #: window, which bends its response at fewer than some twenty cycles per window; its derivative remembers nothing.
     differenced: bool = False
 
     @property
@@ -127,21 +109,11 @@ class AxisRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RateSignals:
-    """What the rate controllers of a log said: their outputs, what they measured and what they wanted.
+    """What the rate controllers of a log said: their outputs, what they measured and what they wanted."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (N,)
-        Times of validity (of the gyro sample), s.
-    columns : dict of str to ndarray, shape (N,)
-        By name, as in `Axis`.
-    with_chirp : bool
-        Whether the outputs contain a chirp added at the mixer; RATE's do, sums of PID terms do not.
-    """
-
-    t: Floats
-    columns: dict[str, Floats]
-    with_chirp: bool
+    t: Floats  #: shape (N,): Times of validity (of the gyro sample), s.
+    columns: dict[str, Floats]  #: dict of str to ndarray, shape (N,): By name, as in `Axis`.
+    with_chirp: bool  #: Whether the outputs contain a chirp added at the mixer; RATE's do, sums of PID terms do not.
 
     @property
     def step(self) -> float:

@@ -30,74 +30,37 @@ class FrequencyResponse:
     Errors of the complex response are circular: the real and the imaginary part of ``ln G``, which are gain and phase,
     have the same standard deviation and are independent of each other. Neighbouring frequencies closer than
     `resolution` share data: their errors are correlated.
-
-    Attributes
-    ----------
-    axis : str
-        ``"roll"``, ``"pitch"``, ``"yaw"`` or ``"vertical"``.
-    input, output : str
-        What the response goes from and to, such as ``"out_roll"`` and ``"w_x"``.
-    unit : str
-        Of output per input, SI: ``"rad/s"`` per unit of the rate controller's output for a rate axis.
-    hz : ndarray, shape (n,)
-        Frequencies, increasing, evenly spaced in their logarithm.
-    response : ndarray of complex, shape (n,)
-        SI.
-    coherence : ndarray, shape (n,)
-        Part of the output's power that the input explains, 0..1; with several inputs the partial coherence of this one,
-        and with an instrument the part that is explained through it.
-    sigma : ndarray, shape (n,)
-        Standard deviation of ln |G|.
-    sigma_phase : ndarray, shape (n,)
-        Standard deviation of the phase, rad.
-    averages : ndarray, shape (n,)
-        Effective number of independent averages.
-    resolution : ndarray, shape (n,)
-        Width of the spectral window, Hz.
-    multiple_coherence : ndarray, shape (n,)
-        Part of the output's power that all inputs explain together.
-    method : str
-        ``"instrument"`` where an injected signal or a reference from outside the loop was the instrument, else
-        ``"direct"``.
-    instrument : str
-        What the instrument was; empty without one.
-    direct : ndarray of complex, shape (n,)
-        Plain regression of the output on the input: biased where a loop is closed. Equal to `response` without an
-        instrument.
-    step : float
-        Time between logged samples, s.
-    gyro_filter_hz : float or None
-        Corner of the second-order low-pass through which the rate was measured (INS_GYRO_FILTER); None where unknown
-        or not in the path.
-    records : tuple of str
-        The records that were summed.
-    duration : float
-        Their length together, s.
-    systematic : float
-        Standard deviation of ln |G| that all frequencies have in common, beside `sigma`.
-    findings : tuple of Finding
     """
 
-    axis: str
+    axis: str  #: ``"roll"``, ``"pitch"``, ``"yaw"`` or ``"vertical"``.
+    #: What the response goes from and to, such as ``"out_roll"`` and ``"w_x"``.
     input: str
     output: str
-    unit: str
-    hz: Floats
-    response: Complex
+    unit: str  #: Of output per input, SI: ``"rad/s"`` per unit of the rate controller's output for a rate axis.
+    hz: Floats  #: shape (n,): Frequencies, increasing, evenly spaced in their logarithm.
+    response: Complex  #: shape (n,): SI.
+    #: shape (n,): Part of the output's power that the input explains, 0..1; with several inputs the partial coherence
+    #: of this one, and with an instrument the part that is explained through it.
     coherence: Floats
-    sigma: Floats
-    sigma_phase: Floats
-    averages: Floats
-    resolution: Floats
-    multiple_coherence: Floats
+    sigma: Floats  #: shape (n,): Standard deviation of ln |G|.
+    sigma_phase: Floats  #: shape (n,): Standard deviation of the phase, rad.
+    averages: Floats  #: shape (n,): Effective number of independent averages.
+    resolution: Floats  #: shape (n,): Width of the spectral window, Hz.
+    multiple_coherence: Floats  #: shape (n,): Part of the output's power that all inputs explain together.
+    #: ``"instrument"`` where an injected signal or a reference from outside the loop was the instrument, else
+    #: ``"direct"``.
     method: str
-    instrument: str
+    instrument: str  #: What the instrument was; empty without one.
+    #: shape (n,): Plain regression of the output on the input: biased where a loop is closed. Equal to `response`
+    #: without an instrument.
     direct: Complex
-    step: float
+    step: float  #: Time between logged samples, s.
+    #: Corner of the second-order low-pass through which the rate was measured (INS_GYRO_FILTER); None where unknown or
+    #: not in the path.
     gyro_filter_hz: float | None = None
-    records: tuple[str, ...] = ()
-    duration: float = 0.0
-    systematic: float = 0.0
+    records: tuple[str, ...] = ()  #: The records that were summed.
+    duration: float = 0.0  #: Their length together, s.
+    systematic: float = 0.0  #: Standard deviation of ln |G| that all frequencies have in common, beside `sigma`.
     findings: tuple[Finding, ...] = field(default=())
 
     @property

@@ -35,30 +35,19 @@ HANN_BANDWIDTH = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpectralSums:
-    """Sums over windows of products of transforms; those of several records add up.
+    """Sums over windows of products of transforms; those of several records add up."""
 
-    Attributes
-    ----------
-    zz, zx, xx : ndarray of complex, shape (F, m, m)
-        Instruments by instruments, instruments by inputs, inputs by inputs.
-    zy, xy : ndarray of complex, shape (F, m)
-    yy : ndarray, shape (F,)
-    noise_gain : ndarray of complex, shape (F, m, m)
-        ``Z^H C Z`` with the correlation C that overlapping windows give to noise.
-    windows : float
-    independent : float
-        Number of independent windows that the overlapping ones are worth.
-    """
-
+    #: shape (F, m, m): Instruments by instruments, instruments by inputs, inputs by inputs.
     zz: Complex
     zx: Complex
     xx: Complex
+    #: shape (F, m)
     zy: Complex
     xy: Complex
-    yy: Floats
-    noise_gain: Complex
+    yy: Floats  #: shape (F,)
+    noise_gain: Complex  #: shape (F, m, m): ``Z^H C Z`` with the correlation C that overlapping windows give to noise.
     windows: float
-    independent: float
+    independent: float  #: Number of independent windows that the overlapping ones are worth.
 
     def __add__(self, other: SpectralSums) -> SpectralSums:
         return SpectralSums(*(getattr(self, name) + getattr(other, name) for name in self.__slots__))
@@ -66,28 +55,14 @@ class SpectralSums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowEstimate:
-    """Responses to all inputs from windows of one length.
+    """Responses to all inputs from windows of one length."""
 
-    Attributes
-    ----------
-    response : ndarray of complex, shape (F, m)
-    direct : ndarray of complex, shape (F, m)
-        By plain regression on the inputs.
-    sigma : ndarray, shape (F, m)
-        Standard deviation of ln |G|; infinite where nothing is known.
-    coherence : ndarray, shape (F, m)
-        Partial.
-    multiple : ndarray, shape (F,)
-    length : float
-        Of the windows, s.
-    """
-
-    response: Complex
-    direct: Complex
-    sigma: Floats
-    coherence: Floats
-    multiple: Floats
-    length: float
+    response: Complex  #: shape (F, m)
+    direct: Complex  #: shape (F, m): By plain regression on the inputs.
+    sigma: Floats  #: shape (F, m): Standard deviation of ln |G|; infinite where nothing is known.
+    coherence: Floats  #: shape (F, m): Partial.
+    multiple: Floats  #: shape (F,)
+    length: float  #: Of the windows, s.
 
 
 def window_lengths(shortest_record: float, low: float, high: float) -> Floats:
@@ -110,29 +85,18 @@ class RecordWindows:
     """Windows of one length over a record, with all that does not depend on its output.
 
     A model is taken out of the output again and again; inputs and instruments stay.
-
-    Attributes
-    ----------
-    zh, xh : ndarray of complex, shape (F, m, K)
-        Conjugate transforms of instruments and inputs in each of K windows.
-    phase : ndarray of complex, shape (size, F)
-        What a window is multiplied by.
-    turn : ndarray of complex, shape (K, F)
-        What brings the transform of a window to the clock of the record, and the output's derivative to the output.
-    starts : ndarray of int, shape (K,)
-    factor : int
-        Samples of the record for each that is kept.
-    without_output : SpectralSums
-        Its products with the output are zero.
     """
 
+    #: shape (F, m, K): Conjugate transforms of instruments and inputs in each of K windows.
     zh: Complex
     xh: Complex
-    phase: Complex
+    phase: Complex  #: shape (size, F): What a window is multiplied by.
+    #: shape (K, F): What brings the transform of a window to the clock of the record, and the output's derivative to
+    #: the output.
     turn: Complex
-    starts: NDArray[np.intp]
-    factor: int
-    without_output: SpectralSums
+    starts: NDArray[np.intp]  #: shape (K,)
+    factor: int  #: Samples of the record for each that is kept.
+    without_output: SpectralSums  #: Its products with the output are zero.
 
     def sums(self, output: Floats) -> SpectralSums:
         """Complete the sums with an output, shape (N,)."""

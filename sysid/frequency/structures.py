@@ -20,42 +20,23 @@ Polynomials = tuple[Floats, Floats]
 
 @dataclass(frozen=True, slots=True)
 class ParameterSpec:
-    """A parameter of a structure.
-
-    Attributes
-    ----------
-    name, unit : str
-    positive : bool
-        Whether it keeps its sign; the search then goes over its logarithm.
-    scale : float
-        A change that matters, for those that may change their sign.
-    absolute : float
-        Standard deviation up to which it is determined even where that is more than half of its value.
-    """
+    """A parameter of a structure."""
 
     name: str
     unit: str
-    positive: bool = True
-    scale: float = 1.0
+    positive: bool = True  #: Whether it keeps its sign; the search then goes over its logarithm.
+    scale: float = 1.0  #: A change that matters, for those that may change their sign.
+    #: Standard deviation up to which it is determined even where that is more than half of its value.
     absolute: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """A family of responses.
-
-    Attributes
-    ----------
-    name : str
-    specs : tuple of ParameterSpec
-        The last one is the delay.
-    polynomials : callable
-        From values in the order of `specs` to numerator and denominator.
-    """
+    """A family of responses."""
 
     name: str
-    specs: tuple[ParameterSpec, ...]
-    polynomials: Callable[[Floats], Polynomials]
+    specs: tuple[ParameterSpec, ...]  #: The last one is the delay.
+    polynomials: Callable[[Floats], Polynomials]  #: From values in the order of `specs` to numerator and denominator.
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -16,28 +16,14 @@ from sysid.frequency.response import FrequencyResponse
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisSurvey:
-    """What is known of one axis.
-
-    Attributes
-    ----------
-    axis : str
-    response : FrequencyResponse or None
-        From controller output to rate or acceleration.
-    fit : FrequencyFit or None
-    attitude : AttitudeResponse or None
-        From target to attitude; None for the vertical axis.
-    reason : str
-        Why there is no response or no fit; empty where there are both.
-    attitude_reason : str
-        Why there is no attitude response; empty where there is.
-    """
+    """What is known of one axis."""
 
     axis: str
-    response: FrequencyResponse | None
+    response: FrequencyResponse | None  #: From controller output to rate or acceleration.
     fit: FrequencyFit | None
-    attitude: AttitudeResponse | None
-    reason: str
-    attitude_reason: str
+    attitude: AttitudeResponse | None  #: From target to attitude; None for the vertical axis.
+    reason: str  #: Why there is no response or no fit; empty where there are both.
+    attitude_reason: str  #: Why there is no attitude response; empty where there is.
 
     @property
     def determined(self) -> bool:
@@ -48,16 +34,9 @@ class AxisSurvey:
 
 @dataclass(frozen=True, slots=True)
 class FrequencySurvey:
-    """All axes of one craft.
+    """All axes of one craft."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the logs.
-    axes : tuple of AxisSurvey
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  #: Of the logs.
     axes: tuple[AxisSurvey, ...]
 
     @property

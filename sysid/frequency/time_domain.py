@@ -103,28 +103,15 @@ def _whitening(remainders: Sequence[Floats]) -> Floats:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """How well a model predicts the rate (or acceleration) of a flight it has not seen, from the commands alone.
-
-    Attributes
-    ----------
-    axis : str
-    records : tuple of str
-    rms : float
-        Of the error, in the unit of the output.
-    fit_percent : float
-        100 (1 - rms error / rms output).
-    theil : float
-        Theil's inequality coefficient: 0 perfect, up to 0.3 good.
-    correlation : float
-        Largest correlation of error and command over lags up to half a second, in its own standard deviation for
-        unrelated signals of these spectra; beyond 3 the model misses something that the command causes.
-    """
+    """How well a model predicts the rate (or acceleration) of a flight it has not seen, from the commands alone."""
 
     axis: str
     records: tuple[str, ...]
-    rms: float
-    fit_percent: float
-    theil: float
+    rms: float  #: Of the error, in the unit of the output.
+    fit_percent: float  #: 100 (1 - rms error / rms output).
+    theil: float  #: Theil's inequality coefficient: 0 perfect, up to 0.3 good.
+    #: Largest correlation of error and command over lags up to half a second, in its own standard deviation for
+    #: unrelated signals of these spectra; beyond 3 the model misses something that the command causes.
     correlation: float
 
     @property

@@ -40,28 +40,17 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class ChirpDesign:
-    """One chirp and what is expected of it.
-
-    Attributes
-    ----------
-    axis : str
-    low, high, magnitude, seconds : float
-        SID_F_START_HZ, SID_F_STOP_HZ, SID_MAGNITUDE, SID_T_REC.
-    gain_sigma : float or None
-        Predicted standard deviation of ln gain of the craft; None before the first chirp.
-    delay_sigma : float or None
-        Of its delay, s.
-    lean_deg, rate_deg, mixer : float
-        Largest that are expected.
-    """
+    """One chirp and what is expected of it."""
 
     axis: str
+    #: SID_F_START_HZ, SID_F_STOP_HZ, SID_MAGNITUDE, SID_T_REC.
     low: float
     high: float
     magnitude: float
     seconds: float
-    gain_sigma: float | None
-    delay_sigma: float | None
+    gain_sigma: float | None  #: Predicted standard deviation of ln gain of the craft; None before the first chirp.
+    delay_sigma: float | None  #: Of its delay, s.
+    #: Largest that are expected.
     lean_deg: float
     rate_deg: float
     mixer: float

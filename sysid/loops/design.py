@@ -52,21 +52,10 @@ class Expected:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Design:
-    """Files of the next flight.
-
-    Attributes
-    ----------
-    purpose : str
-    files : dict of str to str
-        Text by file name; empty where refused.
-    expected : tuple of Expected
-    limits : Limits
-    chirps : tuple of ChirpDesign
-    refused : str or None
-    """
+    """Files of the next flight."""
 
     purpose: str
-    files: dict[str, str]
+    files: dict[str, str]  #: Text by file name; empty where refused.
     expected: tuple[Expected, ...]
     limits: Limits
     chirps: tuple[ChirpDesign, ...]

@@ -59,29 +59,15 @@ class Margins:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RateLoop:
-    """One axis' rate and angle loop around an identified craft.
+    """One axis' rate and angle loop around an identified craft."""
 
-    Attributes
-    ----------
-    name : str
-        The log or logs.
-    frf : FrequencyResponse
-        Mixer input to measured rate, as identified.
-    plant : Plant
-        The same smoothed, with draws of its error, through the gyro filters as flown.
-    flown, settings : LoopSettings
-        The autopilot's settings in that flight, and those that this loop is computed with.
-    measured : FrequencyResponse or None
-        Broken-loop response straight from the chirp, of the flown settings.
-    records : tuple of LoopRecord
-    """
-
-    name: str
-    frf: FrequencyResponse
-    plant: Plant
+    name: str  #: The log or logs.
+    frf: FrequencyResponse  #: Mixer input to measured rate, as identified.
+    plant: Plant  #: The same smoothed, with draws of its error, through the gyro filters as flown.
+    #: The autopilot's settings in that flight, and those that this loop is computed with.
     flown: LoopSettings
     settings: LoopSettings
-    measured: FrequencyResponse | None
+    measured: FrequencyResponse | None  #: Broken-loop response straight from the chirp, of the flown settings.
     records: tuple[LoopRecord, ...] = field(default=())
 
     @property

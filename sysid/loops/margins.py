@@ -19,30 +19,14 @@ REJECTED = 10.0 ** (-3.0 / 20.0)
 
 @dataclass(frozen=True, slots=True)
 class MarginSet:
-    """Margins of K loops, each of shape (K,); NaN where the band does not show one.
+    """Margins of K loops, each of shape (K,); NaN where the band does not show one."""
 
-    Attributes
-    ----------
-    gain_db : ndarray
-        Smallest factor of the gain to instability, dB; negative beyond it.
-    phase_deg : ndarray
-        Smallest phase lag to instability, deg; negative beyond it.
-    crossover_hz : ndarray
-        Highest frequency at which the gain falls through one.
-    rejection_hz : ndarray
-        Frequency up to which disturbances are lowered by 3 dB or more.
-    peak_db : ndarray
-        Largest amplification of a disturbance, dB.
-    stable : ndarray of bool
-        Whether the closed loop is stable, by the Nyquist criterion on the band.
-    """
-
-    gain_db: Floats
-    phase_deg: Floats
-    crossover_hz: Floats
-    rejection_hz: Floats
-    peak_db: Floats
-    stable: NDArray[np.bool_]
+    gain_db: Floats  #: Smallest factor of the gain to instability, dB; negative beyond it.
+    phase_deg: Floats  #: Smallest phase lag to instability, deg; negative beyond it.
+    crossover_hz: Floats  #: Highest frequency at which the gain falls through one.
+    rejection_hz: Floats  #: Frequency up to which disturbances are lowered by 3 dB or more.
+    peak_db: Floats  #: Largest amplification of a disturbance, dB.
+    stable: NDArray[np.bool_]  #: Whether the closed loop is stable, by the Nyquist criterion on the band.
 
     def row(self, k: int) -> dict[str, float]:
         """Return one loop's margins by name."""

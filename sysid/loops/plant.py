@@ -31,26 +31,13 @@ GAIN_BETWEEN_FLIGHTS, DELAY_BETWEEN_FLIGHTS = 0.015, 0.1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plant:
-    """Response of an axis on a dense grid.
+    """Response of an axis on a dense grid."""
 
-    Attributes
-    ----------
-    hz : ndarray, shape (n,)
-        Evenly spaced in ln f.
-    response : ndarray of complex, shape (n,)
-        rad/s of the rate as measured per unit of mixer input.
-    sigma : ndarray, shape (n,)
-        Standard deviation of gain (relative) and phase (rad) by random error.
-    coherence : ndarray, shape (n,)
-    draws : ndarray of complex, shape (DRAWS, n)
-        Responses that the data leave possible, for the next flight.
-    """
-
-    hz: Floats
-    response: Complexes
-    sigma: Floats
-    coherence: Floats
-    draws: Complexes
+    hz: Floats  #: shape (n,): Evenly spaced in ln f.
+    response: Complexes  #: shape (n,): rad/s of the rate as measured per unit of mixer input.
+    sigma: Floats  #: shape (n,): Standard deviation of gain (relative) and phase (rad) by random error.
+    coherence: Floats  #: shape (n,)
+    draws: Complexes  #: shape (DRAWS, n): Responses that the data leave possible, for the next flight.
 
     def coherence_at(self, hz: Floats) -> Floats:
         """Interpolate the coherence."""

@@ -43,32 +43,19 @@ AS_PREDICTED, BETTER, WORSE = "as predicted", "better", "worse: restore rollback
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Proof:
-    """Predicted against measured.
+    """Predicted against measured."""
 
-    Attributes
-    ----------
-    before, after : tuple of str
-        Names of the logs.
-    table : DataFrame
-        Indexed by axis and quantity; columns predicted, predicted_sigma, measured, measured_sigma, unit.
-    verdict : str
-        ``"as predicted"``, ``"better"`` or ``"worse: restore rollback.param"``; empty where refused.
-    refused : str or None
-    changed : mapping of str to (before, after)
-        Gains and filters of the loops.
-    beyond : mapping of str to (before, after)
-        Whatever else was changed and may explain a difference.
-    loops : mapping of str to (predicted, measured)
-        Loops by axis: of the earlier flight with the later one's settings, and of the later flight.
-    """
-
+    #: Names of the logs.
     before: tuple[str, ...]
     after: tuple[str, ...]
+    #: Indexed by axis and quantity; columns predicted, predicted_sigma, measured, measured_sigma, unit.
     table: pd.DataFrame
-    verdict: str
+    verdict: str  #: ``"as predicted"``, ``"better"`` or ``"worse: restore rollback.param"``; empty where refused.
     refused: str | None
-    changed: Changes
-    beyond: Changes
+    changed: Changes  #: mapping of str to (before, after): Gains and filters of the loops.
+    beyond: Changes  #: mapping of str to (before, after): Whatever else was changed and may explain a difference.
+    #: mapping of str to (predicted, measured): Loops by axis: of the earlier flight with the later one's settings, and
+    #: of the later flight.
     loops: dict[str, tuple[RateLoop, RateLoop]]
 
     @property

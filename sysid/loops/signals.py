@@ -31,21 +31,12 @@ _SAME = 2e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoopRecord:
-    """One chirp at the mixer, on a uniform clock.
+    """One chirp at the mixer, on a uniform clock."""
 
-    Attributes
-    ----------
-    plant : AxisRecord
-        Mixer input, with the chirp, to measured rate.
-    feedback : AxisRecord or None
-        Mixer input to what the controller fed back; None where the log cannot part it from the chirp.
-    chirp : Chirp or None
-        Where it is in its log; None for signals that are of no log.
-    """
-
-    plant: AxisRecord
+    plant: AxisRecord  #: Mixer input, with the chirp, to measured rate.
+    #: Mixer input to what the controller fed back; None where the log cannot part it from the chirp.
     feedback: AxisRecord | None
-    chirp: Chirp | None = None
+    chirp: Chirp | None = None  #: Where it is in its log; None for signals that are of no log.
 
 
 def loop_records(log: FlightLog, axis: str, within: Within | None = None) -> tuple[LoopRecord, ...]:

@@ -91,58 +91,30 @@ AIMS: Mapping[str, Aim] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisTuning:
-    """One axis: what was flown, what is proposed, or why nothing is.
-
-    Attributes
-    ----------
-    axis : str
-    refused : str or None
-    loop : RateLoop or None
-        As flown.
-    tuned : RateLoop or None
-        With the proposed values.
-    worst : Margins bounds by name, or None
-        Bound of each proposed margin that the 95 % set keeps.
-    noise : float or None
-        Actuator noise over that of the flown settings.
-    score : float
-        What was maximised: more is better, 0 as flown.
-    """
+    """One axis: what was flown, what is proposed, or why nothing is."""
 
     axis: str
     refused: str | None
-    loop: RateLoop | None = None
-    tuned: RateLoop | None = None
-    worst: Mapping[str, float] = field(default_factory=dict)
-    noise: float | None = None
-    score: float = 0.0
+    loop: RateLoop | None = None  #: As flown.
+    tuned: RateLoop | None = None  #: With the proposed values.
+    worst: Mapping[str, float] = field(default_factory=dict)  #: Bound of each proposed margin that the 95 % set keeps.
+    noise: float | None = None  #: Actuator noise over that of the flown settings.
+    score: float = 0.0  #: What was maximised: more is better, 0 as flown.
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Tuning:
-    """Proposed parameters, the way back, and the reasons.
-
-    Attributes
-    ----------
-    logs : tuple of str
-    proposed, rollback : dict of str to float
-        By parameter name: exactly as written to the files; empty where refused.
-    refused : str or None
-        Why nothing is proposed.
-    axes : tuple of AxisTuning
-    remarks : tuple of str
-    made : str
-        UTC.
-    """
+    """Proposed parameters, the way back, and the reasons."""
 
     logs: tuple[str, ...]
     aim: Aim
+    #: By parameter name: exactly as written to the files; empty where refused.
     proposed: dict[str, float]
     rollback: dict[str, float]
-    refused: str | None
+    refused: str | None  #: Why nothing is proposed.
     axes: tuple[AxisTuning, ...]
     remarks: tuple[str, ...]
-    made: str
+    made: str  #: UTC.
 
     def proposed_file(self) -> str:
         """Return the text of ``proposed.param``.

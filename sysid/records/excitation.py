@@ -36,54 +36,30 @@ CONFIDENCE = 0.99
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """Verdict on the inputs of some records.
+    """Verdict on the inputs of some records."""
 
-    Attributes
-    ----------
-    active : tuple of int
-        Columns that vary in at least one record.
-    scale : ndarray, shape (m,)
-        Standard deviation about the records' trims, all records together.
-    condition : float
-        Condition number of the correlation matrix of the active inputs; infinite when two are identical.
-    independent : int
-        How many independent signals the active inputs are: eigenvalues of their correlation matrix above `INDEPENDENT`
-        of the largest. A controller gives an octocopter's eight motors four at best, fewer where it hardly rolls.
-    findings : tuple of Finding
-    """
-
-    active: tuple[int, ...]
-    scale: Floats
+    active: tuple[int, ...]  #: Columns that vary in at least one record.
+    scale: Floats  #: shape (m,): Standard deviation about the records' trims, all records together.
+    #: Condition number of the correlation matrix of the active inputs; infinite when two are identical.
     condition: float
+    #: How many independent signals the active inputs are: eigenvalues of their correlation matrix above `INDEPENDENT`
+    #: of the largest. A controller gives an octocopter's eight motors four at best, fewer where it hardly rolls.
     independent: int
     findings: tuple[Finding, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coherence:
-    """How much of each output is a linear answer to the inputs, by frequency.
+    """How much of each output is a linear answer to the inputs, by frequency."""
 
-    Attributes
-    ----------
-    frequency : ndarray, shape (K,)
-        rad/s.
-    multiple : ndarray, shape (K, p)
-        Part of the output's power that all inputs together account for, 0 to 1 (Bendat and Piersol 2010, section 7.3).
-    ordinary : ndarray, shape (K, m, p)
-        The same of each input alone.
-    threshold : float
-        Multiple coherence that unrelated signals stay below with probability `CONFIDENCE` at a frequency.
-    averages : float
-        Independent spectra that were averaged.
-    input_names, output_names : tuple of str
-    findings : tuple of Finding
-    """
-
-    frequency: Floats
+    frequency: Floats  #: shape (K,): rad/s.
+    #: shape (K, p): Part of the output's power that all inputs together account for, 0 to 1 (Bendat and Piersol 2010,
+    #: section 7.3).
     multiple: Floats
-    ordinary: Floats
+    ordinary: Floats  #: shape (K, m, p): The same of each input alone.
+    #: Multiple coherence that unrelated signals stay below with probability `CONFIDENCE` at a frequency.
     threshold: float
-    averages: float
+    averages: float  #: Independent spectra that were averaged.
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
     findings: tuple[Finding, ...]

@@ -55,48 +55,27 @@ def horizon_steps(horizon: float, dt: float) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Experiment(Summarised):
-    """Inputs and outputs of one flight, or one part of it, sampled uniformly.
+    """Inputs and outputs of one flight, or one part of it, sampled uniformly."""
 
-    Attributes
-    ----------
-    name : str
-        Which flight, and which part of it.
-    t : ndarray, shape (N,)
-        Seconds on the log's boot clock, uniform.
-    u : ndarray, shape (N, m)
-        Inputs, such as PWM in us.
-    y : ndarray, shape (N, p)
-        Outputs, such as metres north, east and up of the flight's first airborne sample.
-    input_names, output_names : tuple of str
-    units : mapping
-        Unit of each input and output by name; absent where unknown.
-    input_trim : ndarray, shape (m,)
-        Input about which linear models work; the record's own mean unless given. Inputs are known in advance in every
-        simulation, but their mean over a flight from rest to rest says what hovering takes in its air, and a free run
-        of the height stands and falls with it (docs/transfer-functions.md).
-    output_trim : ndarray, shape (p,)
-        Output from which linear models count; the record's first sample unless given.
-    context : DataFrame or None
-        What physical models also read, on the same `t`: ``roll pitch yaw`` [rad], ``w_x w_y w_z`` [rad/s],
-        ``f_x f_y f_z`` [m/s^2, specific force, FRD], ``v_n v_e v_d`` [m/s], ``density`` [kg/m^3] and ``voltage`` [V];
-        a column is NaN where the log does not tell.
-    vehicle : Vehicle or None
-    findings : tuple of Finding
-        What resampling had to say.
-    """
-
-    name: str
-    t: Floats
-    u: Floats
-    y: Floats
+    name: str  #: Which flight, and which part of it.
+    t: Floats  #: shape (N,): Seconds on the log's boot clock, uniform.
+    u: Floats  #: shape (N, m): Inputs, such as PWM in us.
+    y: Floats  #: shape (N, p): Outputs, such as metres north, east and up of the flight's first airborne sample.
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
+    #: Unit of each input and output by name; absent where unknown.
     units: Mapping[str, str] = field(default_factory=dict)
+    #: shape (m,): Input about which linear models work; the record's own mean unless given. Inputs are known in advance
+    #: in every simulation, but their mean over a flight from rest to rest says what hovering takes in its air, and a
+    #: free run of the height stands and falls with it (docs/transfer-functions.md).
     input_trim: Floats
-    output_trim: Floats
+    output_trim: Floats  #: shape (p,): Output from which linear models count; the record's first sample unless given.
+    #: What physical models also read, on the same `t`: ``roll pitch yaw`` [rad], ``w_x w_y w_z`` [rad/s], ``f_x f_y
+    #: f_z`` [m/s^2, specific force, FRD], ``v_n v_e v_d`` [m/s], ``density`` [kg/m^3] and ``voltage`` [V]; a column is
+    #: NaN where the log does not tell.
     context: pd.DataFrame | None = None
     vehicle: Vehicle | None = None
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()  #: What resampling had to say.
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""

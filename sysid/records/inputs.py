@@ -72,26 +72,14 @@ _WITHOUT_POSITION = frozenset(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """Input signals as logged, before they come to the record's clock.
+    """Input signals as logged, before they come to the record's clock."""
 
-    Attributes
-    ----------
-    signals : DataFrame
-        Index `t`; NaN where the signal has no meaning, such as a position target while nobody holds a position.
-    units : mapping
-    title : str
-        What they are, for messages.
-    restarts : ndarray
-        Times between which the signals may be used in one piece, s.
-    steps : ndarray, shape (K, 2)
-        Times [s] and sizes of jumps within a piece.
-    findings : tuple of Finding
-    """
-
+    #: Index `t`; NaN where the signal has no meaning, such as a position target while nobody holds a position.
     signals: pd.DataFrame
     units: Mapping[str, str]
-    title: str
-    restarts: Floats
+    title: str  #: What they are, for messages.
+    restarts: Floats  #: Times between which the signals may be used in one piece, s.
+    #: shape (K, 2): Times [s] and sizes of jumps within a piece.
     steps: Floats = field(default_factory=lambda: np.empty((0, 2)))
     findings: tuple[Finding, ...] = ()
 

@@ -12,19 +12,14 @@ from sysid.records.experiment import Experiment, Floats
 
 @dataclass(frozen=True, slots=True)
 class MotorGeometry:
-    """Directions of the arms and of rotation.
+    """Directions of the arms and of rotation."""
 
-    Attributes
-    ----------
-    forward, right : ndarray, shape (n,)
-        Position of each motor in arms: cosine and sine of its angle from the nose. Thrust there pitches the nose up by
-        `forward` and rolls to the left by `right`.
-    spin : ndarray, shape (n,)
-        +1 clockwise seen from above (its torque turns the nose to the left), -1 counter-clockwise, 0 unknown.
-    """
-
+    #: shape (n,): Position of each motor in arms: cosine and sine of its angle from the nose. Thrust there pitches the
+    #: nose up by `forward` and rolls to the left by `right`.
     forward: Floats
     right: Floats
+    #: shape (n,): +1 clockwise seen from above (its torque turns the nose to the left), -1 counter-clockwise, 0
+    #: unknown.
     spin: Floats
 
 

@@ -52,41 +52,23 @@ ATTITUDE_SIGMA = np.radians(0.1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """One flight as the equations of motion see it.
-
-    Attributes
-    ----------
-    name : str
-    t : ndarray, shape (N,)
-    rotation : ndarray, shape (N, 9)
-        Body to NED by rows.
-    density : ndarray, shape (N,)
-        Over 1.225 kg/m^3.
-    linear, square : ndarray, shape (N,)
-        Sums of c and c^2 over the motors, times the square of the voltage over the reference.
-    position, velocity : ndarray, shape (N, 3)
-        NED from the first sample, m and m/s.
-    acceleration : ndarray, shape (N, 3) or None
-        NED, by the accelerometer, m/s^2.
-    ground : float
-        Down coordinate of the place of take-off, m.
-    attitude_sigma : ndarray, shape (3,)
-        Standard deviation of the attitude's error about north, east and down, usual over the flight, rad.
-    input_interval : float
-        Time between the motor outputs that were logged, s; between them they are taken for straight lines.
-    """
+    """One flight as the equations of motion see it."""
 
     name: str
-    t: Floats
-    rotation: Floats
-    density: Floats
+    t: Floats  #: shape (N,)
+    rotation: Floats  #: shape (N, 9): Body to NED by rows.
+    density: Floats  #: shape (N,): Over 1.225 kg/m^3.
+    #: shape (N,): Sums of c and c^2 over the motors, times the square of the voltage over the reference.
     linear: Floats
     square: Floats
+    #: shape (N, 3): NED from the first sample, m and m/s.
     position: Floats
     velocity: Floats
-    acceleration: Floats | None
-    ground: float
+    acceleration: Floats | None  #: shape (N, 3): NED, by the accelerometer, m/s^2.
+    ground: float  #: Down coordinate of the place of take-off, m.
+    #: shape (3,): Standard deviation of the attitude's error about north, east and down, usual over the flight, rad.
     attitude_sigma: Floats
+    #: Time between the motor outputs that were logged, s; between them they are taken for straight lines.
     input_interval: float
 
     @property

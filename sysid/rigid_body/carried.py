@@ -35,28 +35,13 @@ _START_STEPS, _LINEARISATIONS = 5, 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Carried:
-    """What the samples up to each block's end say of a flight.
+    """What the samples up to each block's end say of a flight."""
 
-    Attributes
-    ----------
-    edges : ndarray, shape (K + 1,)
-        Samples at which blocks end; the first is 0.
-    own : ndarray, shape (K + 1, 4)
-        Wind exponent, thrust scale, mean wind north and east [m/s].
-    gust : ndarray, shape (K + 1, 2)
-        Of the wind towards north and east, m/s.
-    departure : ndarray, shape (K + 1,)
-        Of the thrust scale.
-    covariances : ndarray, shape (K + 1, 7, 7)
-        Of the three in turn.
-    wander : Wander
-    """
-
-    edges: np.ndarray
-    own: Floats
-    gust: Floats
-    departure: Floats
-    covariances: Floats
+    edges: np.ndarray  #: shape (K + 1,): Samples at which blocks end; the first is 0.
+    own: Floats  #: shape (K + 1, 4): Wind exponent, thrust scale, mean wind north and east [m/s].
+    gust: Floats  #: shape (K + 1, 2): Of the wind towards north and east, m/s.
+    departure: Floats  #: shape (K + 1,): Of the thrust scale.
+    covariances: Floats  #: shape (K + 1, 7, 7): Of the three in turn.
     wander: Wander
 
 

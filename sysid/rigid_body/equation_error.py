@@ -32,21 +32,11 @@ _MOST_STEPS = 25
 
 @dataclass(frozen=True, slots=True)
 class EquationErrorFit:
-    """Start values by equation error.
+    """Start values by equation error."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        Parameters as in `output_error`, under the first of `laws`.
-    laws : tuple of int
-        Laws of drag that may hold, best first.
-    rmse : float
-        Of block means of acceleration, m/s^2.
-    """
-
-    values: Floats
-    laws: tuple[int, ...]
-    rmse: float
+    values: Floats  #: shape (n,): Parameters as in `output_error`, under the first of `laws`.
+    laws: tuple[int, ...]  #: Laws of drag that may hold, best first.
+    rmse: float  #: Of block means of acceleration, m/s^2.
 
 
 def fit_equation_error(

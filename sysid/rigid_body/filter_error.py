@@ -57,24 +57,12 @@ _TAU = (np.log(10.0), 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """What moves a craft beside its inputs.
+    """What moves a craft beside its inputs."""
 
-    Attributes
-    ----------
-    gust : float
-        Standard deviation of the acceleration by gusts, m/s^2.
-    tau : float
-        Its correlation time, s.
-    jolt : float
-        Spectral density of the white part of the acceleration, m/s^2 sqrt(s).
-    noise : float
-        Standard deviation of measured velocity, m/s.
-    """
-
-    gust: float
-    tau: float
-    jolt: float
-    noise: float
+    gust: float  #: Standard deviation of the acceleration by gusts, m/s^2.
+    tau: float  #: Its correlation time, s.
+    jolt: float  #: Spectral density of the white part of the acceleration, m/s^2 sqrt(s).
+    noise: float  #: Standard deviation of measured velocity, m/s.
 
 
 #: Disturbances of a flight, horizontal and vertical.
@@ -83,27 +71,14 @@ Disturbances = tuple[Disturbance, Disturbance]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterErrorFit:
-    """Estimates by filter error.
+    """Estimates by filter error."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        Shared parameters (`body_motion.THETA`), then wind exponent, thrust scale and wind of each flight.
-    covariance : ndarray, shape (n, n)
-        Prior knowledge included; zero for what is held.
-    information : ndarray, shape (n, n)
-        What the data alone say.
-    disturbances : tuple of Disturbances
-        Of each flight.
-    costs : ndarray, shape (clusters,)
-        Negative log-likelihood of the innovations (Huber's beyond three standard deviations).
-    converged : bool
-    """
-
+    #: shape (n,): Shared parameters (`body_motion.THETA`), then wind exponent, thrust scale and wind of each flight.
     values: Floats
-    covariance: Floats
-    information: Floats
-    disturbances: tuple[Disturbances, ...]
+    covariance: Floats  #: shape (n, n): Prior knowledge included; zero for what is held.
+    information: Floats  #: shape (n, n): What the data alone say.
+    disturbances: tuple[Disturbances, ...]  #: Of each flight.
+    #: shape (clusters,): Negative log-likelihood of the innovations (Huber's beyond three standard deviations).
     costs: Floats
     converged: bool
 

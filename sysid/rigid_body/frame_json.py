@@ -42,21 +42,11 @@ _REFERENCE_SPEED = 10.0
 
 @dataclass(frozen=True, slots=True)
 class FrameExport:
-    """A custom frame.
+    """A custom frame."""
 
-    Attributes
-    ----------
-    frame : mapping
-        Labels and numbers as the simulator reads them.
-    notes : mapping of str to str
-        For each label where its number comes from.
-    undetermined : tuple of str
-        Labels whose numbers no flight determined.
-    """
-
-    frame: Mapping[str, float | list[float]]
-    notes: Mapping[str, str]
-    undetermined: tuple[str, ...]
+    frame: Mapping[str, float | list[float]]  #: Labels and numbers as the simulator reads them.
+    notes: Mapping[str, str]  #: For each label where its number comes from.
+    undetermined: tuple[str, ...]  #: Labels whose numbers no flight determined.
 
     def write(self, path: Path) -> None:
         """Write the frame; notes go into a Markdown file beside it, because the simulator knows no comments by us."""

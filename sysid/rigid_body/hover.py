@@ -26,28 +26,14 @@ _GRAVITY = 9.80665
 
 @dataclass(frozen=True, slots=True, repr=False)
 class HoverModel(Summarised):
-    """A linear model ``dx/dt = A x + B u``.
+    """A linear model ``dx/dt = A x + B u``."""
 
-    Attributes
-    ----------
-    A : ndarray, shape (5, 5)
-    B : ndarray, shape (5, n)
-    inputs : tuple of str
-        Motors.
-    input_unit : str
-        ``"rad/s"`` or ``"command"`` (1 from idle to full spin).
-    trim : ndarray, shape (n,)
-        Inputs in hover.
-    pwm_per_command : float or None
-        us, to turn B for commands into B for PWM (divide); None for rotor speeds.
-    """
-
-    A: Floats
-    B: Floats
-    inputs: tuple[str, ...]
-    input_unit: str
-    trim: Floats
-    pwm_per_command: float | None
+    A: Floats  #: shape (5, 5)
+    B: Floats  #: shape (5, n)
+    inputs: tuple[str, ...]  #: Motors.
+    input_unit: str  #: ``"rad/s"`` or ``"command"`` (1 from idle to full spin).
+    trim: Floats  #: shape (n,): Inputs in hover.
+    pwm_per_command: float | None  #: us, to turn B for commands into B for PWM (divide); None for rotor speeds.
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""

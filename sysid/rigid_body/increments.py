@@ -21,23 +21,12 @@ BLOCK_SECONDS = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Increments:
-    """What the blocks of a flight say.
+    """What the blocks of a flight say."""
 
-    Attributes
-    ----------
-    edges : ndarray, shape (K + 1,)
-        Samples at which blocks begin and end.
-    seconds : float
-        Length of a block, s.
-    missed : ndarray, shape (K, 3)
-        Measured change of velocity less that of the model, NED, m/s.
-    jacobian : ndarray, shape (K, 3, q)
-        Derivatives of the model's change of velocity by the parameters of the kernels.
-    """
-
-    edges: np.ndarray
-    seconds: float
-    missed: Floats
+    edges: np.ndarray  #: shape (K + 1,): Samples at which blocks begin and end.
+    seconds: float  #: Length of a block, s.
+    missed: Floats  #: shape (K, 3): Measured change of velocity less that of the model, NED, m/s.
+    #: shape (K, 3, q): Derivatives of the model's change of velocity by the parameters of the kernels.
     jacobian: Floats
 
 

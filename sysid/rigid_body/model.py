@@ -81,30 +81,17 @@ ROTATION_UNITS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class BodyParameter:
-    """One parameter and what is known of it.
-
-    Attributes
-    ----------
-    name, unit : str
-    value, sigma : float or None
-        Estimate and standard error (for coloured residuals); None when not determined.
-    determined : bool
-    reason : str
-        Why not, empty when determined.
-    used : float
-        What the model computes with: the estimate, or what stands in for it when not determined.
-    si_value, si_sigma : float or None
-        The same in SI for the mass given (N, N s/m, ...); None without a mass, or where mass does not enter.
-    si_unit : str
-    """
+    """One parameter and what is known of it."""
 
     name: str
     unit: str
+    #: Estimate and standard error (for coloured residuals); None when not determined.
     value: float | None
     sigma: float | None
     determined: bool
-    reason: str
-    used: float
+    reason: str  #: Why not, empty when determined.
+    used: float  #: What the model computes with: the estimate, or what stands in for it when not determined.
+    #: The same in SI for the mass given (N, N s/m, ...); None without a mass, or where mass does not enter.
     si_value: float | None = None
     si_sigma: float | None = None
     si_unit: str = ""
@@ -116,62 +103,29 @@ class BodyParameter:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class RigidBodyModel(Summarised):
-    """A craft as physics sees it.
-
-    Attributes
-    ----------
-    name : str
-    parameters : mapping of str to BodyParameter
-        By the names of `TRANSLATION_UNITS` and `ROTATION_UNITS`; all are there, determined or not.
-    estimated : tuple of str
-        Names of rows and columns of `covariance`.
-    covariance : ndarray
-        Of the estimated parameters, valid for coloured residuals.
-    condition : float
-        Condition number of the information on the translational parameters, scaled to unit diagonal.
-    rotor_drag : bool
-        Whether linear drag goes with the rotors' speed; else with the air's density.
-    axis_drag : bool
-        Whether quadratic drag along an axis goes with the square of the speed along it; else with the whole speed.
-    mass : float or None
-        As given, kg.
-    vehicle : Vehicle
-        Geometry of the motors and the autopilot's output scaling.
-    reference_density : float
-        1.225 kg/m^3.
-    reference_voltage : float or None
-        V; None when voltage was not logged.
-    flights : mapping of str to FlightTrim
-        Wind and thrust scale of the flights that they are known of.
-    rotation_fit : mapping of str to float
-        R^2 of angular acceleration per axis, where estimated.
-    rmse : float
-        Of position over the windows of the fit, m.
-    motors : mapping of str to MotorEffect
-        Each motor's share of thrust and torque, where motors can be told apart.
-    training : tuple of str
-    findings : tuple of Finding
-    carried : mapping of str to Carried
-        Wind and thrust scale through flights, where they have been followed already.
-    """
+    """A craft as physics sees it."""
 
     name: str
+    #: By the names of `TRANSLATION_UNITS` and `ROTATION_UNITS`; all are there, determined or not.
     parameters: Mapping[str, BodyParameter]
-    estimated: tuple[str, ...]
-    covariance: Floats
-    condition: float
-    rotor_drag: bool
+    estimated: tuple[str, ...]  #: Names of rows and columns of `covariance`.
+    covariance: Floats  #: Of the estimated parameters, valid for coloured residuals.
+    condition: float  #: Condition number of the information on the translational parameters, scaled to unit diagonal.
+    rotor_drag: bool  #: Whether linear drag goes with the rotors' speed; else with the air's density.
+    #: Whether quadratic drag along an axis goes with the square of the speed along it; else with the whole speed.
     axis_drag: bool
-    mass: float | None
-    vehicle: Vehicle
-    reference_density: float
-    reference_voltage: float | None
-    flights: Mapping[str, FlightTrim]
-    rotation_fit: Mapping[str, float]
-    rmse: float
+    mass: float | None  #: As given, kg.
+    vehicle: Vehicle  #: Geometry of the motors and the autopilot's output scaling.
+    reference_density: float  #: 1.225 kg/m^3.
+    reference_voltage: float | None  #: V; None when voltage was not logged.
+    flights: Mapping[str, FlightTrim]  #: Wind and thrust scale of the flights that they are known of.
+    rotation_fit: Mapping[str, float]  #: R^2 of angular acceleration per axis, where estimated.
+    rmse: float  #: Of position over the windows of the fit, m.
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
+    #: Each motor's share of thrust and torque, where motors can be told apart.
     motors: Mapping[str, MotorEffect] = field(default_factory=dict)
+    #: Wind and thrust scale through flights, where they have been followed already.
     carried: Mapping[str, Carried] = field(default_factory=dict, repr=False, compare=False)
 
     def summary(self) -> Mapping[str, str]:

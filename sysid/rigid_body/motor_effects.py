@@ -35,24 +35,16 @@ _LEVER = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorEffect:
-    """One motor's share.
+    """One motor's share."""
 
-    Attributes
-    ----------
-    thrust, thrust_sigma : float or None
-        Thrust at a command over that of all motors alike; None when not determined.
-    torque, torque_sigma : float or None
-        Torque over yaw inertia at full command in sea-level air, in the sense in which the motor turns the craft,
-        rad/s^2; None when not determined.
-    reason : str
-        Why not, empty when determined.
-    """
-
+    #: Thrust at a command over that of all motors alike; None when not determined.
     thrust: float | None
     thrust_sigma: float | None
+    #: Torque over yaw inertia at full command in sea-level air, in the sense in which the motor turns the craft,
+    #: rad/s^2; None when not determined.
     torque: float | None
     torque_sigma: float | None
-    reason: str = ""
+    reason: str = ""  #: Why not, empty when determined.
 
     def to_dict(self) -> dict[str, float | str | None]:
         """Return plain values for JSON."""

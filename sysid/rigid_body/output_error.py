@@ -56,14 +56,9 @@ _CONVERGED = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known beforehand: independent normal distributions, and the range in which values make sense.
+    """What is known beforehand: independent normal distributions, and the range in which values make sense."""
 
-    Attributes
-    ----------
-    mean, sigma, low, high : ndarray, shape (n,)
-        Of all parameters in the order of `pack`; sigma may be infinite, or 0 for what is held.
-    """
-
+    #: shape (n,): Of all parameters in the order of `pack`; sigma may be infinite, or 0 for what is held.
     mean: Floats
     sigma: Floats
     low: Floats
@@ -72,31 +67,18 @@ class Prior:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputErrorFit:
-    """Estimates by output error.
+    """Estimates by output error."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        Shared parameters (`body_motion.THETA`), then wind exponent, thrust scale and wind coefficients of each flight.
-    covariance : ndarray, shape (n, n)
-        For coloured residuals, prior knowledge included; zero for what is held.
-    information : ndarray, shape (n, n)
-        What the data alone say, scaled to the residuals' real information.
-    rmse : float
-        Of position over all windows and axes, m.
-    costs : ndarray, shape (windows,)
-        Half the sum of squared residuals over their spread (Huber's beyond three of it), of each window.
-    spread : ndarray, shape (flights, 3)
-        Standard deviation of the residuals by which they were weighted, north, east, down, m.
-    iterations : int
-    converged : bool
-    """
-
+    #: shape (n,): Shared parameters (`body_motion.THETA`), then wind exponent, thrust scale and wind coefficients of
+    #: each flight.
     values: Floats
-    covariance: Floats
-    information: Floats
-    rmse: float
+    covariance: Floats  #: shape (n, n): For coloured residuals, prior knowledge included; zero for what is held.
+    information: Floats  #: shape (n, n): What the data alone say, scaled to the residuals' real information.
+    rmse: float  #: Of position over all windows and axes, m.
+    #: shape (windows,): Half the sum of squared residuals over their spread (Huber's beyond three of it), of each
+    #: window.
     costs: Floats
+    #: shape (flights, 3): Standard deviation of the residuals by which they were weighted, north, east, down, m.
     spread: Floats
     iterations: int
     converged: bool

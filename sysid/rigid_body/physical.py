@@ -55,26 +55,18 @@ SHORT_OF_TRUTH = "its standard errors are too small by several times on craft of
 
 @dataclass(frozen=True, slots=True, repr=False)
 class PhysicalParameters(Summarised):
-    """What every method found.
+    """What every method found."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        Index (parameter, method); ``value`` and ``sigma`` (NaN where not determined), ``unit``, ``si_value``,
-        ``si_sigma``, ``si_unit`` (with mass, and arm where it enters), ``note`` (why not, or what kind of number).
-    thrust, rotor, kim2017, refinement2020, rigid_body
-        The models; None where a method could not be applied.
-    findings : tuple of Finding
-        Where methods disagree.
-    """
-
+    #: Index (parameter, method); ``value`` and ``sigma`` (NaN where not determined), ``unit``, ``si_value``,
+    #: ``si_sigma``, ``si_unit`` (with mass, and arm where it enters), ``note`` (why not, or what kind of number).
     table: pd.DataFrame
+    #: The models; None where a method could not be applied.
     thrust: ThrustModel | None
     rotor: RotorModel | None
     kim2017: Kim2017Model | None
     refinement2020: Refinement2020Model | None
     rigid_body: RigidBodyModel | None
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()  #: Where methods disagree.
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""

@@ -55,49 +55,28 @@ _LEAST_THRUST = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisFit:
-    """Effectiveness about one axis.
+    """Effectiveness about one axis."""
 
-    Attributes
-    ----------
-    gain, gain_sigma : float
-        rad/s^2 for one motor at full command (roll, pitch: on an arm across) in sea-level air.
-    damping, damping_sigma : float
-        1/s.
-    coherent : float
-        Part of the angular acceleration's power in the band that the command explains (R^2).
-    lead : float
-        Torque of the rotors' own acceleration over that of their drag, as a time, s; in yaw only, else 0.
-    moved : float
-        Root mean square of the angular rate in the band, rad/s.
-    """
-
+    #: rad/s^2 for one motor at full command (roll, pitch: on an arm across) in sea-level air.
     gain: float
     gain_sigma: float
+    #: 1/s.
     damping: float
     damping_sigma: float
-    coherent: float
-    lead: float
-    moved: float
+    coherent: float  #: Part of the angular acceleration's power in the band that the command explains (R^2).
+    lead: float  #: Torque of the rotors' own acceleration over that of their drag, as a time, s; in yaw only, else 0.
+    moved: float  #: Root mean square of the angular rate in the band, rad/s.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RotationFit:
-    """Effectiveness about all axes.
+    """Effectiveness about all axes."""
 
-    Attributes
-    ----------
-    axes : mapping of str to AxisFit
-        By roll, pitch, yaw.
-    lag, delay : float
-        First-order lag and pure delay between command and torque, gyro filters included, s.
-    source : str
-        ``"rate outputs"`` or ``"motor outputs"``.
-    """
-
-    axes: dict[str, AxisFit]
+    axes: dict[str, AxisFit]  #: By roll, pitch, yaw.
+    #: First-order lag and pure delay between command and torque, gyro filters included, s.
     lag: float
     delay: float
-    source: str
+    source: str  #: ``"rate outputs"`` or ``"motor outputs"``.
 
 
 def logged_motors(record: Experiment, vehicle: Vehicle) -> tuple[Motor, ...]:

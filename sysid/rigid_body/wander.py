@@ -46,22 +46,13 @@ _MOST_EVALUATIONS, _NEAR = 300, 0.05
 
 @dataclass(frozen=True, slots=True)
 class Wander:
-    """Strengths of what wanders.
+    """Strengths of what wanders."""
 
-    Attributes
-    ----------
-    horizontal_noise, vertical_noise : float
-        Spectral density of white noise in acceleration, m^2/s^3.
-    gust : float
-        Standard deviation of gusts towards north and east, m/s.
-    scale : float
-        Standard deviation of the thrust scale's departures.
-    """
-
+    #: Spectral density of white noise in acceleration, m^2/s^3.
     horizontal_noise: float
     vertical_noise: float
-    gust: float
-    scale: float
+    gust: float  #: Standard deviation of gusts towards north and east, m/s.
+    scale: float  #: Standard deviation of the thrust scale's departures.
 
     def step(self, seconds: float) -> tuple[Floats, Floats]:
         """Return the decay of each state over a step, and the variance that the step adds."""

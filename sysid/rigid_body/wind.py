@@ -29,36 +29,24 @@ LIGHT = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightTrim:
-    """What differs between flights of one craft: the wind, and how much its thrust departs from the model's.
+    """What differs between flights of one craft: the wind, and how much its thrust departs from the model's."""
 
-    Attributes
-    ----------
-    wind_n, wind_e : float
-        Mean velocity of the air 10 m above the place of take-off, towards north and east, m/s.
-    wind_sigma : float
-        Standard error of each, m/s.
-    thrust_scale, thrust_scale_sigma : float
-        Thrust of this flight over the model's: temperature of the air, battery, mass taken on.
-    wind_exponent, wind_exponent_sigma : float
-        Of the power law of the wind with height; what is known of any day where the flight does not tell.
-    source : str
-        From what: ``"fit"``, ``"whole flight"``, ``"first 30 s"``.
-    looked_until : float or None
-        Time until which the flight's own motion was looked at, s; from there on a free run is free. None where all of
-        it was, or none.
-    variation : tuple of (t, n, e)
-        Departures from the mean wind [m/s] at times t [s], straight lines between them; empty for constant wind.
-    """
-
+    #: Mean velocity of the air 10 m above the place of take-off, towards north and east, m/s.
     wind_n: float
     wind_e: float
-    wind_sigma: float
+    wind_sigma: float  #: Standard error of each, m/s.
+    #: Thrust of this flight over the model's: temperature of the air, battery, mass taken on.
     thrust_scale: float
     thrust_scale_sigma: float
-    source: str
+    source: str  #: From what: ``"fit"``, ``"whole flight"``, ``"first 30 s"``.
+    #: Of the power law of the wind with height; what is known of any day where the flight does not tell.
     wind_exponent: float = WIND_EXPONENT[0]
     wind_exponent_sigma: float = WIND_EXPONENT[1]
+    #: Time until which the flight's own motion was looked at, s; from there on a free run is free. None where all of it
+    #: was, or none.
     looked_until: float | None = None
+    #: tuple of (t, n, e): Departures from the mean wind [m/s] at times t [s], straight lines between them; empty for
+    #: constant wind.
     variation: tuple[tuple[float, float, float], ...] = ()
 
     def wind(self, t: Floats) -> Floats:

@@ -65,66 +65,32 @@ _GRAVITY = 9.80665
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Kim2017Model(Summarised):
-    """Thrust coefficient of each motor and the mean torque coefficient.
-
-    Attributes
-    ----------
-    name : str
-    law : Law
-        Whether coefficients are per square of rotor speed or at full command.
-    common : ThrustCoefficient
-        The same thrust coefficient for all motors, fitted by itself.
-    per_motor : mapping
-    lever : tuple of 2 float
-        l m / Ixx and l m / Iyy, 1/m: as given, or fitted.
-    lever_sigma : tuple of 2 float
-        0 where given.
-    torque_per_inertia, torque_sigma : float or None
-        b / Izz, mean of the motors, in rad/s^2 at full command or per squared rotor speed; None when not determined.
-    yaw : tuple of float
-        Yaw acceleration for each motor's signal, in the same unit: what the simulation of the yaw rate takes.
-    mass : float or None
-        kg.
-    inertia : tuple of 3 float or None
-        kg m^2, as given.
-    reference_voltage : float or None
-        V.
-    thrust_expo : float
-    time_constant : float
-        Lag taken for the motors, s; the paper takes none.
-    rotation : bool
-        Whether motor signals were fast enough for the rates; levers and torque mean nothing otherwise.
-    rmse : mapping
-        Of altitude [m] and rates [rad/s] in the windows.
-    explained : mapping
-        Part of the power of the rates in the windows that the model explains (R^2), by ``w_x``, ``w_y``, ``w_z``.
-    bench : mapping
-        Thrust coefficients of a thrust stand to compare with, by motor, and ``"torque"``.
-    geometry : MotorGeometry
-    training : tuple of str
-    findings : tuple of Finding
-    """
+    """Thrust coefficient of each motor and the mean torque coefficient."""
 
     name: str
-    law: Law
-    common: ThrustCoefficient
+    law: Law  #: Whether coefficients are per square of rotor speed or at full command.
+    common: ThrustCoefficient  #: The same thrust coefficient for all motors, fitted by itself.
     per_motor: Mapping[str, ThrustCoefficient]
-    lever: tuple[float, float]
-    lever_sigma: tuple[float, float]
+    lever: tuple[float, float]  #: l m / Ixx and l m / Iyy, 1/m: as given, or fitted.
+    lever_sigma: tuple[float, float]  #: 0 where given.
+    #: b / Izz, mean of the motors, in rad/s^2 at full command or per squared rotor speed; None when not determined.
     torque_per_inertia: float | None
     torque_sigma: float | None
+    #: Yaw acceleration for each motor's signal, in the same unit: what the simulation of the yaw rate takes.
     yaw: tuple[float, ...]
-    mass: float | None
-    inertia: tuple[float, float, float] | None
-    reference_voltage: float | None
+    mass: float | None  #: kg.
+    inertia: tuple[float, float, float] | None  #: kg m^2, as given.
+    reference_voltage: float | None  #: V.
     thrust_expo: float
-    time_constant: float
-    rotation: bool
-    rmse: Mapping[str, float]
+    time_constant: float  #: Lag taken for the motors, s; the paper takes none.
+    rotation: bool  #: Whether motor signals were fast enough for the rates; levers and torque mean nothing otherwise.
+    rmse: Mapping[str, float]  #: Of altitude [m] and rates [rad/s] in the windows.
+    #: Part of the power of the rates in the windows that the model explains (R^2), by ``w_x``, ``w_y``, ``w_z``.
     explained: Mapping[str, float]
     geometry: MotorGeometry
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
+    #: Thrust coefficients of a thrust stand to compare with, by motor, and ``"torque"``.
     bench: Mapping[str, float] = field(default_factory=dict)
 
     def summary(self) -> Mapping[str, str]:

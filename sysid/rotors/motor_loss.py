@@ -61,58 +61,30 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorLoss:
-    """A lasting loss of one motor's thrust.
+    """A lasting loss of one motor's thrust."""
 
-    Attributes
-    ----------
-    motor : int
-        Number in the autopilot's frame.
-    alternatives : tuple of int
-        Other motors that explain the change nearly as well; usually none.
-    t : float
-        When it began, s.
-    end : float
-        Last time looked at, s: the loss lasts until then.
-    loss, sigma : float
-        Part of the thrust that is missing, 0 to 1, and its standard deviation.
-    output : float
-        Part of the output above the lowest PWM that would give the thrust that is left: 0.8 of the output gives about
-        0.64 of the thrust.
-    score : float
-        Loss over its standard deviation in the search, which chooses time and motor.
-    """
-
-    motor: int
-    alternatives: tuple[int, ...]
-    t: float
-    end: float
+    motor: int  #: Number in the autopilot's frame.
+    alternatives: tuple[int, ...]  #: Other motors that explain the change nearly as well; usually none.
+    t: float  #: When it began, s.
+    end: float  #: Last time looked at, s: the loss lasts until then.
+    #: Part of the thrust that is missing, 0 to 1, and its standard deviation.
     loss: float
     sigma: float
+    #: Part of the output above the lowest PWM that would give the thrust that is left: 0.8 of the output gives about
+    #: 0.64 of the thrust.
     output: float
-    score: float
+    score: float  #: Loss over its standard deviation in the search, which chooses time and motor.
 
 
 @dataclass(frozen=True, slots=True)
 class _Moments:
-    """Outputs and motion at the times of the motors' outputs.
+    """Outputs and motion at the times of the motors' outputs."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-    thrust : ndarray, shape (n, motors)
-        Parts of a motor's full thrust.
-    pwm : ndarray, shape (n, motors)
-        us.
-    factors : ndarray, shape (axes, motors)
-    nuisances : list of ndarray, shape (n, p)
-        Orthonormal, of each axis.
-    """
-
-    t: Floats
-    thrust: Floats
-    pwm: Floats
-    factors: Floats
-    nuisances: list[Floats]
+    t: Floats  #: shape (n,)
+    thrust: Floats  #: shape (n, motors): Parts of a motor's full thrust.
+    pwm: Floats  #: shape (n, motors): us.
+    factors: Floats  #: shape (axes, motors)
+    nuisances: list[Floats]  #: list of ndarray, shape (n, p): Orthonormal, of each axis.
 
 
 def find_motor_losses(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> tuple[MotorLoss, ...]:

@@ -48,27 +48,14 @@ UNEVEN, UNEVEN_SIGMAS = 0.03, 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorOrder:
-    """How motor outputs follow the mixer over a flight.
+    """How motor outputs follow the mixer over a flight."""
 
-    Attributes
-    ----------
-    follows : mapping of str to str
-        Motor of the mixer that each output follows best, itself where the log is in order.
-    share : mapping of str to float
-        Output of each motor over what the mixer asks of it, both over the mean of all motors.
-    share_sigma : mapping of str to float
-    ratio : float
-        Variance of the residuals in the logged order over that in the best one.
-    explained : float
-        Part of the outputs' movement that the best order explains.
-    findings : tuple of Finding
-    """
-
-    follows: Mapping[str, str]
+    follows: Mapping[str, str]  #: Motor of the mixer that each output follows best, itself where the log is in order.
+    #: Output of each motor over what the mixer asks of it, both over the mean of all motors.
     share: Mapping[str, float]
     share_sigma: Mapping[str, float]
-    ratio: float
-    explained: float
+    ratio: float  #: Variance of the residuals in the logged order over that in the best one.
+    explained: float  #: Part of the outputs' movement that the best order explains.
     findings: tuple[Finding, ...]
 
 

@@ -57,33 +57,16 @@ from sysid.rotors.thrust_regression import (
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Refinement2020Model(Summarised):
-    """Both ways side by side; every number per unit of mass, and J and b over the arm besides.
-
-    Attributes
-    ----------
-    name : str
-    law : Law
-    instants : mapping of str to InstantMean
-        By the names of `PARAMETERS`: ``k`` k/m, ``C`` C/m [1/m], ``Jx`` and ``Jz`` J/(m l) [m], ``b`` b/(m l),
-        ``b/Jz``.
-    stacked : mapping of str to StackedEstimate
-        The same, with ``Jy`` by itself.
-    mass : float or None
-        As given, kg.
-    reference_voltage : float or None
-    time_constant : float
-        Lag of the motors in use, s.
-    training : tuple of str
-    findings : tuple of Finding
-    """
+    """Both ways side by side; every number per unit of mass, and J and b over the arm besides."""
 
     name: str
     law: Law
+    #: By the names of `PARAMETERS`: ``k`` k/m, ``C`` C/m [1/m], ``Jx`` and ``Jz`` J/(m l) [m], ``b`` b/(m l), ``b/Jz``.
     instants: Mapping[str, InstantMean]
-    stacked: Mapping[str, StackedEstimate]
-    mass: float | None
+    stacked: Mapping[str, StackedEstimate]  #: The same, with ``Jy`` by itself.
+    mass: float | None  #: As given, kg.
     reference_voltage: float | None
-    time_constant: float
+    time_constant: float  #: Lag of the motors in use, s.
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
 

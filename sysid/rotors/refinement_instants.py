@@ -43,29 +43,19 @@ PARAMETERS = ("k", "C", "Jx", "Jy", "Jz", "b", "b/Jz")
 
 @dataclass(frozen=True, slots=True)
 class InstantMean:
-    """A parameter as the paper finds it.
+    """A parameter as the paper finds it."""
 
-    Attributes
-    ----------
-    mean, spread, median : float or None
-        Over the instants kept; None when too few are left.
-    used, dropped : int
-        Instants.
-    reason : str
-    events : int
-        Stretches of `CORRELATED` seconds in which the instants kept lie: so many of them are independent.
-    event_spread : float or None
-        Standard deviation of the means of these stretches.
-    """
-
+    #: Over the instants kept; None when too few are left.
     mean: float | None
     spread: float | None
     median: float | None
+    #: Instants.
     used: int
     dropped: int
     reason: str = ""
+    #: Stretches of `CORRELATED` seconds in which the instants kept lie: so many of them are independent.
     events: int = 0
-    event_spread: float | None = None
+    event_spread: float | None = None  #: Standard deviation of the means of these stretches.
 
     @property
     def sigma(self) -> float | None:
@@ -86,20 +76,12 @@ class InstantMean:
 
 @dataclass(frozen=True, slots=True)
 class StackedEstimate:
-    """A parameter from all instants at once.
+    """A parameter from all instants at once."""
 
-    Attributes
-    ----------
-    value, sigma : float or None
-        None when not determined.
-    interval : tuple of 2 float, or None
-        95 % confidence interval.
-    reason : str
-    """
-
+    #: None when not determined.
     value: float | None
     sigma: float | None
-    interval: tuple[float, float] | None
+    interval: tuple[float, float] | None  #: 95 % confidence interval.
     reason: str = ""
 
     def to_dict(self) -> dict[str, Any]:

@@ -68,45 +68,19 @@ SEPARABLE = 1e4
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class RotorModel(Summarised):
-    """Thrust of the rotors against what is logged of them.
-
-    Attributes
-    ----------
-    name : str
-    law : Law
-        Signal that explains thrust best: rotor speed or command.
-    common : ThrustCoefficient
-        For all motors; unit as `Law.specific_unit` and `Law.thrust_unit`.
-    per_motor : mapping
-    thrust_expo : float
-        Curvature in use: the autopilot's, unless the flights clearly show another.
-    expo : Parameter
-        Curvature as identified.
-    time_constant : Parameter
-        First-order lag from signal to thrust, s, with every delay of the log's in it.
-    damping : float
-        Loss of thrust per mass with climbing speed along body z, 1/s.
-    mass : float or None
-        kg.
-    reference_voltage : float or None
-        V at which coefficients hold.
-    rmse : mapping
-        Of one-second means of specific force by law tried, m/s^2.
-    training : tuple of str
-    findings : tuple of Finding
-    """
+    """Thrust of the rotors against what is logged of them."""
 
     name: str
-    law: Law
-    common: ThrustCoefficient
+    law: Law  #: Signal that explains thrust best: rotor speed or command.
+    common: ThrustCoefficient  #: For all motors; unit as `Law.specific_unit` and `Law.thrust_unit`.
     per_motor: Mapping[str, ThrustCoefficient]
-    thrust_expo: float
-    expo: Parameter
-    time_constant: Parameter
-    damping: float
-    mass: float | None
-    reference_voltage: float | None
-    rmse: Mapping[str, float]
+    thrust_expo: float  #: Curvature in use: the autopilot's, unless the flights clearly show another.
+    expo: Parameter  #: Curvature as identified.
+    time_constant: Parameter  #: First-order lag from signal to thrust, s, with every delay of the log's in it.
+    damping: float  #: Loss of thrust per mass with climbing speed along body z, 1/s.
+    mass: float | None  #: kg.
+    reference_voltage: float | None  #: V at which coefficients hold.
+    rmse: Mapping[str, float]  #: Of one-second means of specific force by law tried, m/s^2.
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
 

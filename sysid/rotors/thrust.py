@@ -52,57 +52,27 @@ _GRAVITY = 9.80665
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ThrustModel(Summarised):
-    """Thrust against command.
-
-    Attributes
-    ----------
-    name : str
-    common : ThrustCoefficient
-        One coefficient for all motors.
-    per_motor : mapping
-        A coefficient for each motor by name.
-    mass : float or None
-        As given, kg.
-    thrust_expo : float
-        Curvature e of the thrust curve, as the autopilot has it.
-    reference_density : float
-        kg/m^3.
-    reference_voltage : float or None
-        V at which coefficients hold; None when voltage was not logged.
-    damping : float or None
-        Loss of thrust per mass with climbing speed along body z, 1/s; None when the flight hardly climbs.
-    effort : mapping
-        Mean thrust command of each motor over the mean of all motors.
-    hover_command, hover_pwm : float
-        Mean command and PWM that carry the weight in the air of the records.
-    rmse : float
-        Of one-second means of the specific force, m/s^2.
-    condition : float
-        Condition number of the motors' regressors, scaled.
-    seconds : float
-        Flight time used.
-    training : tuple of str
-    findings : tuple of Finding
-    air_sigma : float
-        Relative standard uncertainty of the air's density, common to all coefficients, included in each sigma.
-    """
+    """Thrust against command."""
 
     name: str
-    common: ThrustCoefficient
-    per_motor: Mapping[str, ThrustCoefficient]
-    mass: float | None
-    thrust_expo: float
-    reference_density: float
-    reference_voltage: float | None
+    common: ThrustCoefficient  #: One coefficient for all motors.
+    per_motor: Mapping[str, ThrustCoefficient]  #: A coefficient for each motor by name.
+    mass: float | None  #: As given, kg.
+    thrust_expo: float  #: Curvature e of the thrust curve, as the autopilot has it.
+    reference_density: float  #: kg/m^3.
+    reference_voltage: float | None  #: V at which coefficients hold; None when voltage was not logged.
+    #: Loss of thrust per mass with climbing speed along body z, 1/s; None when the flight hardly climbs.
     damping: float | None
-    effort: Mapping[str, float]
+    effort: Mapping[str, float]  #: Mean thrust command of each motor over the mean of all motors.
+    #: Mean command and PWM that carry the weight in the air of the records.
     hover_command: float
     hover_pwm: float
-    rmse: float
-    condition: float
-    seconds: float
+    rmse: float  #: Of one-second means of the specific force, m/s^2.
+    condition: float  #: Condition number of the motors' regressors, scaled.
+    seconds: float  #: Flight time used.
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
+    #: Relative standard uncertainty of the air's density, common to all coefficients, included in each sigma.
     air_sigma: float = AIR_SIGMA
 
     def summary(self) -> Mapping[str, str]:

@@ -37,27 +37,18 @@ UNEVEN = 0.15
 
 @dataclass(frozen=True, slots=True)
 class ThrustCoefficient:
-    """Thrust of one motor in sea-level air: at full command, or per square of the rotor's speed.
+    """Thrust of one motor in sea-level air: at full command, or per square of the rotor's speed."""
 
-    Attributes
-    ----------
-    per_mass, sigma : float or None
-        k/m and its standard error, m/s^2 (at full command) or N s^2/kg (`Law.SPEED`); None when not determined. The
-        error includes that of the air's density (`AIR_SIGMA`), which flights at the same place and the motors of a
-        flight have in common.
-    newton, newton_sigma : float or None
-        k in N or N s^2; None without a mass or when not determined.
-    determined : bool
-    reason : str
-        Why not, empty when determined.
-    """
-
+    #: k/m and its standard error, m/s^2 (at full command) or N s^2/kg (`Law.SPEED`); None when not determined. The
+    #: error includes that of the air's density (`AIR_SIGMA`), which flights at the same place and the motors of a
+    #: flight have in common.
     per_mass: float | None
     sigma: float | None
+    #: k in N or N s^2; None without a mass or when not determined.
     newton: float | None
     newton_sigma: float | None
     determined: bool
-    reason: str = ""
+    reason: str = ""  #: Why not, empty when determined.
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""

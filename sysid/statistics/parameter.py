@@ -10,21 +10,13 @@ from logparse.quantity import NOT_DETERMINED, uncertain
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """An estimated number.
+    """An estimated number."""
 
-    Attributes
-    ----------
-    value, sigma : float or None
-        Estimate and standard deviation; `value` is None when the data do not determine it.
-    unit : str
-    reason : str
-        Why not determined, or what limits it; empty where there is nothing to add.
-    """
-
+    #: Estimate and standard deviation; `value` is None when the data do not determine it.
     value: float | None
     sigma: float | None
     unit: str
-    reason: str = ""
+    reason: str = ""  #: Why not determined, or what limits it; empty where there is nothing to add.
 
     @property
     def determined(self) -> bool:

@@ -27,36 +27,21 @@ LAGS, SAMPLES_PER_LAG = 25, 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualTest:
-    """Residual tests of one output over one or several records.
-
-    Attributes
-    ----------
-    output : str
-    samples, lags : int
-    autocorrelation : ndarray, shape (lags,)
-        At lags 1, 2, ...
-    band : float
-        Each autocorrelation of white residuals is within plus or minus this with probability `LEVEL`.
-    whiteness, whiteness_limit : float
-        Portmanteau statistic (Ljung and Box 1978) and what white residuals exceed with probability ``1 - LEVEL`` only.
-    crosscorrelation : mapping
-        For each input, shape (lags,): of the residual with the input 1, 2, ... samples before it, in units of its
-        standard deviation if they were independent, so that the band is +-2.58.
-    independence : mapping
-        For each input the chi-square statistic over all lags.
-    independence_limit : float
-        What the largest of them exceeds with probability ``1 - LEVEL`` if the residual is independent of every input.
-    """
+    """Residual tests of one output over one or several records."""
 
     output: str
     samples: int
     lags: int
-    autocorrelation: Floats
-    band: float
+    autocorrelation: Floats  #: shape (lags,): At lags 1, 2, ...
+    band: float  #: Each autocorrelation of white residuals is within plus or minus this with probability `LEVEL`.
+    #: Portmanteau statistic (Ljung and Box 1978) and what white residuals exceed with probability ``1 - LEVEL`` only.
     whiteness: float
     whiteness_limit: float
+    #: For each input, shape (lags,): of the residual with the input 1, 2, ... samples before it, in units of its
+    #: standard deviation if they were independent, so that the band is +-2.58.
     crosscorrelation: Mapping[str, Floats]
-    independence: Mapping[str, float]
+    independence: Mapping[str, float]  #: For each input the chi-square statistic over all lags.
+    #: What the largest of them exceeds with probability ``1 - LEVEL`` if the residual is independent of every input.
     independence_limit: float
 
     @property

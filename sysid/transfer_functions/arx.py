@@ -36,24 +36,14 @@ LARGEST_MODULUS = 0.9999
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Difference equation of one output: ``y[t] = -sum a[k] y[t-k] + sum_j sum_k b[j, k] u_j[t-delay-k] + c``.
+    """Difference equation of one output: ``y[t] = -sum a[k] y[t-k] + sum_j sum_k b[j, k] u_j[t-delay-k] + c``."""
 
-    Attributes
-    ----------
-    a : ndarray, shape (na,)
-        Coefficients of y[t-1] ... y[t-na], on the left-hand side.
-    b : ndarray, shape (m, nb)
-        Coefficients of u[t-delay] ... u[t-delay-nb+1].
-    covariance : ndarray, shape (na + m nb, na + m nb)
-        Of (a, b row by row) for white e; infinite where the data do not determine a coefficient.
-    sigma : float
-        Standard deviation of e.
-    """
-
-    a: Floats
-    b: Floats
+    a: Floats  #: shape (na,): Coefficients of y[t-1] ... y[t-na], on the left-hand side.
+    b: Floats  #: shape (m, nb): Coefficients of u[t-delay] ... u[t-delay-nb+1].
+    #: shape (na + m nb, na + m nb): Of (a, b row by row) for white e; infinite where the data do not determine a
+    #: coefficient.
     covariance: Floats
-    sigma: float
+    sigma: float  #: Standard deviation of e.
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -70,31 +60,17 @@ class Difference:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ArxModel(Summarised):
-    """ARX models of all outputs; see `fit_arx`.
-
-    Attributes
-    ----------
-    name : str
-    differences : mapping
-        By output.
-    offsets : mapping
-        ``[record][output]``: what the equation's constant c was in each training record.
-    delay : int
-        Samples from input to output.
-    rate : float
-        Samples per second; records of another rate are refused.
-    training : tuple of str
-    findings : tuple of Finding
-    """
+    """ARX models of all outputs; see `fit_arx`."""
 
     name: str
-    differences: Mapping[str, Difference]
+    differences: Mapping[str, Difference]  #: By output.
+    #: ``[record][output]``: what the equation's constant c was in each training record.
     offsets: Mapping[str, Mapping[str, float]]
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
     units: Mapping[str, str]
-    delay: int
-    rate: float
+    delay: int  #: Samples from input to output.
+    rate: float  #: Samples per second; records of another rate are refused.
     training: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
 

@@ -54,49 +54,26 @@ _SHARED = {"x": "horizontal", "y": "horizontal", "z": "vertical"}
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ClosedLoopModel(Summarised):
-    """Response of position (or velocity) to its reference, axis by axis.
-
-    Attributes
-    ----------
-    name : str
-    transfer_functions : mapping of str to mapping
-        ``transfer_functions[output][input]``; G on the diagonal, with covariance, and zero elsewhere.
-    input_names, output_names : tuple of str
-        References and what follows them, by the same names.
-    units : mapping
-    structure : str
-        ``"closed_loop"``.
-    poles, zeros : int
-        Of H; two of its zeros are at s = 0.
-    hold : str
-        ``"foh"``: references run straight between samples.
-    rate : float
-        Hz, of the records.
-    disturbance : mapping
-        Per output, how unexplained error is carried on by `predict`.
-    reports : mapping of str to FitReport
-        Per output, of the error; north and east have the same.
-    offset_trust : mapping of str to float
-        Per output the part of the first three seconds' mean error that is taken for constant.
-    following : mapping of str to float
-        Per output the root mean square of ``y - r`` on the training records: what the model is to improve on.
-    training : tuple of str
-    findings : tuple of Finding
-    """
+    """Response of position (or velocity) to its reference, axis by axis."""
 
     name: str
+    #: ``transfer_functions[output][input]``; G on the diagonal, with covariance, and zero elsewhere.
     transfer_functions: Mapping[str, Mapping[str, TransferFunction]]
+    #: References and what follows them, by the same names.
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
     units: Mapping[str, str]
-    structure: str = "closed_loop"
+    structure: str = "closed_loop"  #: ``"closed_loop"``.
+    #: Of H; two of its zeros are at s = 0.
     poles: int
     zeros: int
-    hold: str = "foh"
-    rate: float
-    disturbance: Mapping[str, Disturbance]
-    reports: Mapping[str, FitReport]
+    hold: str = "foh"  #: ``"foh"``: references run straight between samples.
+    rate: float  #: Hz, of the records.
+    disturbance: Mapping[str, Disturbance]  #: Per output, how unexplained error is carried on by `predict`.
+    reports: Mapping[str, FitReport]  #: Per output, of the error; north and east have the same.
+    #: Per output the part of the first three seconds' mean error that is taken for constant.
     offset_trust: Mapping[str, float]
+    #: Per output the root mean square of ``y - r`` on the training records: what the model is to improve on.
     following: Mapping[str, float]
     training: tuple[str, ...]
     findings: tuple[Finding, ...] = ()

@@ -31,17 +31,12 @@ class Disturbance:
     With the model's response taken off, this is the innovation form of an output-error model whose process noise
     enters at the output: an integrated random walk, a random walk, white noise, or, with a finite memory, a first-order
     process that returns to the model.
-
-    Attributes
-    ----------
-    alpha, beta : float
-        Gains on level and on slope times step.
-    memory : float
-        Time constant with which predictions return to the model, s; infinite for what wanders off.
     """
 
+    #: Gains on level and on slope times step.
     alpha: float
     beta: float
+    #: Time constant with which predictions return to the model, s; infinite for what wanders off.
     memory: float = np.inf
 
     def predict(self, residual: Floats, dt: float, steps: int) -> Floats:

@@ -27,23 +27,12 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True)
 class ModelResponse:
-    """G(j omega) with its uncertainty.
+    """G(j omega) with its uncertainty."""
 
-    Attributes
-    ----------
-    omega : ndarray, shape (K,)
-        rad/s.
-    response : ndarray of complex, shape (K,)
-    sigma_gain : ndarray, shape (K,)
-        Standard deviation of the gain's logarithm, that is the relative one of the gain.
-    sigma_phase : ndarray, shape (K,)
-        rad.
-    """
-
-    omega: Floats
-    response: Complex
-    sigma_gain: Floats
-    sigma_phase: Floats
+    omega: Floats  #: shape (K,): rad/s.
+    response: Complex  #: shape (K,)
+    sigma_gain: Floats  #: shape (K,): Standard deviation of the gain's logarithm, that is the relative one of the gain.
+    sigma_phase: Floats  #: shape (K,): rad.
 
     @property
     def determined(self) -> NDArray[np.bool_]:
@@ -100,18 +89,10 @@ def frequency_response(function: TransferFunction, omega: Floats) -> ModelRespon
 
 @dataclass(frozen=True, slots=True)
 class Root:
-    """A pole or zero with its uncertainty.
+    """A pole or zero with its uncertainty."""
 
-    Attributes
-    ----------
-    value : complex
-        rad/s.
-    covariance : ndarray, shape (2, 2)
-        Of real and imaginary part, (rad/s)^2; infinite for a multiple root.
-    """
-
-    value: complex
-    covariance: Floats
+    value: complex  #: rad/s.
+    covariance: Floats  #: shape (2, 2): Of real and imaginary part, (rad/s)^2; infinite for a multiple root.
 
     @property
     def sigma(self) -> float:

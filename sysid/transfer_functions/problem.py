@@ -12,56 +12,26 @@ from sysid.transfer_functions.sections import Band
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """One output of several records, in normalised units.
+    """One output of several records, in normalised units."""
 
-    Attributes
-    ----------
-    inputs : tuple of ndarray, shape (N_r, m)
-        About their trim, each of unit variance over all records.
-    outputs : tuple of ndarray, shape (N_r,)
-        About their trim, of unit variance over all records.
-    group : tuple of int, shape (m,)
-        Which denominator each input passes.
-    order : int
-        Poles of each denominator, integrators included; the most where `orders` differ.
-    numerators : int
-        Coefficients of each numerator, zeros + 1; the most where `counts` differ.
-    dt : float
-        s.
-    hold : {"zoh", "foh"}
-    band : Band
-        Where poles may lie.
-    ridge : float
-        Weight of the numerators' impulse-response energy relative to the information in the data.
-    initial : float
-        Variance of the residual over the energy [s] that the response to an initial state is expected to have.
-    integrators : int
-        How many poles of every denominator are fixed at zero.
-    orders : tuple of int, shape (groups,)
-        Poles of each denominator; empty when all have `order`.
-    counts : tuple of int, shape (m,)
-        Coefficients of each numerator; empty when all have `numerators`.
-    delays : tuple of float, shape (m,)
-        Of each input, s; empty for none. Where a descent starts when they are estimated.
-    longest_delay : float
-        Delays are estimated from 0 to this, s; 0 takes them as given.
-    """
-
+    #: tuple of ndarray, shape (N_r, m): About their trim, each of unit variance over all records.
     inputs: tuple[Floats, ...]
-    outputs: tuple[Floats, ...]
-    group: tuple[int, ...]
-    order: int
-    numerators: int
-    dt: float
-    hold: str
-    band: Band
-    ridge: float
+    outputs: tuple[Floats, ...]  #: tuple of ndarray, shape (N_r,): About their trim, of unit variance over all records.
+    group: tuple[int, ...]  #: shape (m,): Which denominator each input passes.
+    order: int  #: Poles of each denominator, integrators included; the most where `orders` differ.
+    numerators: int  #: Coefficients of each numerator, zeros + 1; the most where `counts` differ.
+    dt: float  #: s.
+    hold: str  #: {"zoh", "foh"}
+    band: Band  #: Where poles may lie.
+    ridge: float  #: Weight of the numerators' impulse-response energy relative to the information in the data.
+    #: Variance of the residual over the energy [s] that the response to an initial state is expected to have.
     initial: float
-    integrators: int = 0
-    orders: tuple[int, ...] = ()
-    counts: tuple[int, ...] = ()
+    integrators: int = 0  #: How many poles of every denominator are fixed at zero.
+    orders: tuple[int, ...] = ()  #: shape (groups,): Poles of each denominator; empty when all have `order`.
+    counts: tuple[int, ...] = ()  #: shape (m,): Coefficients of each numerator; empty when all have `numerators`.
+    #: shape (m,): Of each input, s; empty for none. Where a descent starts when they are estimated.
     delays: tuple[float, ...] = ()
-    longest_delay: float = 0.0
+    longest_delay: float = 0.0  #: Delays are estimated from 0 to this, s; 0 takes them as given.
 
     @property
     def groups(self) -> int:
@@ -107,21 +77,11 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """Which columns of a record a problem is about, and the units in which it has them.
+    """Which columns of a record a problem is about, and the units in which it has them."""
 
-    Attributes
-    ----------
-    column : int
-        Of the outputs.
-    active : tuple of int
-        Columns of the inputs.
-    input_scale : ndarray, shape (m,)
-    output_scale : float
-    """
-
-    column: int
-    active: tuple[int, ...]
-    input_scale: Floats
+    column: int  #: Of the outputs.
+    active: tuple[int, ...]  #: Columns of the inputs.
+    input_scale: Floats  #: shape (m,)
     output_scale: float
 
     def inputs(self, record: Experiment) -> Floats:

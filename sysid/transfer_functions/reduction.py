@@ -23,70 +23,38 @@ from sysid.transfer_functions.sections import denominators_of_orders
 
 @dataclass(frozen=True)
 class Basis:
-    """What all records have in common at given poles and delays.
+    """What all records have in common at given poles and delays."""
 
-    Attributes
-    ----------
-    theta : ndarray, shape (groups, lags)
-    delays : ndarray, shape (m,)
-        s.
-    system : Discretised
-    slope : ndarray, shape (groups, lags, lags)
-        Of the coefficients by the parameters; see `sysid.transfer_functions.sections.denominators`.
-    free : ndarray, shape (N, 2 n, groups)
-        Responses to initial states, as long as the longest record.
-    prior : ndarray, shape (local, local)
-        Precision of what each record has of its own, times the variance of the residual.
-    """
-
-    theta: Floats
-    delays: Floats
+    theta: Floats  #: shape (groups, lags)
+    delays: Floats  #: shape (m,): s.
     system: Discretised
+    #: shape (groups, lags, lags): Of the coefficients by the parameters; see
+    #: `sysid.transfer_functions.sections.denominators`.
     slope: Floats
-    free: Floats
+    free: Floats  #: shape (N, 2 n, groups): Responses to initial states, as long as the longest record.
+    #: shape (local, local): Precision of what each record has of its own, times the variance of the residual.
     prior: Floats
 
 
 @dataclass(slots=True)
 class Part:
-    """One record at given poles.
+    """One record at given poles."""
 
-    Attributes
-    ----------
-    states : ndarray, shape (N, 2 n, m)
-        Responses to the inputs.
-    trends : ndarray, shape (N, 2 + integrators)
-        Polynomials of time (`sysid.transfer_functions.response.trends`), and the output.
-    free : ndarray, shape (N, lags groups)
-        Initial responses, a view of those of the basis.
-    forced : ndarray, shape (N, numerators m)
-        Regressors of the numerators, power-major: a view of the states.
-    used : ndarray, shape (numerators m,)
-        1 for the numerators' coefficients that exist.
-    gram : ndarray, shape (local + numerators m + 1, local + numerators m + 1)
-        Inner products of `regressors`.
-    factor, coupling : ndarray
-        Of the elimination.
-    information : ndarray, shape (numerators m + 1, numerators m + 1)
-        What the record contributes.
-    local : ndarray, shape (1 + integrators + lags groups,)
-        The polynomial in time (`sysid.transfer_functions.response.trends`) and the coefficients of the initial
-        responses, once numerators are known.
-    residual : ndarray, shape (N,)
-        Likewise.
-    """
-
-    states: Floats
+    states: Floats  #: shape (N, 2 n, m): Responses to the inputs.
+    #: shape (N, 2 + integrators): Polynomials of time (`sysid.transfer_functions.response.trends`), and the output.
     trends: Floats
-    free: Floats
-    forced: Floats
-    used: Floats
-    gram: Floats
+    free: Floats  #: shape (N, lags groups): Initial responses, a view of those of the basis.
+    forced: Floats  #: shape (N, numerators m): Regressors of the numerators, power-major: a view of the states.
+    used: Floats  #: shape (numerators m,): 1 for the numerators' coefficients that exist.
+    gram: Floats  #: shape (local + numerators m + 1, local + numerators m + 1): Inner products of `regressors`.
+    #: Of the elimination.
     factor: Floats
     coupling: Floats
-    information: Floats
+    information: Floats  #: shape (numerators m + 1, numerators m + 1): What the record contributes.
+    #: shape (1 + integrators + lags groups,): The polynomial in time (`sysid.transfer_functions.response.trends`) and
+    #: the coefficients of the initial responses, once numerators are known.
     local: Floats = field(default_factory=lambda: np.zeros(0))
-    residual: Floats = field(default_factory=lambda: np.zeros(0))
+    residual: Floats = field(default_factory=lambda: np.zeros(0))  #: shape (N,): Likewise.
 
     @property
     def regressors(self) -> Floats:

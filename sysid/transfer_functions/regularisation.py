@@ -35,37 +35,21 @@ SEEN = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Division:
-    """A problem without the flight time held back, and that flight time.
-
-    Attributes
-    ----------
-    seen : Problem
-    held_back : Problem or None
-        Inputs about their mean over each part held back, and outputs; None where there is too little to hold any back.
-    """
+    """A problem without the flight time held back, and that flight time."""
 
     seen: Problem
+    #: Inputs about their mean over each part held back, and outputs; None where there is too little to hold any back.
     held_back: Problem | None
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A ridge, and the poles and delays that went with it.
-
-    Attributes
-    ----------
-    ridge : float
-    theta : ndarray, shape (groups, lags)
-    delays : ndarray, shape (m,)
-        s.
-    steps : int
-        Taken on the way.
-    """
+    """A ridge, and the poles and delays that went with it."""
 
     ridge: float
-    theta: Floats
-    delays: Floats
-    steps: int
+    theta: Floats  #: shape (groups, lags)
+    delays: Floats  #: shape (m,): s.
+    steps: int  #: Taken on the way.
 
 
 def divide(problem: Problem) -> Division:

@@ -28,35 +28,19 @@ INITIAL_SECONDS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Discretised:
-    """States ``p^k / A`` (k < n) and ``p^k / A^2`` of several denominators, exactly discretised.
+    """States ``p^k / A`` (k < n) and ``p^k / A^2`` of several denominators, exactly discretised."""
 
-    Attributes
-    ----------
-    unit : ndarray, shape (groups,)
-        w, the unit of frequency, rad/s.
-    a : ndarray, shape (groups, n)
-        Normalised coefficients ``a[k] / w^(n-k)``.
-    orders : tuple of int, shape (groups,)
-        Poles of each denominator; above, rows of `a` are padded with zeros and the states stay zero.
-    integrators : int
-        How many poles of every denominator lie at zero.
-    gramians : ndarray, shape (groups, n, n)
-        Inner products of the impulse responses of the states ``p^k / A``, in normalised time, integrators replaced by
-        poles at a tenth of the unit: energy over a finite time.
-    generator : ndarray, shape (groups, 2 n + 2, 2 n + 2)
-        Of states, input and slope of the input, per step.
-    transition : ndarray, shape (groups, 2 n, 2 n)
-    step, ramp : ndarray, shape (groups, 2 n)
-        Response after one step to an input of 1, and to one that grows by 1 in a step.
-    """
-
-    unit: Floats
-    a: Floats
+    unit: Floats  #: shape (groups,): w, the unit of frequency, rad/s.
+    a: Floats  #: shape (groups, n): Normalised coefficients ``a[k] / w^(n-k)``.
+    #: shape (groups,): Poles of each denominator; above, rows of `a` are padded with zeros and the states stay zero.
     orders: tuple[int, ...]
-    integrators: int
+    integrators: int  #: How many poles of every denominator lie at zero.
+    #: shape (groups, n, n): Inner products of the impulse responses of the states ``p^k / A``, in normalised time,
+    #: integrators replaced by poles at a tenth of the unit: energy over a finite time.
     gramians: Floats
-    generator: Floats
-    transition: Floats
+    generator: Floats  #: shape (groups, 2 n + 2, 2 n + 2): Of states, input and slope of the input, per step.
+    transition: Floats  #: shape (groups, 2 n, 2 n)
+    #: shape (groups, 2 n): Response after one step to an input of 1, and to one that grows by 1 in a step.
     step: Floats
     ramp: Floats
     dt: float

@@ -66,47 +66,23 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How to search.
+    """How to search."""
 
-    Attributes
-    ----------
-    own : bool
-        A denominator for each input, not one for all.
-    orders : tuple of int, shape (m,)
-        Poles of each input's denominator, integrators included.
-    ridge : float or None
-        Regularisation; None chooses it.
-    starts : int
-        Sets of poles to start from where SRIVC alone does not tell.
-    seed : int
-    independent : int
-        How many independent signals the inputs are.
-    """
-
-    own: bool
-    orders: tuple[int, ...]
-    ridge: float | None
-    starts: int
+    own: bool  #: A denominator for each input, not one for all.
+    orders: tuple[int, ...]  #: shape (m,): Poles of each input's denominator, integrators included.
+    ridge: float | None  #: Regularisation; None chooses it.
+    starts: int  #: Sets of poles to start from where SRIVC alone does not tell.
     seed: int
-    independent: int
+    independent: int  #: How many independent signals the inputs are.
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The end of a search.
+    """The end of a search."""
 
-    Attributes
-    ----------
-    problem : Problem
-        With the regularisation chosen.
-    descent : Descent
-    steps : int
-        Iterations of all kinds together.
-    """
-
-    problem: Problem
+    problem: Problem  #: With the regularisation chosen.
     descent: Descent
-    steps: int
+    steps: int  #: Iterations of all kinds together.
 
 
 def expected_energy(duration: float, groups: int) -> float:

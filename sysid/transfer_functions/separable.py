@@ -49,29 +49,16 @@ ENOUGH = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """The problem solved for its linear parameters at one set of poles.
+    """The problem solved for its linear parameters at one set of poles."""
 
-    Attributes
-    ----------
-    basis : Basis
-        Poles, delays, and what follows from them for all records alike.
-    cost : float
-        Sum of squared residuals plus the penalties.
-    numerators : ndarray, shape (numerators, m)
-        In normalised states, ascending.
-    information : ndarray, shape (numerators m + 1, numerators m + 1)
-        Inner products of the numerators' regressors and the output, what each record has of its own eliminated.
-    penalty : ndarray, shape (numerators m, numerators m)
-    parts : tuple of Part
-        What each record has of its own.
-    """
-
-    basis: Basis
-    cost: float
-    numerators: Floats
+    basis: Basis  #: Poles, delays, and what follows from them for all records alike.
+    cost: float  #: Sum of squared residuals plus the penalties.
+    numerators: Floats  #: shape (numerators, m): In normalised states, ascending.
+    #: shape (numerators m + 1, numerators m + 1): Inner products of the numerators' regressors and the output, what
+    #: each record has of its own eliminated.
     information: Floats
-    penalty: Floats
-    parts: tuple[Part, ...]
+    penalty: Floats  #: shape (numerators m, numerators m)
+    parts: tuple[Part, ...]  #: What each record has of its own.
 
     @property
     def theta(self) -> Floats:

@@ -29,22 +29,12 @@ MOST_ITERATIONS, NEAR = 30, 0.03
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Poles found by SRIVC.
+    """Poles found by SRIVC."""
 
-    Attributes
-    ----------
-    theta : ndarray, shape (1, lags)
-        Parameters of the one denominator; see `sysid.transfer_functions.sections`.
-    cost : float
-        Of the problem there.
-    iterations : int
-    settled : bool
-        False when the iteration wandered or drifted to the bounds: the start is then no better than another.
-    """
-
-    theta: Floats
-    cost: float
+    theta: Floats  #: shape (1, lags): Parameters of the one denominator; see `sysid.transfer_functions.sections`.
+    cost: float  #: Of the problem there.
     iterations: int
+    #: False when the iteration wandered or drifted to the bounds: the start is then no better than another.
     settled: bool
 
 

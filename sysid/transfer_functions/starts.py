@@ -68,21 +68,11 @@ REST_STEPS = 6
 
 @dataclass(frozen=True, slots=True)
 class Separated:
-    """Poles of each channel, found by itself.
+    """Poles of each channel, found by itself."""
 
-    Attributes
-    ----------
-    theta : ndarray, shape (m, n)
-        See `sysid.transfer_functions.sections`.
-    initial : float
-        Weight of the initial responses under which they were found.
-    variance : float
-        Of the residual of the shared modes: what a good fit can be expected to leave.
-    """
-
-    theta: Floats
-    initial: float
-    variance: float
+    theta: Floats  #: shape (m, n): See `sysid.transfer_functions.sections`.
+    initial: float  #: Weight of the initial responses under which they were found.
+    variance: float  #: Of the residual of the shared modes: what a good fit can be expected to leave.
 
 
 def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: float) -> Separated | None:

@@ -22,27 +22,14 @@ DETERMINED = 0.5
 
 @dataclass(frozen=True, repr=False)
 class TransferFunction(Summarised):
-    """``G(s) = num(s) / den(s)``.
+    """``G(s) = num(s) / den(s)``."""
 
-    Attributes
-    ----------
-    num : ndarray
-        Highest power of s first; time in seconds.
-    den : ndarray
-        Highest power first, monic.
-    covariance : ndarray or None
-        Of ``(num, den without its leading 1)``; None for a transfer function that was not estimated.
-    delay : float
-        Of the input, s: ``G(s) = exp(-delay s) num(s) / den(s)``.
-    delay_std : float
-        Its standard deviation, s; 0 when it was given.
-    """
-
-    num: Floats
-    den: Floats
+    num: Floats  #: Highest power of s first; time in seconds.
+    den: Floats  #: Highest power first, monic.
+    #: Of ``(num, den without its leading 1)``; None for a transfer function that was not estimated.
     covariance: Floats | None = None
-    delay: float = 0.0
-    delay_std: float = 0.0
+    delay: float = 0.0  #: Of the input, s: ``G(s) = exp(-delay s) num(s) / den(s)``.
+    delay_std: float = 0.0  #: Its standard deviation, s; 0 when it was given.
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
@@ -141,40 +128,21 @@ class TransferFunction(Summarised):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitReport:
-    """How the fit of one output went.
+    """How the fit of one output went."""
 
-    Attributes
-    ----------
-    rmse : float
-        Of the training residual, in the output's unit.
-    fit_percent : float
-        ``100 (1 - |residual| / |y - mean y|)`` on the training records.
-    iterations, starts, seed : int
-        Of the search; the same seed on the same data gives the same model.
-    converged : bool
-        False when the time limit or the iteration limit ended the search.
-    seconds : float
-    condition : float
-        Condition number of the scaled Gauss-Newton Hessian without regularisation (square root: of the regressors).
-    ridge : float
-        Regularisation of the numerators relative to the mean energy of their regressors.
-    parameters : int
-        Numerator and denominator coefficients.
-    undetermined : int
-        Of these, how many have a standard deviation above half their value.
-    """
-
-    rmse: float
-    fit_percent: float
+    rmse: float  #: Of the training residual, in the output's unit.
+    fit_percent: float  #: ``100 (1 - |residual| / |y - mean y|)`` on the training records.
+    #: Of the search; the same seed on the same data gives the same model.
     iterations: int
     starts: int
     seed: int
-    converged: bool
+    converged: bool  #: False when the time limit or the iteration limit ended the search.
     seconds: float
+    #: Condition number of the scaled Gauss-Newton Hessian without regularisation (square root: of the regressors).
     condition: float
-    ridge: float
-    parameters: int
-    undetermined: int
+    ridge: float  #: Regularisation of the numerators relative to the mean energy of their regressors.
+    parameters: int  #: Numerator and denominator coefficients.
+    undetermined: int  #: Of these, how many have a standard deviation above half their value.
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -183,53 +151,31 @@ class FitReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TransferFunctionModel(Summarised):
-    """Sum over the inputs of one transfer function each, for every output: ``y_i = c_i + sum_j G_ij (u_j - trim_j)``.
+    """Sum over inputs of one transfer function each, for every output: ``y_i = c_i + sum_j G_ij (u_j - trim_j)``."""
 
-    Attributes
-    ----------
-    name : str
-        What it is, for tables.
-    transfer_functions : mapping
-        ``[output][input]``.
-    hold : {"zoh", "foh"}
-        How inputs run between samples: held, or straight lines.
-    structure : {"per_input", "common"}
-    rate : float
-        Samples per second of the training records.
-    disturbance : mapping
-        For each output, how the part that the model does not explain carries on (for `predict`).
-    initial_energy : mapping
-        For each output the energy that the response to an initial state is expected to have; see
-        `sysid.transfer_functions.response.free_run`.
-    initial_states : mapping
-        ``[record][output]``: offset and initial response of each training record as the fit found them, from which
-        `simulate` starts such a record; empty for one that starts at rest.
-    reports : mapping
-        For each output, how the fit went.
-    training : tuple of str
-        Names of the records used for the fit.
-    input_trim : mapping
-        Mean of each input over the training records, about which the model was fitted: for new inputs that are no
-        flight with a hover of its own (`simulate` works about the trim of the record that it is given). Empty where it
-        is not known.
-    findings : tuple of Finding
-    """
-
-    name: str
-    transfer_functions: Mapping[str, Mapping[str, TransferFunction]]
+    name: str  #: What it is, for tables.
+    transfer_functions: Mapping[str, Mapping[str, TransferFunction]]  #: ``[output][input]``.
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
     units: Mapping[str, str]
-    structure: str
+    structure: str  #: {"per_input", "common"}
     poles: int
     zeros: int
-    hold: str
-    rate: float
+    hold: str  #: {"zoh", "foh"}: How inputs run between samples: held, or straight lines.
+    rate: float  #: Samples per second of the training records.
+    #: For each output, how the part that the model does not explain carries on (for `predict`).
     disturbance: Mapping[str, Disturbance]
+    #: For each output the energy that the response to an initial state is expected to have; see
+    #: `sysid.transfer_functions.response.free_run`.
     initial_energy: Mapping[str, float]
+    #: ``[record][output]``: offset and initial response of each training record as the fit found them, from which
+    #: `simulate` starts such a record; empty for one that starts at rest.
     initial_states: Mapping[str, Mapping[str, Floats]]
-    reports: Mapping[str, FitReport]
-    training: tuple[str, ...]
+    reports: Mapping[str, FitReport]  #: For each output, how the fit went.
+    training: tuple[str, ...]  #: Names of the records used for the fit.
+    #: Mean of each input over the training records, about which the model was fitted: for new inputs that are no flight
+    #: with a hover of its own (`simulate` works about the trim of the record that it is given). Empty where it is not
+    #: known.
     input_trim: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 

@@ -71,61 +71,39 @@ class Model(Predictor, Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Validation(Summarised):
-    """What a model is worth on given records.
+    """What a model is worth on given records."""
 
-    Attributes
-    ----------
-    model : str
-        Its name.
-    table : DataFrame
-        One row per flight and output of the free run: ``flight output unit trained duration scored_from rmse
-        fit_percent rmse_mean rmse_constant_position rmse_constant_velocity rmse_reference``. ``trained`` says whether
-        the model has seen the record; ``fit_percent`` is ``100 (1 - |y - y_hat| / |y - mean y|)``. What the model has
-        looked at is not scored: the first three seconds, from which the initial state is found, or more where the model
-        has a method ``initial_seconds(experiment)`` that says so; ``scored_from`` has it. A record that is not longer
-        is left out. ``rmse_mean`` is the record's own mean, known only afterwards; the other two baselines carry on
-        position, or position and velocity, from where the score begins. Where inputs are the references of the outputs,
-        ``rmse_reference`` is what taking each output for its reference errs; NaN otherwise.
-    horizons : DataFrame
-        One row per flight, output and horizon [s]: ``flight output trained horizon rmse rmse_constant_position
-        rmse_constant_velocity``.
-    residuals : mapping
-        Per output the tests of the errors one sample ahead, over the records that the model has not seen; over all
-        where it has seen all. Absent where there is too little to test.
-    average : mapping
-        Per output the mean of ``rmse`` over the flights that the model has not seen; over all where it has seen all.
-    verdicts : tuple of str
-        One sentence per output.
-    trusted : mapping
-        Per output whether the free run beats every baseline on average over the unseen flights.
-    unseen : bool
-        False when every record was used for the fit, so that nothing is validated.
-    predictions : mapping
-        Free run of every record by name, shape (N, p), for plots.
-    own_trim : bool
-        The model works about each record's own mean inputs, known only afterwards: about the trim of the records
-        fitted it errs by far more where hovering takes another thrust.
-    findings : tuple of Finding
-        What the model had to say about single records.
-    drift : mapping
-        Of models that know how far their free runs may drift: half the width of the band that holds `BAND` of a run's
-        errors, by record, shape (N, p); NaN where the run is not free.
-    inside : mapping
-        Part of the free run's errors that is within it, by record, shape (p,).
-    """
-
-    model: str
+    model: str  #: Its name.
+    #: One row per flight and output of the free run: ``flight output unit trained duration scored_from rmse fit_percent
+    #: rmse_mean rmse_constant_position rmse_constant_velocity rmse_reference``. ``trained`` says whether the model has
+    #: seen the record; ``fit_percent`` is ``100 (1 - |y - y_hat| / |y - mean y|)``. What the model has looked at is not
+    #: scored: the first three seconds, from which the initial state is found, or more where the model has a method
+    #: ``initial_seconds(experiment)`` that says so; ``scored_from`` has it. A record that is not longer is left out.
+    #: ``rmse_mean`` is the record's own mean, known only afterwards; the other two baselines carry on position, or
+    #: position and velocity, from where the score begins. Where inputs are the references of the outputs,
+    #: ``rmse_reference`` is what taking each output for its reference errs; NaN otherwise.
     table: pd.DataFrame
+    #: One row per flight, output and horizon [s]: ``flight output trained horizon rmse rmse_constant_position
+    #: rmse_constant_velocity``.
     horizons: pd.DataFrame
+    #: Per output the tests of the errors one sample ahead, over the records that the model has not seen; over all where
+    #: it has seen all. Absent where there is too little to test.
     residuals: Mapping[str, ResidualTest]
+    #: Per output the mean of ``rmse`` over the flights that the model has not seen; over all where it has seen all.
     average: Mapping[str, float]
-    verdicts: tuple[str, ...]
+    verdicts: tuple[str, ...]  #: One sentence per output.
+    #: Per output whether the free run beats every baseline on average over the unseen flights.
     trusted: Mapping[str, bool]
-    unseen: bool
-    predictions: Mapping[str, Floats]
+    unseen: bool  #: False when every record was used for the fit, so that nothing is validated.
+    predictions: Mapping[str, Floats]  #: Free run of every record by name, shape (N, p), for plots.
+    #: The model works about each record's own mean inputs, known only afterwards: about the trim of the records fitted
+    #: it errs by far more where hovering takes another thrust.
     own_trim: bool = False
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()  #: What the model had to say about single records.
+    #: Of models that know how far their free runs may drift: half the width of the band that holds `BAND` of a run's
+    #: errors, by record, shape (N, p); NaN where the run is not free.
     drift: Mapping[str, Floats] = field(default_factory=dict)
+    #: Part of the free run's errors that is within it, by record, shape (p,).
     inside: Mapping[str, Floats] = field(default_factory=dict)
 
     def summary(self) -> Mapping[str, str]:

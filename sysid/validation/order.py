@@ -36,27 +36,15 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class OrderScan(Summarised):
-    """What each order achieves.
+    """What each order achieves."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        A row for each order and output: ``poles zeros output parameters rmse aic bic rmse_held_out rmse_mean condition
-        undetermined converged seconds``. ``rmse`` is that of the part fitted, ``rmse_held_out`` the free run's on the
-        part held back, averaged over its records, ``rmse_mean`` what always predicting the mean achieves there.
-    recommended : (int, int) or None
-        Poles and zeros; None when no order beats always predicting the mean.
-    reason : str
-        Why, in a sentence.
-    held_out : tuple of str
-        What was held back.
-    findings : tuple of Finding
-    """
-
+    #: A row for each order and output: ``poles zeros output parameters rmse aic bic rmse_held_out rmse_mean condition
+    #: undetermined converged seconds``. ``rmse`` is that of the part fitted, ``rmse_held_out`` the free run's on the
+    #: part held back, averaged over its records, ``rmse_mean`` what always predicting the mean achieves there.
     table: pd.DataFrame
-    recommended: tuple[int, int] | None
-    reason: str
-    held_out: tuple[str, ...]
+    recommended: tuple[int, int] | None  #: Poles and zeros; None when no order beats always predicting the mean.
+    reason: str  #: Why, in a sentence.
+    held_out: tuple[str, ...]  #: What was held back.
     findings: tuple[Finding, ...] = field(default=())
 
     def summary(self) -> Mapping[str, str]:

@@ -24,26 +24,13 @@ _STRONGEST, _PRIOR = 40.0, 15.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WindTrack:
-    """Wind by time.
+    """Wind by time."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (B,)
-        Middle of each window, s.
-    wind : ndarray, shape (B, 2)
-        North and east, m/s, as the air moves.
-    sigma : ndarray, shape (B, 2)
-        From the scatter within each window.
-    mean : ndarray, shape (2,)
-        Of the whole record at once.
-    mean_sigma : ndarray, shape (2,)
-    """
-
-    t: Floats
-    wind: Floats
-    sigma: Floats
-    mean: Floats
-    mean_sigma: Floats
+    t: Floats  #: shape (B,): Middle of each window, s.
+    wind: Floats  #: shape (B, 2): North and east, m/s, as the air moves.
+    sigma: Floats  #: shape (B, 2): From the scatter within each window.
+    mean: Floats  #: shape (2,): Of the whole record at once.
+    mean_sigma: Floats  #: shape (2,)
 
 
 def estimate_wind(model: SixDofModel, experiment: Experiment, window: float = 1.0) -> WindTrack:

@@ -32,29 +32,14 @@ class Quantity(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputKinds:
-    """How the inputs of a record act.
+    """How the inputs of a record act."""
 
-    Attributes
-    ----------
-    motors : tuple of int
-        Columns of the motors, in the order of `geometry`.
-    geometry : tuple of Motor
-    mixer : tuple of (str, int)
-        Commands of a mixer and their columns, instead of motors.
-    further : tuple of int
-        Columns of further inputs, such as elevons.
-    quantity : Quantity
-        Of the motors or the mixer.
-    names : tuple of str
-        Of all inputs.
-    """
-
-    motors: tuple[int, ...]
+    motors: tuple[int, ...]  #: Columns of the motors, in the order of `geometry`.
     geometry: tuple[Motor, ...]
-    mixer: tuple[tuple[str, int], ...]
-    further: tuple[int, ...]
-    quantity: Quantity
-    names: tuple[str, ...]
+    mixer: tuple[tuple[str, int], ...]  #: Commands of a mixer and their columns, instead of motors.
+    further: tuple[int, ...]  #: Columns of further inputs, such as elevons.
+    quantity: Quantity  #: Of the motors or the mixer.
+    names: tuple[str, ...]  #: Of all inputs.
 
     @property
     def thrusting(self) -> tuple[int, ...]:
@@ -69,29 +54,17 @@ class InputKinds:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyRecord:
-    """One record.
-
-    Attributes
-    ----------
-    name : str
-    t : ndarray, shape (N,)
-        s, uniform.
-    states : ndarray, shape (N, 18)
-        Position NED from the first sample [m], velocity NED [m/s], rotation body (FRD) to NED by rows, rates [rad/s].
-    inputs : ndarray, shape (N, m)
-        Motors in rad/s, or as command 0..1; further inputs in the unit of the record less their trim.
-    speeds : bool
-        Motors are rotor speeds.
-    density : ndarray, shape (N,)
-        Over 1.225 kg/m^3.
-    """
+    """One record."""
 
     name: str
-    t: Floats
+    t: Floats  #: shape (N,): s, uniform.
+    #: shape (N, 18): Position NED from the first sample [m], velocity NED [m/s], rotation body (FRD) to NED by rows,
+    #: rates [rad/s].
     states: Floats
+    #: shape (N, m): Motors in rad/s, or as command 0..1; further inputs in the unit of the record less their trim.
     inputs: Floats
-    speeds: bool
-    density: Floats
+    speeds: bool  #: Motors are rotor speeds.
+    density: Floats  #: shape (N,): Over 1.225 kg/m^3.
 
     @property
     def dt(self) -> float:
@@ -101,34 +74,17 @@ class BodyRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputShape:
-    """Parameters between inputs and drives, which enter the equations of motion nonlinearly.
+    """Parameters between inputs and drives, which enter the equations of motion nonlinearly."""
 
-    Attributes
-    ----------
-    delays, lags : ndarray, shape (thrusting inputs,)
-        s; a telemetry that is late has a negative delay.
-    further_lag : float
-        First-order lag of further inputs, s.
-    expo : float
-        Curvature of thrust over command; 1 for rotor speeds, whose square it is.
-    scale : float
-        Strength of a rotor that counts as 1 over the number of rotors.
-    reference_speed : float
-        Rotor speed that counts as 1, rad/s; 1 for commands.
-    centre : ndarray
-        Trim of the further inputs, in their unit.
-    width : ndarray
-        Change of each further input that counts as 1.
-    """
-
+    #: shape (thrusting inputs,): s; a telemetry that is late has a negative delay.
     delays: Floats
     lags: Floats
-    further_lag: float
-    expo: float
-    scale: float
-    reference_speed: float
-    centre: Floats
-    width: Floats
+    further_lag: float  #: First-order lag of further inputs, s.
+    expo: float  #: Curvature of thrust over command; 1 for rotor speeds, whose square it is.
+    scale: float  #: Strength of a rotor that counts as 1 over the number of rotors.
+    reference_speed: float  #: Rotor speed that counts as 1, rad/s; 1 for commands.
+    centre: Floats  #: Trim of the further inputs, in their unit.
+    width: Floats  #: Change of each further input that counts as 1.
 
 
 def input_kinds(record: Experiment) -> InputKinds:

@@ -30,26 +30,15 @@ _PASSES, _FLOOR = 3, 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HorizonCorrection:
-    """Correction of predictions up to a horizon.
+    """Correction of predictions up to a horizon."""
 
-    Attributes
-    ----------
-    steps : int
-        Horizon, samples.
-    memory : int
-        Samples before the start that are looked at; 0: the start and what comes after it only.
-    weights : ndarray, shape (F, steps, 12)
-    centre, width : ndarray, shape (F,)
-        Of the features.
-    gain_percent : float
-        By how much errors of held-out records became smaller when it was learned without them.
-    """
-
-    steps: int
-    memory: int
-    weights: Floats
+    steps: int  #: Horizon, samples.
+    memory: int  #: Samples before the start that are looked at; 0: the start and what comes after it only.
+    weights: Floats  #: shape (F, steps, 12)
+    #: shape (F,): Of the features.
     centre: Floats
     width: Floats
+    #: By how much errors of held-out records became smaller when it was learned without them.
     gain_percent: float = float("nan")
 
     def corrected(self, record: BodyRecord, starts: np.ndarray, marks: np.ndarray, predicted: Floats) -> Floats:

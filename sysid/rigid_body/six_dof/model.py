@@ -72,54 +72,31 @@ UNITS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SixDofModel(Summarised):
-    """A craft that flies from its inputs alone.
-
-    Attributes
-    ----------
-    name : str
-    parameters : mapping of str to BodyParameter
-        Those of `UNITS`, ``delay_NAME`` and ``lag_NAME`` of every rotor [s], and of every further input NAME
-        ``NAME_x`` ... (acceleration, m/s^2) and ``NAME_roll`` ... (rad/s^2) for its usual change.
-    theta : ndarray, shape (27 + 6 e,)
-        What the equations compute with.
-    shape : InputShape
-    kinds : InputKinds
-    estimated : tuple of str
-        Names of rows and columns of `covariance`.
-    covariance : ndarray
-    winds : mapping of str to ndarray, shape (2,)
-        Wind of the records, north and east, m/s; zero where it is not there.
-    observer : Observer or None
-        How a start looks back for what pushes the craft; None if it does not.
-    correction : HorizonCorrection or None
-        Learned from what is left; None if not asked for, or if it did not help held-out flights.
-    scales : mapping of float to ndarray, shape (4,)
-        Usual error of position [m], velocity [m/s], attitude [rad], rates [rad/s] by horizon [s] on training records.
-    training : tuple of str
-    findings : tuple of Finding
-    mass : float or None
-        kg.
-    attitude_given : bool
-        Attitude and rates are inputs, as measured; only position and velocity are predicted.
-    wind_sigma : mapping of str to ndarray, shape (2,)
-        Standard errors of the winds that were estimated, m/s.
-    """
+    """A craft that flies from its inputs alone."""
 
     name: str
+    #: Those of `UNITS`, ``delay_NAME`` and ``lag_NAME`` of every rotor [s], and of every further input NAME ``NAME_x``
+    #: ... (acceleration, m/s^2) and ``NAME_roll`` ... (rad/s^2) for its usual change.
     parameters: Mapping[str, BodyParameter]
-    theta: Floats
+    theta: Floats  #: shape (27 + 6 e,): What the equations compute with.
     shape: InputShape
     kinds: InputKinds
-    estimated: tuple[str, ...]
+    estimated: tuple[str, ...]  #: Names of rows and columns of `covariance`.
     covariance: Floats
+    #: mapping of str to ndarray, shape (2,): Wind of the records, north and east, m/s; zero where it is not there.
     winds: Mapping[str, Floats]
+    #: mapping of float to ndarray, shape (4,): Usual error of position [m], velocity [m/s], attitude [rad], rates
+    #: [rad/s] by horizon [s] on training records.
     scales: Mapping[float, Floats]
     training: tuple[str, ...]
-    observer: Observer | None = None
+    observer: Observer | None = None  #: How a start looks back for what pushes the craft; None if it does not.
+    #: Learned from what is left; None if not asked for, or if it did not help held-out flights.
     correction: HorizonCorrection | None = None
     findings: tuple[Finding, ...] = ()
-    mass: float | None = None
+    mass: float | None = None  #: kg.
+    #: Attitude and rates are inputs, as measured; only position and velocity are predicted.
     attitude_given: bool = False
+    #: mapping of str to ndarray, shape (2,): Standard errors of the winds that were estimated, m/s.
     wind_sigma: Mapping[str, Floats] = field(default_factory=dict)
 
     def summary(self) -> dict[str, str]:

@@ -18,14 +18,9 @@ from sysid.rigid_body.six_dof.body_record import BodyRecord
 
 @dataclass(frozen=True, slots=True)
 class Observer:
-    """Memory of the mean of what is missing.
+    """Memory of the mean of what is missing."""
 
-    Attributes
-    ----------
-    force_memory, torque_memory : float
-        s; 0 leaves the part out.
-    """
-
+    #: s; 0 leaves the part out.
     force_memory: float = 0.5
     torque_memory: float = 0.3
 

@@ -24,24 +24,13 @@ _ENOUGH = 1e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShootingFit:
-    """Result of the search.
+    """Result of the search."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (P,)
-    covariance : ndarray, shape (P, P)
-        Sandwich over blocks of neighbouring runs, so that it holds for coloured errors.
-    information : ndarray, shape (P, P)
-        Of the errors, without priors.
-    scales : ndarray, shape (M, 4)
-        Spread of errors of position, velocity, attitude, rates at each horizon.
-    cost : float
-    """
-
-    values: Floats
+    values: Floats  #: shape (P,)
+    #: shape (P, P): Sandwich over blocks of neighbouring runs, so that it holds for coloured errors.
     covariance: Floats
-    information: Floats
-    scales: Floats
+    information: Floats  #: shape (P, P): Of the errors, without priors.
+    scales: Floats  #: shape (M, 4): Spread of errors of position, velocity, attitude, rates at each horizon.
     cost: float
 
 
