@@ -12,12 +12,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from api import log_lines
 from api.settings import LogFormat
 from pipeline.storage.manifest import MANIFEST
 from pipeline.storage.store import ENTRY, LOCK, RESULT
+
+if TYPE_CHECKING:
+    from logparse import FlightLog
 
 _log = logging.getLogger("rotorid.api")
 
@@ -87,23 +90,25 @@ Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
 
 def analyze_logs(task: Task, progress: Progress) -> None:
     """Run the pipeline on the logs of a task and write the report and the logs' tables."""
-    if len(task.logs) == 1:
-        _analyze_one(task, progress)
+    # Imported here and not above: the server itself never needs the 200 MB of numpy, numba and pandas.
+    import logparse
+
+    if len(task.logs) == 1 and len(flights := logparse.read_flights(task.logs[0][0])) == 1:
+        _analyze_one(task, flights[0], progress)
     else:
         _analyze_several(task, progress)
 
 
-def _analyze_one(task: Task, progress: Progress) -> None:
-    # Imported here and not above: the server itself never needs the 200 MB of numpy, numba and pandas.
+def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
     import pipeline
     import reports
     from pipeline.execution.stages import overall
     from pipeline.storage.dataset import write_tables
 
-    ((log, name),) = task.logs
+    ((_, name),) = task.logs
     advance = overall(progress)
     config = pipeline.AnalysisConfig(**task.configuration)
-    result = pipeline.analyze(log, config, advance, name=Path(name).stem)
+    (result,) = pipeline.analyze_flights([log], config, advance, name=Path(name).stem)
     advance("report", 0.0)
     # The report names the file as its user does, not as it is kept here.
     reports.write(replace(result, log=replace(result.log, path=Path(name))), task.folder)

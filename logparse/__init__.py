@@ -12,7 +12,7 @@ from logparse.findings import Finding, Severity
 if TYPE_CHECKING:
     from logparse.events import FlightEvent, flight_events
     from logparse.flights import Flight
-    from logparse.log import FlightLog, Messages, read_log
+    from logparse.log import FlightLog, Messages, read_flights, read_log
     from logparse.source import Boot, MessageSource
     from logparse.tables import COLUMNS, Geodetic, Tables
     from logparse.vehicle import Motor, Vehicle
@@ -35,6 +35,7 @@ __all__ = [
     "Tables",
     "Vehicle",
     "flight_events",
+    "read_flights",
     "read_log",
 ]
 
@@ -51,6 +52,7 @@ _HOME = {
     "Tables": "logparse.tables",
     "Vehicle": "logparse.vehicle",
     "flight_events": "logparse.events",
+    "read_flights": "logparse.log",
     "read_log": "logparse.log",
 }
 

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
+from copy import copy
 from datetime import UTC, datetime
 from functools import cached_property
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, TypeVar, overload, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, Self, TypeVar, overload, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -192,6 +194,7 @@ class FlightLog(Summarised):
         self.messages = Messages(source, boot)
         self._source = source
         self._own_findings = list(findings)
+        self._shown: int | None = None
 
     @cached_property
     def parameters(self) -> Mapping[str, float]:
@@ -254,8 +257,34 @@ class FlightLog(Summarised):
 
     @property
     def flight(self) -> "Flight | None":
-        """The longest flight, None where the craft never left the ground."""
+        """The flight that `of_flight` chose, else the longest; None where the craft never left the ground."""
+        if self._shown is not None:
+            return self.flights[self._shown]
         return max(self.flights, key=lambda flight: flight.stop - flight.start, default=None)
+
+    def of_boot(self, boot: Boot) -> Self:
+        """Return another power-up of the same file."""
+        return type(self)(self.path, self._source, boot)
+
+    def of_flight(self, number: int) -> Self:
+        """Return this log with another of its flights as `flight`; messages and tables are shared.
+
+        Parameters
+        ----------
+        number : int
+            1 for the first.
+
+        Raises
+        ------
+        LogError
+            There are fewer flights.
+        """
+        if not 1 <= number <= len(self.flights):
+            count = len(self.flights)
+            raise LogError(f"{self.path.name} holds {count} flight{'' if count == 1 else 's'}, not {number}")
+        shown = copy(self)
+        shown._shown = number - 1
+        return shown
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -335,6 +364,38 @@ def read_log(path: str | Path, boot: int | None = None, *, kind: type[FlightLog]
         return kind(path, source, boots[0], findings)
     longest = sorted(boots, key=lambda b: b.t_start - b.t_end)[:_MOST_BOOTS]
     return max((kind(path, source, b, findings) for b in longest), key=_flown)
+
+
+def read_flights(path: str | Path) -> tuple[FlightLog, ...]:
+    """Read every flight of a file: a log for each, in the order in which they were flown.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    tuple of FlightLog
+        Each with another `FlightLog.flight`. Those of one power-up share their messages and tables. Without a flight
+        one log, as `read_log` returns it.
+
+    Raises
+    ------
+    LogError
+        As `read_log` raises it.
+    """
+    log = read_log(path)
+    if len(log.boots) == 1:
+        return tuple(log.of_flight(k + 1) for k in range(len(log.flights))) or (log,)
+    looked_into = sorted(log.boots, key=lambda b: b.t_start - b.t_end)[:_MOST_BOOTS]
+    flights: list[FlightLog] = []
+    for boot in log.boots:
+        if boot not in looked_into:
+            continue
+        other = log if boot == log.boot else log.of_boot(boot)
+        with suppress(RotoridError):  # a power-up without tables has no flight
+            flights += (other.of_flight(k + 1) for k in range(len(other.flights)))
+    return tuple(flights) or (log,)
 
 
 def _flown(log: FlightLog) -> tuple[float, float]:

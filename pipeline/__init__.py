@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pipeline.errors import ConfigError
     from pipeline.fleet.analysis import analyze_fleet
     from pipeline.fleet.result import FleetResult
-    from pipeline.flight.analysis import analyze
+    from pipeline.flight.analysis import analyze, analyze_flights
     from pipeline.results.fleet import Failure, GroupResult
     from pipeline.results.flight import FlightResult, LogFacts, ModelResult, Prediction, Span
 
@@ -28,6 +28,7 @@ __all__ = [
     "Span",
     "analyze",
     "analyze_fleet",
+    "analyze_flights",
 ]
 
 _HOME = {
@@ -36,6 +37,7 @@ _HOME = {
     "GroupResult": "pipeline.results.fleet",
     "analyze": "pipeline.flight.analysis",
     "analyze_fleet": "pipeline.fleet.analysis",
+    "analyze_flights": "pipeline.flight.analysis",
     "AnalysisConfig": "pipeline.config",
     "ConfigError": "pipeline.errors",
 }

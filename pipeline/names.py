@@ -64,3 +64,13 @@ def folder_names(names: Iterable[str], known: Mapping[str, str] | None = None) -
         taken.add(folder.casefold())
         folders[name] = folder
     return {name: folders[name] for name in names}
+
+
+def flight_name(log: str, number: int, count: int) -> str:
+    """Name a flight after its log; where that holds several, with the flight's number."""
+    return log if count == 1 else f"{log}#{number}"
+
+
+def flight_folder(log: str, number: int) -> str:
+    """Name the folder of a flight after that of its log; ``~`` is in no folder name of `folder_names`."""
+    return log if number == 1 else f"{log}~{number}"

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pipeline.results.flight import FlightResult
     from reports.fleet import write_fleet
     from reports.folder import write
+    from reports.plot_images import ImageFormat
     from reports.replay import write_replay
 
 __all__ = ["publish", "write", "write_fleet", "write_replay"]
@@ -30,11 +31,17 @@ def __getattr__(name: str) -> object:
     return getattr(import_module(_HOME[name]), name)
 
 
-def publish(result: "FlightResult | GroupResult", folder: "str | Path") -> "Path":
+def publish(result: "FlightResult | GroupResult", folder: "str | Path", plots: "ImageFormat | None" = None) -> "Path":
     """Write the same as `write` for a folder ``flights/NAME`` or ``crafts/NAME`` that `write_fleet` composes from.
 
-    It is named in `pipeline.analyze_fleet` also where nothing is new, and so must not wait for the packages behind it.
+    With `plots` also those of flights as files. It is named in `pipeline.analyze_fleet` also where nothing is new, and
+    so must not wait for the packages behind it.
     """
     from reports.folder import write_for_fleet
 
-    return write_for_fleet(result, folder)
+    report = write_for_fleet(result, folder)
+    if plots is not None:
+        from reports.plot_images import write_plots
+
+        write_plots(result, report.parent, plots)
+    return report

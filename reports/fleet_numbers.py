@@ -10,6 +10,8 @@ from reports.rows import Numbers, held_out
 
 #: Of a distribution of a flight's speeds, heights and so on, what a summary keeps.
 _PERCENTILES = ("title", "unit", "min", "p05", "median", "p95", "max")
+#: Of an answer on the first screen, what a summary keeps.
+_ANSWER = ("purpose", "word", "tone", "text")
 #: Worst first.
 SEVERITIES = ("error", "warning", "info")
 
@@ -75,6 +77,7 @@ def flight_summary(numbers: Numbers, folder: str) -> Numbers:
         "log": numbers["log"],
         "vehicle": vehicle | {"motor_count": len(numbers["vehicle"]["motors"])},
         "flight": None if numbers["flight"] is None else {k: v for k, v in numbers["flight"].items() if k != "modes"},
+        "answer": [{key: line[key] for key in _ANSWER} for line in (numbers["answer"] or {"lines": []})["lines"]],
         "verdict": numbers["verdict"],
         "models": [
             {

@@ -65,6 +65,7 @@ def fleet_page(numbers: Numbers, crafts: Sequence[Craft]) -> str:
         facts=fleet_views.facts(numbers),
         crafts=views,
         alone=([fleet_views.ALONE] if numbers["flights"] else []),
+        endangered=fleet_views.endangered(numbers),
         own_models=fleet_views.own_models(numbers),
         health=fleet_views.health_table(numbers),
         flights=fleet_views.flight_rows(numbers, pages),

@@ -13,6 +13,8 @@ from reports.views import rmse_lines
 
 View = dict[str, Any]
 
+#: Flights in danger that the first screen names.
+MOST_ENDANGERED = 3
 #: Where there are flights but no craft.
 ALONE = "No craft has two usable flights here, so there is no joint model; every flight stands for itself."
 
@@ -26,8 +28,10 @@ def title(numbers: Numbers) -> str:
     """Name the report: by its craft where all flights are of one, else by its logs."""
     if not numbers["flights"]:
         return "No flight"
-    flights = counted(len(numbers["flights"]), "flight log")
-    crafts = numbers["groups"]
+    flights, crafts = counted(len(numbers["flights"]), "flight"), numbers["groups"]
+    names = {flight["log"]["file"] for flight in numbers["flights"]}
+    if len(names) == 1 and _logs(numbers) == 1:
+        return f"{names.pop()}: {flights}"
     if len(crafts) == 1 and len(crafts[0]["training"]) + len(crafts[0]["held_out"]) == len(numbers["flights"]):
         return f"{crafts[0]['name']}: {flights}"
     return f"{flights}, {len(crafts)} craft identified" if crafts else flights
@@ -38,7 +42,7 @@ def facts(numbers: Numbers) -> str:
     flights = numbers["flights"]
     airborne = sum(flight["flight"]["duration_s"] for flight in flights if flight["flight"])
     starts = sorted(flight["log"]["start_utc"] for flight in flights if flight["log"]["start_utc"])
-    parts = [f"{counted(len(flights), 'log')} analysed"]
+    parts = [f"{counted(_logs(numbers), 'log')} analysed"]
     for key, words in (("failures", "gave nothing"), ("duplicates", "copies"), ("passed_over", "passed over")):
         if numbers[key]:
             parts.append(f"{len(numbers[key])} {words}")
@@ -48,6 +52,23 @@ def facts(numbers: Numbers) -> str:
         days = sorted({start[:10] for start in (starts[0], starts[-1])})
         parts.append(" to ".join(days))
     return " · ".join(parts)
+
+
+def _logs(numbers: Numbers) -> int:
+    """Count the files that flights are of."""
+    return len({flight["log"]["sha256"] for flight in numbers["flights"]})
+
+
+def endangered(numbers: Numbers) -> list[str]:
+    """Name the flights that were in danger, and why; most are counted."""
+    bad = [
+        f"{flight['name']}: {line['word']}, {line['text']}"
+        for flight in numbers["flights"]
+        for line in flight["answer"]
+        if line["purpose"] == "Healthy" and line["tone"] == "bad"
+    ]
+    more = [f"and {len(bad) - MOST_ENDANGERED} more"] if len(bad) > MOST_ENDANGERED else []
+    return [*(summary.sentence(each) for each in bad[:MOST_ENDANGERED]), *more]
 
 
 def flight_rows(numbers: Numbers, pages: dict[str, str]) -> list[View]:
@@ -76,8 +97,7 @@ def _flight_row(flight: Numbers, page: str, part: str, result: Numbers | None) -
     flown = flight["flight"] or {}
     trust = "unknown" if result is None else result["verdict"]["trust"]
     wind = (flight["coverage"] or {}).get("wind")
-    errors, warnings = (sum(f["severity"] == kind for f in flight["findings"]) for kind in ("error", "warning"))
-    health = [counted(count, noun) for count, noun in ((errors, "error"), (warnings, "warning")) if count]
+    answers = {line["purpose"]: line for line in flight["answer"]}
     return {
         "name": flight["name"],
         "link": page,
@@ -87,7 +107,8 @@ def _flight_row(flight: Numbers, page: str, part: str, result: Numbers | None) -
         "height": _digits(flown.get("height_m")),
         "speed": _digits(flown.get("speed_max_m_s")),
         "wind": "–" if wind is None else _digits(wind["speed"]),
-        "health": ", ".join(health) or "good",
+        "healthy": answers.get("Healthy"),
+        "loops": answers.get("Loops"),
         "model": "" if result is None else result["title"],
         "trust": trust,
         "word": summary.TRUST_WORDS[trust],

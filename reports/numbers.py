@@ -217,6 +217,8 @@ def _log(result: FlightResult) -> Numbers:
         "start_utc": None if log.start_utc is None else log.start_utc.isoformat(),
         "boots": log.boots,
         "flights": [_span(flight) for flight in log.flights],
+        "flight_number": result.number,
+        "flight_count": result.of,
     }
 
 

@@ -11,7 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Sheet
 
+from pipeline.results.fleet import GroupResult
+from pipeline.results.flight import FlightResult
 from reports.figure import Figure
+from reports.flight_figures import flight_figures
+from reports.health_figures import health_figures
 
 #: Colours of the page's names on white paper (templates/style.css).
 _COLORS = {
@@ -46,6 +50,12 @@ _DASHES = {"dash": "--", "dot": ":", "dashdot": "-."}
 _WIDTH, _PAGE_DPI, _FILE_DPI = 900, 100, 200
 
 ImageFormat = Literal["png", "svg"]
+
+
+def write_plots(result: FlightResult | GroupResult, folder: Path, image_format: ImageFormat) -> None:
+    """Write the plots of a flight's page as files; nothing of a craft, whose plots are on the page of all flights."""
+    if isinstance(result, FlightResult):
+        write_images([*flight_figures(result), *health_figures(result)], folder, image_format)
 
 
 def write_images(figures: Sequence[Figure], folder: Path, image_format: ImageFormat) -> tuple[Path, ...]:

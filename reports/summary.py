@@ -70,6 +70,8 @@ def facts(numbers: Numbers) -> str:
     """One line under the title: file, format, size, craft, when."""
     log = numbers["log"]
     parts = [FORMATS.get(log["format"], log["format"]), size(log["bytes"]), craft(numbers["vehicle"])]
+    if log["flight_count"] > 1:
+        parts.insert(0, f"flight {log['flight_number']} of {log['flight_count']}")
     if log["start_utc"]:
         parts.append(log["start_utc"][:16].replace("T", " ") + " UTC")
     return " · ".join(part for part in parts if part)
@@ -93,8 +95,7 @@ def _what_it_is(numbers: Numbers) -> str:
         flown += f", up to {number(flight['height_m'], 2)} m above its start"
     if flight.get("distance_m") is not None:
         flown += f" and {number(flight['distance_m'], 2)} m away from it"
-    more = len(log["flights"]) - 1
-    others = f" ({more} shorter flight{'s' if more > 1 else ''} in the same log not analysed)" if more > 0 else ""
+    others = f"; this is flight {log['flight_number']} of {log['flight_count']}" if log["flight_count"] > 1 else ""
     return text + flown + others + "."
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import pandas as pd
 
+import logparse
 import pipeline
 import reports
 import simulation
@@ -125,7 +126,7 @@ def analyze(
     Returns
     -------
     FlightResult or Fleet
-        Of one log, or of several.
+        Of a log of one flight; of several flights or logs.
 
     Raises
     ------
@@ -140,10 +141,12 @@ def analyze(
     config = AnalysisConfig(**settings)
     several = [paths] if isinstance(paths, str | Path) else list(paths)
     if len(several) == 1 and Path(several[0]).is_file() and not (config.training or config.validation):
-        result = pipeline.analyze(several[0], config, progress)
-        if out is not None:
-            reports.write(result, out)
-        return result
+        logs = logparse.read_flights(several[0])
+        if len(logs) == 1:
+            (result,) = pipeline.analyze_flights(logs, config, progress)
+            if out is not None:
+                reports.write(result, out)
+            return result
     exclude = None if out is None or is_url(out) else Path(out)
     found = find([str(path) for path in several], exclude=exclude)
     workers: AbstractContextManager[Executor | None] = nullcontext()

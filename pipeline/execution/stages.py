@@ -55,15 +55,22 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
 )
 
 
+#: Reported before the stages of each flight of a log, with the part of the whole that the flight takes.
+NEXT_FLIGHT = "next flight"
+
+
 def overall(progress: Progress) -> Progress:
     """Turn a stage's name and the fraction of it that is done into its title and the fraction of the whole."""
     begins = dict(zip(STAGES, accumulate((stage.share for stage in STAGES.values()), initial=0.0), strict=False))
-    furthest = 0.0
+    begun, share, furthest = 0.0, 0.0, 0.0
 
     def report(name: str, fraction: float) -> None:
+        nonlocal begun, share, furthest
+        if name == NEXT_FLIGHT:
+            begun, share = begun + share, fraction
+            return
         # Some stages come once for every kind of model; the bar must not go back for them.
-        nonlocal furthest
-        furthest = max(furthest, begins[name] + STAGES[name].share * fraction)
+        furthest = max(furthest, begun + (share or 1.0) * (begins[name] + STAGES[name].share * fraction))
         progress(STAGES[name].title, furthest)
 
     return report

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from pipeline.config import AnalysisConfig
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
-from pipeline.fleet.current import Crafts, is_current
+from pipeline.fleet.current import Crafts, is_current, stored_flights
 from pipeline.fleet.result import FleetResult
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import Failure, Publish
@@ -28,7 +28,7 @@ from pipeline.storage.inventory import READERS, index_sources
 from pipeline.storage.manifest import FLIGHTS, LogRecord, Manifest, configuration, page_key, read_manifest, software
 from pipeline.storage.removed import bring_back, set_aside
 from pipeline.storage.sources import Found, find
-from pipeline.storage.store import ENTRY, Store, TemporaryStore, open_store
+from pipeline.storage.store import Store, TemporaryStore, open_store
 
 if TYPE_CHECKING:
     from pipeline.fleet.job import Job
@@ -38,8 +38,8 @@ _LOG = logging.getLogger("rotorid.pipeline")
 #: Names of logs that one message lists.
 MOST_NAMED = 20
 
-#: What became of a log: None for a file that is none.
-Outcome = FlightEntry | Failure | None
+#: What became of a log: its flights; None for a file that is none.
+Outcome = tuple[FlightEntry, ...] | Failure | None
 
 
 def analyze_fleet(
@@ -182,14 +182,11 @@ def _known(records: Sequence[LogRecord], former: Manifest, store: Store, pages: 
         elif record.key:
             others.append(record)
 
-    def entry(record: LogRecord) -> FlightEntry | None:
-        facts = store.read_json(f"{FLIGHTS}/{record.folder}/{ENTRY}")
-        if facts is None or facts.get("key") != record.key or (pages and facts.get("pages") != pages):
-            return None
-        return FlightEntry.from_dict({**facts, "source": record.url})
+    def stored(record: LogRecord) -> tuple[FlightEntry, ...] | None:
+        return stored_flights(store, record.folder, record.key, record.url, pages)
 
     with ThreadPoolExecutor(READERS) as readers:
-        found = zip(others, readers.map(entry, others), strict=True)
+        found = zip(others, readers.map(stored, others), strict=True)
         return known | {record.url: each for record, each in found if each is not None}
 
 
@@ -282,7 +279,7 @@ def _settled(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> l
 
 
 def _with(record: LogRecord, outcome: Outcome) -> LogRecord:
-    if isinstance(outcome, FlightEntry):
+    if isinstance(outcome, tuple):
         return replace(record, state="analysed")
     if outcome is None:
         return replace(record, state="no log", reason="no flight log", folder="")
@@ -291,7 +288,7 @@ def _with(record: LogRecord, outcome: Outcome) -> LogRecord:
 
 def _flights(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> tuple[FlightEntry, ...]:
     ordered = (outcomes.get(record.url) for record in records)
-    return tuple(outcome for outcome in ordered if isinstance(outcome, FlightEntry))
+    return tuple(entry for outcome in ordered if isinstance(outcome, tuple) for entry in outcome)
 
 
 def _crafts(

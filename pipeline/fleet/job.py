@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import json
 import logging
 import os
@@ -12,8 +13,10 @@ from pathlib import Path, PurePosixPath
 from logparse import LogError, RotoridError
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress
-from pipeline.flight.analysis import analyze
+from pipeline.fleet.current import stored_flights
+from pipeline.flight.analysis import analyze_flights
 from pipeline.flight.summary import flight_entry
+from pipeline.names import flight_folder
 from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import Failure, Publish
 from pipeline.results.flight import FlightResult
@@ -59,13 +62,14 @@ class Job:
     redo: bool = False
 
 
-def run(job: Job, progress: Progress | None = None) -> FlightEntry | Failure | None:
-    """Analyse a log and store its products; whatever goes wrong stays with this log.
+def run(job: Job, progress: Progress | None = None) -> tuple[FlightEntry, ...] | Failure | None:
+    """Analyse every flight of a log and store the products; whatever goes wrong stays with this log.
 
     Returns
     -------
-    FlightEntry, Failure or None
-        None for a file that was merely found in a folder and neither looks nor is called like a log.
+    tuple of FlightEntry, Failure or None
+        In the order in which they were flown; None for a file that was merely found in a folder and neither looks nor
+        is called like a log.
     """
     source = job.source
     try:
@@ -73,13 +77,16 @@ def run(job: Job, progress: Progress | None = None) -> FlightEntry | Failure | N
         if shown is not None:
             return shown
         with fetched(source.url) as file:
-            result = analyze(file, job.config, progress, name=job.name)
-        try:
-            return _keep(result, job)
-        except OSError as error:
-            # Libraries word it in their own ways.
-            why = os.strerror(error.errno) if error.errno in FULL else error.strerror or error
-            return Failure(source.url, f"its results could not be stored: {why}", full=error.errno in FULL)
+            entries = []
+            for result in analyze_flights(file, job.config, progress, name=job.name):
+                try:
+                    entries.append(_keep(result, job))
+                except OSError as error:
+                    # Libraries word it in their own ways.
+                    why = os.strerror(error.errno) if error.errno in FULL else error.strerror or error
+                    return Failure(source.url, f"its results could not be stored: {why}", full=error.errno in FULL)
+        _remove_former(open_store(job.store), job.folder, len(entries))
+        return tuple(entries)
     except LogError as error:
         return Failure(source.url, str(error), lasting=True) if source.named or source.called_a_log else None
     except RotoridError as error:
@@ -103,8 +110,9 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
     store = open_store(job.store)
     # The report calls the log as its user does, not as it was fetched.
     result = replace(result, log=replace(result.log, path=Path(job.source.file)))
-    entry = replace(flight_entry(result, folder=job.folder, source=job.source.url, key=job.key), pages=job.pages)
-    place = f"{FLIGHTS}/{job.folder}"
+    folder = flight_folder(job.folder, result.number)
+    entry = replace(flight_entry(result, folder=folder, source=job.source.url, key=job.key), pages=job.pages)
+    place = f"{FLIGHTS}/{folder}"
     with store.scratch() as scratch:
         product = scratch / "product"
         product.mkdir()
@@ -118,35 +126,48 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
         former = store.read_json(f"{place}/{ENTRY}")
         if former is not None:
             store.write_json(f"{place}/{ENTRY}", {**former, "key": ""})
-            _remove_parts(store, former["vehicle"], job.folder)
+            _remove_parts(store, former["vehicle"], folder)
         store.write_json(f"{place}/{ENTRY}", {**entry.to_dict(), "key": ""})
         for dataset, files in ((TABLES, tables), (EXPERIMENTS, experiments)):
             for name, file in files.items():
-                store.put(file, part(dataset, name, entry.vehicle, job.folder))
+                store.put(file, part(dataset, name, entry.vehicle, folder))
         store.commit(product, place)
     return entry
 
 
-def _shown_anew(job: Job) -> FlightEntry | None:
-    """Write the pages of a flight whose result the store has; None where it must be analysed."""
+def _shown_anew(job: Job) -> tuple[FlightEntry, ...] | None:
+    """Write the pages of flights whose results the store has; None where they must be analysed."""
     if job.publish is None:
         return None
-    store, place = open_store(job.store), f"{FLIGHTS}/{job.folder}"
-    facts = store.read_json(f"{place}/{ENTRY}")
-    if facts is None or facts.get("key") != job.key:
+    store = open_store(job.store)
+    entries = stored_flights(store, job.folder, job.key, job.source.url)
+    if entries is None:
         return None
-    result = read_result(store, place)
-    if not isinstance(result, FlightResult):
+    found = (read_result(store, f"{FLIGHTS}/{entry.folder}") for entry in entries)
+    results = [result for result in found if isinstance(result, FlightResult)]
+    if len(results) < len(entries):
         return None
-    entry = replace(FlightEntry.from_dict({**facts, "source": job.source.url}), pages=job.pages)
-    with store.scratch() as scratch:
-        product = scratch / "product"
-        product.mkdir()
-        job.publish(result, product)
-        write_result(result, product)
-        (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")
-        store.commit(product, place)
-    return entry
+    shown = tuple(replace(entry, pages=job.pages) for entry in entries)
+    for entry, result in zip(shown, results, strict=True):
+        with store.scratch() as scratch:
+            product = scratch / "product"
+            product.mkdir()
+            job.publish(result, product)
+            write_result(result, product)
+            (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")
+            store.commit(product, f"{FLIGHTS}/{entry.folder}")
+    return shown
+
+
+def _remove_former(store: Store, folder: str, count: int) -> None:
+    """Remove flights that a log had when it was analysed by earlier software, and has no more."""
+    for number in itertools.count(count + 1):
+        place = f"{FLIGHTS}/{flight_folder(folder, number)}"
+        former = store.read_json(f"{place}/{ENTRY}")
+        if former is None:
+            return
+        _remove_parts(store, former["vehicle"], flight_folder(folder, number))
+        store.remove(place)
 
 
 def _remove_parts(store: Store, vehicle: str, flight: str) -> None:

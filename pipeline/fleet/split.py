@@ -77,9 +77,10 @@ def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Spli
     )
 
 
-def named(name: str, patterns: Iterable[str]) -> bool:
-    """Return whether one of the user's patterns means a flight."""
-    return any(fnmatch(name.casefold(), pattern.casefold()) for pattern in patterns)
+def named(flight: FlightEntry, patterns: Iterable[str]) -> bool:
+    """Return whether one of the user's patterns means a flight, or the log that it is of."""
+    names = {flight.name.casefold(), flight.log_name.casefold()}
+    return any(fnmatch(name, pattern.casefold()) for pattern in patterns for name in names)
 
 
 def day_of(flight: FlightEntry) -> str:
@@ -110,8 +111,8 @@ def places_of(flights: Sequence[FlightEntry]) -> dict[str, int]:
 
 
 def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
-    training = [flight.name for flight in flights if named(flight.name, config.training)]
-    judges = [flight.name for flight in flights if named(flight.name, config.validation)]
+    training = [flight.name for flight in flights if named(flight, config.training)]
+    judges = [flight.name for flight in flights if named(flight, config.validation)]
     if not config.validation:
         judges = [flight.name for flight in flights if flight.name not in training]
         sentence = "the training flights were named by the user; all others judge"

@@ -1,16 +1,16 @@
 """One log to one result: read, estimate, identify on the first part of the flight, judge on the rest."""
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import estimation
 import logparse
 import sysid
-from logparse import Finding, FlightLog, MissingDataError, health
+from logparse import Boot, Finding, FlightLog, MissingDataError, health
 from pipeline.config import AnalysisConfig
-from pipeline.execution.stages import Progress, Stages, silent
+from pipeline.execution.stages import NEXT_FLIGHT, Progress, Stages, silent
 from pipeline.flight.advice.next_flights import for_flight
 from pipeline.flight.answer import compose_answer
 from pipeline.flight.comparison import compare_parameters
@@ -23,7 +23,7 @@ from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.log_health import logged_rates
 from pipeline.flight.repetition import without_repetition
 from pipeline.flight.rotation import find_rotation
-from pipeline.names import printable
+from pipeline.names import flight_name, printable
 from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, Span, horizontal_sigma
 from sysid.rotors.motor_order import MotorOrder, motor_order
 
@@ -34,7 +34,7 @@ SHORTEST_EXPERIMENT = 20.0
 def analyze(
     path: str | Path, config: AnalysisConfig | None = None, progress: Progress | None = None, *, name: str | None = None
 ) -> FlightResult:
-    """Analyse one log as far as its content allows.
+    """Analyse the longest flight of a log as far as its content allows.
 
     Parameters
     ----------
@@ -55,27 +55,81 @@ def analyze(
     RotoridError
         The file is not a readable log, or holds neither a flight nor a trajectory.
     """
-    path = Path(path)
-    name = name or printable(path.stem)
-    config = config or AnalysisConfig()
-    stages = Stages(progress or silent, config.time_limit)
-
-    stages.progress("read", 0.0)
+    path, progress = Path(path), progress or silent
+    progress("read", 0.0)
     log = logparse.read_log(path)
+    return _analyze(log, config or AnalysisConfig(), progress, name or printable(path.stem), _sha256(path), {})
+
+
+def analyze_flights(
+    source: str | Path | Sequence[FlightLog],
+    config: AnalysisConfig | None = None,
+    progress: Progress | None = None,
+    *,
+    name: str | None = None,
+) -> Iterator[FlightResult]:
+    """Analyse every flight of a log, one after the other.
+
+    Parameters
+    ----------
+    source : str, Path or sequence of FlightLog
+        The file, or what `logparse.read_flights` made of it.
+    config, progress
+        As `analyze` takes them; `progress` hears of the fraction of a stage over all flights.
+    name : str, optional
+        What the log is called; of several flights each is called ``NAME#NUMBER``, see `pipeline.names.flight_name`.
+
+    Yields
+    ------
+    FlightResult
+        In the order in which they were flown.
+
+    Raises
+    ------
+    RotoridError
+        As `analyze` raises it.
+    """
+    config, progress = config or AnalysisConfig(), progress or silent
+    progress("read", 0.0)
+    logs = logparse.read_flights(source) if isinstance(source, str | Path) else source
+    name = name or printable(logs[0].path.stem)
+    sha256 = _sha256(logs[0].path)
+    # All flights of a power-up are parts of one trajectory.
+    trajectories: dict[Boot, estimation.Trajectory | None] = {}
+    for number, log in enumerate(logs, start=1):
+        progress(NEXT_FLIGHT, 1.0 / len(logs))
+        called = flight_name(name, number, len(logs))
+        result = _analyze(log, config, progress, called, sha256, trajectories)
+        log.tables.release()
+        yield replace(result, number=number, of=len(logs))
+
+
+def _analyze(
+    log: FlightLog,
+    config: AnalysisConfig,
+    progress: Progress,
+    name: str,
+    sha256: str,
+    trajectories: dict[Boot, estimation.Trajectory | None],
+) -> FlightResult:
+    """Analyse the flight that a log shows; `trajectories` are those of its power-ups, as far as they are known."""
+    stages = Stages(progress, config.time_limit)
     tables = stages.run("tables", lambda _: log.tables)
     if tables is None:
         stages.raise_unforeseen("tables")
         raise MissingDataError(stages.missing["tables"])
     checked = stages.run("health", lambda _: health.check(log)) or ()
-    flight = stages.run("flight", lambda _: _longest_flight(log, checked))
+    flight = stages.run("flight", lambda _: _flight(log, checked))
     rates = None if flight is None else stages.run("health", lambda _: logged_rates(tables, flight))
     timeline = stages.run("health", lambda _: assess_health(log, flight))
     sound = flight if timeline is None else timeline.sound
     rotation = None if sound is None else stages.run("rotation", lambda _: find_rotation(log, sound))
     loops = None if sound is None else stages.run("loops", lambda _: assess_loops(log, sound))
-    estimated = stages.run(
-        "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
-    )
+    if trajectories.get(log.boot) is None:
+        trajectories[log.boot] = stages.run(
+            "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
+        )
+    estimated = trajectories[log.boot]
     # What contradicts its own sensors is no result; what it found out about them is.
     trajectory = estimated
     if estimated is not None and estimated.inconsistency:
@@ -130,7 +184,7 @@ def analyze(
     told = len(stages.findings)
     result = FlightResult(
         name=name,
-        log=_facts(log, path),
+        log=_facts(log, sha256),
         config=config,
         flight=flight,
         motors=tables.motors,
@@ -165,12 +219,11 @@ def analyze(
     return replace(result, answer=stages.run("answer", lambda _: compose_answer(result)))
 
 
-def _longest_flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
-    if not log.flights:
+def _flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
+    if log.flight is None:
         reasons = [finding.reason for finding in checked if finding.id == "no-flight"]
         raise MissingDataError(reasons[0].rstrip(".") if reasons else "The log shows no flight")
-    longest = max(log.flights, key=lambda flight: flight.stop - flight.start)
-    return Span(longest.start, longest.stop)
+    return Span(log.flight.start, log.flight.stop)
 
 
 def _record(
@@ -233,13 +286,16 @@ def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:
     )
 
 
-def _facts(log: FlightLog, path: Path) -> LogFacts:
+def _sha256(path: Path) -> str:
     with path.open("rb") as file:
-        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _facts(log: FlightLog, sha256: str) -> LogFacts:
     simulated = log.tables.truth is not None
     return LogFacts(
-        path=path,
-        size=path.stat().st_size,
+        path=log.path,
+        size=log.path.stat().st_size,
         sha256=sha256,
         format=log.format,
         duration=log.duration,

@@ -111,7 +111,7 @@ def same_flight(a: FlightEntry, b: FlightEntry) -> bool:
     once, and faster than the clock.
     """
     if a.sha256 == b.sha256:
-        return True
+        return a.number == b.number
     if a.frame_class != b.frame_class:
         return False
     spans = [span for span in (_time_of_day(a), _time_of_day(b)) if span is not None]
@@ -262,9 +262,9 @@ def _once(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
             for k in recordings[b]:
                 recordings[k] = recordings[a]
 
-    first: dict[str, int] = {}
+    first: dict[tuple[str, int], int] = {}
     for k, flight in enumerate(flights):
-        join(first.setdefault(flight.sha256, k), k)
+        join(first.setdefault((flight.sha256, flight.number), k), k)
     spans = [(*span, k) for k, flight in enumerate(flights) if (span := _time_of_day(flight)) is not None]
     in_the_air: list[tuple[datetime, int]] = []
     for start, stop, k in sorted(spans):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from logparse import Finding, Flight, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
+from logparse import Finding, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
 from pipeline.flight.health_signals import health_signals
-from pipeline.results.flight import Span
+from pipeline.results.flight import Span, around
 from pipeline.results.health import FlightHealth
 from sysid.rotors.motor_loss import MotorLoss, find_motor_losses
 
@@ -19,20 +19,21 @@ _LED_TO = 2.0
 
 
 def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
-    """Compose the timeline of a log, failing motors included.
+    """Compose the timeline of a flight, failing motors included.
 
     Parameters
     ----------
     log : FlightLog
     flight : Span or None
-        The flight that is analysed.
+        The flight that is analysed. Events on the ground belong to the flight that is nearer.
     """
-    events = list(flight_events(log.tables, log.messages, log.flights))
+    part = around(flight, log.flights)
+    found = flight_events(log.tables, log.messages, log.flights)
+    events = [event for event in found if part.start <= event.t < part.stop]
     missing = ""
     try:
-        for each in log.flights:
-            stop = _undisturbed(each, events)
-            losses = find_motor_losses(log.tables, log.vehicle, each.start, stop)
+        if flight is not None:
+            losses = find_motor_losses(log.tables, log.vehicle, flight.start, _undisturbed(flight, events))
             events += [_motor_event(loss, losses) for loss in losses]
     except MissingDataError as error:
         missing = str(error)
@@ -65,7 +66,7 @@ def health_findings(health: FlightHealth) -> tuple[Finding, ...]:
     )
 
 
-def _undisturbed(flight: Flight, events: list[FlightEvent]) -> float:
+def _undisturbed(flight: Span, events: list[FlightEvent]) -> float:
     """Last moment of a flight at which its motors can be compared, s: before it is lost, hits the ground or lands."""
     blows = [
         event.t - 0.1

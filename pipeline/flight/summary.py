@@ -25,6 +25,8 @@ def summarise_flight(result: FlightResult) -> FlightSummary:
     models = {each.key: each.missing for each in result.models if each.missing}
     return FlightSummary(
         name=result.name,
+        number=result.number,
+        of=result.of,
         sha256=log.sha256,
         size=log.size,
         format=log.format,

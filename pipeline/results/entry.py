@@ -24,6 +24,8 @@ class FlightSummary:
     ----------
     name : str
         Of the flight, unique among the logs analysed together.
+    number, of : int
+        Which flight of its log it is, 1 for the first, and how many the log has.
     sha256, size, format, boots, start_utc, duration
         Of the log, as in `pipeline.LogFacts`.
     craft : str
@@ -65,6 +67,8 @@ class FlightSummary:
     """
 
     name: str
+    number: int = 1
+    of: int = 1
     sha256: str
     size: int
     format: str
@@ -90,6 +94,11 @@ class FlightSummary:
     parameters: tuple[Mapping[str, Any], ...] = ()
     findings: tuple[Mapping[str, Any], ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def log_name(self) -> str:
+        """What its log is called: of several flights that without the flight's number."""
+        return self.name if self.of == 1 else self.name.rpartition("#")[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimation import Trajectory
-    from logparse import Finding, Tables, Vehicle
+    from logparse import Finding, Flight, Tables, Vehicle
     from pipeline.results.advice import Advice
     from pipeline.results.answer import Answer
     from pipeline.results.coverage import Coverage
@@ -64,12 +65,12 @@ class LogFacts:
     start_utc : datetime or None
         UTC at t = 0.
     boots : int
-        Power-ups in the file; the one with the longest flight was analysed.
+        Power-ups in the file.
     vehicle : Vehicle
     craft : str
         Equal for logs of the same craft, see `pipeline.flight.craft.fingerprint`.
     flights : tuple of Span
-        Airborne intervals.
+        Airborne intervals of the power-up that was analysed.
     tune : mapping
         Gains and filters of the autopilot's loops and its firmware, see `pipeline.flight.craft.tune_of`.
     board : str or None
@@ -193,10 +194,13 @@ class FlightResult(Summarised):
     Attributes
     ----------
     name : str
-        File name without its extension, unique within a fleet.
+        File name without its extension and, of several flights of a log, the number; unique within a fleet.
     log : LogFacts
+    number, of : int
+        Which flight of its log it is, 1 for the first, and how many the log has; both 1 where only the longest was
+        asked for.
     flight : Span or None
-        The analysed airborne interval, the longest of the log.
+        The analysed airborne interval.
     motors, modes, gps, baro : DataFrame or None
         Canonical tables as logged, for plots.
     tables : Tables or None
@@ -235,6 +239,8 @@ class FlightResult(Summarised):
     name: str
     log: LogFacts
     config: AnalysisConfig
+    number: int = 1
+    of: int = 1
     flight: Span | None = None
     motors: pd.DataFrame | None = None
     modes: pd.DataFrame | None = None
@@ -280,6 +286,15 @@ class FlightResult(Summarised):
         if self.trajectory is None:
             return False
         return horizontal_sigma(self.trajectory, self.flight) <= POSITION_KNOWN
+
+
+def around(flight: Span | None, flights: Iterable[Span | Flight]) -> Span:
+    """Return from when to when a log is about one of its flights: with half of the time on the ground beside it."""
+    if flight is None:
+        return Span(-math.inf, math.inf)
+    before = max((each.stop for each in flights if each.stop <= flight.start), default=-math.inf)
+    after = min((each.start for each in flights if each.start >= flight.stop), default=math.inf)
+    return Span(0.5 * (before + flight.start), 0.5 * (flight.stop + after))
 
 
 def horizontal_sigma(trajectory: Trajectory, span: Span | None) -> float:

@@ -91,12 +91,12 @@ class HealthSignals:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightHealth:
-    """Timeline of a log, with the part of the analysed flight that trains and judges models.
+    """Timeline of a flight, with the part of it that trains and judges models.
 
     Attributes
     ----------
     events : tuple of FlightEvent
-        In the order of time, of all flights of the log.
+        In the order of time, those on the ground before and after the flight included.
     sound : Span or None
         The part of the analysed flight before a motor failed or control was lost for good; the whole flight where
         nothing of the kind happened, None without a flight.

@@ -22,7 +22,7 @@ import sysid
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS
 from logparse import COLUMNS, Finding, Motor, Severity, Vehicle
 from logparse.export import unit
-from pipeline.results.flight import FlightResult
+from pipeline.results.flight import FlightResult, around
 
 #: The names of both datasets, which are folders of the store.
 TABLES, EXPERIMENTS = "tables", "experiments"
@@ -37,10 +37,17 @@ def part(dataset: str, name: str, vehicle: str, flight: str) -> str:
 
 
 def write_tables(result: FlightResult, folder: Path) -> dict[str, Path]:
-    """Write ``NAME.parquet`` for each canonical table of a log and for its trajectory; give the files by name."""
+    """Write ``NAME.parquet`` for each canonical table of a log and for its trajectory; return the files by name.
+
+    Of a log with several flights each has the rows that are nearest to it.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     written = {}
-    for name, frame, units in _frames(result):
+    part = around(result.flight, result.log.flights)
+    for name, whole, units in _frames(result):
+        frame = whole if result.of == 1 else whole[(whole.index >= part.start) & (whole.index < part.stop)]
+        if frame.empty:
+            continue
         written[name] = folder / f"{name}.parquet"
         _write(frame, units, written[name])
     return written

@@ -7,8 +7,10 @@ twice.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import count
 from pathlib import PurePosixPath
 
+from pipeline.names import flight_folder
 from pipeline.storage.manifest import FLIGHTS, LogRecord
 from pipeline.storage.store import ENTRY, Store
 
@@ -39,12 +41,20 @@ def _places(store: Store, records: Sequence[LogRecord], below: str) -> Iterator[
     # Imported here: it brings the numerical packages, which an unchanged folder must not wait for.
     from pipeline.storage.dataset import EXPERIMENTS, TABLES, part
 
-    for record in records:
-        entry = store.read_json(f"{FLIGHTS}/{record.folder}/{ENTRY}")
-        if entry is None:
-            continue
+    for folder, vehicle in _flights(store, records):
         for dataset in (TABLES, EXPERIMENTS):
             for name in store.names(f"{below}{dataset}"):
-                place = str(PurePosixPath(part(dataset, name, entry["vehicle"], record.folder)).parent)
+                place = str(PurePosixPath(part(dataset, name, vehicle, folder)).parent)
                 if store.names(below + place):
                     yield place
+
+
+def _flights(store: Store, records: Sequence[LogRecord]) -> Iterator[tuple[str, str]]:
+    """List folder and vehicle of every flight of logs."""
+    for record in records:
+        for number in count(1):
+            folder = flight_folder(record.folder, number)
+            entry = store.read_json(f"{FLIGHTS}/{folder}/{ENTRY}")
+            if entry is None:
+                break
+            yield folder, entry["vehicle"]

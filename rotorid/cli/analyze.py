@@ -3,10 +3,11 @@
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from pipeline.results.fleet import Failure
-    from pipeline.results.flight import FlightResult
     from pipeline.storage.sources import Found, Source
     from reports.rows import Numbers
 
@@ -97,7 +97,8 @@ def analyze(
         ),
     ] = None,
     plots: Annotated[
-        PlotFormat | None, typer.Option(help="Also write the plots of one log as files, below OUT/plots.")
+        PlotFormat | None,
+        typer.Option(help="Also write the plots of each flight as files, below plots/ beside its report."),
     ] = None,
     columns: Annotated[
         Path | None,
@@ -144,18 +145,17 @@ def analyze(
     prepare(out)
     single = len(found.sources) == 1 and found.sources[0].named and scheduler is None
     if single and not (config.training or config.validation):
-        _one_log(found.sources[0], Path(out), config, as_json, plots)
-    else:
-        if plots is not None:
-            from pipeline.errors import ConfigError
-
-            raise ConfigError("--plots draws the plots of one log; of several, give one after the other")
-        sizes = [source.size for source in found.sources if source.named or source.called_a_log]
-        workers = _processes(jobs, sizes) if scheduler is None else _cluster(scheduler, jobs, paths, out)
-        try:
-            _several_logs(found, out, config, workers, redo, as_json)
-        except KeyboardInterrupt:
-            fail("interrupted; what is done is kept, and the same command goes on from there", INTERRUPTED)
+        _one_flight(found.sources[0], Path(out), config, as_json, plots)
+    sizes = [source.size for source in found.sources if source.named or source.called_a_log]
+    workers: AbstractContextManager[Executor | None] = nullcontext()
+    if scheduler is not None:
+        workers = _cluster(scheduler, jobs, paths, out)
+    elif not single:
+        workers = _processes(jobs, sizes)
+    try:
+        _several_logs(found, out, config, workers, redo, as_json, plots)
+    except KeyboardInterrupt:
+        fail("interrupted; what is done is kept, and the same command goes on from there", INTERRUPTED)
 
 
 def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfig, as_json: bool) -> None:
@@ -204,10 +204,10 @@ def _require_files(found: "Found", paths: Sequence[str]) -> None:
         raise ConfigError(f"no files in {', '.join(paths)} ({'; '.join(closed)})")
 
 
-def _one_log(
+def _one_flight(
     source: "Source", out: Path, config: AnalysisConfig, as_json: bool, plots: "PlotFormat | None" = None
 ) -> None:
-    """Analyse a log anew and write its report."""
+    """Analyse a log of one flight anew, write its report and end; come back where it holds several flights."""
     from pipeline.execution.progress import shown
     from pipeline.execution.stages import overall
     from pipeline.storage.sources import fetched
@@ -217,14 +217,21 @@ def _one_log(
         progress("loading the numerical packages", 0.0)
         import pipeline
         import reports
+        from logparse import read_flights
 
         advance = overall(progress)
-        result = pipeline.analyze(file, config, advance)
+        advance("read", 0.0)
+        logs = read_flights(file)
+        if len(logs) > 1:
+            return
+        (result,) = pipeline.analyze_flights(logs, config, advance)
         advance("report", 0.0)
         try:
             report = reports.write(result, out)
             if plots is not None:
-                _write_plots(result, out, plots)
+                from reports.plot_images import write_plots
+
+                write_plots(result, out, plots.value)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
             from reports.numbers import flight_numbers
 
@@ -234,15 +241,6 @@ def _one_log(
     numbers = json.loads((out / "report.json").read_text("utf-8"))
     _show(numbers, str(report), as_json)
     _end(numbers, ())
-
-
-def _write_plots(result: "FlightResult", out: Path, plots: PlotFormat) -> None:
-    """Write the plots of the page as files."""
-    from reports.flight_figures import flight_figures
-    from reports.health_figures import health_figures
-    from reports.plot_images import write_images
-
-    write_images([*flight_figures(result), *health_figures(result)], out, plots.value)
 
 
 def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManager[Executor]":
@@ -273,17 +271,19 @@ def _several_logs(
     found: "Found",
     out: str,
     config: AnalysisConfig,
-    workers: "AbstractContextManager[Executor]",
+    workers: "AbstractContextManager[Executor | None]",
     redo: bool,
     as_json: bool,
+    plots: "PlotFormat | None",
 ) -> None:
     """Analyse what is new among logs and write the report on all, unless it stands already."""
     import pipeline
     import reports
     from pipeline.execution.progress import shown
 
+    publish = reports.publish if plots is None else partial(reports.publish, plots=plots.value)
     with shown() as progress, workers as executor:
-        fleet = pipeline.analyze_fleet(found, config, executor, progress, store=out, publish=reports.publish, redo=redo)
+        fleet = pipeline.analyze_fleet(found, config, executor, progress, store=out, publish=publish, redo=redo)
         try:
             if not fleet.reported:
                 progress("writing the report", 0.99)
@@ -314,7 +314,7 @@ def _show(numbers: "Numbers", report: str, as_json: bool) -> None:
         stdout.print(f"\nReport: {printable(report)}", markup=False, soft_wrap=True)
 
 
-def _end(numbers: "Numbers", failures: "Sequence[Failure]") -> None:
+def _end(numbers: "Numbers", failures: "Sequence[Failure]") -> NoReturn:
     """End with the status that the findings deserve."""
     from reports import terminal
 

@@ -8,7 +8,7 @@ from tests.pipeline import flown
 
 
 def test_products_are_kept_and_places_on_the_server_are_not(tmp_path, monkeypatch):
-    monkeypatch.setattr(job, "analyze", flown.analyze)
+    monkeypatch.setattr(job, "analyze_flights", flown.analyze_flights)
     monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
     logs = []
     for number in (1, 2):

@@ -1,18 +1,21 @@
 """Files of a few words that stand for logs, and what stands for their analysis: flights made in milliseconds.
 
-``octa 3`` is the third flight of a craft called octa; ``broken``, ``bug``, ``kill`` and ``full`` say what happens.
+``octa 3`` is the third flight of a craft called octa, ``octa 3 2`` a log of its third and fourth; ``broken``, ``bug``,
+``kill`` and ``full`` say what happens.
 """
 
 import dataclasses
 import hashlib
 import os
 import signal
+from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 
 from logparse import LogError, Vehicle
 from pipeline import AnalysisConfig, Failure, FlightResult, GroupResult
 from pipeline.fleet import job
+from pipeline.names import flight_name
 from pipeline.results.entry import FlightEntry
 from pipeline.results.split import Split
 from tests.reports.conftest import made_flight
@@ -21,32 +24,35 @@ from tests.reports.conftest import made_flight
 ANALYZED: list[str] = []
 
 
-def analyze(path: Path, config: AnalysisConfig, progress: object, *, name: str) -> FlightResult:
+def analyze_flights(path: Path, config: AnalysisConfig, progress: object, *, name: str) -> Iterator[FlightResult]:
     """Do as the file says."""
     content = path.read_bytes()
-    word, _, number = content.decode().partition(" ")
+    word, *numbers = content.decode().split(" ")
     if word == "broken":
         raise LogError(f"{path.name} is broken")
     if word == "bug":
         raise ZeroDivisionError("division by zero")
     if word == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
-    ANALYZED.append(name)
-    made = made_flight(name, seed=int(number), fit=False)
-    log = dataclasses.replace(
-        made.log,
-        path=path,
-        size=len(content),
-        sha256=hashlib.sha256(content).hexdigest(),
-        craft=word,
-        start_utc=made.log.start_utc + timedelta(days=int(number)),
-    )
-    return dataclasses.replace(made, log=log, config=config)
+    first, count = int(numbers[0]), int(numbers[1]) if len(numbers) > 1 else 1
+    for number in range(1, count + 1):
+        called = flight_name(name, number, count)
+        ANALYZED.append(called)
+        made = made_flight(called, seed=first + number - 1, fit=False)
+        log = dataclasses.replace(
+            made.log,
+            path=path,
+            size=len(content),
+            sha256=hashlib.sha256(content).hexdigest(),
+            craft=word,
+            start_utc=made.log.start_utc + timedelta(days=first + number - 1),
+        )
+        yield dataclasses.replace(made, log=log, config=config, number=number, of=count)
 
 
-def run(work: job.Job) -> FlightEntry | Failure | None:
+def run(work: job.Job) -> tuple[FlightEntry, ...] | Failure | None:
     """Do a job with such files, in another process."""
-    job.analyze = analyze
+    job.analyze_flights = analyze_flights
     return job.run(work)
 
 

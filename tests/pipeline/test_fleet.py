@@ -25,7 +25,7 @@ CONFIG = AnalysisConfig(poles=1, zeros=0)
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
-    monkeypatch.setattr(job, "analyze", flown.analyze)
+    monkeypatch.setattr(job, "analyze_flights", flown.analyze_flights)
     monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
     of_software(monkeypatch, "0.1.0")
 
@@ -75,6 +75,37 @@ def test_a_second_run_does_nothing_and_finds_the_same(logs, tmp_path):
     third, analyzed = run(logs, out, redo=True)
     assert len(analyzed) == 4
     assert fitted(third)
+
+
+def test_every_flight_of_a_log_is_kept_and_joined_with_the_others_of_its_craft(logs, tmp_path):
+    out = tmp_path / "out"
+    # A file that is called as the folder of another's second flight might be.
+    (logs / "octa1_2.bin").write_text("octa 9")
+    (logs / "octa1.bin").write_text("octa 11 3")
+    fleet, analyzed = run(logs, out)
+    several = ["octa1#1", "octa1#2", "octa1#3"]
+    assert sorted(analyzed) == [*several, "octa1_2", "octa2", "octa3", "quad"]
+    (craft,) = fleet.groups
+    assert {*craft.training, *craft.held_out} == {*several, "octa1_2", "octa2", "octa3"}
+    again, analyzed = run(logs, out)
+    assert analyzed == []
+    assert again.flights == fleet.flights
+    # One of them is gone: the log is analysed again.
+    (out / "flights" / "octa1~2" / "entry.json").unlink()
+    assert run(logs, out)[1] == several
+    # Fewer flights, by other software or in another file of that name: nothing is left of the others.
+    (logs / "octa1.bin").write_text("octa 11 2")
+    fleet, _ = run(logs, out)
+    assert [flight.name for flight in fleet.flights if flight.log_name == "octa1"] == several[:2]
+    assert not (out / "flights" / "octa1~3").exists()
+    assert not list(out.glob("tables/*/*/flight=octa1~3"))
+
+
+def test_the_name_of_a_log_chooses_all_its_flights(logs, tmp_path):
+    (logs / "octa1.bin").write_text("octa 11 2")
+    fleet, _ = run(logs, tmp_path / "out", AnalysisConfig(poles=1, zeros=0, training=("octa1",)))
+    assert fleet.groups[0].training == ("octa1#1", "octa1#2")
+    assert fleet.groups[0].held_out == ("octa2", "octa3")
 
 
 def test_names_that_are_not_utf8_are_kept_as_they_are(logs, tmp_path):
@@ -252,7 +283,7 @@ def test_a_killed_run_is_resumed(logs, tmp_path):
         "import sys\nfrom pipeline import AnalysisConfig, analyze_fleet\n"
         "from pipeline.fleet import job\nfrom pipeline.storage import manifest\n"
         "from tests.pipeline import flown\n"
-        "job.analyze = flown.analyze\n"
+        "job.analyze_flights = flown.analyze_flights\n"
         "manifest.software = lambda: {'rotorid': '0.1.0'}\n"
         "analyze_fleet([sys.argv[1]], AnalysisConfig(poles=1, zeros=0), store=sys.argv[2])\n"
     )
