@@ -16,7 +16,7 @@ from scipy.signal import csd, welch
 
 import logparse
 from logparse import FlightLog
-from simulation.rate_loop import AxisController, AxisPlant, Excitation, run_axis, write_rate_log
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import Experiment, frequency
 from sysid.frequency.structures import low_pass
 
@@ -140,7 +140,7 @@ def made_craft(number: int, scratch: Path, *, sticks: bool) -> tuple[AxisPlant, 
         noise=float(rng.uniform(0.001, 0.01)),
         stick=0.15 if sticks else 0.0,
     )
-    run = run_axis(plant, AxisController.crossing_at(plant, 2.5 if plant.lag else 4.0), excitation, number)
+    run = run_axis(plant, LoopGains.crossing_at(plant, 2.5 if plant.lag else 4.0), excitation, number)
     path = scratch / "made.BIN"
     write_rate_log(path, {"roll": run}, rate=50.0 if sticks else 400.0, filter_hz=plant.filter_hz)
     return plant, logparse.read_log(path)
@@ -191,7 +191,7 @@ def _bias(scratch: Path) -> Iterator[Row]:
     logs = []
     for seed in range(4):
         path = scratch / f"bias{seed}.BIN"
-        run = run_axis(plant, AxisController.crossing_at(plant, 3.0), excitation, seed)
+        run = run_axis(plant, LoopGains.crossing_at(plant, 3.0), excitation, seed)
         write_rate_log(path, {"roll": run}, rate=100.0)
         logs.append(logparse.read_log(path))
     frf = frequency.response(logs, "roll")
@@ -213,7 +213,7 @@ def _speed(scratch: Path) -> Iterator[Row]:
             duration=70.0, chirp=(0.4, 40.0, magnitude), chirp_seconds=69.8, sid_axis=10 + k, gust=0.5, noise=0.005
         )
         plants[axis] = plant
-        runs[axis] = run_axis(plant, AxisController.crossing_at(plant, 3.0), excitation, k)
+        runs[axis] = run_axis(plant, LoopGains.crossing_at(plant, 3.0), excitation, k)
     logs = {}
     for axis, run in runs.items():
         write_rate_log(scratch / f"{axis}.BIN", {axis: run}, rate=400.0)

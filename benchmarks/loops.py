@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from logparse import FlightLog, RotoridError, read_log
-from simulation.copter_loop import LoopGains, fly_chirp, random_axis
+from simulation.axis_loop import LoopGains, random_axis
 from sysid.loops import prove, tune
 from sysid.loops.evidence import two_ways_apart, weak_band
 from sysid.loops.loop import Margins
 from sysid.loops.margins import margins_of
 from sysid.loops.tuning import Aim, tune_axis
-from tests.sysid.loops.flown import loop_of_flight, true_loop
+from tests.sysid.loops.flown import flown_loop, true_loop
 
 LOGS = Path(__file__).parents[1].parent / "shared" / "logs"
 CRAFT = ("quad15", "octa3", "octa8", "hexa3", "y6high", "quadslow")
@@ -122,9 +122,9 @@ def _simulated_pairs(count: int = 40) -> list[Row]:
         if not truth["stable"] or not margins_of(HZ, true_loop(axis, gains, HZ)).stable[0]:
             continue
         flown += 1
-        loop = loop_of_flight(fly_chirp(axis, gains, seed=flown), gains)
+        loop = flown_loop(axis, gains, flown)
         foretold = loop.with_gains(P=other.P, I=other.I, D=other.D, FLTD=other.FLTD).margins
-        later = loop_of_flight(fly_chirp(axis, other, seed=1000 + flown), other).measured_margins
+        later = flown_loop(axis, other, 1000 + flown).measured_margins
         for name in QUANTITIES:
             value = getattr(foretold, name).value
             if value is not None:
@@ -144,7 +144,7 @@ def _random_craft(count: int = 100) -> list[Row]:
         if not before["stable"]:
             continue
         tried += 1
-        loop = loop_of_flight(fly_chirp(axis, gains, seed=tried), gains)
+        loop = flown_loop(axis, gains, tried)
         if weak_band(loop) or two_ways_apart(loop):
             continue
         tuning = tune_axis(loop, Aim())

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation.copter_loop import CraftAxis, LoopFlight, LoopGains
-from simulation.copter_loop.axis import GYRO_HZ
+from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis
+from simulation.axis_loop.axis import GYRO_HZ
 from sysid.frequency.records import AxisRecord
 from sysid.loops.controller import AngleController, RateController
 from sysid.loops.loop import RateLoop, loop_of_records
@@ -14,42 +16,57 @@ from sysid.loops.settings import GyroPath, LoopSettings
 from sysid.loops.signals import LoopRecord
 
 
-def settings_of(gains: LoopGains) -> LoopSettings:
+def fly_chirp(
+    plant: AxisPlant,
+    gains: LoopGains,
+    *,
+    seed: int,
+    magnitude: float = 0.05,
+    band: tuple[float, float] = (0.5, 40.0),
+    gust: float = 0.3,
+    noise: float = 0.015,
+) -> AxisRun:
+    """Fly a chirp at the mixer from hover, with gusts [rad/s^2] and noise of the raw gyro [rad/s]."""
+    seconds = 2.0 / band[0] + 21.0
+    shaken = Excitation(duration=seconds, chirp=(*band, magnitude), chirp_seconds=seconds, gust=gust, gyro_noise=noise)
+    return run_axis(plant, gains, shaken, seed)
+
+
+def settings_of(plant: AxisPlant, gains: LoopGains) -> LoopSettings:
+    names = ("P", "I", "D", "FF", "FLTT", "FLTE", "FLTD", "IMAX")
     return LoopSettings(
         axis="roll",
-        controller=RateController(
-            P=gains.P,
-            I=gains.I,
-            D=gains.D,
-            FF=gains.FF,
-            FLTT=gains.FLTT,
-            FLTE=gains.FLTE,
-            FLTD=gains.FLTD,
-            IMAX=gains.IMAX,
-        ),
+        controller=RateController(**{name: getattr(gains, name) for name in names}),
         angle=AngleController(P=gains.angle_P),
-        gyro=GyroPath(gains.gyro_filter, GYRO_HZ),
+        gyro=GyroPath(plant.filter_hz, GYRO_HZ),
     )
 
 
-def loop_of_flight(flight: LoopFlight, gains: LoopGains, name: str = "simulated") -> RateLoop:
+def loop_of_flight(flight: AxisRun, plant: AxisPlant, gains: LoopGains, name: str = "simulated") -> RateLoop:
+    """Identify the loop from rows logged at 100 Hz."""
+    rows = slice(None, None, 4)
+
     def record(output: NDArray[np.float64]) -> AxisRecord:
         return AxisRecord(
             name=name,
             start=0.0,
-            dt=float(flight.t[1] - flight.t[0]),
-            inputs=flight.output[:, None],
-            output=output,
-            instruments=flight.chirp[:, None],
-            usable=np.ones(len(flight.t), dtype=bool),
+            dt=float(flight.t[4]),
+            inputs=flight.output[rows, None],
+            output=output[rows],
+            instruments=flight.chirp[rows, None],
+            usable=np.ones(len(flight.t[rows]), dtype=bool),
             band=(0.5, 40.0),
             instrument="chirp",
         )
 
     records = (LoopRecord(record(flight.measured), record(flight.feedback)),)
-    return loop_of_records(name, records, settings_of(gains))
+    return loop_of_records(name, records, settings_of(plant, gains))
 
 
-def true_loop(axis: CraftAxis, gains: LoopGains, hz: NDArray[np.float64]) -> NDArray[np.complex128]:
-    settings = settings_of(gains)
-    return axis.response(hz) * settings.gyro.response(hz) * settings.feedback(hz)
+def flown_loop(plant: AxisPlant, gains: LoopGains, seed: int, name: str = "simulated", **shaken: Any) -> RateLoop:
+    """Fly a chirp and identify the loop from it."""
+    return loop_of_flight(fly_chirp(plant, gains, seed=seed, **shaken), plant, gains, name)
+
+
+def true_loop(plant: AxisPlant, gains: LoopGains, hz: NDArray[np.float64]) -> NDArray[np.complex128]:
+    return plant.response(hz) * settings_of(plant, gains).feedback(hz)

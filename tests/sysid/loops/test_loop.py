@@ -5,23 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulation.copter_loop import CraftAxis, LoopGains, fly_chirp, random_axis
+from simulation.axis_loop import AxisPlant, LoopGains, random_axis
 from sysid.loops import LoopError
 from sysid.loops.margins import margins_of
-from tests.sysid.loops.flown import loop_of_flight, true_loop
+from tests.sysid.loops.flown import flown_loop, true_loop
 
 HZ = np.geomspace(0.3, 80.0, 3000)
 NAMES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")
 
 
-def _craft() -> tuple[CraftAxis, LoopGains]:
-    axis = CraftAxis(gain=300.0, damping=1.0, lag=0.02, delay=0.003)
-    return axis, LoopGains(P=0.09, I=0.09, D=0.0025, gyro_filter=30.0)
+def _craft() -> tuple[AxisPlant, LoopGains]:
+    axis = AxisPlant(gain=300.0, damping=1.0, lag=0.02, delay=0.003, filter_hz=30.0)
+    return axis, LoopGains(P=0.09, I=0.09, D=0.0025)
 
 
 def test_two_ways_to_the_loop_agree_and_both_find_the_truth():
     axis, gains = _craft()
-    loop = loop_of_flight(fly_chirp(axis, gains, seed=1), gains)
+    loop = flown_loop(axis, gains, 1)
     truth = margins_of(HZ, true_loop(axis, gains, HZ)).row(0)
     for margins in (loop.margins, loop.measured_margins):
         assert margins.stable
@@ -41,7 +41,7 @@ def test_margins_of_other_gains_are_foretold_within_their_errors():
         truth = margins_of(HZ, true_loop(axis, other, HZ)).row(0)
         if not truth["stable"]:
             continue
-        loop = loop_of_flight(fly_chirp(axis, gains, seed=seed), gains)
+        loop = flown_loop(axis, gains, seed)
         changed = loop.with_gains(P=other.P, I=other.I, D=other.D, FLTD=other.FLTD)
         intervals = changed.margins.intervals
         held += [intervals[name][0] <= truth[name] <= intervals[name][1] for name in NAMES if name in intervals]
@@ -51,7 +51,7 @@ def test_margins_of_other_gains_are_foretold_within_their_errors():
 
 def test_gains_that_do_not_hold_are_called_unstable():
     axis, gains = _craft()
-    loop = loop_of_flight(fly_chirp(axis, gains, seed=2), gains)
+    loop = flown_loop(axis, gains, 2)
     assert loop.margins.unstable == 0.0
     hot = loop.with_gains(P=4.0 * gains.P, D=4.0 * gains.D).margins
     assert not hot.stable
@@ -61,7 +61,7 @@ def test_gains_that_do_not_hold_are_called_unstable():
 
 def test_a_margin_outside_the_band_has_a_reason_and_no_number():
     axis, gains = _craft()
-    loop = loop_of_flight(fly_chirp(axis, gains, seed=2), gains)
+    loop = flown_loop(axis, gains, 2)
     gentle = loop.with_gains(P=1e-4, I=0.0, D=0.0, angle_P=0.1).margins
     assert gentle.crossover_hz.value is None
     assert "band" in gentle.crossover_hz.reason
@@ -70,6 +70,6 @@ def test_a_margin_outside_the_band_has_a_reason_and_no_number():
 @pytest.mark.parametrize("values", [{"Q": 1.0}, {"P": -0.1}, {"D": float("nan")}])
 def test_nonsense_gains_are_refused_with_a_sentence(values):
     axis, gains = _craft()
-    loop = loop_of_flight(fly_chirp(axis, gains, seed=2), gains)
+    loop = flown_loop(axis, gains, 2)
     with pytest.raises(LoopError):
         loop.with_gains(**values)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from logparse import read_log
-from simulation.copter_loop import CraftAxis, LoopGains, fly_chirp, random_axis
+from simulation.axis_loop import AxisPlant, LoopGains, random_axis
 from sysid.loops import LoopError, prove, tune
 from sysid.loops.evidence import two_ways_apart, weak_band
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file, read_parameter_file, typed
 from sysid.loops.tuning import Aim, tune_axis
-from tests.sysid.loops.flown import loop_of_flight, true_loop
+from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, true_loop
 
 LOGS = Path(__file__).parents[4] / "shared" / "logs"
 HZ = np.geomspace(0.1, 120.0, 4000)
@@ -46,7 +46,7 @@ def test_proposed_gains_keep_in_truth_what_was_promised():
         axis, gains = random_axis(rng)
         if not margins_of(HZ, true_loop(axis, gains, HZ)).stable[0]:
             continue
-        loop = loop_of_flight(fly_chirp(axis, gains, seed=seed), gains)
+        loop = flown_loop(axis, gains, seed)
         if weak_band(loop) or two_ways_apart(loop):
             continue
         tuning = tune_axis(loop, Aim())
@@ -66,7 +66,7 @@ def test_proposed_gains_keep_in_truth_what_was_promised():
 
 def test_a_chirp_drowned_in_gusts_is_refused():
     axis, gains = random_axis(np.random.default_rng(3))
-    loop = loop_of_flight(fly_chirp(axis, gains, seed=1, magnitude=0.002, gust=8.0, noise=0.3), gains)
+    loop = flown_loop(axis, gains, 1, magnitude=0.002, gust=8.0, noise=0.3)
     assert weak_band(loop) is not None
 
 
@@ -74,14 +74,14 @@ def test_a_loop_that_is_not_as_its_parameters_say_is_refused():
     """A craft flown with half of the P that its parameters claim: the two ways to the loop disagree."""
     axis, gains = random_axis(np.random.default_rng(8))
     flight = fly_chirp(axis, replace(gains, P=0.5 * gains.P), seed=1)
-    assert "apart" in (two_ways_apart(loop_of_flight(flight, gains)) or "")
+    assert "apart" in (two_ways_apart(loop_of_flight(flight, axis, gains)) or "")
 
 
 def test_a_flown_gain_outside_its_documented_range_is_no_crash():
     """An integral gain below ArduCopter's documented 0.01 left no candidate at all, and an index out of range."""
-    axis = CraftAxis(gain=900.0)
-    gains = LoopGains(P=0.02, I=0.004, D=0.0005, gyro_filter=40.0)
-    tuning = tune_axis(loop_of_flight(fly_chirp(axis, gains, seed=1), gains), Aim())
+    axis = AxisPlant(gain=900.0, damping=1.0, lag=0.02, delay=0.003, filter_hz=40.0)
+    gains = LoopGains(P=0.02, I=0.004, D=0.0005)
+    tuning = tune_axis(flown_loop(axis, gains, 1), Aim())
     assert tuning.tuned is not None
     assert tuning.tuned.settings.controller.I >= 0.004
 

@@ -1,4 +1,4 @@
-"""Compiled loop of one axis in its controllers."""
+"""Compiled loop of one axis in ArduCopter's controllers: physics at 4.8 kHz, controllers at 400 Hz."""
 
 from typing import NamedTuple
 
@@ -24,34 +24,39 @@ class AxisConstants(NamedTuple):
     p: float
     i: float
     d: float
+    ff: float
     angle_p: float
-    target_corner: float
-    derivative_corner: float
+    alpha_target: float
+    alpha_error: float
+    alpha_derivative: float
+    imax: float
     limit: float
 
 
 class AxisSignals(NamedTuple):
-    """Forcing of one axis: shape (N,) at the loop's rate, `disturbance` (N, substeps)."""
+    """Forcing of one axis: shape (N,) at the loop's rate, `gyro_noise` and `disturbance` (N, substeps)."""
 
     stick: Floats
     rate_chirp: Floats
     mixer_chirp: Floats
     noise: Floats
+    gyro_noise: Floats
     disturbance: Floats
 
 
 @njit(cache=True, nogil=True)
-def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Floats, Floats, Floats]:
+def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Fly one axis.
 
     Returns
     -------
-    output, measured, target, angle : ndarray, shape (N,)
-        Controller output with the chirp, filtered measurement that it was computed from, rate target, attitude.
+    output, feedback, measured, target, angle : ndarray, shape (N,)
+        Controller output with the chirp and without, filtered measurement that it was computed from, rate target after
+        its filter, attitude.
     """
     n, substeps = f.disturbance.shape
     h = loop / substeps
-    output, measured = np.zeros(n), np.zeros(n)
+    output, feedback, measured = np.zeros(n), np.zeros(n), np.zeros(n)
     target, attitude = np.zeros(n), np.zeros(n)
     pending = np.zeros(c.delay_steps + 1)
     motor = rate = angle = flex = flex_rate = 0.0
@@ -61,7 +66,7 @@ def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Flo
     scale = 1.0 / (1.0 + 1.4142135623730951 * warp + warp**2)
     ahead, back1, back2 = warp**2 * scale, 2.0 * (warp**2 - 1.0) * scale, (1.0 - 1.4142135623730951 * warp + warp**2)
     back2 *= scale
-    integral = filtered_target = error_before = derivative = 0.0
+    integral = filtered = error = derivative = 0.0
     decay = np.exp(-h / c.lag) if c.lag > 0.0 else 0.0
     fall = np.exp(-c.damping * h)
     for k in range(n):
@@ -69,14 +74,14 @@ def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Flo
         measured[k], attitude[k] = y, angle
         want = c.angle_p * (f.stick[k] - angle) if c.integrates else f.stick[k]
         want += f.rate_chirp[k]
-        filtered_target += (want - filtered_target) * (1.0 - np.exp(-loop * c.target_corner))
-        target[k] = filtered_target
-        error = filtered_target - y
-        integral = min(max(integral + c.i * error * loop, -0.5), 0.5)
-        slope = (error - error_before) / loop if k > 0 else 0.0
-        derivative += (slope - derivative) * (1.0 - np.exp(-loop * c.derivative_corner))
+        filtered += c.alpha_target * (want - filtered)
+        target[k] = filtered
         error_before = error
-        u = min(max(c.p * error + integral + c.d * derivative + f.mixer_chirp[k], -c.limit), c.limit)
+        error += c.alpha_error * (filtered - y - error)
+        derivative += c.alpha_derivative * ((error - error_before) / loop - derivative)
+        integral = min(max(integral + c.i * error * loop, -c.imax), c.imax)
+        feedback[k] = c.p * error + integral + c.d * derivative + c.ff * filtered
+        u = min(max(feedback[k] + f.mixer_chirp[k], -c.limit), c.limit)
         output[k] = u
         for j in range(substeps):
             for m in range(c.delay_steps):
@@ -98,10 +103,11 @@ def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Flo
                 flex_rate += h * bend
                 flex += h * flex_rate
                 moving += flex_rate
+            moving += f.gyro_noise[k, j]
             if c.filter_omega > 0.0:
                 low = ahead * moving + first
                 first = 2.0 * ahead * moving - back1 * low + second
                 second = ahead * moving - back2 * low
             else:
                 low = moving
-    return output, measured, target, attitude
+    return output, feedback, measured, target, attitude

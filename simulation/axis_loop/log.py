@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from logparse.dataflash.writer import MessageTable, write_dataflash
-from simulation.rate_loop.axis import LOOP_HZ, AxisRun
+from simulation.axis_loop.axis import LOOP_HZ, AxisRun
 
 _SYSTEMID, _STABILIZE = 25, 0
 _LETTERS = {"roll": "R", "pitch": "P", "yaw": "Y", "vertical": "A"}

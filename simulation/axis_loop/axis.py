@@ -1,4 +1,4 @@
-"""One axis: a plant with a known frequency response, its controllers, and what shakes it."""
+"""One axis: a plant with a known frequency response, ArduCopter's controllers, and what shakes it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from simulation.rate_loop._kernels import AxisConstants, AxisSignals, fly_axis
+from simulation.axis_loop._kernels import AxisConstants, AxisSignals, fly_axis
 
 Floats = NDArray[np.float64]
 
 #: Rate of the controllers, Hz, and steps of the physics in one of theirs.
 LOOP_HZ = 400.0
 _SUBSTEPS = 12
+#: Rate of the physics and of the gyro's filter, Hz.
+GYRO_HZ = LOOP_HZ * _SUBSTEPS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,18 +31,18 @@ class AxisPlant:
     flex_hz: float = 0.0
     flex_damping: float = 0.03
     flex_share: float = 0.0
-    filter_hz: float = 20.0  #: Corner of the second-order low-pass of the sensor; 0: none.
+    filter_hz: float = 20.0  #: Corner of the second-order low-pass of the sensor (INS_GYRO_FILTER); 0: none.
     integrates: bool = True
 
     @property
     def total_delay(self) -> float:
         """Return the delay with that of the hold, s."""
-        return self.delay_steps * _step() + 0.5 / LOOP_HZ
+        return self.delay_steps / GYRO_HZ + 0.5 / LOOP_HZ
 
     @property
     def delay_steps(self) -> int:
         """Return the delay in steps of the physics."""
-        return round(self.delay / _step())
+        return round(self.delay * GYRO_HZ)
 
     def response(self, hz: Floats) -> NDArray[np.complex128]:
         """Return the frequency response from logged output to logged measurement, shape (n,).
@@ -48,7 +50,7 @@ class AxisPlant:
         Exactly that of the recursion which `fly_axis` computes, whose steps count as the time of their end.
         """
         hz = np.asarray(hz, dtype=np.float64)
-        h = _step()
+        h = 1.0 / GYRO_HZ
         z = np.exp(2j * np.pi * hz * h)
         held = np.mean(z[:, None] ** -np.arange(1.0, _SUBSTEPS + 1.0), axis=1)
         push = self.gain * held * z**-self.delay_steps
@@ -73,22 +75,25 @@ def _oscillator(z: NDArray[np.complex128], h: float, omega: float, damping: floa
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AxisController:
-    """Angle P over rate PID, with the filters of target and derivative, Hz."""
+class LoopGains:
+    """ArduCopter's parameters of one axis (ATC_RAT_*, ATC_ANG_*_P); filters in Hz, 0 for none."""
 
-    p: float
-    i: float
-    d: float
-    angle_p: float = 4.5
-    target_hz: float = 20.0
-    derivative_hz: float = 20.0
-    limit: float = 0.5
+    P: float
+    I: float  # noqa: E741 -- the field's letter
+    D: float
+    FF: float = 0.0
+    FLTT: float = 20.0
+    FLTE: float = 0.0
+    FLTD: float = 20.0
+    IMAX: float = 0.5
+    angle_P: float = 4.5  # noqa: N815 -- spelled as the parameter
+    limit: float = 1.0  #: Largest output.
 
     @classmethod
-    def crossing_at(cls, plant: AxisPlant, hz: float) -> AxisController:
+    def crossing_at(cls, plant: AxisPlant, hz: float) -> LoopGains:
         """Choose gains with which the rate loop of a plant crosses unity at about `hz`."""
         p = 1.0 / float(np.abs(plant.response(np.array([hz]))[0]))
-        return cls(p=p, i=p, d=0.02 * p) if plant.integrates else cls(p=0.3 * p, i=6.0 * p, d=0.0, angle_p=0.0)
+        return cls(P=p, I=p, D=0.02 * p) if plant.integrates else cls(P=0.3 * p, I=6.0 * p, D=0.0, angle_P=0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,6 +112,7 @@ class Excitation:
     gust: float = 0.0
     gust_hz: float = 1.0
     noise: float = 0.0  #: Standard deviation of the sensor's noise after its filter, rad/s (or m/s^2).
+    gyro_noise: float = 0.0  #: The same before the filter, at every step of the physics.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,6 +121,7 @@ class AxisRun:
 
     t: Floats
     output: Floats
+    feedback: Floats
     measured: Floats
     target: Floats
     attitude: Floats
@@ -125,7 +132,7 @@ class AxisRun:
     excitation: Excitation
 
 
-def run_axis(plant: AxisPlant, controller: AxisController, excitation: Excitation, seed: int) -> AxisRun:
+def run_axis(plant: AxisPlant, gains: LoopGains, excitation: Excitation, seed: int) -> AxisRun:
     """Fly one axis of known response; every number comes from the seed."""
     rng = np.random.default_rng(seed)
     n = round(excitation.duration * LOOP_HZ)
@@ -133,13 +140,14 @@ def run_axis(plant: AxisPlant, controller: AxisController, excitation: Excitatio
     chirp, frequency, elapsed = _chirp(t, excitation)
     stick = _sticks(rng, n, excitation.stick, smooth=plant.integrates)
     at_mixer = excitation.sid_axis >= 10
-    pole = np.exp(-2.0 * np.pi * excitation.gust_hz * _step())
+    pole = np.exp(-2.0 * np.pi * excitation.gust_hz / GYRO_HZ)
     gust = lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], rng.normal(0.0, excitation.gust, n * _SUBSTEPS))
     signals = AxisSignals(
         stick=stick,
         rate_chirp=np.zeros(n) if at_mixer else chirp,
         mixer_chirp=chirp if at_mixer else np.zeros(n),
         noise=rng.normal(0.0, excitation.noise, n),
+        gyro_noise=rng.normal(0.0, excitation.gyro_noise, (n, _SUBSTEPS)),
         disturbance=gust.reshape(n, _SUBSTEPS),
     )
     constants = AxisConstants(
@@ -152,20 +160,45 @@ def run_axis(plant: AxisPlant, controller: AxisController, excitation: Excitatio
         flex_share=plant.flex_share,
         integrates=plant.integrates,
         filter_omega=2.0 * np.pi * plant.filter_hz,
-        p=controller.p,
-        i=controller.i,
-        d=controller.d,
-        angle_p=controller.angle_p,
-        target_corner=2.0 * np.pi * controller.target_hz,
-        derivative_corner=2.0 * np.pi * controller.derivative_hz,
-        limit=controller.limit,
+        p=gains.P,
+        i=gains.I,
+        d=gains.D,
+        ff=gains.FF,
+        angle_p=gains.angle_P,
+        alpha_target=_alpha(gains.FLTT),
+        alpha_error=_alpha(gains.FLTE),
+        alpha_derivative=_alpha(gains.FLTD),
+        imax=gains.IMAX,
+        limit=gains.limit,
     )
-    output, measured, target, attitude = fly_axis(constants, signals, 1.0 / LOOP_HZ)
-    return AxisRun(t, output, measured, target, attitude, stick, chirp, frequency, elapsed, excitation)
+    return AxisRun(t, *fly_axis(constants, signals, 1.0 / LOOP_HZ), stick, chirp, frequency, elapsed, excitation)
 
 
-def _step() -> float:
-    return 1.0 / (LOOP_HZ * _SUBSTEPS)
+def random_axis(rng: np.random.Generator) -> tuple[AxisPlant, LoopGains]:
+    """Draw a craft and gains that it flies with: nano to heavy, slow and fast motors, some with a flexible mode."""
+    lag = float(np.exp(rng.uniform(np.log(0.008), np.log(0.06))))
+    delay = float(rng.uniform(0.0, 0.008))
+    flexible = rng.random() < 0.3
+    plant = AxisPlant(
+        gain=float(np.exp(rng.uniform(np.log(60.0), np.log(900.0)))),
+        damping=float(rng.uniform(0.0, 4.0)),
+        lag=lag,
+        delay=delay,
+        flex_hz=float(rng.uniform(18.0, 40.0)) if flexible else 0.0,
+        flex_damping=float(rng.uniform(0.03, 0.1)),
+        flex_share=float(rng.uniform(-0.15, 0.15)) if flexible else 0.0,
+        filter_hz=float(rng.choice([20.0, 30.0, 40.0, 60.0])),
+    )
+    # A crossover that lag, delay and filter allow, by what pilots fly: from timid to bold.
+    limit = 1.0 / (lag + delay + 0.0025 + 0.22 / plant.filter_hz)
+    p = limit * float(rng.uniform(0.35, 0.8)) / plant.gain
+    return plant, LoopGains(P=p, I=p * float(rng.uniform(0.5, 1.0)), D=p * float(rng.uniform(0.01, 0.03)))
+
+
+def _alpha(cutoff: float) -> float:
+    """Return the step of a first-order low-pass at the loop rate; 1 for none."""
+    dt = 1.0 / LOOP_HZ
+    return 1.0 if cutoff <= 0.0 else dt / (dt + 1.0 / (2.0 * np.pi * cutoff))
 
 
 def _chirp(t: Floats, excitation: Excitation) -> tuple[Floats, Floats, Floats]:
