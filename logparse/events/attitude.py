@@ -11,10 +11,15 @@ from logparse.findings import Severity
 from logparse.flights import Flight
 from logparse.tables import Tables
 
-#: Angle between the thrust axes asked for and flown [rad] that counts as lost, and as deviating.
+#: Angle between the thrust axes asked for and flown [rad] that counts as lost, and as deviating; and the angle [rad] or
+#: the time [s] from which being that far off is more than overshoot.
 LOST, DEVIATING = np.radians(30.0), np.radians(15.0)
-_LOST_SOURCE = "ArduCopter crash_check.cpp, CRASH_CHECK_ANGLE_DEVIATION_DEG 30"
+_TUMBLING, _HELPLESS = np.radians(60.0), 1.0
+_LOST_SOURCE = "ArduCopter crash_check.cpp, CRASH_CHECK_ANGLE_DEVIATION_DEG 30 for CRASH_CHECK_TRIGGER_SEC 2"
 _DEVIATING_SOURCE = "ArduCopter crash_check.cpp, THRUST_LOSS_CHECK_ANGLE_DEVIATION 15 deg"
+
+#: Time [s] that a craft may take to reach a new target (heavy craft settle within it), and steps in which it is cut.
+_FOLLOWS, _STEPS = 1.0, 10
 
 #: Time [s] for which no craft flies while leaning that far from its target.
 _NO_FLIGHT = 15.0
@@ -50,9 +55,11 @@ def attitude_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fli
 
 
 def attitude_error(tables: Tables) -> "pd.Series[float] | None":
-    """Compute the angle between the thrust axis asked for and that flown, rad; NaN in modes that tumble on purpose.
+    """Compute the angle by which the thrust axis flown is off its target, rad; NaN in modes that tumble on purpose.
 
-    Heading does not count. None where the log lacks attitude or its target.
+    A target that jumps is reached a moment later: what counts is the distance from the way that the target took within
+    the last second, so that a pilot who throws the stick about is not told that control was lost. Heading does not
+    count. None where the log lacks attitude or its target.
     """
     if tables.attitude is None or tables.setpoints is None:
         return None
@@ -60,22 +67,33 @@ def attitude_error(tables: Tables) -> "pd.Series[float] | None":
     flown = tables.attitude[["roll", "pitch"]].dropna()
     if len(wanted) < 2 or len(flown) < 2:
         return None
-    t = wanted.index.to_numpy(np.float64)
-    inside = (t >= flown.index[0]) & (t <= flown.index[-1])
-    wanted, t = wanted[inside], t[inside]
-    at = flown.index.to_numpy(np.float64)
-    axes = [
-        np.column_stack([np.interp(t, at, column) for column in _axis(flown).T]),
-        _axis(wanted),
-    ]
-    cosine = np.sum(axes[0] * axes[1], axis=1) / np.maximum(np.linalg.norm(axes[0], axis=1), 1e-9)
-    error = pd.Series(np.arccos(np.clip(cosine, -1.0, 1.0)), index=wanted.index)
+    times = wanted.index.to_numpy(np.float64)
+    t = times[(times >= flown.index[0]) & (times <= flown.index[-1])]
+    axis = _directions(flown, t)
+    way = np.stack([_directions(wanted, t - lag) for lag in np.linspace(0.0, _FOLLOWS, _STEPS + 1)])
+    error = pd.Series(_off_the_way(axis, way), index=pd.Index(t, name=wanted.index.name))
     if tables.modes is not None and len(tables.modes):
         position = np.searchsorted(tables.modes.index.to_numpy(np.float64), t, side="right") - 1
         aerobatic = tables.modes["mode"].isin(_AEROBATIC).to_numpy()
         error[(position >= 0) & aerobatic[position.clip(0)]] = np.nan
     error[within(t, _chirps(tables))] = np.nan
     return error
+
+
+def _directions(attitude: pd.DataFrame, t: Array) -> Array:
+    """Thrust axis at times, a unit vector as in `_axis`, shape (n, 3)."""
+    at = attitude.index.to_numpy(np.float64)
+    axis = np.column_stack([np.interp(t, at, column) for column in _axis(attitude).T])
+    return np.asarray(axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9))
+
+
+def _off_the_way(axis: Array, way: Array) -> Array:
+    """Angle between directions (n, 3) and the nearest point of a way through others (points, n, 3), rad, shape (n,)."""
+    begin, leg = way[:-1], np.diff(way, axis=0)
+    part = np.sum((axis - begin) * leg, axis=2) / np.maximum(np.sum(leg**2, axis=2), 1e-12)
+    nearest = begin + np.clip(part, 0.0, 1.0)[:, :, None] * leg
+    cosine = np.sum(axis * nearest, axis=2) / np.maximum(np.linalg.norm(nearest, axis=2), 1e-9)
+    return np.asarray(np.arccos(np.clip(cosine.max(axis=0), -1.0, 1.0)))
 
 
 def _axis(attitude: pd.DataFrame) -> Array:
@@ -97,7 +115,8 @@ def _deviations(error: "pd.Series[float]", tables: Tables, flights: tuple[Flight
             yield _disagreement(first, last, worst)
             continue
         when = float(t[(t >= first) & (t <= last)][int(np.nanargmax(piece))])
-        lost = worst > LOST
+        over = t[(t >= first) & (t <= last) & (values > LOST)]
+        lost = worst > _TUMBLING or (len(over) > 1 and float(over[-1] - over[0]) >= _HELPLESS)
         nearest = (
             attitude.iloc[[int(np.argmin(np.abs(attitude.index.to_numpy() - when)))]] if attitude is not None else None
         )

@@ -23,6 +23,8 @@ BLOW = 4.0 * _G
 _FAST, _OVER = 3.0, np.radians(60.0)
 #: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent.
 _FREE, _FALLING = 0.3 * _G, 0.3
+#: Part of the flight's median throttle below which less lift was asked for, and time before a fall [s] in which it is.
+_CLOSED, _CLOSING = 0.75, 0.2
 #: Height lost [m] after disarming, within `_AFTER` seconds, that shows that the craft was in the air.
 _DROP, _AFTER = 1.5, 5.0
 #: Time after a blow within which a craft that still flies has risen by that much, s.
@@ -48,7 +50,9 @@ def impact_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fligh
     falls = list(_falls(force, flights))
     dropped = list(_disarmed(tables, height, flights, falls))
     yield from dropped
-    yield from falls
+    for fall in falls:
+        if any(abs(event.t - fall.t) < 1.0 for event in dropped) or not _let_fall(fall, tables, flights):
+            yield fall
     for flight in flights:
         yield from _blows(force, tables, height, flight, [event.t for event in dropped])
 
@@ -79,6 +83,16 @@ def _falls(force: "pd.Series[float] | None", flights: tuple[Flight, ...]) -> Ite
             advice="Look for what stopped the motors: disarming, power, a closed throttle.",
             evidence={"least_force_m_s2": float(np.min(values[(t >= first) & (t <= last)]))},
         )
+
+
+def _let_fall(fall: FlightEvent, tables: Tables, flights: tuple[Flight, ...]) -> bool:
+    """Return whether the throttle was closed when a fall began: a manoeuvre, and nobody's failure."""
+    if tables.setpoints is None:
+        return False
+    throttle = tables.setpoints["throttle"].dropna()
+    usual = [float(throttle.loc[each.start : each.stop].median()) for each in flights if each.start <= fall.t]
+    asked = throttle.loc[fall.t - _CLOSING : fall.end]
+    return bool(usual) and len(asked) > 0 and float(asked.min()) < _CLOSED * usual[-1]
 
 
 def _disarmed(
@@ -139,7 +153,7 @@ def _blows(
     for first, last in stretches(t, values > BLOW, join=2.0):
         piece = (t >= first) & (t <= last)
         blow = _Blow(first, float(values[piece].max()))
-        crash, evidence = _how_bad(blow, tables, height, dropped)
+        crash, evidence = _how_bad(blow, flight, tables, height, dropped)
         crash = crash and not _flew_on(height, last)
         if crash and not crashed:
             crashed = True
@@ -183,7 +197,7 @@ def _told(blow: _Blow, evidence: dict[str, str | int | float | bool]) -> str:
 
 
 def _how_bad(
-    blow: _Blow, tables: Tables, height: "pd.Series[float] | None", dropped: list[float]
+    blow: _Blow, flight: Flight, tables: Tables, height: "pd.Series[float] | None", dropped: list[float]
 ) -> tuple[bool, dict[str, str | int | float | bool]]:
     """Return whether a blow was a crash, and the evidence."""
     evidence: dict[str, str | int | float | bool] = {"force_m_s2": blow.force}
@@ -200,7 +214,8 @@ def _how_bad(
     lost = False
     if error is not None:
         near_error = error.loc[blow.t - 1.5 : blow.t].dropna()
-        lost = bool(len(near_error)) and float(near_error.max()) > LOST
+        # Of a craft that stays in the air afterwards, off its target for a moment, the blow was a touch.
+        lost = len(near_error) > 0 and float(near_error.max()) > LOST and flight.stop - blow.t < _AFTER
     declared = False
     if tables.events is not None:
         said = tables.events.loc[blow.t - 1.0 : blow.t + 5.0]

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from logparse.events.event import FlightEvent
-from logparse.events.stretches import stretches, within
+from logparse.events.stretches import Array, stretches, within
 from logparse.findings import Severity
 from logparse.flights import Flight, speed_down
 from logparse.tables import Tables
@@ -16,9 +16,9 @@ from logparse.vehicle import pwm_range
 #: time at the limit [s] from which it is a warning: a step of a stick drives motors there for a tenth of a second.
 _NEAR, _PAUSE, _LASTING = 0.01, 2.0, 0.5
 
-#: Throttle and time [s] of a loss of lift: ArduCopter's own check.
-_THROTTLE, _SINKING_TIME = 0.9, 1.0
-_LIFT_SOURCE = "ArduCopter crash_check.cpp, THRUST_LOSS_CHECK: throttle 0.9 and descending for 1 s"
+#: Throttle, time [s] and lean asked for [rad] of a loss of lift: ArduCopter's own check.
+_THROTTLE, _SINKING_TIME, _LEVEL = 0.9, 1.0, np.radians(15.0)
+_LIFT_SOURCE = "ArduCopter crash_check.cpp, THRUST_LOSS_CHECK: throttle 0.9, at most 15 deg asked, descending for 1 s"
 #: Speed down [m/s] that is more than noise of the estimate.
 _SINKING = 0.3
 
@@ -82,7 +82,7 @@ def _saturation(motors: pd.DataFrame, tables: Tables, flight: Flight) -> Iterato
 
 
 def _lift(throttle: "pd.Series[float]", tables: Tables, flight: Flight) -> Iterator[FlightEvent]:
-    """Find full throttle while sinking."""
+    """Find full throttle while sinking, level: no craft is expected to hold its height at any lean."""
     speed = speed_down(tables)
     if speed is None:
         return
@@ -91,7 +91,7 @@ def _lift(throttle: "pd.Series[float]", tables: Tables, flight: Flight) -> Itera
         return
     t = inside.index.to_numpy(np.float64)
     down = np.interp(t, speed.index.to_numpy(np.float64), speed.to_numpy(np.float64))
-    on = (inside.to_numpy(np.float64) >= _THROTTLE) & (down > _SINKING)
+    on = (inside.to_numpy(np.float64) >= _THROTTLE) & (down > _SINKING) & ~(_lean_asked(tables, t) > _LEVEL)
     for first, last in stretches(t, on, join=0.4, shortest=_SINKING_TIME):
         worst = float(np.max(down[(t >= first) & (t <= last)]))
         yield FlightEvent(
@@ -104,6 +104,15 @@ def _lift(throttle: "pd.Series[float]", tables: Tables, flight: Flight) -> Itera
             evidence={"descent_m_s": worst, "seconds": last - first},
             source=_LIFT_SOURCE,
         )
+
+
+def _lean_asked(tables: Tables, t: Array) -> Array:
+    """Lean asked for at times, rad; NaN where the log does not tell."""
+    wanted = tables.setpoints[["roll", "pitch"]].dropna() if tables.setpoints is not None else pd.DataFrame()
+    if len(wanted) < 2:
+        return np.full(len(t), np.nan)
+    cosine = np.cos(wanted["roll"].to_numpy(np.float64)) * np.cos(wanted["pitch"].to_numpy(np.float64))
+    return np.interp(t, wanted.index.to_numpy(np.float64), np.arccos(cosine))
 
 
 def _reserve(throttle: "pd.Series[float]", flight: Flight, *, linear: bool) -> Iterator[FlightEvent]:

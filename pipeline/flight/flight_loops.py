@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from logparse import FlightLog
+from logparse.events.attitude import DEVIATING
 from pipeline.results.flight import Span
 from pipeline.results.loops import FlightLoops
 from sysid.loops.evidence import find_oscillation
@@ -42,5 +43,7 @@ def _tracking(log: FlightLog, span: Span) -> dict[str, float]:
         if min(len(asked), len(flown)) < _FEWEST:
             continue
         difference = asked.to_numpy() - np.interp(asked.index, flown.index, flown)
+        if np.median(np.abs(difference)) > DEVIATING:
+            continue  # no craft flies like that: one of both is wrong, and the timeline says so
         errors[axis] = float(np.sqrt(np.mean(difference**2)))
     return errors

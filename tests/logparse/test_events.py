@@ -159,6 +159,46 @@ def test_loss_of_control_is_timed_and_what_follows_a_crash_is_left_out():
     assert found[0].end == found[1].t == pytest.approx(52.0, abs=0.05)
 
 
+def followed(t, tau=0.35):
+    """Attitude of a craft that follows the sticks of `thrown` as a first-order lag of `tau` seconds."""
+    target, flown_, step = thrown(t), np.zeros(len(t)), t[1] - t[0]
+    for k in range(1, len(t)):
+        flown_[k] = flown_[k - 1] + (target[k] - flown_[k - 1]) * (1.0 - np.exp(-step / tau))
+    return flown_
+
+
+def thrown(t):
+    """Sticks thrown from stop to stop, 45 degrees, every one and a half seconds."""
+    return np.radians(45.0) * np.sign(np.sin(2.0 * np.pi * t / 3.0))
+
+
+def test_a_pilot_who_throws_the_stick_about_does_not_lose_control():
+    asked = table(10.0, roll=thrown, pitch=0.0, yaw=0.0, throttle=0.35)
+    assert notable(flown(setpoints=asked, attitude=table(10.0, roll=followed, pitch=0.0, yaw=0.0))) == []
+    # The target rests, and the craft swings as far for a while.
+    swinging = table(10.0, roll=lambda t: np.where((t > 30.0) & (t < 36.0), followed(t), 0.0), pitch=0.0, yaw=0.0)
+    assert {event.id for event in notable(flown(attitude=swinging))} == {"loss-of-control"}
+
+
+def test_overshoot_is_a_deviation_and_no_loss_of_control():
+    lean = between(30.0, 30.5, np.radians(40.0))
+    assert only("attitude-deviation", notable(flown(attitude=table(10.0, roll=lean, pitch=0.0, yaw=0.0)))).t == 30.0
+
+
+def test_sinking_at_a_lean_is_no_loss_of_lift():
+    sinking = table(25.0, p_n=0.0, p_e=0.0, p_d=lambda t: -height(t), v_n=0.0, v_e=0.0, v_d=between(30.0, 34.0, 3.0))
+    lean = np.radians(40.0)
+    asked = table(10.0, roll=lean, pitch=0.0, yaw=0.0, throttle=between(30.0, 34.0, 1.0, 0.35))
+    assert notable(flown(ekf=sinking, setpoints=asked, attitude=table(10.0, roll=lean, pitch=0.0, yaw=0.0))) == []
+
+
+def test_a_throttle_that_was_closed_lets_a_craft_fall():
+    imu = flown().imu.assign(accel_z=between(30.0, 30.6, -0.5, -9.8)(flown().imu.index.to_numpy()))
+    closed = table(10.0, roll=0.0, pitch=0.0, yaw=0.0, throttle=between(30.0, 30.6, 0.0, 0.35))
+    assert notable(flown(imu=imu, setpoints=closed)) == []
+    assert only("free-fall", notable(flown(imu=imu))).t == pytest.approx(30.0, abs=0.05)
+
+
 def test_flips_are_no_loss_of_control():
     modes = pd.DataFrame({"mode": ["LOITER", "FLIP", "LOITER"]}, index=pd.Index([0.0, 49.0, 54.0], name="t"))
     roll = between(50.0, 53.0, 3.0)
