@@ -112,7 +112,7 @@ def _lean_asked(tables: Tables, t: Array) -> Array:
     if len(wanted) < 2:
         return np.full(len(t), np.nan)
     cosine = np.cos(wanted["roll"].to_numpy(np.float64)) * np.cos(wanted["pitch"].to_numpy(np.float64))
-    return np.interp(t, wanted.index.to_numpy(np.float64), np.arccos(cosine))
+    return np.asarray(np.interp(t, wanted.index.to_numpy(np.float64), np.arccos(cosine)))
 
 
 def _reserve(throttle: "pd.Series[float]", flight: Flight, *, linear: bool) -> Iterator[FlightEvent]:
