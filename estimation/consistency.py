@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
+from scipy.special import chdtri as chi2_isf
 
 from estimation.attitude import continuous, error_rotation
 from estimation.filter import Filtered
@@ -49,8 +49,8 @@ def innovation_statistics(segments: list[Filtered]) -> dict[str, SensorStatistic
             "count": count,
             "refused": int(np.count_nonzero(mine)) - count,
             "nis": float(np.mean(innovation[accepted] ** 2 * inverse[accepted])) if count else float("nan"),
-            "lower": float(chi2.ppf(0.025, max(count, 1)) / max(count, 1)),
-            "upper": float(chi2.ppf(0.975, max(count, 1)) / max(count, 1)),
+            "lower": float(chi2_isf(max(count, 1), 0.975) / max(count, 1)),
+            "upper": float(chi2_isf(max(count, 1), 0.025) / max(count, 1)),
             "sigma": float(np.sqrt(np.median(variance[mine]))),
         }
     return statistics

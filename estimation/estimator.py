@@ -1,8 +1,9 @@
 """Entry point: tables in, trajectory out."""
 
 from datetime import datetime
+from importlib import import_module
 
-from estimation.lowrate import estimate_low_rate, is_low_rate
+from estimation.observations import usable_fixes
 from estimation.segmentation import FEWEST_SAMPLES, SLOWEST_IMU
 from estimation.states import SensorNoise
 from estimation.strapdown import estimate_strapdown
@@ -51,8 +52,13 @@ def estimate(
     noise = noise or SensorNoise()
     if _has_fast_imu(tables):
         return estimate_strapdown(tables, rate=rate, start=start, stop=stop, date=date, noise=noise, smoothed=smooth)
-    if is_low_rate(tables):
-        return estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise, smoothed=smooth)
+    if _is_low_rate(tables):
+        # Only when it is needed: filterpy imports scipy.stats, which takes longer than to fuse a flight's fast IMU.
+        lowrate = import_module("estimation.lowrate")
+        trajectory: Trajectory = lowrate.estimate_low_rate(
+            tables, rate=rate, start=start, stop=stop, noise=noise, smoothed=smooth
+        )
+        return trajectory
     raise MissingDataError(
         "the log has neither IMU samples at 15 Hz or more nor GPS positions with attitude, so there is nothing to make "
         "a trajectory from: log IMU and GPS (rotorid inspect names the setting)"
@@ -62,3 +68,10 @@ def estimate(
 def _has_fast_imu(tables: Tables) -> bool:
     imu = usable(tables.imu, GYRO + ACCEL)
     return imu is not None and len(imu) >= FEWEST_SAMPLES and sample_rate(imu) >= SLOWEST_IMU
+
+
+def _is_low_rate(tables: Tables) -> bool:
+    """Return whether there is enough for the low-rate filter: attitude, and positions by GPS or by the autopilot."""
+    attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
+    position = usable_fixes(tables.gps) is not None or usable(tables.ekf, ["p_n", "p_e", "p_d"]) is not None
+    return attitude is not None and len(attitude) >= 4 and position

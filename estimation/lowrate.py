@@ -74,19 +74,12 @@ class _Measured:
     admitted: bool = True
 
 
-def is_low_rate(tables: Tables) -> bool:
-    """Return whether there is enough for this path: attitude, and positions by GPS or by the autopilot."""
-    attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
-    position = usable_fixes(tables.gps) is not None or usable(tables.ekf, ["p_n", "p_e", "p_d"]) is not None
-    return attitude is not None and len(attitude) >= 4 and position
-
-
 def estimate_low_rate(
     tables: Tables, *, rate: float, start: float | None, stop: float | None, noise: SensorNoise, smoothed: bool
 ) -> Trajectory:
     """Filter and smooth telemetry; parameters as in `estimation.estimate`."""
     attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
-    assert attitude is not None  # the caller asked is_low_rate
+    assert attitude is not None  # the caller asked for it
     origin, measured, gps_sigma, source = _measurements(tables, noise)
     reversed_climb = _reversed_climb(tables)
     parts = []

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from logparse.quantity import number, uncertain
 from pipeline.fleet.meta_analysis import holm, meta_regression
@@ -229,12 +229,12 @@ def _difference(a: Sequence[tuple[float, float]], b: Sequence[tuple[float, float
 
 def _detectable(df: int) -> float:
     """Multiple of the standard error that a true change must have to be found four times out of five."""
-    return _interval(df) + float((stats.t(df) if df else stats.norm).ppf(POWER))
+    return _interval(df) + float((scipy.stats.t(df) if df else scipy.stats.norm).ppf(POWER))
 
 
 def _interval(df: int) -> float:
     """Half the width of a 95 % interval in standard errors."""
-    return float((stats.t(df) if df else stats.norm).ppf(1.0 - SIGNIFICANCE / 2.0))
+    return float((scipy.stats.t(df) if df else scipy.stats.norm).ppf(1.0 - SIGNIFICANCE / 2.0))
 
 
 def _errors(a: Subject, b: Subject) -> list[Numbers]:
@@ -268,7 +268,7 @@ def _different(a: Sequence[float | None], b: Sequence[float | None]) -> float | 
     left, right = ([math.log(value) for value in values if value] for values in (a, b))
     if min(len(left), len(right)) < FEWEST_JUDGES:
         return None
-    return float(stats.ttest_ind(left, right, equal_var=False).pvalue)
+    return float(scipy.stats.ttest_ind(left, right, equal_var=False).pvalue)
 
 
 def _verdicts(a: Subject, b: Subject) -> list[Numbers]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri as chi2_isf
 
 from pipeline.results.rotation import FittedResponse
 from reports.figure import Figure, Trace, layout_of
@@ -70,7 +70,7 @@ def pole_figure(fits: Sequence[tuple[str, FrequencyFit]]) -> Figure | None:
             style = {"symbol": "x", "size": 9, "color": colors[k % 4]}
             data.append(mark | {"name": label, "showlegend": j == 0, "marker": style})
             values, vectors = np.linalg.eigh(covariance)
-            radii = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(0.95, 2))
+            radii = np.sqrt(np.maximum(values, 0.0) * chi2_isf(2, 0.05))
             angle = np.linspace(0.0, 2.0 * np.pi, 40)
             around = vectors @ (radii[:, None] * np.array([np.cos(angle), np.sin(angle)]))
             x, y = _plain(pole.real + around[0], 3), _plain(pole.imag + around[1], 3)

@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pipeline.config import AnalysisConfig
     from rotorid import fit, plot
-    from rotorid.analysis import Craft, Fleet, analyze, compare, simulate
+    from rotorid.analysis import Craft, Fleet, analyze, compare
     from rotorid.flight_log import FlightLog, load
+    from rotorid.simulated_flight import simulate
     from rotorid.validation import Comparison, validate
     from sysid import frequency, loops
     from sysid.loops import prove, tune
@@ -42,7 +43,7 @@ _HOME = {
     "load": ("rotorid.flight_log", "load"),
     "plot": ("rotorid.plot", None),
     "prove": ("sysid.loops", "prove"),
-    "simulate": ("rotorid.analysis", "simulate"),
+    "simulate": ("rotorid.simulated_flight", "simulate"),
     "tune": ("sysid.loops", "tune"),
     "validate": ("rotorid.validation", "validate"),
 }

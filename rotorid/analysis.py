@@ -1,4 +1,4 @@
-"""Whole analyses by one call: a log, a folder, two reports against each other, a simulated flight."""
+"""Whole analyses by one call: a log, a folder, two reports against each other."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ import pandas as pd
 import logparse
 import pipeline
 import reports
-import simulation
 from logparse.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
@@ -182,28 +181,6 @@ def compare(before: str | Path, after: str | Path) -> pd.DataFrame:
     older, newer = (_report(Path(path)) for path in (before, after))
     numbers = compare_reports(older, newer, (str(before), str(after)))
     return pd.DataFrame([{"craft": pair["a"]["name"]} | row for pair in numbers["pairs"] for row in pair["parameters"]])
-
-
-def simulate(case: str, **settings: object) -> simulation.Outcome:
-    """Fly a simulated craft with known truth.
-
-    Parameters
-    ----------
-    case : str
-        Such as ``"motion-wind"``; ``rotorid simulate --list`` has all.
-    **settings
-        Of the case, such as ``wind=3``.
-
-    Returns
-    -------
-    Outcome
-
-    Raises
-    ------
-    ParameterError
-        No case or setting is called so, or a value cannot be.
-    """
-    return simulation.find(case)[0].run(settings)
 
 
 def _report(path: Path) -> dict[str, Any]:

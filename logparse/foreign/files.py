@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
+import scipy
 
 from logparse.errors import RotoridError
 
@@ -97,12 +96,12 @@ def _parted(name: str, series: Iterable[Any]) -> dict[str, np.ndarray]:
 
 def _matlab(path: Path) -> pd.DataFrame:
     try:
-        content = loadmat(path, squeeze_me=False)
+        content = scipy.io.loadmat(path, squeeze_me=False)
     except NotImplementedError:
         raise TableError(
             f"{path.name}: a MATLAB file of version 7.3; save it with -v7, or export it as CSV or Parquet"
         ) from None
-    except (ValueError, MatReadError, OSError, TypeError) as error:
+    except (ValueError, scipy.io.matlab.MatReadError, OSError, TypeError) as error:
         raise TableError(f"{path.name}: not a readable MATLAB file: {error}") from error
     arrays = {
         key: np.asarray(value, dtype=np.float64)

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtri as chi2_isf
+from scipy.special import ndtri as normal_ppf
 
 from logparse import Finding, Severity
 from pipeline.flight.flight_parameters import BATTERY
@@ -87,7 +88,7 @@ def unlike_flights(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
         kept = _largest(values, spread)
         weights = spread[kept] ** -2.0
         mean = float(weights @ values[kept] / weights.sum())
-        limit = float(norm.isf(0.5 * LEVEL / len(names)))
+        limit = float(-normal_ppf(0.5 * LEVEL / len(names)))
         for k, name in enumerate(names):
             off = float(values[k] - mean) / float(np.hypot(spread[k], weights.sum() ** -0.5))
             if not kept[k] and abs(off) > limit:
@@ -145,7 +146,7 @@ def _largest(values: Floats, spread: Floats) -> NDArray[np.bool_]:
             weights = spread[members] ** -2.0
             mean = weights @ values[members] / weights.sum()
             q = float(weights @ (values[members] - mean) ** 2)
-            passes = len(members) == 1 or q < float(chi2.isf(LEVEL, len(members) - 1))
+            passes = len(members) == 1 or q < float(chi2_isf(len(members) - 1, LEVEL))
             if passes and (len(members), -q) > (best[0], -best[1]):
                 best = (len(members), q, members)
     kept = np.zeros(len(values), dtype=bool)

@@ -19,7 +19,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import chi2, norm, t
+from scipy.special import chdtrc as chi2_sf
+from scipy.special import ndtr as normal_cdf
+from scipy.special import stdtr as student_cdf
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -59,7 +61,7 @@ class MetaRegression:
     @property
     def q_p(self) -> float:
         """Probability of a larger Q if flights differed by their standard errors only; 1 without degrees of freedom."""
-        return float(chi2.sf(self.q, self.df)) if self.df else 1.0
+        return float(chi2_sf(self.df, self.q)) if self.df else 1.0
 
     @property
     def i2(self) -> float:
@@ -84,7 +86,7 @@ class MetaRegression:
         if sigma == 0.0:
             return estimate, sigma, 1.0 if estimate == 0.0 else 0.0
         ratio = abs(estimate) / sigma
-        return estimate, sigma, float(2.0 * (t.sf(ratio, self.df) if self.df else norm.sf(ratio)))
+        return estimate, sigma, float(2.0 * (student_cdf(self.df, -ratio) if self.df else normal_cdf(-ratio)))
 
 
 def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | None = None) -> MetaRegression:

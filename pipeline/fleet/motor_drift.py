@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc as chi2_sf
 
 from logparse import Finding, Severity
 from pipeline.fleet.history import design_of
@@ -120,7 +120,7 @@ def _explained(
         if information <= 0.0:
             continue
         loss = float(row * weights @ b) / information
-        p = float(chi2.sf(float(weights @ (b - loss * row) ** 2), max(len(b) - 1, 1)))
+        p = float(chi2_sf(max(len(b) - 1, 1), float(weights @ (b - loss * row) ** 2)))
         if loss > 0.0 and p >= STANDS:
             standing.append((p, motor, loss, information**-0.5))
     standing.sort(reverse=True)
@@ -133,7 +133,7 @@ def _explained(
         if (rest := [k for k, each in enumerate(followed) if each.parameter not in kept])
         and len(rest) < len(b)
         # What is left over when this is taken away must look like chance.
-        and float(chi2.sf(float(weights[rest] @ b[rest] ** 2), len(rest))) >= STANDS
+        and float(chi2_sf(len(rest), float(weights[rest] @ b[rest] ** 2))) >= STANDS
     ]
     when = f"between {change.before} and {change.after}" if isinstance(change, Step) else "from flight to flight"
     if not standing:

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from logparse import FlightLog, Tables
 from logparse.events.vibration import ACCEPTABLE, HARMFUL
 from logparse.vehicle import pwm_range
 from pipeline.results.flight import Span
 from pipeline.results.health import HealthSignals, Panel, Signal, Spectrum
+from sysid.records.periodogram import welch
 
 Floats = NDArray[np.float64]
 
@@ -227,7 +227,7 @@ def _welch(table: pd.DataFrame, rate: float, size: int) -> tuple[Floats, dict[st
     hz: Floats = np.zeros(0)
     for axis, column in names.items():
         values = table[column].to_numpy(np.float64)
-        hz, powers[axis] = welch(values - values.mean(), rate, nperseg=min(size, len(values)))
+        hz, powers[axis] = welch(values - values.mean(), rate, min(size, len(values)))
     return hz, powers
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import tf2ss
 
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.cost import cost
@@ -72,7 +72,7 @@ class RationalModel:
     @property
     def state_space(self) -> StateSpace:
         """Return the matrices of a state-space form."""
-        a, b, c, d = tf2ss(self.num, self.den)
+        a, b, c, d = scipy.signal.tf2ss(self.num, self.den)
         return StateSpace(np.asarray(a), np.asarray(b), np.asarray(c), np.asarray(d), self.delay)
 
     def response(self, hz: Floats) -> Complex:

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import decimate, detrend
-from scipy.signal.windows import hann
 
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Complex, Floats
+from sysid.records.periodogram import detrended, hann
 
 #: Cycles of a frequency in a window that serves it: with fewer, leakage from the trend and its neighbours bends the
 #: response; with more, shorter windows give more averages.
@@ -122,7 +122,7 @@ def windows_of(record: AxisRecord, hz: Floats, length: float) -> RecordWindows |
     starts = starts[whole[starts + size] - whole[starts] >= (1.0 - _HOLES) * size]
     if not len(starts):
         return None
-    taper = hann(size, sym=False)
+    taper = hann(size)
     turning = np.exp(-2j * np.pi * np.outer(np.arange(size) * dt, hz)).astype(np.complex128)
     phase = _detrended(np.asarray(taper[:, None] * turning, dtype=np.complex128))
     turn = np.exp(-2j * np.pi * np.outer(starts * dt, hz)) * np.sqrt(dt / np.sum(taper**2))
@@ -153,7 +153,7 @@ def _thinned(signals: Floats, factor: int) -> Floats:
     """Keep one sample of `factor`, below half of the new rate, shape (N / factor, columns)."""
     if factor == 1:
         return signals
-    return np.asarray(decimate(detrend(signals, axis=0, type="linear"), factor, ftype="fir", axis=0))
+    return np.asarray(scipy.signal.decimate(detrended(signals), factor, ftype="fir", axis=0))
 
 
 def _transforms(signals: Floats, starts: NDArray[np.intp], phase: Complex) -> Complex:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.linalg import solve_toeplitz
 from scipy.optimize import least_squares
-from scipy.signal import butter, lfilter, sosfiltfilt
 
 from logparse import FlightLog
 from sysid.frequency.axes import AXES, FrequencyError
@@ -75,7 +75,7 @@ def fit_in_time(found: FrequencyFit, data: FlightLog | Sequence[FlightLog]) -> M
         whitening = _whitening(remainders(x))
 
         def whitened(x: Floats, filter_: Floats = whitening) -> Floats:
-            parts = [lfilter(filter_, [1.0], one)[_AUTOREGRESSION:] for one in remainders(x)]
+            parts = [np.convolve(one, filter_, "valid") for one in remainders(x)]
             return np.concatenate(parts)
 
         result = least_squares(whitened, x, method="lm", max_nfev=20 * len(x))
@@ -140,13 +140,15 @@ def verify(found: FrequencyFit, data: FlightLog | Sequence[FlightLog]) -> Verifi
     errors, outputs, models, scores = [], [], [], []
     for record in records:
         left = record.without(found.response)
-        band = butter(2, _SLOWEST, "high", fs=1.0 / record.dt, output="sos")
-        error = sosfiltfilt(band, left.output)[record.usable]
-        output = sosfiltfilt(band, record.output)[record.usable]
+        band = scipy.signal.butter(2, _SLOWEST, "high", fs=1.0 / record.dt, output="sos")
+        error = scipy.signal.sosfiltfilt(band, left.output)[record.usable]
+        output = scipy.signal.sosfiltfilt(band, record.output)[record.usable]
         errors.append(error)
         outputs.append(output)
         models.append(output - error)
-        scores.append(_largest_correlation(error, sosfiltfilt(band, record.inputs[:, 0])[record.usable], record))
+        scores.append(
+            _largest_correlation(error, scipy.signal.sosfiltfilt(band, record.inputs[:, 0])[record.usable], record)
+        )
     rms = [float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (errors, outputs, models)]
     return Verification(
         axis=axis.name,

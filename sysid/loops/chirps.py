@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import welch
 
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.settings import LoopSettings
+from sysid.records.periodogram import welch
 
 #: SID_AXIS of a chirp at the mixer.
 SID_AXIS = {"roll": 10, "pitch": 11, "yaw": 12}
@@ -76,7 +76,7 @@ def noise_of(loop: RateLoop) -> tuple[Floats, Floats]:
         rest = rate - np.fft.irfft(np.fft.rfft(chirp) * through, len(rate))
         # The ends of the record, where the transform wraps around, are left out.
         rest = rest[len(rest) // 10 : -len(rest) // 10]
-        hz, power = welch(rest, 1.0 / plant.dt, nperseg=min(256, len(rest)))
+        hz, power = welch(rest, 1.0 / plant.dt, min(256, len(rest)))
         spectra.append(power / 2.0)
     return hz[1:], np.median(spectra, axis=0)[1:]
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sysid.loops.filters import Complexes, Floats, first_order
+from sysid.records.filtering import lfilter
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from logparse import FlightLog
 from sysid.frequency.axes import axis_of
@@ -19,6 +18,7 @@ from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.plant import plant_of
 from sysid.loops.settings import AXES
+from sysid.records.periodogram import welch
 
 #: Coherence that counts, the band about crossover in which it must hold (factors of the crossover), and for how much.
 COHERENT, AROUND, MOST_OF = 0.8, (0.4, 1.6), 0.9
@@ -148,7 +148,7 @@ def _windows(t: Floats, values: Floats, keep: NDArray[np.bool_]) -> Iterator[tup
 
 def _narrow(piece: Floats, step: float) -> tuple[float, float, float]:
     """Return rms about the strongest frequency, its share of the power above 2 Hz, and the frequency, Hz."""
-    hz, power = welch(piece - piece.mean(), 1.0 / step, nperseg=len(piece) // 2)
+    hz, power = welch(piece - piece.mean(), 1.0 / step, len(piece) // 2)
     fast = hz > _LOWEST
     total = float(power[fast].sum())
     if not total > 0.0:

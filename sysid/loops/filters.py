@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+
+from sysid.records.filtering import lfilter
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

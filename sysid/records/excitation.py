@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import detrend
-from scipy.signal.windows import hann
-from scipy.stats import f as f_distribution
+from scipy.special import fdtri as f_ppf
 
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_pwm
+from sysid.records.periodogram import detrended, hann
 
 #: Above this correlation two inputs are one for every practical purpose.
 IDENTICAL = 0.9999
@@ -211,7 +210,7 @@ def coherence(experiments: Sequence[Experiment]) -> Coherence:
     inverse = np.linalg.pinv(s_uu * size[:, :, None] * size[:, None, :], rcond=1e-9, hermitian=True)
     explained = np.real(np.einsum("kip,kij,kjp->kp", np.conj(scaled_uy), inverse, scaled_uy))
     multiple = np.clip(explained / power_y, 0.0, 1.0)
-    quantile = float(f_distribution.ppf(CONFIDENCE, 2 * m, 2 * (averages - m)))
+    quantile = float(f_ppf(2 * m, 2 * (averages - m), CONFIDENCE))
     threshold = m * quantile / (m * quantile + averages - m)
     frequency: Floats = np.arange(1.0, length // 2 + 1) * (2.0 * np.pi / (length * first.dt))
     return Coherence(
@@ -238,8 +237,8 @@ def _segments(record: Experiment, active: Sequence[int], length: int) -> NDArray
     starts = range(0, len(signals) - length + 1, max(length // 2, 1))
     if not len(starts):
         return np.empty((0, length // 2, signals.shape[1]), dtype=np.complex128)
-    cut = np.stack([detrend(signals[at : at + length], axis=0) for at in starts])
-    return np.asarray(np.fft.rfft(cut * hann(length, sym=False)[:, None], axis=1)[:, 1:], dtype=np.complex128)
+    cut = np.stack([detrended(signals[at : at + length]) for at in starts])
+    return np.asarray(np.fft.rfft(cut * hann(length)[:, None], axis=1)[:, 1:], dtype=np.complex128)
 
 
 def _related(output: str, frequency: Floats, multiple: Floats, threshold: float) -> Finding | None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import firwin
 
 from sysid.records._resampling_kernels import filtered_at
 from sysid.records.arrays import Floats
+from sysid.records.filtering import low_pass_taps
 
 #: Pass band of the anti-aliasing filter in parts of the new sampling rate; the stop band starts at half of it.
 PASS = 0.4
@@ -76,4 +76,4 @@ def _extended(signal: Floats, dt: float, cutoff: float) -> tuple[Floats, Floats]
         return signal, np.ones(1)
     before = 2.0 * signal[0] - signal[half:0:-1]
     after = 2.0 * signal[-1] - signal[-2 : -half - 2 : -1]
-    return np.concatenate([before, signal, after]), firwin(2 * half + 1, 2.0 * cutoff * dt)
+    return np.concatenate([before, signal, after]), low_pass_taps(2 * half + 1, cutoff * dt)

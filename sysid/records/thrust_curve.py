@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
-from scipy.signal import lfilter
 
 from logparse import Vehicle
 from sysid.records.experiment import Experiment, Floats
+from sysid.records.filtering import lfilter
 from sysid.records.motor_scaling import curve, motor_commands
 
 #: Density to which coefficients refer, kg/m^3.
@@ -125,4 +125,4 @@ def lagged(signals: Floats, time_constant: float, dt: float) -> Floats:
     old = 1.0 - a - new
     # State of the direct form II transposed filter that makes the output begin at the first sample.
     start = (1.0 - new) * signals[:1]
-    return np.asarray(lfilter([new, old], [1.0, -a], signals, axis=0, zi=start)[0])
+    return np.asarray(lfilter([new, old], [1.0, -a], signals, start))

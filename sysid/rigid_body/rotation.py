@@ -20,10 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.signal import lfilter
 
 from logparse import Motor, Vehicle
 from sysid.records.experiment import Experiment, Floats
+from sysid.records.filtering import lfilter
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtr as normal_cdf
+from scipy.special import stdtrit as student_ppf
 
 from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
@@ -62,7 +62,7 @@ class InstantMean:
         """Spread that holds 68 % with so few events: Student's, not the normal distribution's."""
         if self.spread is None or self.event_spread is None:
             return None
-        factor = float(student.ppf(norm.cdf(1.0), max(self.events - 1, 1)))
+        factor = float(student_ppf(max(self.events - 1, 1), normal_cdf(1.0)))
         return max(self.spread, self.event_spread) * factor
 
     def doubted(self, reason: str) -> InstantMean:

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc as chi2_sf
+from scipy.special import chdtri as chi2_isf
+from scipy.special import ndtri as normal_ppf
 
 from sysid.records.experiment import Floats
 from sysid.statistics.covariance import autocovariance, coloured_information
@@ -82,7 +84,7 @@ class ResidualTest:
             "whiteness_limit": self.whiteness_limit,
             "white": self.white,
             "crosscorrelation": {name: values.tolist() for name, values in self.crosscorrelation.items()},
-            "crosscorrelation_band": float(norm.ppf(0.5 + 0.5 * LEVEL)),
+            "crosscorrelation_band": float(normal_ppf(0.5 + 0.5 * LEVEL)),
             "independence": dict(self.independence),
             "independence_limit": self.independence_limit,
             "dependent": list(self.dependent),
@@ -120,13 +122,13 @@ def examine_residuals(
     terms = np.array([sum(len(e) - lag for e in centred) for lag in range(1, lags + 1)])
     correlation = products / power
     whiteness = float(samples * np.sum(correlation**2 * samples / terms))
-    single = float(norm.ppf(0.5 + 0.5 * LEVEL))
+    single = float(normal_ppf(0.5 + 0.5 * LEVEL))
 
     # The errors' own colour widens what chance allows, so that one test does not fail because the other does.
     colour = autocovariance(centred, min(4 * lags, longest))
     deviations: dict[str, Floats] = {}
     statistics: dict[str, float] = {}
-    limit = float(chi2.ppf(LEVEL ** (1.0 / max(len(names), 1)), lags))
+    limit = float(chi2_isf(lags, 1.0 - LEVEL ** (1.0 / max(len(names), 1))))
     for column, name in enumerate(names):
         before = [_lagged(inputs[k][:, column], lags) for k in usable]
         size = float(np.sqrt(np.mean(np.concatenate([rows[:, 0] for rows in before]) ** 2)))
@@ -142,7 +144,7 @@ def examine_residuals(
         projected = vectors[:, kept].T @ total
         statistic = float(np.sum(projected**2 / values[kept]))
         # Fewer directions have a lower limit; brought to the probability that all lags would have.
-        statistics[name] = float(chi2.isf(max(chi2.sf(statistic, int(kept.sum())), 1e-300), lags))
+        statistics[name] = float(chi2_isf(lags, max(chi2_sf(int(kept.sum()), statistic), 1e-300)))
     return ResidualTest(
         output=output,
         samples=samples,
@@ -150,7 +152,7 @@ def examine_residuals(
         autocorrelation=correlation,
         band=single / float(np.sqrt(samples)),
         whiteness=whiteness,
-        whiteness_limit=float(chi2.ppf(LEVEL, lags)),
+        whiteness_limit=float(chi2_isf(lags, 1.0 - LEVEL)),
         crosscorrelation=deviations,
         independence=statistics,
         independence_limit=limit,

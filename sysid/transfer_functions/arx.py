@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from scipy.linalg import lstsq
-from scipy.signal import lfilter, lfiltic
 
 from logparse import Finding, Severity
 from logparse.summary import Summarised, listed
@@ -28,6 +28,7 @@ from sysid.records.experiment import (
     require_alike,
     require_signals,
 )
+from sysid.records.filtering import lfilter
 from sysid.transfer_functions.response import INITIAL_SECONDS
 
 #: Largest modulus of a pole of a free run: slower ones are moved here, unstable ones mirrored to the inside.
@@ -102,8 +103,8 @@ class ArxModel(Summarised):
             first = min(max(round(INITIAL_SECONDS / experiment.dt), len(difference.a)), len(y))
             drive = self._drive(experiment, output)[first:]
             denominator = np.concatenate([[1.0], difference.a])
-            state = lfiltic([1.0], denominator, y[:first][::-1])
-            run = lfilter([1.0], denominator, drive, zi=state)[0] if len(drive) else drive
+            state = scipy.signal.lfiltic([1.0], denominator, y[:first][::-1])
+            run = lfilter([1.0], denominator, drive, state)
             result[first:, column] = run + experiment.output_trim[column]
         return result
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sysid.records.experiment import Floats
+from sysid.records.filtering import lfilter
 
 #: Time over which an extrapolated slope fades, s; long against the horizons of interest, short against a flight.
 FADE = 10.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri as chi2_isf
 
 from sysid.records.experiment import Floats
 from sysid.transfer_functions.transfer_function import DETERMINED, TransferFunction
@@ -52,7 +52,7 @@ class ModelResponse:
     def band(self, level: float = 0.95) -> tuple[Floats, Floats]:
         """Return the lower and upper limit of the gain at each frequency."""
         # Beyond e^50 a band says nothing more.
-        reach = np.minimum(np.sqrt(chi2.ppf(level, 1)) * self.sigma_gain, 50.0)
+        reach = np.minimum(np.sqrt(chi2_isf(1, 1.0 - level)) * self.sigma_gain, 50.0)
         return self.gain * np.exp(-reach), self.gain * np.exp(reach)
 
 
@@ -109,7 +109,7 @@ class Root:
     def ellipse(self, level: float = 0.95, points: int = 48) -> Complex:
         """Draw the line within which the root lies with the given probability; on the axis, for a real root."""
         values, vectors = np.linalg.eigh(self.covariance)
-        radii = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(level, 2 if self.value.imag else 1))
+        radii = np.sqrt(np.maximum(values, 0.0) * chi2_isf(2 if self.value.imag else 1, 1.0 - level))
         angle = np.linspace(0.0, 2.0 * np.pi, points)
         around = vectors @ (radii[:, None] * np.array([np.cos(angle), np.sin(angle)]))
         return np.asarray(self.value + around[0] + 1j * around[1])

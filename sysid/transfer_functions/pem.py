@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc as chi2_sf
 from threadpoolctl import threadpool_limits
 
 from logparse import Finding, Severity
@@ -507,7 +507,7 @@ def _idle_inputs(output: str, report: FitReport, functions: Mapping[str, Transfe
         else:
             apart = function.num / sigma
             wald = apart @ np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=1e-10, hermitian=True) @ apart
-            chances.append(float(chi2.sf(wald, n)))
+            chances.append(float(chi2_sf(n, wald)))
     if not chances or min(chances) * len(chances) < CHANCE:
         return None
     return Finding(

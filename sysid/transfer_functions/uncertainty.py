@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sysid.records.experiment import Floats
+from sysid.records.filtering import lfilter
 from sysid.statistics.covariance import coloured_information
 from sysid.transfer_functions.problem import Problem
 from sysid.transfer_functions.reduction import autoproducts, own_eliminated, sum_of
@@ -83,7 +83,7 @@ def residual_colour(residuals: Sequence[Floats]) -> Floats:
         return gamma[:1]
     # Beyond its order the model's autocovariance follows its own difference equation.
     past = [-sum(a[i] * gamma[order + j - i] for i in range(j, order)) for j in range(order)]
-    following = lfilter([1.0], np.concatenate([[1.0], a]), np.zeros(longest), zi=np.array(past))[0]
+    following = lfilter([1.0], np.concatenate([[1.0], a]), np.zeros(longest), np.array(past))
     whole = np.concatenate([gamma[: order + 1], following])[:longest]
     lasting = np.flatnonzero(np.abs(whole) > FADED * gamma[0])
     return np.asarray(whole[: lasting[-1] + 1])

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm
+from scipy.special import ndtri as normal_ppf
 
 from logparse import Finding
 from logparse.summary import Summarised
@@ -183,7 +183,7 @@ def validate(
         predictions[record.name] = simulated
         first = start[record.name]
         if isinstance(told, RigidBodyModel) and record.name not in model.training:
-            drift[record.name] = float(norm.ppf(0.5 + 0.5 * BAND)) * told.drift(record)
+            drift[record.name] = float(normal_ppf(0.5 + 0.5 * BAND)) * told.drift(record)
             held = np.abs(record.y - simulated) <= drift[record.name]
             inside[record.name] = held[max(first, 1) :].mean(axis=0)
         if first > len(record.t) - MIN_SAMPLES:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sysid.records.experiment import Floats
+from sysid.records.filtering import lfilter
 from sysid.rigid_body.six_dof._kernels import ahead
 from sysid.rigid_body.six_dof.body_record import BodyRecord
 
@@ -54,5 +54,5 @@ def pushes(
         keep = float(np.exp(-dt / memory))
         known = lfilter([1.0 - keep], [1.0, -keep], np.r_[0.0, np.ones(n - 1)])
         # The past is short at first: shrink to nothing rather than trust one sample.
-        missed[:, columns] = lfilter([1.0 - keep], [1.0, -keep], missed[:, columns], axis=0) * (known > 0.5)[:, None]
+        missed[:, columns] = lfilter([1.0 - keep], [1.0, -keep], missed[:, columns]) * (known > 0.5)[:, None]
     return missed

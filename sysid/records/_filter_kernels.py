@@ -1,0 +1,35 @@
+"""Compiled loop of linear filters."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def filtered(b: Floats, a: Floats, signals: Floats, state: Floats) -> Floats:
+    """Filter the columns of signals in the direct form II transposed.
+
+    Parameters
+    ----------
+    b, a : ndarray, shape (n + 1,)
+        Coefficients, a[0] being 1.
+    signals : ndarray, shape (N, k)
+    state : ndarray, shape (n + 1, k)
+        At the start, its last row zero; it is left as the state at the end.
+
+    Returns
+    -------
+    ndarray, shape (N, k)
+    """
+    samples, columns = signals.shape
+    result = np.empty((samples, columns))
+    for t in range(samples):
+        for c in range(columns):
+            x = signals[t, c]
+            y = state[0, c] + b[0] * x
+            for i in range(1, b.size):
+                state[i - 1, c] = state[i, c] + b[i] * x - a[i] * y
+            result[t, c] = y
+    return result

@@ -1,0 +1,49 @@
+"""Linear filters over sampled signals.
+
+What `scipy.signal` offers for this; importing that takes as long as filtering the signals of a hundred flights.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.records._filter_kernels import filtered
+from sysid.records.arrays import Floats
+
+
+def lfilter(
+    b: Sequence[float] | Floats, a: Sequence[float] | Floats, signals: Floats, zi: Floats | None = None
+) -> Floats:
+    """Filter signals by ``(sum b_k z^-k) / (sum a_k z^-k)``, as `scipy.signal.lfilter` does along the first axis.
+
+    Parameters
+    ----------
+    b, a : sequence of float
+        Coefficients; a[0] is not zero.
+    signals : ndarray, shape (N,) or (N, k)
+    zi : ndarray, shape (n,) or (n, k), optional
+        State of the direct form II transposed before the first sample, n the order; at rest by default.
+    """
+    size = max(len(b), len(a))
+    coefficients = np.zeros((2, size))
+    coefficients[0, : len(b)], coefficients[1, : len(a)] = b, a
+    coefficients /= coefficients[1, 0]
+    columns = np.ascontiguousarray(signals if signals.ndim == 2 else signals[:, None], np.float64)
+    state = np.zeros((size, columns.shape[1]))
+    if zi is not None and size > 1:
+        state[: size - 1] = zi.reshape(size - 1, -1)
+    return np.asarray(filtered(coefficients[0], coefficients[1], columns, state)).reshape(np.shape(signals))
+
+
+def low_pass_taps(count: int, cutoff: float) -> Floats:
+    """Design a low-pass filter of finite length by the windowed sinc (Hamming).
+
+    Parameters
+    ----------
+    count : int
+        Taps, odd.
+    cutoff : float
+        In cycles per sample, where the gain is a half.
+    """
+    taps = np.sinc(2.0 * cutoff * (np.arange(count) - (count - 1) / 2.0)) * np.hamming(count)
+    return np.asarray(taps / taps.sum())
