@@ -15,13 +15,15 @@ from pathlib import Path
 import numpy as np
 
 from logparse import FlightLog, RotoridError, read_log
-from simulation.axis_loop import LoopGains, random_axis
-from sysid.loops import prove, tune
+from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, random_axis
+from sysid.frequency import fit
+from sysid.loops import Limits, prove, tune
+from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_MAGNITUDE, design_chirp, first_chirp
 from sysid.loops.evidence import two_ways_apart, weak_band
 from sysid.loops.loop import Margins
 from sysid.loops.margins import margins_of
 from sysid.loops.tuning import Aim, tune_axis
-from tests.sysid.loops.flown import flown_loop, true_loop
+from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, settings_of, true_loop
 
 LOGS = Path(__file__).parents[1].parent / "shared" / "logs"
 CRAFT = ("quad15", "octa3", "octa8", "hexa3", "y6high", "quadslow")
@@ -37,6 +39,7 @@ def run() -> list[Row]:
             rows += _firmware(Path(folder))
     rows += _simulated_pairs()
     rows += _random_craft()
+    rows += _designs()
     if (LOGS / "real").exists():
         rows += _real_logs()
     return rows
@@ -124,7 +127,7 @@ def _simulated_pairs(count: int = 40) -> list[Row]:
         flown += 1
         loop = flown_loop(axis, gains, flown)
         foretold = loop.with_gains(P=other.P, I=other.I, D=other.D, FLTD=other.FLTD).margins
-        later = flown_loop(axis, other, 1000 + flown).measured_margins
+        later = flown_loop(axis, other, 1000 + flown).margins
         for name in QUANTITIES:
             value = getattr(foretold, name).value
             if value is not None:
@@ -167,6 +170,97 @@ def _random_craft(count: int = 100) -> list[Row]:
         ("simulator: rejection bandwidth better than before", f"{better} of {accepted}", "", "", "80 %"),
         ("simulator: true margins worse than promised", str(broken), "", "", "0"),
     ]
+
+
+def _designs(count: int = 50, flights: int = 2) -> list[Row]:
+    """Fly designed chirps and default ones of equal time twice on each craft: scatter and errors against predictions.
+
+    The default chirp ends itself where the craft leans 30 deg; its scatter counts at the magnitude that keeps the
+    limits of the design.
+    """
+    rng = np.random.default_rng(3)
+    limits = Limits()
+    bounds = np.array([limits.lean_deg, limits.rate_deg, limits.mixer])
+    scatter: dict[str, list[float]] = defaultdict(list)
+    beyond = ended = undetermined = tried = 0
+    while tried < count:
+        axis, gains = random_axis(rng)
+        air = {"gust": float(rng.uniform(0.1, 0.6)), "noise": float(rng.uniform(0.005, 0.05))}
+        if not margins_of(HZ, true_loop(axis, gains, HZ)).stable[0]:
+            continue
+        tried += 1
+        first = first_chirp(settings_of(axis, gains), limits)
+        air["seconds"] = first.seconds
+        band = (first.low, first.high)
+        flight = fly_chirp(axis, gains, seed=100 * tried, magnitude=first.magnitude, band=band, **air)
+        moved = [_motion(flight)]
+        chirp = design_chirp(loop_of_flight(flight, axis, gains), limits)
+        known, default, leaned = [], [], []
+        for seed in range(100 * tried + 1, 100 * tried + 1 + flights):
+            band = (chirp.low, chirp.high)
+            flight = fly_chirp(axis, gains, seed=seed, magnitude=chirp.magnitude, band=band, **air)
+            moved.append(_motion(flight))
+            known.append(_gain_and_delay(flight, axis, gains))
+            flight = fly_chirp(axis, gains, seed=seed + 50, magnitude=DEFAULT_MAGNITUDE, band=DEFAULT_BAND, **air)
+            leaned.append(_motion(flight))
+            default.append(_gain_and_delay(flight, axis, gains))
+        beyond += bool((np.max(moved, axis=0) > bounds).any())
+        ended += bool(np.max(leaned, axis=0)[0] > 30.0)
+        truth = np.array([axis.gain, axis.lag + axis.total_delay])
+        size = np.array([axis.gain, 1.0])
+        within = max(1.0, float(np.max(np.max(leaned, axis=0) / bounds)))
+        late = chirp.error_of("effective_delay") or chirp.error_of("delay")
+        undetermined += int(np.isnan(known).any(axis=1).sum())
+        for k, error in enumerate((chirp.error_of("gain"), late)):
+            assert error is not None
+            name = ("gain", "delay")[k]
+            own, other = (float(np.std(np.array(each)[:, k], ddof=1) / size[k]) for each in (known, default))
+            scatter[f"{name} random"].append(own / error.random)
+            scatter[f"{name} total"] += ((np.array(known)[:, k] - truth[k]) / size[k] / error.total).tolist()
+            scatter[f"{name} default"].append(within * other / error.random)
+
+    def rms(values: list[float]) -> float:
+        return float(np.sqrt(np.nanmean(np.square(values))))
+
+    rows: list[Row] = []
+    for name in ("gain", "delay"):
+        own = rms(scatter[f"{name} random"])
+        rows += [
+            (f"designs, {count} craft: {name}, scatter over predicted", f"{own:.2f}", "", "", "0.75-1.33"),
+            (
+                f"designs: {name}, error over predicted total",
+                f"{rms(scatter[f'{name} total']):.2f}",
+                "",
+                "",
+                "below 1.33",
+            ),
+            (
+                f"designs: {name}, scatter of the default chirp within the same limits over the design's",
+                f"{rms(scatter[f'{name} default']) / own:.1f}",
+                "",
+                "",
+                "2",
+            ),
+        ]
+    return [
+        *rows,
+        ("designs: craft with a limit exceeded; flights without result", f"{beyond}; {undetermined}", "", "", "0; 0"),
+        ("designs: craft on which the default chirp ends itself (30 deg)", str(ended), "", "", ""),
+    ]
+
+
+def _motion(flight: AxisRun) -> tuple[float, float, float]:
+    lean, rate, mixer = (float(np.abs(each).max()) for each in (flight.attitude, flight.measured, flight.output))
+    return float(np.degrees(lean)), float(np.degrees(rate)), mixer
+
+
+def _gain_and_delay(flight: AxisRun, plant: AxisPlant, gains: LoopGains) -> tuple[float, float]:
+    try:
+        found = fit(loop_of_flight(flight, plant, gains).frf).parameters
+    except RotoridError:
+        return np.nan, np.nan
+    gain, late = found["gain"].value, found.get("effective_delay", found["delay"]).value
+    return np.nan if gain is None else gain, np.nan if late is None else late
 
 
 def _gains(gains: LoopGains, parameters: dict[str, float]) -> LoopGains:

@@ -47,6 +47,8 @@ def prove(
                 )
             ]
             typer.echo(f"{row['axis']:<8}{row['quantity']:<24}{cells[0]:>20}{cells[1]:>20} {row['unit']}")
+        for remark in proof.remarks:
+            typer.echo(remark)
         typer.echo(proof.verdict)
         for axis, margins in proof.thin.items():
             typer.echo(f"but thin: {axis} has {margins}; rotorid tune asks for {WANTED}")

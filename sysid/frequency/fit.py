@@ -16,7 +16,7 @@ from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low
 from sysid.statistics.parameter import Parameter
 
 #: Errors of the response below which no structure is right: 1 % of gain, 0.6 deg of phase.
-_FLOOR = 0.01
+FLOOR = 0.01
 
 #: Independent frequencies that a fit needs for each parameter.
 _PER_PARAMETER = 1.0
@@ -385,7 +385,7 @@ def _usable(response: FrequencyResponse) -> tuple[Floats, Complex, Floats, Compl
     """Return frequencies, response, weights of its logarithm and the measurement's filter, where all that counts."""
     good = _good(response)
     hz = response.hz[good]
-    weight = np.sqrt(response.weight_of_points[good]) / np.hypot(response.sigma[good], _FLOOR)
+    weight = np.sqrt(response.weight_of_points[good]) / np.hypot(response.sigma[good], FLOOR)
     return hz, response.response[good], np.asarray(weight), low_pass(hz, response.gyro_filter_hz)
 
 

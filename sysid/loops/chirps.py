@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.frequency.fit import FLOOR, FrequencyFit, fit
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
+from sysid.loops.plant import DELAY_BETWEEN_FLIGHTS, GAIN_BETWEEN_FLIGHTS
 from sysid.loops.settings import LoopSettings
-from sysid.records.periodogram import welch
 
 #: SID_AXIS of a chirp at the mixer.
 SID_AXIS = {"roll": 10, "pitch": 11, "yaw": 12}
@@ -18,8 +19,15 @@ SID_AXIS = {"roll": 10, "pitch": 11, "yaw": 12}
 #: Highest frequency in parts of the rate at which RATE is logged.
 _BELOW_RATE = 0.4
 
-#: Part of a limit that a design uses: gusts need the rest.
-_USED = 0.7
+#: Part of the limits of lean, and of rate and mixer, that a design uses: wind leans the craft, and gusts need the rest.
+_USED_LEAN, _USED = 0.7, 0.85
+
+#: Frequencies at which a chirp may start and stop, in parts of the crossover; the highest beyond which none stops [Hz,
+#: or three times the crossover]: frames bend there, and a fit without their modes errs by more than it gains.
+_STARTS, _STOPS, _RIGID = (0.1, 0.15, 0.2, 0.3, 0.4), (1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0), (8.0, 3.0)
+
+#: Standard deviation of ln G beyond which a frequency will not be coherent.
+_INCOHERENT = 0.4
 
 #: Peak of the sensitivity that a craft may have before it is known.
 _RESONANCE = 4.0
@@ -39,6 +47,17 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
+class PredictedError:
+    """Standard deviations that an experiment will leave of one parameter."""
+
+    name: str  #: As `sysid.frequency.fit` names it.
+    random: float  #: By which repeated flights of the same design will scatter.
+    #: The error to count with: `random`, what the structure cannot follow, and by what flights of one craft differ.
+    total: float
+    unit: str  #: 1 (of its value) for a gain.
+
+
+@dataclass(frozen=True, slots=True)
 class ChirpDesign:
     """One chirp and what is expected of it."""
 
@@ -48,16 +67,28 @@ class ChirpDesign:
     high: float
     magnitude: float
     seconds: float
-    gain_sigma: float | None  #: Predicted standard deviation of ln gain of the craft; None before the first chirp.
-    delay_sigma: float | None  #: Of its delay, s.
+    errors: tuple[PredictedError, ...]  #: Of the craft's parameters; empty before the first chirp.
     #: Largest that are expected.
     lean_deg: float
     rate_deg: float
     mixer: float
 
+    def error_of(self, name: str) -> PredictedError | None:
+        """Return the predicted error of one parameter; None where it is not predicted."""
+        return next((error for error in self.errors if error.name == name), None)
 
-def noise_of(loop: RateLoop) -> tuple[Floats, Floats]:
-    """Estimate the two-sided spectrum of the measured rate that the chirp does not explain, (rad/s)^2 / Hz.
+
+def chirp_energy(hz: Floats, low: float, high: float, magnitude: float, seconds: float) -> Floats:
+    """Return the energy per Hz of a logarithmic sweep, ``A^2 / (4 f')`` at its speed f'; 0 outside its band.
+
+    SYSTEMID holds the lowest frequency for two cycles of the time of the record before it sweeps.
+    """
+    sweep = max(seconds - 2.0 / low, 0.5 * seconds)
+    return np.where((hz >= low) & (hz <= high), magnitude**2 * sweep / (4.0 * hz * np.log(high / low)), 0.0)
+
+
+def flown_energy(loop: RateLoop) -> Floats:
+    """Return the energy per Hz of the chirps that a loop was identified with, at the frequencies of its response.
 
     Raises
     ------
@@ -65,41 +96,80 @@ def noise_of(loop: RateLoop) -> tuple[Floats, Floats]:
         For a loop that has no records.
     """
     if not loop.records:
-        raise LoopError(f"{loop.name}: without records the noise is unknown")
-    spectra, hz = [], np.zeros(0)
+        raise LoopError(f"{loop.name}: without records the errors of other chirps are unknown")
+    frf = loop.frf
+    total = np.zeros(len(frf.hz))
     for record in loop.records:
-        plant = record.plant
-        chirp, rate = plant.instruments[:, 0], plant.output
-        grid = np.fft.rfftfreq(len(rate), plant.dt)
-        closed = loop.plant.response / (1.0 + loop.with_settings(loop.flown).response)
-        through = np.interp(grid, loop.hz, closed.real, 0.0, 0.0) + 1j * np.interp(grid, loop.hz, closed.imag, 0.0, 0.0)
-        rest = rate - np.fft.irfft(np.fft.rfft(chirp) * through, len(rate))
-        # The ends of the record, where the transform wraps around, are left out.
-        rest = rest[len(rest) // 10 : -len(rest) // 10]
-        hz, power = welch(rest, 1.0 / plant.dt, min(256, len(rest)))
-        spectra.append(power / 2.0)
-    return hz[1:], np.median(spectra, axis=0)[1:]
+        chirp = record.plant.instruments[:, 0]
+        size = 4 * len(chirp)
+        grid = np.fft.rfftfreq(size, record.plant.dt)
+        summed = (
+            np.concatenate([[0.0], np.cumsum(np.abs(np.fft.rfft(chirp, size)) ** 2)]) * record.plant.dt**2 * grid[1]
+        )
+        edges = (grid[0] - 0.5 * grid[1]) + grid[1] * np.arange(len(summed))
+        half = 0.5 * np.maximum(frf.resolution, 2.0 * grid[1])
+        total += (np.interp(frf.hz + half, edges, summed) - np.interp(frf.hz - half, edges, summed)) / (2.0 * half)
+    return total
 
 
-def chirp_errors(loop: RateLoop, low: float, high: float, magnitude: float, seconds: float) -> tuple[float, float]:
-    """Predict the standard deviations of ln gain and of delay [s] that a chirp will leave (Cramer-Rao bound).
+def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tuple[PredictedError, ...]:
+    """Predict what the fit to another experiment on a craft will leave undetermined.
 
-    The measured rate is ``T d + e`` with ``T = G / (1 + L)``, so that ``dT / d ln G = T / (1 + L)``; a logarithmic
-    sweep has the energy ``A^2 / (4 f')`` per Hz at its speed ``f' = f ln(high / low) / seconds``.
+    The errors of the flown response are those of its noise, its windows and its estimator; at each frequency they fall
+    with the root of the energy. The fit weighs them as `sysid.frequency.fit` does.
+
+    Parameters
+    ----------
+    loop : RateLoop
+        As identified; its records tell the energy that was flown.
+    found : FrequencyFit
+        Of ``loop.frf``.
+    energy : ndarray, shape of ``loop.frf.hz``
+        Of the experiment at the mixer, per Hz.
+
+    Returns
+    -------
+    tuple of PredictedError
+        Gain, damping and so on as the fit names them; empty where the experiment determines nothing.
     """
-    hz = loop.hz[(loop.hz >= low) & (loop.hz <= high)]
-    own = loop.with_settings(loop.flown)
-    broken = np.interp(hz, loop.hz, own.response.real) + 1j * np.interp(hz, loop.hz, own.response.imag)
-    plant = np.interp(hz, loop.hz, np.abs(own.plant.response))
-    noise_hz, noise = noise_of(loop)
-    spectrum = np.exp(np.interp(np.log(hz), np.log(noise_hz), np.log(np.maximum(noise, 1e-16))))
-    energy = magnitude**2 * seconds / (4.0 * hz * np.log(high / low))
-    density = 2.0 * (plant / np.abs(1.0 + broken) ** 2) ** 2 * energy / spectrum
-    width = np.gradient(hz)
-    return (
-        float(np.sum(density * width) ** -0.5),
-        float(np.sum(density * (2.0 * np.pi * hz) ** 2 * width) ** -0.5),
-    )
+    frf, structure = loop.frf, found.structure[0]
+    names = list(structure.names)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigma = frf.sigma * np.sqrt(flown_energy(loop) / energy)
+    good = np.isfinite(sigma) & (sigma < _INCOHERENT) & frf.usable & (energy > 0.0)
+    if np.count_nonzero(good) < len(names) + 2:
+        return ()
+    hz, sigma, worth = frf.hz[good], sigma[good], frf.weight_of_points[good]
+    slope = np.empty((len(hz), len(names)), np.complex128)
+    centre = np.log(structure.response(found.values, hz))
+    steps = 1e-4 * np.maximum(np.abs(found.values), 1e-3)
+    for k, step in enumerate(steps):
+        moved = found.values.copy()
+        moved[k] += step
+        slope[:, k] = (np.log(structure.response(moved, hz) / np.exp(centre))) / step
+    weight = worth / (sigma**2 + FLOOR**2)
+    information = (slope.conj().T * weight) @ slope
+    stated = np.linalg.pinv(information.real, hermitian=True)
+    scatter = stated @ ((slope.conj().T * (weight**2 * sigma**2 / worth)) @ slope).real @ stated
+    both = np.zeros(len(names))
+    both[[k for k, name in enumerate(names) if name in ("lag", "delay")]] = 1.0
+    rows = {name: np.eye(len(names))[k] for k, name in enumerate(names)}
+    if "lag" in names:
+        rows["effective_delay"] = both
+    between = {"gain": GAIN_BETWEEN_FLIGHTS, "delay": DELAY_BETWEEN_FLIGHTS, "effective_delay": DELAY_BETWEEN_FLIGHTS}
+    errors = []
+    for name, row in rows.items():
+        size = abs(float(found.values[0])) if name == "gain" else 1.0
+        random, whole = (float(np.sqrt(max(row @ matrix @ row, 0.0))) / size for matrix in (scatter, stated))
+        unit = "1" if name == "gain" else structure.specs[names.index(name)].unit if name in names else "s"
+        errors.append(PredictedError(name, random, float(np.hypot(whole, between.get(name, 0.0))), unit))
+    return tuple(errors)
+
+
+def _delay_error(errors: tuple[PredictedError, ...]) -> float:
+    """Return the random error of the delay that the response knows best."""
+    known = {error.name: error.random for error in errors}
+    return known.get("effective_delay", known.get("delay", np.inf))
 
 
 def expected_motion(loop: RateLoop, low: float, high: float) -> tuple[float, float, float]:
@@ -117,46 +187,53 @@ def expected_motion(loop: RateLoop, low: float, high: float) -> tuple[float, flo
 
 
 def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> ChirpDesign:
-    """Choose band and magnitude: smallest product of both errors within the limits and around the crossover.
+    """Choose band and magnitude: smallest product of the errors of gain and delay within the limits.
 
     Raises
     ------
     LoopError
         Where the crossover is not known.
+    FrequencyError
+        Where no structure fits the response.
     """
     crossover = loop.with_settings(loop.flown).margins.crossover_hz.value
     if crossover is None:
         raise LoopError(f"{loop.axis}: the crossover is not known, so that no chirp can be designed around it")
-    highest = min(_BELOW_RATE / loop.frf.step, loop.hz[-1])
+    found = fit(loop.frf)
+    highest = min(_BELOW_RATE / loop.frf.step, loop.hz[-1], max(_RIGID[0], _RIGID[1] * crossover))
     best: ChirpDesign | None = None
     least = np.inf
-    for start in (0.1, 0.15, 0.2, 0.3, 0.4):
-        for stop in (1.7, 2.0, 2.5, 3.0):
+    for start in _STARTS:
+        for stop in _STOPS:
             low = float(f"{max(start * crossover, loop.hz[0]):.2g}")
             high = float(f"{min(stop * crossover, highest):.3g}")
             if high < 3.0 * low:
                 continue
             lean, rate, mixer = expected_motion(loop, low, high)
-            largest = _USED * min(
-                np.radians(limits.lean_deg) / lean, np.radians(limits.rate_deg) / rate, limits.mixer / mixer
+            largest = min(
+                _USED_LEAN * np.radians(limits.lean_deg) / lean,
+                _USED * np.radians(limits.rate_deg) / rate,
+                _USED * limits.mixer / mixer,
             )
             magnitude = float(f"{0.995 * largest:.2g}")
             magnitude = magnitude if magnitude <= largest else float(f"{0.9 * largest:.2g}")
-            gain, delay = chirp_errors(loop, low, high, magnitude, seconds)
+            errors = predicted_errors(loop, found, chirp_energy(loop.frf.hz, low, high, magnitude, seconds))
+            if not errors:
+                continue
             design = ChirpDesign(
                 loop.axis,
                 low,
                 high,
                 magnitude,
                 seconds,
-                gain,
-                delay,
+                errors,
                 float(np.degrees(magnitude * lean)),
                 float(np.degrees(magnitude * rate)),
                 magnitude * mixer,
             )
-            if gain * delay < least:
-                best, least = design, gain * delay
+            badness = errors[0].random * _delay_error(errors)
+            if badness < least:
+                best, least = design, badness
     if best is None:
         raise LoopError(f"{loop.axis}: RATE is logged too seldom for a chirp around {crossover:.1f} Hz")
     return best
@@ -172,11 +249,11 @@ def first_chirp(settings: LoopSettings, limits: Limits, seconds: float = 20.0) -
     hz = np.geomspace(low, high, 200)
     rate = _RESONANCE / np.abs(settings.feedback(hz))
     lean = rate / (2.0 * np.pi * hz)
-    largest = _USED * min(
-        np.radians(limits.lean_deg) / float(lean.max()),
-        np.radians(limits.rate_deg) / float(rate.max()),
-        limits.mixer / _RESONANCE,
-        DEFAULT_MAGNITUDE / _USED,
+    largest = min(
+        _USED_LEAN * np.radians(limits.lean_deg) / float(lean.max()),
+        _USED * np.radians(limits.rate_deg) / float(rate.max()),
+        _USED * limits.mixer / _RESONANCE,
+        DEFAULT_MAGNITUDE,
     )
     magnitude = float(f"{largest:.2g}")
     return ChirpDesign(
@@ -185,8 +262,7 @@ def first_chirp(settings: LoopSettings, limits: Limits, seconds: float = 20.0) -
         high,
         magnitude,
         seconds,
-        None,
-        None,
+        (),
         float(np.degrees(magnitude * lean.max())),
         float(np.degrees(magnitude * rate.max())),
         magnitude * _RESONANCE,

@@ -7,7 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from logparse import FlightLog, RotoridError
-from sysid.loops.chirps import SID_AXIS, ChirpDesign, Limits, chirp_errors, design_chirp, first_chirp
+from sysid.frequency.fit import fit
+from sysid.loops.chirps import (
+    SID_AXIS,
+    ChirpDesign,
+    Limits,
+    PredictedError,
+    design_chirp,
+    first_chirp,
+    predicted_errors,
+)
 from sysid.loops.errors import LoopError
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.lua import multisine_script
@@ -39,15 +48,19 @@ _SCRIPT_BAND, _SCRIPT_PERIOD = (0.3, 4.5), 20.0
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """A predicted standard deviation."""
+    """A predicted standard deviation; `random` is the part of it that repeated flights would average out."""
 
     name: str
     sigma: float
     unit: str
+    random: float | None = None
 
     def __str__(self) -> str:
-        shown = f"{100 * self.sigma:.2g} %" if self.unit == RELATIVE else f"{self.sigma:.2g} {self.unit}"
-        return f"{self.name}: {shown}"
+        def shown(sigma: float) -> str:
+            return f"{100 * sigma:.2g} %" if self.unit == RELATIVE else f"{sigma:.2g} {self.unit}"
+
+        scatter = "" if self.random is None else f" (repeated flights scatter by {shown(self.random)})"
+        return f"{self.name}: {shown(self.sigma)}{scatter}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,21 +131,25 @@ def _chirp(log: FlightLog, axis: str, limits: Limits) -> ChirpDesign:
 
 
 def _of_chirp(chirp: ChirpDesign) -> list[Expected]:
-    if chirp.gain_sigma is None or chirp.delay_sigma is None:
-        return []
+    """Return the predicted errors in words: of the parameters that the chirp will determine."""
+    named = {error.name for error in chirp.errors}
     return [
-        Expected(f"{chirp.axis} gain", chirp.gain_sigma, RELATIVE),
-        Expected(f"{chirp.axis} delay", chirp.delay_sigma, "s"),
+        Expected(
+            f"{chirp.axis} {error.name.replace('_', ' ')}",
+            error.total,
+            RELATIVE if error.name == "gain" else error.unit,
+            error.random,
+        )
+        for error in chirp.errors
+        # Lag and delay are known together, not each for itself.
+        if not (error.name in ("lag", "delay") and "effective_delay" in named)
     ]
 
 
 def _predicted(chirp: ChirpDesign) -> list[str]:
-    if chirp.gain_sigma is None or chirp.delay_sigma is None:
+    if not chirp.errors:
         return ["a first, careful chirp from the gains alone: its errors are known once it is flown"]
-    return [
-        f"predicted standard deviations (random): gain {100.0 * chirp.gain_sigma:.2g} %, "
-        f"delay {1e3 * chirp.delay_sigma:.2g} ms"
-    ]
+    return [f"predicted standard deviation of {item}" for item in _of_chirp(chirp)]
 
 
 def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
@@ -164,7 +181,8 @@ def _inertia(log: FlightLog, limits: Limits) -> Design:
     scales = [_rate_scale(sine, limits) for sine in sines]
     expected = []
     for (axis, loop), sine, scale in zip(loops.items(), sines, scales, strict=False):
-        expected.append(Expected(f"{axis} gain (torque per inertia)", _multisine_error(loop, sine, scale), RELATIVE))
+        error = _multisine_error(loop, sine, scale)
+        expected.append(Expected(f"{axis} gain (torque per inertia)", error.total, RELATIVE, error.random))
     hover = log.parameters.get("MOT_THST_HOVER")
     if hover is None:
         raise LoopError(f"{log.path.name} has no MOT_THST_HOVER: the script cannot hold the height")
@@ -180,14 +198,26 @@ def _rate_scale(sine: Multisine, limits: Limits) -> float:
     return float(0.5 * min(np.radians(limits.lean_deg) / np.max(np.abs(lean)), np.radians(limits.rate_deg)))
 
 
-def _multisine_error(loop: RateLoop, sine: Multisine, scale: float) -> float:
-    """Predict the standard deviation of ln gain from one period, through the rate loop from its target."""
-    tiny = chirp_errors(loop, sine.hz[0], sine.hz[-1], 1.0, sine.period)[0]
-    # A chirp at the mixer of unit magnitude and this band has the mean square 1/2; the target acts as a chirp of
-    # target_response times its rate.
+def _multisine_error(loop: RateLoop, sine: Multisine, scale: float) -> PredictedError:
+    """Predict the error of the gain from one period, through the rate loop from its target.
+
+    Raises
+    ------
+    LoopError
+        Where the flown response does not reach so low.
+    """
+    hz = loop.frf.hz
     controller = loop.flown.controller
     drive = np.abs(controller.target_response(sine.hz)) * sine.amplitude * scale
-    return float(tiny * np.sqrt(0.5 / np.sum(0.5 * drive**2)))
+    # Each line's energy, spread over the distance to the next.
+    density = drive**2 * sine.period / (4.0 * float(np.median(np.diff(sine.hz))))
+    energy = np.where((hz >= sine.hz[0]) & (hz <= sine.hz[-1]), np.interp(hz, sine.hz, density), 0.0)
+    error = next(iter(predicted_errors(loop, fit(loop.frf), energy)), None)
+    if error is None:
+        raise LoopError(
+            f"{loop.axis}: the flown chirps tell nothing below {sine.hz[-1]:.1f} Hz, where a script can play"
+        )
+    return error
 
 
 def _mission(log: FlightLog, purpose: str, limits: Limits) -> Design:

@@ -43,6 +43,12 @@ RANGES = {
     "yaw": {"P": (0.1, 2.5), "I": (0.01, 1.0), "D": (0.0, 0.02)},
 }
 
+#: Parameters of the loops of ArduPilot and PX4.
+_OF_THE_LOOPS = (
+    *("ATC_RAT_", "ATC_ANG_", "INS_GYRO_FILTER", "INS_HNT", "MOT_THST_EXPO", "SCHED_LOOP"),
+    *("MC_ROLL", "MC_PITCH", "MC_YAW", "IMU_GYRO_", "IMU_DGYRO_", "THR_MDL_FAC"),
+)
+
 #: Bits of PIDR.Flags that tell of a limit: mixer at its limit, P and D limited.
 _LIMITED = 1 | 2
 
@@ -57,16 +63,21 @@ class Oscillation:
 
 
 def unfit_log(log: FlightLog) -> str | None:
-    """Return why nothing of a log can be used: AutoTune, parameters changed in flight, nothing flown."""
-    name = log.path.name
-    if log.flight is None:
-        return f"{name}: the craft did not fly"
-    if not any(chirp.at_mixer for chirp in find_chirps(log)):
+    """Return why a log cannot show its loops by chirps: none at the mixer, or what `no_one_loop` says."""
+    if log.flight is not None and not any(chirp.at_mixer for chirp in find_chirps(log)):
         return (
-            f"{name} has no chirp at the mixer, without which a closed loop does not show its margins; fly mode "
+            f"{log.path.name} has no chirp at the mixer, without which a closed loop does not show its margins; fly mode "
             "SYSTEMID with SID_AXIS 10, 11 and 12 (`rotorid design --for rates` writes the parameters), and log RATE "
             "and PID"
         )
+    return no_one_loop(log)
+
+
+def no_one_loop(log: FlightLog) -> str | None:
+    """Return why a log has no one loop per axis: nothing flown, AutoTune, parameters changed in flight."""
+    name = log.path.name
+    if log.flight is None:
+        return f"{name}: the craft did not fly"
     if _autotuned(log):
         return f"{name}: AutoTune ran in this log, so that gains changed within it; fly again with the gains it saved"
     changed = _changed_in_flight(log)
@@ -95,7 +106,7 @@ def _changed_in_flight(log: FlightLog) -> list[str]:
     before: dict[str, float] = {}
     changed = []
     for t, name, value in zip(rows.index, rows["Name"].astype(str), rows["Value"].to_numpy(np.float64), strict=True):
-        ours = name.startswith(("ATC_RAT_", "ATC_ANG_", "INS_GYRO_FILTER", "INS_HNT", "MOT_THST_EXPO", "SCHED_LOOP"))
+        ours = name.startswith(_OF_THE_LOOPS)
         if not ours:
             continue
         if start < t < stop and name in before and before[name] != value and name not in changed:

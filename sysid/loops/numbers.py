@@ -109,6 +109,7 @@ def proof_numbers(proof: Proof) -> Numbers:
         "changed": {name: list(pair) for name, pair in proof.changed.items()},
         "changed_beyond_the_loops": {name: list(pair) for name, pair in proof.beyond.items()},
         "table": rows if proof.refused is None else [],
+        "remarks": list(proof.remarks),
     }
 
 

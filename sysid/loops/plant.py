@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,13 +45,19 @@ class Plant:
         return np.asarray(np.interp(hz, self.hz, self.coherence))
 
 
-def plant_of(frf: FrequencyResponse) -> Plant:
+def plant_of(frf: FrequencyResponse, systematic: Callable[[Floats], Floats] | None = None) -> Plant:
     """Smooth a measured response and draw from its error.
 
     ln G, with the phase unwrapped and the trend of a line in f (delay) and ln f (integration) taken out, is replaced at
     each frequency by a weighted quadratic in ln f over neighbours; its error is the larger of what the spectra and the
     scatter of the neighbours about it claim. The neighbourhood is the widest of `REACHES` that agrees with the narrower
     ones (Lepskii 1991), so that a flexible mode is not smoothed away.
+
+    Parameters
+    ----------
+    frf : FrequencyResponse
+    systematic : callable, optional
+        From frequencies [Hz] to a standard deviation of ln G that neighbours do not average out.
     """
     keep = np.isfinite(frf.sigma) & (np.abs(frf.response) > 0.0)
     hz = frf.hz[keep]
@@ -72,6 +79,8 @@ def plant_of(frf: FrequencyResponse) -> Plant:
         dense, smooth = dense[first:last], smooth[first:last]
         error, reach = error[first:last], reach[first:last]
     response = np.exp(smooth + np.column_stack([np.ones(len(dense)), np.log(dense), dense]) @ coefficients)
+    if systematic is not None:
+        error = np.hypot(error, systematic(dense))
     resolution = np.interp(dense, hz, frf.resolution[keep])
     coherence = np.interp(dense, hz, frf.coherence[keep])
     return Plant(dense, response, error, coherence, response * np.exp(_errors(dense, error, resolution, reach)))

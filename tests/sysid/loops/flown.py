@@ -25,9 +25,10 @@ def fly_chirp(
     band: tuple[float, float] = (0.5, 40.0),
     gust: float = 0.3,
     noise: float = 0.015,
+    seconds: float | None = None,
 ) -> AxisRun:
     """Fly a chirp at the mixer from hover, with gusts [rad/s^2] and noise of the raw gyro [rad/s]."""
-    seconds = 2.0 / band[0] + 21.0
+    seconds = seconds or 2.0 / band[0] + 21.0
     shaken = Excitation(duration=seconds, chirp=(*band, magnitude), chirp_seconds=seconds, gust=gust, gyro_noise=noise)
     return run_axis(plant, gains, shaken, seed)
 
@@ -55,7 +56,7 @@ def loop_of_flight(flight: AxisRun, plant: AxisPlant, gains: LoopGains, name: st
             output=output[rows],
             instruments=flight.chirp[rows, None],
             usable=np.ones(len(flight.t[rows]), dtype=bool),
-            band=(0.5, 40.0),
+            band=flight.excitation.chirp[:2],
             instrument="chirp",
         )
 

@@ -31,3 +31,5 @@ def test_thin_margins_are_named_by_axis():
 def test_expected_errors_that_are_shares_read_as_percent():
     assert str(Expected("roll gain", 0.00013, RELATIVE)) == "roll gain: 0.013 %"
     assert str(Expected("roll delay", 0.0021, "s")) == "roll delay: 0.0021 s"
+    both = Expected("roll delay", 0.0021, "s", 2e-5)
+    assert str(both) == "roll delay: 0.0021 s (repeated flights scatter by 2e-05 s)"

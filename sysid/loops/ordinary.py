@@ -1,0 +1,125 @@
+"""Loops of flights without chirps: the craft's model, from sticks, through the controller of the log's parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sysid.frequency.fit import FrequencyFit
+from sysid.frequency.response import FrequencyResponse
+from sysid.frequency.structures import low_pass
+from sysid.loops.errors import LoopError
+from sysid.loops.filters import Complexes, Floats
+from sysid.loops.loop import RateLoop
+from sysid.loops.plant import DENSITY, DRAWS, GAIN_BETWEEN_FLIGHTS, SEED, Plant
+from sysid.loops.settings import LoopSettings
+
+#: Standard deviation of the delay beyond what the fit states, in parts of the time between rows: twelve ordinary
+#: flights of firmware craft logged at 50 Hz err by 0.5 ms.
+_DELAY_OF_STEP = 0.03
+
+#: Standard deviation of gain and phase [rad] by what no structure follows: yaw loops from sticks are 2 % off those from
+#: chirps of the same craft.
+_STRUCTURE = 0.015
+
+#: Standard deviation of ln G per factor e of frequency beyond the coherent band: lags and modes that do not show below.
+_BEYOND = 0.15
+
+#: Factor of the highest coherent frequency up to which the model is followed.
+_FARTHEST = 2.5
+
+#: Frequencies [Hz] that the coherent band must span, and the coherence that counts.
+_COHERENT_TO, _COHERENT = 3.0, 0.6
+
+#: Standard deviation of the phase margin [deg] and of ln crossover beyond which the margins are of no use.
+_PHASE_KNOWN, _CROSSOVER_KNOWN = 12.0, 0.2
+
+
+def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settings: LoopSettings) -> RateLoop:
+    """Close the loop around a craft's model that was fitted to ordinary flying.
+
+    Parameters
+    ----------
+    name : str
+        Of the log or logs.
+    frf : FrequencyResponse
+        From controller output to rate, through the gyro's filters.
+    found : FrequencyFit
+        To it, of one axis.
+    settings : LoopSettings
+        As flown.
+
+    Raises
+    ------
+    LoopError
+        Where the model is not known well enough, or says that what flew cannot fly.
+    """
+    gain = found.parameters["gain"]
+    if gain.value is None:
+        raise LoopError(f"{settings.axis}: the craft's gain is not determined: {gain.reason}")
+    if gain.value <= 0.0:
+        raise LoopError(f"{settings.axis}: the rate answers against the controller's output: the signals are no loop's")
+    coherent = frf.hz[frf.usable]
+    top = float(coherent[-1])
+    if top < _COHERENT_TO:
+        raise LoopError(
+            f"{settings.axis}: this flight tells of the craft up to {top:.1f} Hz only; fly a minute of short, sharp stick "
+            "inputs, or a chirp of mode SYSTEMID"
+        )
+    hz = np.exp(np.arange(np.log(coherent[0]), np.log(_FARTHEST * top), 1.0 / DENSITY))
+    gyro = settings.gyro.response(hz) / low_pass(hz, frf.gyro_filter_hz)
+    response = np.asarray(found.response(hz) * gyro)
+    draws = _draws(found, frf, hz, top) * gyro
+    draws[0] = response
+    sigma = np.std(np.log(np.abs(draws)), axis=0)
+    coherence = np.interp(hz, frf.hz, frf.coherence, right=0.0)
+    plant = Plant(hz, response, sigma, coherence, np.asarray(draws, np.complex128))
+    loop = RateLoop(name, frf, plant, settings, settings, None)
+    _useful(loop, top)
+    return loop
+
+
+def _draws(found: FrequencyFit, frf: FrequencyResponse, hz: Floats, top: float) -> Complexes:
+    """Draw models that the flight leaves possible, shape (DRAWS, n)."""
+    generator = np.random.default_rng(SEED)
+    deviation = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    # Positive parameters keep their sign.
+    values = generator.multivariate_normal(found.values, found.covariance, DRAWS, method="svd")
+    positive = np.array([spec.positive for spec in found.structure[0].specs])
+    least = np.where(positive, 0.05 * np.abs(found.values), -np.inf)
+    values = np.where(deviation > 0.0, np.maximum(values, least), found.values)
+    models = np.stack([found.at(one).response(hz) for one in values])
+    names = found.structure[0].names
+    if "lag" not in names:
+        # Below the coherent band's end a lag looks like a delay; how much of the delay is one is open.
+        lag = np.maximum(values[:, [names.index("delay")]], 0.0) * generator.uniform(0.0, 1.0, (DRAWS, 1))
+        models = models * np.exp(2j * np.pi * hz * lag) / (1.0 + 2j * np.pi * hz * lag)
+    delay = generator.normal(0.0, _DELAY_OF_STEP * frf.step, (DRAWS, 1))
+    gain = generator.normal(0.0, GAIN_BETWEEN_FLIGHTS, (DRAWS, 1))
+    unknown = _STRUCTURE + np.maximum(np.log(hz / top), 0.0) * _BEYOND
+    unseen = generator.standard_normal((DRAWS, 1)) + 1j * generator.standard_normal((DRAWS, 1))
+    return np.asarray(models * np.exp(gain - 2j * np.pi * delay * hz + unseen * unknown), np.complex128)
+
+
+def _useful(loop: RateLoop, top: float) -> None:
+    """Refuse margins that mean nothing."""
+    margins = loop.margins
+    axis = loop.axis
+    if not margins.stable:
+        raise LoopError(
+            f"{axis}: by the model of this flight, known up to {top:.1f} Hz, the loop that flew is unstable: it does not "
+            "reach to the crossover; fly a chirp of mode SYSTEMID"
+        )
+    crossover, phase = margins.crossover_hz, margins.phase_deg
+    if crossover.value is None or phase.value is None:
+        raise LoopError(
+            f"{axis}: the crossover lies beyond {_FARTHEST * top:.0f} Hz, and this flight tells of the craft up to "
+            f"{top:.1f} Hz; fly a chirp of mode SYSTEMID"
+        )
+    assert crossover.sigma is not None
+    assert phase.sigma is not None
+    if phase.sigma > _PHASE_KNOWN or crossover.sigma > _CROSSOVER_KNOWN * crossover.value:
+        raise LoopError(
+            f"{axis}: the margins are too uncertain to be of use (phase margin {phase.value:.0f} +- {phase.sigma:.0f} "
+            f"deg): this flight tells of the craft up to {top:.1f} Hz and the crossover is at {crossover.value:.1f} Hz; "
+            "fly a chirp of mode SYSTEMID"
+        )
