@@ -159,7 +159,9 @@ def _margins(known: Mapping[str, LoopMargins], result: FlightResult) -> AnswerLi
     others = [each.axis for each in result.rotation.axes if each.axis not in known] if result.rotation else []
     if others:
         text += f"; {' and '.join(others)} not measured"
-    if any(each.remarks for each in known.values()):
+    if any(each.ordinary for each in known.values()):
+        text += "; by model, no chirps"
+    elif any(each.remarks for each in known.values()):
         text += "; weak evidence"
     elif tone is not Tone.GOOD and not others:
         text += "; rotorid tune proposes gains"

@@ -18,13 +18,15 @@ from pipeline.results.rotation import (
     RotationResult,
 )
 from sysid.frequency.axes import axis_of
+from sysid.frequency.excitation import find_chirps
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, survey
 from sysid.loops.errors import LoopError
-from sysid.loops.evidence import oscillation, saturation, two_ways_apart, unfit_log, weak_band
+from sysid.loops.evidence import no_one_loop, oscillation, saturation, two_ways_apart, unfit_log, weak_band
 from sysid.loops.loop import rate_loop
-from sysid.loops.settings import firmware_version
+from sysid.loops.ordinary import ordinary_loop
+from sysid.loops.settings import firmware_version, read_settings
 
 #: The axes about which a craft turns.
 AXES = ("roll", "pitch", "yaw")
@@ -52,7 +54,7 @@ def _unfit(log: FlightLog) -> str:
         firmware_version(log)
     except LoopError as error:
         return str(error)
-    return unfit_log(log) or ""
+    return no_one_loop(log) or ""
 
 
 def _axis(log: FlightLog, found: AxisSurvey, within: tuple[float, float], unfit: str) -> AxisRotation:
@@ -60,7 +62,7 @@ def _axis(log: FlightLog, found: AxisSurvey, within: tuple[float, float], unfit:
     if unfit:
         return replace(turning, loop_reason=unfit)
     try:
-        return replace(turning, loop=_loop(log, found.axis, within))
+        return replace(turning, loop=_loop(log, found, within))
     except RotoridError as error:
         return replace(turning, loop_reason=str(error))
 
@@ -98,17 +100,20 @@ def _fitted(frf: FrequencyResponse, fit: FrequencyFit | None) -> FittedResponse:
     )
 
 
-def _loop(log: FlightLog, axis: str, within: tuple[float, float]) -> LoopMargins:
-    """Compute the margins of a loop, in two ways where the log allows it.
+def _loop(log: FlightLog, found: AxisSurvey, within: tuple[float, float]) -> LoopMargins:
+    """Compute the margins of a loop: from chirps, in two ways where the log allows it, else from the craft's model.
 
     Raises
     ------
     RotoridError
         Where the loop cannot be had, or what the log shows of it does not carry margins.
     """
+    axis = found.axis
     oscillating = oscillation(log, axis)
     if oscillating:
         raise LoopError(oscillating)
+    if not any(chirp.at_mixer and chirp.axis == axis for chirp in find_chirps(log, within)):
+        return _ordinary(log, found)
     loop = rate_loop(log, axis, within)
     # Without PID messages neither limits nor the second way are seen; the margins stand, with that said.
     logged = f"PID{axis_of(axis).letter}" in log.messages
@@ -122,6 +127,33 @@ def _loop(log: FlightLog, axis: str, within: tuple[float, float]) -> LoopMargins
         computed=loop.margins,
         measured=None if loop.measured is None else loop.measured_margins,
         remarks=(apart,) if apart else (),
+    )
+
+
+def _ordinary(log: FlightLog, found: AxisSurvey) -> LoopMargins:
+    """Compute the margins of an axis without chirps from what sticks told of the craft.
+
+    Raises
+    ------
+    RotoridError
+        Where that is too little.
+    """
+    if found.response is None or found.fit is None:
+        raise LoopError(unfit_log(log) or found.reason)
+    frf = found.response
+    try:
+        settings = read_settings(log, found.axis)
+    except LoopError as error:
+        raise LoopError(unfit_log(log) or str(error)) from error
+    loop = ordinary_loop(log.path.name, frf, found.fit, settings)
+    remark = (
+        f"from ordinary flying: the craft's model, known from {frf.hz[frf.usable][0]:.2g} to "
+        f"{frf.hz[frf.usable][-1]:.2g} Hz, through the controller of the log's parameters; a chirp of mode SYSTEMID "
+        "would measure it"
+    )
+    limits = tuple(finding.reason for finding in frf.findings if finding.id == "motors-at-limits")
+    return LoopMargins(
+        gains=loop.settings.parameters(), computed=loop.margins, ordinary=True, remarks=(remark, *limits)
     )
 
 

@@ -143,12 +143,15 @@ class LoopMargins:
         Straight from the chirp: the second way; None where the log does not part the two.
     remarks : tuple of str
         What the margins rest on too weakly: limits reached, weak coherence, two ways that disagree.
+    ordinary : bool
+        Whether they come from flying without chirps: then only what the whole 95 % interval says is said.
     """
 
     gains: Mapping[str, float]
     computed: Margins
     measured: Margins | None = None
     remarks: tuple[str, ...] = ()
+    ordinary: bool = False
 
     @property
     def state(self) -> LoopState:
@@ -156,11 +159,28 @@ class LoopMargins:
         margins = self.computed
         if not margins.stable:
             return LoopState.UNSTABLE
+        if self.ordinary:
+            return self._by_intervals()
         gain, phase = margins.gain_db.value, margins.phase_deg.value
         thin = (gain is not None and gain < LEAST_GAIN_DB) or (phase is not None and phase < LEAST_PHASE_DEG)
         if thin or margins.unstable > _MAY_BE_UNSTABLE:
             return LoopState.THIN
         return LoopState.UNKNOWN if gain is None or phase is None else LoopState.GOOD
+
+    def _by_intervals(self) -> LoopState:
+        """Return what the whole intervals say."""
+        bounds = [
+            (self.computed.intervals[name], least)
+            for name, least in (("gain_db", LEAST_GAIN_DB), ("phase_deg", LEAST_PHASE_DEG))
+            if name in self.computed.intervals
+        ]
+        if any(high < least for (_, high), least in bounds):
+            return LoopState.THIN
+        return (
+            LoopState.GOOD
+            if len(bounds) == 2 and all(low >= least for (low, _), least in bounds)
+            else LoopState.UNKNOWN
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""

@@ -5,6 +5,7 @@ from sysid.loops.controller import AngleController, PidTerms, RateController
 from sysid.loops.design import Design, design
 from sysid.loops.errors import LoopError
 from sysid.loops.loop import Margins, RateLoop, rate_loop
+from sysid.loops.ordinary import ordinary_loop
 from sysid.loops.proof import Proof, prove
 from sysid.loops.settings import GyroPath, LoopSettings, read_settings
 from sysid.loops.tuning import AIMS, Aim, Tuning, tune
@@ -25,6 +26,7 @@ __all__ = [
     "RateLoop",
     "Tuning",
     "design",
+    "ordinary_loop",
     "prove",
     "rate_loop",
     "read_settings",

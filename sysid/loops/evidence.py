@@ -66,9 +66,9 @@ def unfit_log(log: FlightLog) -> str | None:
     """Return why a log cannot show its loops by chirps: none at the mixer, or what `no_one_loop` says."""
     if log.flight is not None and not any(chirp.at_mixer for chirp in find_chirps(log)):
         return (
-            f"{log.path.name} has no chirp at the mixer, without which a closed loop does not show its margins; fly mode "
-            "SYSTEMID with SID_AXIS 10, 11 and 12 (`rotorid design --for rates` writes the parameters), and log RATE "
-            "and PID"
+            f"{log.path.name} has no chirp at the mixer, without which a closed loop does not show its margins; fly "
+            "mode SYSTEMID with SID_AXIS 10, 11 and 12 (`rotorid design --for rates` writes the parameters), and log "
+            "RATE and PID"
         )
     return no_one_loop(log)
 

@@ -30,6 +30,9 @@ _FARTHEST = 2.5
 #: Frequencies [Hz] that the coherent band must span, and the coherence that counts.
 _COHERENT_TO, _COHERENT = 3.0, 0.6
 
+#: Time between rows [s] beyond which the loop's own frequencies fold.
+_LONGEST_STEP = 0.045
+
 #: Standard deviation of the phase margin [deg] and of ln crossover beyond which the margins are of no use.
 _PHASE_KNOWN, _CROSSOVER_KNOWN = 12.0, 0.2
 
@@ -53,6 +56,16 @@ def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settin
     LoopError
         Where the model is not known well enough, or says that what flew cannot fly.
     """
+    if frf.method == "direct":
+        raise LoopError(
+            f"{settings.axis}: without the attitude target there is no instrument, and plain regression of a closed "
+            "loop takes its controller for the craft; log ATT or ANG"
+        )
+    if frf.step > _LONGEST_STEP:
+        raise LoopError(
+            f"{settings.axis}: the rate loop is logged at {1.0 / frf.step:.0f} Hz, which folds what is near its "
+            "crossover; set LOG_BITMASK to include attitude (fast), and fly a chirp of mode SYSTEMID"
+        )
     gain = found.parameters["gain"]
     if gain.value is None:
         raise LoopError(f"{settings.axis}: the craft's gain is not determined: {gain.reason}")
@@ -62,8 +75,8 @@ def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settin
     top = float(coherent[-1])
     if top < _COHERENT_TO:
         raise LoopError(
-            f"{settings.axis}: this flight tells of the craft up to {top:.1f} Hz only; fly a minute of short, sharp stick "
-            "inputs, or a chirp of mode SYSTEMID"
+            f"{settings.axis}: this flight tells of the craft up to {top:.1f} Hz only; fly a minute of short, sharp "
+            "stick inputs, or a chirp of mode SYSTEMID"
         )
     hz = np.exp(np.arange(np.log(coherent[0]), np.log(_FARTHEST * top), 1.0 / DENSITY))
     gyro = settings.gyro.response(hz) / low_pass(hz, frf.gyro_filter_hz)
@@ -106,8 +119,8 @@ def _useful(loop: RateLoop, top: float) -> None:
     axis = loop.axis
     if not margins.stable:
         raise LoopError(
-            f"{axis}: by the model of this flight, known up to {top:.1f} Hz, the loop that flew is unstable: it does not "
-            "reach to the crossover; fly a chirp of mode SYSTEMID"
+            f"{axis}: by the model of this flight, known up to {top:.1f} Hz, the loop that flew is unstable: it does "
+            "not reach to the crossover; fly a chirp of mode SYSTEMID"
         )
     crossover, phase = margins.crossover_hz, margins.phase_deg
     if crossover.value is None or phase.value is None:
@@ -120,6 +133,6 @@ def _useful(loop: RateLoop, top: float) -> None:
     if phase.sigma > _PHASE_KNOWN or crossover.sigma > _CROSSOVER_KNOWN * crossover.value:
         raise LoopError(
             f"{axis}: the margins are too uncertain to be of use (phase margin {phase.value:.0f} +- {phase.sigma:.0f} "
-            f"deg): this flight tells of the craft up to {top:.1f} Hz and the crossover is at {crossover.value:.1f} Hz; "
-            "fly a chirp of mode SYSTEMID"
+            f"deg): this flight tells of the craft up to {top:.1f} Hz, and the crossover is at {crossover.value:.1f} "
+            "Hz; fly a chirp of mode SYSTEMID"
         )

@@ -39,7 +39,7 @@ def turning(result: FlightResult, given: Collection[str]) -> Iterator[Advice]:
             why=f"how {names} answer{'s' if len(unknown) == 1 else ''} the controller is not determined",
             gain="effectiveness, damping and delay of the axis with their errors, no GPS needed",
         )
-    loopless = [axis for axis in result.rotation.axes if axis.loop is None]
+    loopless = [axis for axis in result.rotation.axes if axis.loop is None or axis.loop.ordinary]
     if loopless and _has_systemid(result):
         yield Advice(
             id="chirps-for-margins",
@@ -48,7 +48,7 @@ def turning(result: FlightResult, given: Collection[str]) -> Iterator[Advice]:
             f"(SID_AXIS {_chirps(loopless)}; rotorid design --for rates writes the parameters)"
             + _logged(result, Need.FAST_RATES, Need.PID),
             why=f"margins of the {_and([axis.axis for axis in loopless])} loop{'s' if len(loopless) > 1 else ''} "
-            "are not determined: ordinary flying of a closed loop does not show them",
+            "are not measured: ordinary flying shows them through the craft's model at most",
             gain="gain and phase margins with errors, from which rotorid tune proposes gains",
         )
 
