@@ -187,7 +187,7 @@ def _oscillations(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fligh
         if f"w_{axis}" not in measured:
             continue
         flown = measured[f"w_{axis}"]
-        asked = measured.get(f"w_{axis}_ref")
+        asked = measured.get(f"w_{axis}_ref", _turned(tables, name))
         rows = []
         for flight in flights:
             rows += _lines(flown, asked, flight.start + 1.0, flight.stop - 0.5)
@@ -234,6 +234,16 @@ def _swinging(tables: Tables) -> "dict[str, pd.Series[float]] | None":
         if found:
             return found
     return None
+
+
+def _turned(tables: Tables, name: str) -> "pd.Series[float] | None":
+    """Rate at which the target of an angle turned, for logs without targets of rates: sticks thrown about are asked."""
+    if tables.setpoints is None or name not in tables.setpoints or name == "yaw":
+        return None
+    target = tables.setpoints[name].dropna()
+    if len(target) < 10:
+        return None
+    return pd.Series(np.gradient(target.to_numpy(np.float64), target.index.to_numpy(np.float64)), index=target.index)
 
 
 def _lines(

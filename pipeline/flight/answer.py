@@ -1,6 +1,6 @@
 """What a flight says, by purpose: `compose_answer` chooses words and numbers that cannot contradict each other.
 
-Every word follows from a number by a rule that stands here; texts are short, because all five lines, the heading and
+Every word follows from a number by a rule that stands here; texts are short, because all six lines, the heading and
 the captions of two plots must be read in ten seconds. Full reasons stand further down in a report.
 """
 
@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
 
 from logparse import MissingDataError
 from logparse.events.vibration import ACCEPTABLE
-from logparse.quantity import number, uncertain
+from logparse.quantity import duration, number, uncertain
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.flight.purposes import Trust, uses_of
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
@@ -54,8 +57,47 @@ def compose_answer(result: FlightResult) -> Answer:
         Complete but for its answer.
     """
     picture, around = _picture(result)
-    lines = (_healthy(result), _loops(result), _ahead(result), _parameters(result), _simulate(result))
+    purposes = (_flown, _healthy, _loops, _ahead, _parameters, _simulate)
+    lines = tuple(answer(result) for answer in purposes)
     return Answer(lines=lines, picture=picture, around=around)
+
+
+def _flown(result: FlightResult) -> AnswerLine:
+    """Answer how long, how high, how far and how fast; heights and distances are from where it began."""
+    flight, trajectory = result.flight, result.trajectory
+    if flight is None:
+        reason = _brief(result.missing.get("flight", "the log shows no flight"))
+        return AnswerLine(purpose="Flown", word="no", tone=Tone.UNKNOWN, text=reason)
+    rows = None if trajectory is None else trajectory.states.loc[flight.start : flight.stop]
+    if trajectory is None or rows is None or not len(rows) or trajectory.inconsistency:
+        why = "its course is not known" if trajectory is None or rows is None or not len(rows) else "sensors disagree"
+        return AnswerLine(purpose="Flown", word=duration(flight.duration), tone=Tone.UNKNOWN, text=why)
+    sigma = trajectory.sigma.loc[rows.index]
+    high = int(rows["p_d"].to_numpy().argmin())
+    climb = float(rows["p_d"].iloc[0] - rows["p_d"].iloc[high])
+    text = "high"
+    if result.position_known:
+        north, east = rows["p_n"].to_numpy(np.float64), rows["p_e"].to_numpy(np.float64)
+        away = np.hypot(north - north[0], east - east[0])
+        far = int(away.argmax())
+        speed = np.linalg.norm(rows[["v_n", "v_e", "v_d"]].to_numpy(np.float64), axis=1)
+        fast = int(speed.argmax())
+        text += f", {uncertain(float(away[far]), _largest(sigma, ('p_n', 'p_e'), far), 'm')} away"
+        text += f", up to {uncertain(float(speed[fast]), _largest(sigma, ('v_n', 'v_e', 'v_d'), fast), 'm/s')}"
+    return AnswerLine(
+        purpose="Flown",
+        word=duration(flight.duration),
+        tone=Tone.GOOD,
+        text=text,
+        value=climb,
+        sigma=_largest(sigma, ("p_d",), high),
+        unit="m",
+    )
+
+
+def _largest(sigma: pd.DataFrame, columns: Sequence[str], row: int) -> float:
+    """Return the sigma of a difference from the first row, at most: the errors of both rows count, whichever way."""
+    return math.hypot(*(float(sigma[column].iloc[each]) for column in columns for each in (0, row)))
 
 
 def _healthy(result: FlightResult) -> AnswerLine:

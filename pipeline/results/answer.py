@@ -68,7 +68,7 @@ class Answer:
     Attributes
     ----------
     lines : tuple of AnswerLine
-        Healthy, loops, predict ahead, parameters, simulate.
+        Flown, healthy, loops, predict ahead, parameters, simulate.
     picture : Picture
         The plot to show beside them.
     around : Span or None

@@ -246,6 +246,19 @@ def test_what_was_asked_for_is_no_oscillation():
     assert notable(flown(rates=rates, systemid=table(50.0, axis=10.0, target=swing))) == []
 
 
+def test_sticks_swung_by_hand_are_no_oscillation_where_only_angles_have_targets():
+    w = 2.0 * np.pi * 2.5
+
+    def swung(t):
+        return np.where((t > 30.0) & (t < 40.0), np.radians(4.0) * np.sin(w * t), 0.0)
+
+    gyro = flown().imu.assign(gyro_x=np.gradient(swung(flown().imu.index.to_numpy()), 1.0 / 25.0))
+    attitude = table(25.0, roll=swung, pitch=0.0, yaw=0.0)
+    asked = table(25.0, roll=swung, pitch=0.0, yaw=0.0, throttle=0.35)
+    assert notable(flown(rates=None, imu=gyro, attitude=attitude, setpoints=asked)) == []
+    assert only("oscillation", notable(flown(rates=None, imu=gyro, attitude=attitude))).evidence["axis"] == "roll"
+
+
 def test_wind_noise_is_no_oscillation():
     rng = np.random.default_rng(1)
     rates = table(50.0, w_x_ref=0.0, w_y_ref=0.0, w_z_ref=0.0, w_x=0.0, w_y=0.0, w_z=0.0)

@@ -98,7 +98,14 @@ def test_the_first_screen_has_few_words(kinds):
 def test_every_line_has_a_number_or_a_reason(kinds):
     for name, result in kinds.items():
         lines = answer_lines(flight_numbers(result)["answer"])
-        assert [line["purpose"] for line in lines] == ["Healthy", "Loops", "Predict ahead", "Parameters", "Simulate"]
+        assert [line["purpose"] for line in lines] == [
+            "Flown",
+            "Healthy",
+            "Loops",
+            "Predict ahead",
+            "Parameters",
+            "Simulate",
+        ]
         for line in lines:
             assert line["word"], name
             assert line["number"] or len(line["text"].split()) >= 2, (name, line)
