@@ -11,6 +11,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from api.database import Database
 from api.queue import Claim
 from api.watch import Workplace, work
+from pipeline.execution.cluster import Cluster, SchedulerError
 
 _log = logging.getLogger("rotorid.api")
 
@@ -98,9 +99,6 @@ class Runner:
         if self._scheduler is None:
             self._executor = ThreadPoolExecutor(self._workers, thread_name_prefix="analysis")
             return True
-        # Imported here and not above: the packages behind it are large, and most servers work without a cluster.
-        from pipeline.execution.cluster import Cluster, SchedulerError
-
         try:
             self._executor = Cluster(self._scheduler)
         except SchedulerError as error:

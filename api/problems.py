@@ -4,7 +4,7 @@ import errno
 import logging
 from collections.abc import Mapping
 from http import HTTPStatus
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from fastapi import FastAPI, Request
@@ -16,6 +16,13 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from logparse.lazy import lazy
+
+if TYPE_CHECKING:
+    from api import page_templates
+else:
+    page_templates = lazy("api.page_templates")  # pages show analyses, and an analysis may have a problem
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -80,9 +87,7 @@ def respond(request: Request, problem: Problem, headers: Mapping[str, str] | Non
         back = quote(request.url.path) if request.method == "GET" else "/"
         return RedirectResponse(f"/sign-in?next={back}", HTTPStatus.SEE_OTHER)
     if wants_page:
-        from api.page_templates import render  # pages show analyses, and an analysis may have a problem
-
-        return render(request, "problem.html", {"problem": problem}, problem.status, headers)
+        return page_templates.render(request, "problem.html", {"problem": problem}, problem.status, headers)
     return JSONResponse(problem.model_dump(exclude_none=True), problem.status, headers, MEDIA_TYPE)
 
 

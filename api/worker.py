@@ -14,13 +14,24 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import logparse
+import pipeline
+import reports
 from api import log_lines
 from api.settings import LogFormat
+from logparse import RotoridError
+from logparse.containers import limit_unpacked
+from logparse.lazy import lazy
+from pipeline.execution.stages import overall
 from pipeline.storage.manifest import MANIFEST
 from pipeline.storage.store import ENTRY, LOCK, RESULT
 
 if TYPE_CHECKING:
     from logparse import FlightLog
+    from pipeline.storage import dataset
+    from reports import folder as reports_folder
+else:
+    dataset, reports_folder = lazy("pipeline.storage.dataset"), lazy("reports.folder")
 
 _log = logging.getLogger("rotorid.api")
 
@@ -90,9 +101,7 @@ Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
 
 def analyze_logs(task: Task, progress: Progress) -> None:
     """Run the pipeline on the logs of a task and write the report and the logs' tables."""
-    # Imported here and not above: the server itself never needs the 200 MB of numpy, numba and pandas.
-    import logparse
-
+    # Packages that are imported when they are used: the server itself never needs the 200 MB of numpy, numba, pandas.
     if len(task.logs) == 1 and len(flights := logparse.read_flights(task.logs[0][0])) == 1:
         _analyze_one(task, flights[0], progress)
     else:
@@ -100,11 +109,6 @@ def analyze_logs(task: Task, progress: Progress) -> None:
 
 
 def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
-    import pipeline
-    import reports
-    from pipeline.execution.stages import overall
-    from pipeline.storage.dataset import write_tables
-
     ((_, name),) = task.logs
     advance = overall(progress)
     config = pipeline.AnalysisConfig(**task.configuration)
@@ -113,23 +117,19 @@ def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
     # The report names the file as its user does, not as it is kept here.
     reports.write(replace(result, log=replace(result.log, path=Path(name))), task.folder)
     try:
-        write_tables(result, task.folder / "tables")
+        dataset.write_tables(result, task.folder / "tables")
     except Exception:  # must not cost the report
         _log.exception("the tables of %s cannot be written", name)
 
 
 def _analyze_several(task: Task, progress: Progress) -> None:
-    import pipeline
-    import reports
-    from reports.folder import SHARED_SCRIPT
-
     config = pipeline.AnalysisConfig(**task.configuration)
     logs = [log for log, _ in task.logs]
     # Pages carry their scripts: in the sandbox that reports are shown in, none may be fetched.
     fleet = pipeline.analyze_fleet(logs, config, None, progress, store=task.folder, publish=reports.write)
     progress("report", 0.99)
     reports.write_fleet(fleet)
-    (task.folder / SHARED_SCRIPT).unlink(missing_ok=True)
+    (task.folder / reports_folder.SHARED_SCRIPT).unlink(missing_ok=True)
     # What serves a second run names the places of the logs on this server, and there is none.
     for file in (*task.folder.rglob(ENTRY), *task.folder.rglob(RESULT), task.folder / MANIFEST, task.folder / LOCK):
         file.unlink(missing_ok=True)
@@ -173,9 +173,6 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, lo
         if stage != last.stage or fraction >= last.progress + 0.01:
             last = Advanced(stage, min(max(fraction, last.progress, 0.0), 1.0))
             _tell(reports_to, last)
-
-    from logparse import RotoridError
-    from logparse.containers import limit_unpacked
 
     limit_unpacked(limits.unpacked)
     # What a packed log holds goes where uploads have room, and is gone with the analysis even when killed.

@@ -9,10 +9,17 @@ import numpy as np
 import pandas as pd
 
 from logparse.errors import RotoridError
+from logparse.lazy import lazy
 from logparse.tables import COLUMNS
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    from scipy import io
+
     from logparse.log import FlightLog
+else:
+    pa, pq, io = lazy("pyarrow"), lazy("pyarrow.parquet"), lazy("scipy.io")
 
 FORMATS = ("parquet", "csv", "mat")
 
@@ -130,9 +137,6 @@ def _write(frame: pd.DataFrame, path: Path) -> Path:
     if path.suffix == ".csv":
         _spread(frame).to_csv(path, index=False)
         return path
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     units: Mapping[str, str] = frame.attrs.get("units", {})
     bare = frame.copy(deep=False)
     bare.attrs = {}
@@ -190,8 +194,6 @@ def _unique(names: Iterable[str]) -> list[str]:
 
 def _write_mat(frames: Iterable[tuple[str, str, pd.DataFrame]], path: Path) -> Path:
     """Write all tables as structs of column vectors: `tables.motors.m1`, `messages.RCOU.C1`."""
-    from scipy.io import savemat
-
     content: dict[str, dict[str, dict[str, np.ndarray]]] = {}
     for group, name, frame in frames:
         flat = _flat(frame)
@@ -212,7 +214,7 @@ def _write_mat(frames: Iterable[tuple[str, str, pd.DataFrame]], path: Path) -> P
     for group, parts in content.items():
         names = _matlab_names(parts)
         flattened[group] = {names[name]: columns for name, columns in parts.items()}
-    savemat(path, flattened, long_field_names=True, do_compression=True, oned_as="column")
+    io.savemat(path, flattened, long_field_names=True, do_compression=True, oned_as="column")
     return path
 
 

@@ -17,6 +17,7 @@ import pandas as pd
 from logparse.containers import Buffer, open_buffer
 from logparse.errors import LogError, RotoridError
 from logparse.findings import Finding, Severity
+from logparse.lazy import lazy
 from logparse.source import LONG, Boot, MessageSource
 from logparse.summary import Summarised, listed
 from logparse.tables import COLUMNS
@@ -24,9 +25,14 @@ from logparse.timebase import utc_from_gps
 from logparse.units import numbers
 
 if TYPE_CHECKING:
+    from logparse import canonical
+    from logparse import flights as airborne
+    from logparse import vehicle as craft
     from logparse.flights import Flight
     from logparse.tables import Tables
     from logparse.vehicle import Vehicle
+else:
+    canonical, airborne, craft = lazy("logparse.canonical"), lazy("logparse.flights"), lazy("logparse.vehicle")
 
 _HEAD = 1 << 16
 
@@ -228,18 +234,14 @@ class FlightLog(Summarised):
     @cached_property
     def vehicle(self) -> "Vehicle":
         """The craft as the log describes it."""
-        from logparse.vehicle import describe, printed
-
         prelude = self._source.prelude if isinstance(self._source, _PreludeSource) else ()
         others = (Messages(self._source, boot) for boot in self.boots[:_MOST_BOOTS] if boot != self.boot)
-        elsewhere = chain(prelude, *map(printed, others))
-        return describe(self.messages, format=self.format, parameters=self.parameters, elsewhere=elsewhere)
+        elsewhere = chain(prelude, *map(craft.printed, others))
+        return craft.describe(self.messages, format=self.format, parameters=self.parameters, elsewhere=elsewhere)
 
     @cached_property
     def _built(self) -> tuple["Tables", Callable[[], tuple[Finding, ...]]]:
-        from logparse.canonical import gather_tables
-
-        return gather_tables(
+        return canonical.gather_tables(
             _Passing(self.messages), format=self.format, parameters=self.parameters, vehicle=self.vehicle
         )
 
@@ -251,9 +253,7 @@ class FlightLog(Summarised):
     @cached_property
     def flights(self) -> tuple["Flight", ...]:
         """Airborne intervals in this boot."""
-        from logparse.flights import find_flights
-
-        return find_flights(self.tables)
+        return airborne.find_flights(self.tables)
 
     @property
     def flight(self) -> "Flight | None":

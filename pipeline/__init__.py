@@ -3,8 +3,9 @@
 Names are imported when they are first used, so that ``rotorid --help`` need not load the numerical packages.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from logparse.lazy import exports
 
 if TYPE_CHECKING:
     from pipeline.config import AnalysisConfig
@@ -31,19 +32,17 @@ __all__ = [
     "analyze_flights",
 ]
 
-_HOME = {
-    "Failure": "pipeline.results.fleet",
-    "FleetResult": "pipeline.fleet.result",
-    "GroupResult": "pipeline.results.fleet",
-    "analyze": "pipeline.flight.analysis",
-    "analyze_fleet": "pipeline.fleet.analysis",
-    "analyze_flights": "pipeline.flight.analysis",
-    "AnalysisConfig": "pipeline.config",
-    "ConfigError": "pipeline.errors",
-}
-
-
-def __getattr__(name: str) -> object:
-    if name not in __all__:
-        raise AttributeError(f"module 'pipeline' has no attribute {name!r}")
-    return getattr(import_module(_HOME.get(name, "pipeline.results.flight")), name)
+__getattr__, __dir__ = exports(
+    __name__,
+    dict.fromkeys(("FlightResult", "LogFacts", "ModelResult", "Prediction", "Span"), "pipeline.results.flight")
+    | {
+        "AnalysisConfig": "pipeline.config",
+        "ConfigError": "pipeline.errors",
+        "Failure": "pipeline.results.fleet",
+        "FleetResult": "pipeline.fleet.result",
+        "GroupResult": "pipeline.results.fleet",
+        "analyze": "pipeline.flight.analysis",
+        "analyze_fleet": "pipeline.fleet.analysis",
+        "analyze_flights": "pipeline.flight.analysis",
+    },
+)

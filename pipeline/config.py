@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from pipeline.errors import ConfigError
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnalysisConfig:
@@ -45,9 +47,6 @@ class AnalysisConfig:
     def __post_init__(self) -> None:
         wrong = self._wrong()
         if wrong:
-            # Imported here: errors come from logparse, which takes longer to import than help may take to show.
-            from pipeline.errors import ConfigError
-
             raise ConfigError(wrong)
 
     def _wrong(self) -> str:

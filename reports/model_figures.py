@@ -12,7 +12,9 @@ from pipeline.results.flight import ModelResult
 from reports.figure import Figure, Trace, layout_of, model_color, plotly_text, short
 from reports.rows import Numbers
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel
-from sysid.transfer_functions.frequency_response import Root, frequency_response, poles, zeros
+from sysid.transfer_functions.frequency_response import frequency_response
+from sysid.transfer_functions.roots import Root
+from sysid.transfer_functions.transfer_function import poles, zeros
 
 #: Frequencies of a Bode plot.
 POINTS = 60

@@ -13,8 +13,9 @@
 Every name is imported when it is first used, so that ``import rotorid`` is quick.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from logparse.lazy import exports
 
 if TYPE_CHECKING:
     from pipeline.config import AnalysisConfig
@@ -26,27 +27,6 @@ if TYPE_CHECKING:
     from sysid import frequency, loops
     from sysid.loops import prove, tune
     from sysid.records.experiment import Experiment
-
-#: Where each name lives; None for a module of its own.
-_HOME = {
-    "AnalysisConfig": ("pipeline.config", "AnalysisConfig"),
-    "Comparison": ("rotorid.validation", "Comparison"),
-    "Craft": ("rotorid.analysis", "Craft"),
-    "Experiment": ("sysid.records.experiment", "Experiment"),
-    "Fleet": ("rotorid.analysis", "Fleet"),
-    "FlightLog": ("rotorid.flight_log", "FlightLog"),
-    "analyze": ("rotorid.analysis", "analyze"),
-    "compare": ("rotorid.analysis", "compare"),
-    "fit": ("rotorid.fit", None),
-    "frequency": ("sysid.frequency", None),
-    "loops": ("sysid.loops", None),
-    "load": ("rotorid.flight_log", "load"),
-    "plot": ("rotorid.plot", None),
-    "prove": ("sysid.loops", "prove"),
-    "simulate": ("rotorid.simulated_flight", "simulate"),
-    "tune": ("sysid.loops", "tune"),
-    "validate": ("rotorid.validation", "validate"),
-}
 
 __all__ = [
     "AnalysisConfig",
@@ -69,14 +49,25 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module 'rotorid' has no attribute {name!r}")
-    module, attribute = _HOME[name]
-    home = import_module(module)
-    globals()[name] = value = home if attribute is None else getattr(home, attribute)
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = exports(
+    __name__,
+    {
+        "AnalysisConfig": "pipeline.config",
+        "Comparison": "rotorid.validation",
+        "Craft": "rotorid.analysis",
+        "Experiment": "sysid.records.experiment",
+        "Fleet": "rotorid.analysis",
+        "FlightLog": "rotorid.flight_log",
+        "analyze": "rotorid.analysis",
+        "compare": "rotorid.analysis",
+        "fit": "rotorid.fit",
+        "frequency": "sysid.frequency",
+        "load": "rotorid.flight_log",
+        "loops": "sysid.loops",
+        "plot": "rotorid.plot",
+        "prove": "sysid.loops",
+        "simulate": "rotorid.simulated_flight",
+        "tune": "sysid.loops",
+        "validate": "rotorid.validation",
+    },
+)

@@ -25,9 +25,9 @@ from sysid.rotors.thrust import ThrustModel, fit_thrust
 from sysid.rotors.thrust_regression import ThrustCoefficient
 from sysid.transfer_functions.arx import ArxModel, fit_arx
 from sysid.transfer_functions.closed_loop import ClosedLoopModel, fit_closed_loop
-from sysid.transfer_functions.frequency_response import ModelResponse, frequency_response, poles, zeros
+from sysid.transfer_functions.frequency_response import ModelResponse, frequency_response
 from sysid.transfer_functions.pem import fit_transfer_functions
-from sysid.transfer_functions.transfer_function import FitReport, TransferFunction, TransferFunctionModel
+from sysid.transfer_functions.transfer_function import FitReport, TransferFunction, TransferFunctionModel, poles, zeros
 from sysid.validation.assessment import Model, Predictor, Validation, validate
 from sysid.validation.order import OrderScan, scan_orders
 

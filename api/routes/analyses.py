@@ -16,6 +16,8 @@ from api.problems import Problem, ProblemError
 from api.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
 from api.results import answer, file_of, summary
 from api.routes.paging import After, Limit, page
+from logparse import RotoridError
+from pipeline import AnalysisConfig
 
 router = APIRouter(prefix="/analyses", tags=["analyses"], responses=problems.RESPONSES)
 
@@ -41,9 +43,6 @@ def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, own
 
 def check(order: AnalysisOrder) -> None:
     """Find out now, and not in the queue, what about a configuration cannot be."""
-    from logparse import RotoridError
-    from pipeline import AnalysisConfig
-
     try:
         AnalysisConfig(**order.configuration.chosen())
     except RotoridError as error:

@@ -12,15 +12,22 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryFile
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
 from logparse import RotoridError
+from logparse.lazy import lazy
 from pipeline.execution.executors import WorkerDiedError
 from pipeline.names import is_url
 from pipeline.storage.manifest import installed as software
+
+if TYPE_CHECKING:
+    import distributed
+else:
+    distributed = lazy("distributed")
 
 R = TypeVar("R")
 
@@ -55,13 +62,10 @@ class Cluster(Executor):
     """
 
     def __init__(self, address: str, patience: float = PATIENCE) -> None:
-        try:
-            from distributed import Client
-            from distributed.versions import VersionMismatchWarning
-        except ModuleNotFoundError:
+        if find_spec("distributed") is None:
             raise SchedulerError(
                 "working with a scheduler needs Dask, which is not installed: pip install 'rotorid[cluster]'"
-            ) from None
+            )
         if not _has_port(address):  # Dask would look for it for a minute
             raise SchedulerError(f"{address!r} is no address of a scheduler: give host and port, as tcp://cluster:8786")
         self.address = address
@@ -70,8 +74,10 @@ class Cluster(Executor):
         failure = ""
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", VersionMismatchWarning)  # `check` says it in a sentence
-                self._client: Any = Client(address, timeout=patience, set_as_default=False)  # type: ignore[no-untyped-call]
+                warnings.simplefilter(
+                    "ignore", distributed.versions.VersionMismatchWarning
+                )  # `check` says it in a sentence
+                self._client: Any = distributed.Client(address, timeout=patience, set_as_default=False)  # type: ignore[no-untyped-call]
         except OSError as error:
             failure = (
                 f"no Dask scheduler answers at {address}: start one with `dask scheduler`, or look for a mistake in "
@@ -122,14 +128,12 @@ class Cluster(Executor):
 
     def _hand_over(self, future: Future[Any], theirs: Any) -> None:
         """Return the outcome of a call on the cluster to whoever waits for it; in Dask's thread."""
-        from distributed.scheduler import KilledWorker
-
         try:
             error = self._lost() if theirs.status in ("cancelled", "lost") else theirs.exception()
             result = None if error else theirs.result()
         except Exception as failed:  # on its way from the worker
             result, error = None, failed
-        if isinstance(error, KilledWorker):
+        if isinstance(error, distributed.scheduler.KilledWorker):
             error = WorkerDiedError(
                 f"{error.allowed_failures + 1} workers of the cluster died working on it, the last at "
                 f"{error.last_worker.address}; when memory runs out, Dask ends its workers (--memory-limit)"
@@ -254,10 +258,8 @@ def look(places: Sequence[str], mark: str | None) -> str:
 
 def work(expected: Mapping[str, Any], function: Callable[..., R], args: Sequence[Any], named: Mapping[str, Any]) -> R:
     """Do a submitted call on a worker, see `call_guarded`."""
-    from distributed import get_worker
-
     # Dask clears this folder up, also after a worker that was killed.
-    tempfile.tempdir = get_worker().local_directory
+    tempfile.tempdir = distributed.get_worker().local_directory
     return call_guarded(expected, function, args, named)
 
 
@@ -292,7 +294,7 @@ def _trampoline() -> Callable[[bytes], Any]:
     """
 
     def call(packed: bytes) -> Any:
-        import pickle
+        import pickle  # noqa: PLC0415 -- travels with the code
 
         function, args, named = pickle.loads(packed)
         return function(*args, **named)

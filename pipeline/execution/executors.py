@@ -29,6 +29,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+import psutil
+
 from pipeline.execution.machine import available_memory, pin_threads, processors
 
 T = TypeVar("T")
@@ -347,8 +349,6 @@ def _end_with_parent(scratch: Path) -> None:
 
 def _work(pipe: Connection, scratch: Path) -> None:
     """Do calls in a worker process until the pipe is closed."""
-    import psutil
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started us, who ends us.
     threading.Thread(target=_end_with_parent, args=(scratch,), daemon=True).start()
     tempfile.tempdir = str(scratch)

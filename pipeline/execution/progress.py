@@ -5,9 +5,17 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from time import perf_counter
+from typing import TYPE_CHECKING
 
+from logparse.lazy import lazy
 from pipeline.execution.stages import Progress, overall
 from pipeline.names import file_name
+
+if TYPE_CHECKING:
+    from rich import console as rich_console
+    from rich import progress as rich_progress
+else:
+    rich_console, rich_progress = lazy("rich.console"), lazy("rich.progress")
 
 #: Of the whole, the part after which the time to go can be told from the time gone.
 TELLING = 0.03
@@ -105,18 +113,15 @@ def to_go(elapsed: float, fraction: float) -> str:
 
 @contextmanager
 def _bar() -> Iterator[Progress]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     columns = (
-        BarColumn(bar_width=24),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[to_go]}", style="dim"),
-        TextColumn("{task.description}", markup=False),
+        rich_progress.BarColumn(bar_width=24),
+        rich_progress.TextColumn("{task.percentage:3.0f} %"),
+        rich_progress.TimeElapsedColumn(),
+        rich_progress.TextColumn("{task.fields[to_go]}", style="dim"),
+        rich_progress.TextColumn("{task.description}", markup=False),
     )
     start = perf_counter()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with rich_progress.Progress(*columns, console=rich_console.Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=1.0, to_go="")
         yield lambda stage, fraction: bar.update(
             task, description=stage, completed=fraction, to_go=to_go(perf_counter() - start, fraction)

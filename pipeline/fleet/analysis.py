@@ -17,7 +17,10 @@ from pathlib import Path, PurePath
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from logparse.lazy import lazy
 from pipeline.config import AnalysisConfig
+from pipeline.errors import ConfigError
+from pipeline.execution.executors import WorkerDiedError, as_done
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
 from pipeline.fleet.current import Crafts, is_current, stored_flights
@@ -25,13 +28,27 @@ from pipeline.fleet.result import FleetResult
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import Failure, Publish
 from pipeline.storage.inventory import READERS, index_sources
-from pipeline.storage.manifest import FLIGHTS, LogRecord, Manifest, configuration, page_key, read_manifest, software
+from pipeline.storage.manifest import (
+    FLIGHTS,
+    LogRecord,
+    Manifest,
+    configuration,
+    of_one_flight,
+    page_key,
+    read_manifest,
+    software,
+)
 from pipeline.storage.removed import bring_back, set_aside
 from pipeline.storage.sources import Found, find
 from pipeline.storage.store import Store, TemporaryStore, open_store
 
 if TYPE_CHECKING:
+    from pipeline.fleet import crafts as fleet_crafts
+    from pipeline.fleet import job as fleet_job
     from pipeline.fleet.job import Job
+else:
+    # They bring the numerical packages, which an unchanged folder must not wait for.
+    fleet_crafts, fleet_job = lazy("pipeline.fleet.crafts"), lazy("pipeline.fleet.job")
 
 _LOG = logging.getLogger("rotorid.pipeline")
 
@@ -147,9 +164,6 @@ def check_choices(found: Found, config: AnalysisConfig) -> None:
 
 
 def _refuse(reason: str) -> None:
-    # Imported here: errors come from logparse, which an unchanged folder must not wait for.
-    from pipeline.errors import ConfigError
-
     raise ConfigError(reason)
 
 
@@ -206,12 +220,9 @@ def _analyzed(
     new = [record for record in records if record.key and record.url not in known]
     if not new:
         return {}
-    from pipeline.fleet.job import Job
-    from pipeline.storage.manifest import of_one_flight
-
     sources = {source.url: source for source in found.sources}
     jobs = [
-        Job(
+        fleet_job.Job(
             source=sources[record.url],
             name=record.name,
             folder=record.folder,
@@ -249,15 +260,11 @@ def _analyzed(
 
 def _done(jobs: Iterator[Job], executor: Executor | None, watch: Watch) -> Iterator[tuple[Job, Outcome]]:
     """Yield each job with its outcome as it ends."""
-    from pipeline.fleet.job import run
-
     if executor is None:
         for job in jobs:
-            yield job, run(job, watch.within(job.source.url))
+            yield job, fleet_job.run(job, watch.within(job.source.url))
         return
-    from pipeline.execution.executors import WorkerDiedError, as_done
-
-    for job, future in as_done(executor, run, jobs):
+    for job, future in as_done(executor, fleet_job.run, jobs):
         try:
             yield job, future.result()
         except WorkerDiedError as error:
@@ -312,10 +319,7 @@ def _crafts(
     )
     if unchanged and not redo and all(is_current(store, craft) for craft in before):
         return Crafts(entries=before, left_out=former.left_out)
-    # Imported here: it brings the numerical packages, which an unchanged folder must not wait for.
-    from pipeline.fleet.crafts import identify_crafts
-
-    return identify_crafts(flights, config, store, publish, executor, progress, redo=redo)
+    return fleet_crafts.identify_crafts(flights, config, store, publish, executor, progress, redo=redo)
 
 
 def _in_state(records: Sequence[LogRecord], *states: str) -> tuple[Failure, ...]:

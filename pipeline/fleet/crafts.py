@@ -11,10 +11,12 @@ from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
 from pipeline.fleet.current import Crafts, is_current
 from pipeline.fleet.homogeneity import unlike_findings
+from pipeline.fleet.joint import identify_craft
 from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import Failure, GroupResult, Publish
+from pipeline.storage.kept import read_result, write_result
 from pipeline.storage.manifest import CRAFTS, craft_key, page_key
 from pipeline.storage.store import ENTRY, Store
 
@@ -75,8 +77,6 @@ def identify_crafts(
 
         result = None if redo else known_result(store, entry)
         if result is None:
-            from pipeline.fleet.joint import identify_craft
-
             result = identify_craft(entry.name, craft, split, store.url, config, overall(report), executor, findings)
         try:
             keep(result, entry, store, publish)
@@ -99,8 +99,6 @@ def known_result(store: Store, entry: GroupEntry) -> GroupResult | None:
     place = f"{CRAFTS}/{entry.folder}"
     if (store.read_json(f"{place}/{ENTRY}") or {}).get("key") != entry.key:
         return None
-    from pipeline.storage.kept import read_result
-
     found = read_result(store, place)
     return found if isinstance(found, GroupResult) else None
 
@@ -111,8 +109,6 @@ def keep(result: GroupResult, entry: GroupEntry, store: Store, publish: Publish 
         product = scratch / "product"
         product.mkdir()
         if publish is not None:
-            from pipeline.storage.kept import write_result
-
             publish(result, product)
             write_result(result, product)
         (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")

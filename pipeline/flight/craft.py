@@ -10,16 +10,21 @@ from datetime import datetime, timedelta
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
+from logparse import Finding, Severity
+from logparse.lazy import lazy
+
 if TYPE_CHECKING:
     import numpy as np
+    import pymap3d
     from numpy.typing import NDArray
 
-    from logparse import Finding, Vehicle
+    from logparse import Vehicle
     from pipeline.results.entry import FlightEntry, FlightSummary
+else:
+    # Grouping a folder that did not change needs none of them.
+    np, pymap3d = lazy("numpy"), lazy("pymap3d")
 
 Flown = TypeVar("Flown", bound="FlightSummary")
-
-# Numerical libraries are imported where they are needed: grouping a folder that did not change needs none of them.
 
 #: Rate-loop gains, by their names of all ages: tuned for each craft, so they tell crafts apart where no board id does.
 GAINS = ("ATC_RAT_RLL_P", "ATC_RAT_PIT_P", "ATC_RAT_YAW_P", "RATE_RLL_P", "RATE_PIT_P", "RATE_YAW_P")
@@ -126,8 +131,6 @@ def same_flight(a: FlightEntry, b: FlightEntry) -> bool:
 
 def _near(a: FlightEntry, b: FlightEntry, times: Sequence[datetime]) -> bool:
     """Return whether two tracks are at one place at the same times; also where one of them does not tell."""
-    import numpy as np
-
     tracks = [track for track in (_places(a, times), _places(b, times)) if track is not None]
     return len(tracks) < 2 or float(np.median(np.linalg.norm(tracks[0] - tracks[1], axis=1))) < SAME_PLACE
 
@@ -145,8 +148,6 @@ def changes(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
     tuple of Finding
         One for each change, in order of date (of name, where a date is missing).
     """
-    from logparse import Finding, Severity
-
     ordered = in_order(flights)
     return tuple(
         Finding(
@@ -181,8 +182,6 @@ def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Findi
         By the craft's fingerprint: one for each other group of the same board, or, where no board is known, of the same
         frame and with few differences.
     """
-    from logparse import Finding, Severity
-
     found: dict[str, tuple[Finding, ...]] = {}
     for craft in crafts:
         first = craft[0]
@@ -290,9 +289,6 @@ def _places(flight: FlightEntry, times: Sequence[datetime]) -> NDArray[np.float6
     """Earth-centred positions at given times, m, shape (n, 3); None where the track has no place on earth."""
     if flight.origin is None or flight.start_utc is None or not flight.track:
         return None
-    import numpy as np
-    import pymap3d
-
     t = [(time - flight.start_utc).total_seconds() for time in times]
     known, *ned = np.array(flight.track).T
     north, east, down = (np.interp(t, known, part) for part in ned)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import PurePath
 
 from pipeline.config import AnalysisConfig
+from pipeline.execution.executors import as_done
 from pipeline.names import file_name, folder_names, is_url, printable
 from pipeline.storage.manifest import LogRecord, Manifest, flight_key
 from pipeline.storage.sources import Source, called_a_log, digest
@@ -72,8 +73,6 @@ def _contents(sources: Sequence[Source], former: Manifest, executor: Executor | 
     with ThreadPoolExecutor(READERS) as readers:
         contents |= zip(near, readers.map(_digest, near), strict=True)
     if executor is not None and len(near) < len(new):
-        from pipeline.execution.executors import as_done
-
         for url, future in as_done(executor, _digest, (url for url in new if is_url(url))):
             try:
                 contents[url] = future.result()

@@ -9,10 +9,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import count
 from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
 
+from logparse.lazy import lazy
 from pipeline.names import flight_folder
 from pipeline.storage.manifest import FLIGHTS, LogRecord
 from pipeline.storage.store import ENTRY, Store
+
+if TYPE_CHECKING:
+    from pipeline.storage import dataset as datasets
+else:
+    datasets = lazy("pipeline.storage.dataset")  # brings the numerical packages: an unchanged folder must not wait
 
 #: Folder of the store that has the datasets of logs that are gone.
 REMOVED = "removed"
@@ -38,13 +45,10 @@ def _places(store: Store, records: Sequence[LogRecord], below: str) -> Iterator[
     """List the partitions that flights have in the datasets, as far as they are there."""
     if not records:
         return
-    # Imported here: it brings the numerical packages, which an unchanged folder must not wait for.
-    from pipeline.storage.dataset import EXPERIMENTS, TABLES, part
-
     for folder, vehicle in _flights(store, records):
-        for dataset in (TABLES, EXPERIMENTS):
+        for dataset in (datasets.TABLES, datasets.EXPERIMENTS):
             for name in store.names(f"{below}{dataset}"):
-                place = str(PurePosixPath(part(dataset, name, vehicle, folder)).parent)
+                place = str(PurePosixPath(datasets.part(dataset, name, vehicle, folder)).parent)
                 if store.names(below + place):
                     yield place
 

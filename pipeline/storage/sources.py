@@ -10,12 +10,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
+from logparse.lazy import lazy
 from pipeline.names import file_name, is_url
 from pipeline.results.fleet import Failure
 from pipeline.storage.store import as_os_error
+
+if TYPE_CHECKING:
+    import fsspec
+else:
+    fsspec = lazy("fsspec")
 
 #: Endings that promise a flight log: a file found in a folder is reported as failed only if it has one of them.
 LOG_SUFFIXES = frozenset({".bin", ".log", ".tlog", ".ulg", ".raw"})
@@ -162,8 +168,6 @@ class _Search:
 
     def remote(self, url: str) -> None:
         """Search what fsspec lists below a URL, or take the file that it names."""
-        import fsspec
-
         try:
             with as_os_error():
                 files, root = fsspec.url_to_fs(url)
@@ -204,8 +208,6 @@ def opened(url: str) -> Iterator[IO[bytes]]:
         with Path(url).open("rb") as file:
             yield file
         return
-    import fsspec
-
     with as_os_error(), fsspec.open(url, "rb") as remote:
         yield remote
 
@@ -216,8 +218,6 @@ def fetched(url: str) -> Iterator[Path]:
     if not is_url(url):
         yield Path(url)
         return
-    import fsspec
-
     with TemporaryDirectory(prefix="rotorid-") as scratch:
         target = Path(scratch, PurePosixPath(urlsplit(url).path).name or "log")
         with as_os_error():

@@ -19,8 +19,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
+
+from logparse.lazy import lazy
+
+if TYPE_CHECKING:
+    import fcntl
+    from urllib import request
+
+    import fsspec
+else:
+    fcntl, fsspec, request = lazy("fcntl"), lazy("fsspec"), lazy("urllib.request")  # Windows has no fcntl
 
 #: The file that makes a product whole.
 ENTRY = "entry.json"
@@ -111,9 +121,7 @@ def open_store(where: str | Path) -> Store:
     if isinstance(where, Path) or len(scheme) < 2:
         return FolderStore(Path(where))
     if scheme == "file":
-        from urllib.request import url2pathname
-
-        return FolderStore(Path(url2pathname(urlsplit(str(where)).path)))
+        return FolderStore(Path(request.url2pathname(urlsplit(str(where)).path)))
     return ObjectStore(str(where))
 
 
@@ -206,8 +214,6 @@ class FolderStore(Store):
         """Keep other runs out for the time of a ``with``; what a killed run left half-written is removed."""
         with (self.folder / LOCK).open("w") as lock:
             if sys.platform != "win32":
-                import fcntl
-
                 try:
                     # The system releases it with the process, however that ends.
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -234,8 +240,6 @@ class ObjectStore(Store):
     """A store among objects, by an fsspec URL. Runs that write at the same time are not kept apart."""
 
     def __init__(self, url: str) -> None:
-        import fsspec
-
         self.url = url
         with as_os_error():
             self._files, root = fsspec.url_to_fs(url)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.io import savemat
 
+from logparse.lazy import lazy
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.rational import RationalModel
@@ -18,6 +20,8 @@ from sysid.frequency.survey import AxisSurvey, FrequencySurvey
 
 if TYPE_CHECKING:
     import control
+else:
+    control = lazy("control")
 
 #: Order of the approximation of delays for tools that have none.
 _PADE_ORDER = 3
@@ -138,12 +142,8 @@ def to_control(found: FrequencyResponse | FrequencyFit | RationalModel) -> contr
     FrequencyError
         Without python-control, the extra ``control``.
     """
-    try:
-        import control
-    except ImportError as error:
-        raise FrequencyError(
-            "python-control is not installed; install it with: pip install 'rotorid[control]'"
-        ) from error
+    if find_spec("control") is None:
+        raise FrequencyError("python-control is not installed; install it with: pip install 'rotorid[control]'")
     if isinstance(found, FrequencyResponse):
         return control.FRD(found.response, 2.0 * np.pi * found.hz)
     model = found.transfer_function() if isinstance(found, FrequencyFit) else found

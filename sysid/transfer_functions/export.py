@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +12,15 @@ import pandas as pd
 from scipy.io import savemat
 
 from logparse import RotoridError
+from logparse.lazy import lazy
 from sysid.transfer_functions.closed_loop import ClosedLoopModel
-from sysid.transfer_functions.transfer_function import DETERMINED, TransferFunctionModel
+from sysid.transfer_functions.roots import DETERMINED
+from sysid.transfer_functions.transfer_function import TransferFunctionModel
 
 if TYPE_CHECKING:
     import control
+else:
+    control = lazy("control")
 
 
 #: Order of the approximation of delays for tools that have none.
@@ -103,10 +108,8 @@ def to_control(model: TransferMatrix) -> control.TransferFunction:
     ExportError
         Without python-control, the extra ``control``.
     """
-    try:
-        import control
-    except ImportError as error:
-        raise ExportError("python-control is not installed; install it with: pip install 'rotorid[control]'") from error
+    if find_spec("control") is None:
+        raise ExportError("python-control is not installed; install it with: pip install 'rotorid[control]'")
     rows = [[model.transfer_functions[o][i] for i in model.input_names] for o in model.output_names]
     late = [[control.pade(function.delay, PADE_ORDER if function.delay else 0) for function in row] for row in rows]
     return control.TransferFunction(

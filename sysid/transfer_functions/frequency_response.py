@@ -1,8 +1,8 @@
-"""Frequency response, poles and zeros of an estimated transfer function, with their uncertainty.
+"""Frequency response of an estimated transfer function, with its uncertainty.
 
-Everything here is the delta method: a quantity's covariance is ``J P J'`` with the covariance P of the coefficients
-and the quantity's derivatives J, which is good as long as its deviation is small against itself. Where it is not, the
-quantity is marked as not determined instead of being given a band that means nothing.
+By the delta method: a quantity's covariance is ``J P J'`` with the covariance P of the coefficients and the quantity's
+derivatives J, which is good as long as its deviation is small against itself. Where it is not, the quantity is marked
+as not determined instead of being given a band that means nothing.
 """
 
 from __future__ import annotations
@@ -14,13 +14,10 @@ from numpy.typing import NDArray
 from scipy.special import chdtri as chi2_isf
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions.transfer_function import DETERMINED, TransferFunction
+from sysid.transfer_functions.transfer_function import TransferFunction
 
 #: Gain and phase are parts of the logarithm of G; with a larger standard deviation of it, they are not known.
 LARGEST_SIGMA = 0.5
-
-#: Roots closer to each other than this part of their size are one multiple root, whose place is not differentiable.
-MULTIPLE = 1e-6
 
 Complex = NDArray[np.complex128]
 
@@ -85,62 +82,3 @@ def frequency_response(function: TransferFunction, omega: Floats) -> ModelRespon
     variances = [np.einsum("ki,ij,kj->k", part, function.covariance, part) for part in (slope.real, slope.imag)]
     gain, phase = (np.sqrt(np.maximum(variance, 0.0)) for variance in variances)
     return ModelResponse(omega, response, gain, np.hypot(phase, late))
-
-
-@dataclass(frozen=True, slots=True)
-class Root:
-    """A pole or zero with its uncertainty."""
-
-    value: complex  #: rad/s.
-    covariance: Floats  #: shape (2, 2): Of real and imaginary part, (rad/s)^2; infinite for a multiple root.
-
-    @property
-    def sigma(self) -> float:
-        """Largest standard deviation in any direction, rad/s."""
-        if not np.isfinite(self.covariance).all():
-            return float("inf")
-        return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance)[-1], 0.0)))
-
-    @property
-    def determined(self) -> bool:
-        """Whether the deviation is below half of the distance from the origin."""
-        return self.sigma < DETERMINED * abs(self.value)
-
-    def ellipse(self, level: float = 0.95, points: int = 48) -> Complex:
-        """Draw the line within which the root lies with the given probability; on the axis, for a real root."""
-        values, vectors = np.linalg.eigh(self.covariance)
-        radii = np.sqrt(np.maximum(values, 0.0) * chi2_isf(2 if self.value.imag else 1, 1.0 - level))
-        angle = np.linspace(0.0, 2.0 * np.pi, points)
-        around = vectors @ (radii[:, None] * np.array([np.cos(angle), np.sin(angle)]))
-        return np.asarray(self.value + around[0] + 1j * around[1])
-
-
-def poles(function: TransferFunction) -> tuple[Root, ...]:
-    """Return the poles with their uncertainty, slowest first."""
-    return _roots(function.den, function, len(function.num), 1)
-
-
-def zeros(function: TransferFunction) -> tuple[Root, ...]:
-    """Return the zeros with their uncertainty, slowest first."""
-    return _roots(function.num, function, 0, 0)
-
-
-def _roots(polynomial: Floats, function: TransferFunction, first: int, fixed: int) -> tuple[Root, ...]:
-    """Differentiate the roots of ``c_0 s^n + ...``, of which `fixed` are known: ``d r / d c_k = -r^(n-k) / C'(r)``."""
-    roots = np.roots(polynomial).astype(np.complex128)
-    free = len(polynomial) - fixed
-    if function.covariance is None:
-        covariance = np.zeros((free, free))
-    else:
-        covariance = function.covariance[first : first + free, first : first + free]
-    derivative = np.polyder(polynomial)
-    found = []
-    for root in sorted(roots, key=lambda r: (abs(r), r.imag)):
-        apart = np.abs(roots - root)
-        if np.count_nonzero(apart <= MULTIPLE * max(abs(root), 1e-12)) > 1:
-            found.append(Root(complex(root), np.full((2, 2), np.inf)))
-            continue
-        slope = -(root ** np.arange(free - 1, -1, -1)) / np.polyval(derivative, root)
-        parts = np.vstack([slope.real, slope.imag])
-        found.append(Root(complex(root), np.asarray(parts @ covariance @ parts.T)))
-    return tuple(found)

@@ -15,9 +15,7 @@ from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps, require_signals
 from sysid.transfer_functions.disturbance import Disturbance
 from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
-
-#: A coefficient whose standard deviation exceeds this part of its value is reported as not determined.
-DETERMINED = 0.5
+from sysid.transfer_functions.roots import DETERMINED, Root, roots_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,8 +90,6 @@ class TransferFunction(Summarised):
 
         ``poles_std`` and ``zeros_std`` are their largest standard deviations in any direction, None where infinite.
         """
-        from sysid.transfer_functions.frequency_response import poles, zeros  # which needs this class
-
         some_poles, some_zeros = poles(self), zeros(self)
         deviation, determined, n = self.standard_deviation, self.determined, len(self.num)
         return {
@@ -124,6 +120,18 @@ class TransferFunction(Summarised):
             delay=float(values.get("delay", 0.0)),
             delay_std=float(values.get("delay_std", 0.0)),
         )
+
+
+def poles(function: TransferFunction) -> tuple[Root, ...]:
+    """Return the poles with their uncertainty, slowest first."""
+    n, covariance = len(function.num), function.covariance
+    return roots_of(function.den, None if covariance is None else covariance[n:, n:])
+
+
+def zeros(function: TransferFunction) -> tuple[Root, ...]:
+    """Return the zeros with their uncertainty, slowest first."""
+    n, covariance = len(function.num), function.covariance
+    return roots_of(function.num, None if covariance is None else covariance[:n, :n])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
