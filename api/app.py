@@ -15,6 +15,7 @@ from api.bodies import SmallBodies
 from api.catalog import Catalog, Quota
 from api.database import Database
 from api.dependencies import Parts
+from api.desk import Desk
 from api.headers import SafeHeaders
 from api.housekeeping import Housekeeping
 from api.incoming import Incoming
@@ -23,7 +24,7 @@ from api.local_only import KnownHosts
 from api.metrics import Measured, Metrics
 from api.objects import Objects
 from api.rates import Rates
-from api.routes import analyses, health, logs, page_forms, pages, shares, sign_in
+from api.routes import analyses, explore, health, logs, page_forms, pages, shares, sign_in
 from api.scratch import Scratch
 from api.settings import Settings
 from api.watch import PRELOAD, Workplace
@@ -68,12 +69,15 @@ def create_app(
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         parts.runner.open()
         parts.housekeeping.open()
+        if parts.recognise is not None:
+            parts.desk.open()
         _log.info("logs and reports are kept in %s", settings.storage_url)
         try:
             yield
         finally:
             parts.runner.close()
             parts.housekeeping.close()
+            parts.desk.close()
             parts.database.close()
             parts.scratch.close()
 
@@ -96,6 +100,8 @@ def create_app(
     app.add_middleware(SafeHeaders)
     app.add_middleware(Measured, metrics=parts.metrics)
     app.include_router(logs.router, prefix="/api/v1")
+    app.include_router(explore.router, prefix="/api/v1")
+    app.include_router(explore.pages)
     app.include_router(shares.router, prefix="/api/v1")
     app.include_router(analyses.router, prefix="/api/v1")
     app.include_router(health.router)
@@ -126,6 +132,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         preload=preload,
         log_format=settings.log_format,
     )
+    desk = Desk(settings.memory_limit)
     return Parts(
         settings=settings,
         database=database,
@@ -134,6 +141,9 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         scratch=scratch,
         incoming=Incoming(scratch.folder),
         runner=Runner(database, workplace, workers=settings.workers, scheduler=settings.scheduler or None),
+        desk=desk,
+        # What stands in for the pipeline takes whatever it is given.
+        recognise=desk.refuse_junk if analyze is analyze_logs else None,
         tokens=Tokens(database),
         shares=Shares(database),
         rates=Rates(settings.upload_rate),

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from http import HTTPStatus
 from typing import Any, NamedTuple
 
-from sqlalchemy import delete, func, select, tuple_
+from sqlalchemy import delete, func, or_, select, tuple_
 from sqlalchemy.exc import IntegrityError, OperationalError
 from sqlalchemy.orm import Session
 
@@ -260,8 +260,12 @@ class Catalog:
         after: str | None = None,
         state: State | None = None,
         log: str | None = None,
+        text: str = "",
     ) -> list[Analysis]:
-        """List the newest analyses, or those after one of this list, of a state or of a log."""
+        """List the newest analyses, or those after one of this list, of a state, of a log or with a text.
+
+        The text is part of a log's name, of the craft, the day of flight or the health.
+        """
         with self._database.read() as session:
             query = select(AnalysisRecord).where(AnalysisRecord.owner == owner)
             if state is not None:
@@ -270,6 +274,12 @@ class Catalog:
                 if not is_id(log):
                     return []
                 query = query.where(AnalysisRecord.members.any(AnalysedLog.log_id == log))
+            if text:
+                if "\0" in text:
+                    return []
+                named = AnalysisRecord.members.any(AnalysedLog.log.has(LogRecord.name.icontains(text, autoescape=True)))
+                columns = (AnalysisRecord.craft, AnalysisRecord.flown, AnalysisRecord.health)
+                query = query.where(or_(named, *(column.icontains(text, autoescape=True) for column in columns)))
             query = query.order_by(AnalysisRecord.created.desc(), AnalysisRecord.id.desc()).limit(limit)
             if after is not None and (last := _owned(session, after, owner)) is not None:
                 query = query.where(tuple_(AnalysisRecord.created, AnalysisRecord.id) < (last.created, last.id))
@@ -370,4 +380,8 @@ def _analysis(record: AnalysisRecord) -> Analysis:
         ended=record.ended,
         problem=None if record.problem is None else Problem.model_validate(record.problem),
         files=record.files,
+        craft=record.craft,
+        flown=record.flown,
+        health=record.health,
+        tone=record.tone,
     )

@@ -1,7 +1,9 @@
 """What the routes are given: the parts of the application, who asks, and the check that it is one of our own pages."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from http import HTTPStatus
+from pathlib import Path
 from typing import Annotated
 from urllib.parse import urlsplit
 
@@ -12,6 +14,7 @@ from starlette.datastructures import URL
 from api.access import EVERYBODY, Shares, Tokens, bearer, unauthorized
 from api.catalog import Catalog
 from api.database import Database
+from api.desk import Desk
 from api.housekeeping import Housekeeping
 from api.incoming import Incoming
 from api.jobs import Runner
@@ -34,6 +37,8 @@ class Parts:
     scratch: Scratch
     incoming: Incoming
     runner: Runner
+    desk: Desk
+    recognise: Callable[[Path, str], None] | None  #: Refuses an upload, with its name, that is no log.
     tokens: Tokens
     shares: Shares
     rates: Rates

@@ -18,6 +18,9 @@ _PAGE_POLICY = "; ".join(
     ]
 )
 
+#: Plotly writes styles into the page that it draws on.
+PLOT_POLICY = _PAGE_POLICY.replace("style-src 'self'", "style-src 'self' 'unsafe-inline'")
+
 #: A report carries its scripts and styles inside and draws text that came from a log. The sandbox gives it an origin
 #: of its own, so that whatever slipped through escaping could neither call this service nor any other.
 REPORT_POLICY = "; ".join(

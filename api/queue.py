@@ -9,7 +9,7 @@ Every change may be asked for again when the connection broke before the answer 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from http import HTTPStatus
 from typing import Any
@@ -19,6 +19,7 @@ from sqlalchemy.engine import CursorResult
 from sqlalchemy.orm import Session
 
 from api.database import Database
+from api.found import Found
 from api.ids import new_id
 from api.problems import Problem
 from api.records import AnalysisRecord
@@ -120,10 +121,11 @@ class Queue:
         with self._database.write() as session:
             return _change(session, claim, lease_until=until, stage=stage, progress=progress)
 
-    def finish(self, claim: Claim, files: Mapping[str, int]) -> bool:
+    def finish(self, claim: Claim, files: Mapping[str, int], found: Found | None = None) -> bool:
         """End an analysis well; False, with nothing changed, when the lease is lost."""
+        short = asdict(found or Found())
         with self._database.write() as session:
-            if _change(session, claim, **_end(State.DONE), files=dict(files), results=claim.lease):
+            if _change(session, claim, **_end(State.DONE), files=dict(files), results=claim.lease, **short):
                 return True
             # Asked for again: it was done before, and the results must not be taken for another's.
             ended = session.get(AnalysisRecord, claim.analysis)

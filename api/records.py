@@ -87,6 +87,11 @@ class AnalysisRecord(Record):
     #: Size of every file of the results by its name; their objects are ``analyses/ID/RESULTS/NAME``.
     files: Mapped[dict[str, Any]] = mapped_column(default=dict)
     results: Mapped[str | None] = mapped_column(String(ID_LENGTH))
+    #: See `api.found.Found`.
+    craft: Mapped[str | None] = mapped_column(String(200))
+    flown: Mapped[str | None] = mapped_column(String(10))
+    health: Mapped[str | None] = mapped_column(String(40))
+    tone: Mapped[str | None] = mapped_column(String(10))
     members: Mapped[list["AnalysedLog"]] = relationship(
         order_by="AnalysedLog.position", cascade="all, delete-orphan", lazy="selectin"
     )

@@ -101,6 +101,10 @@ class Analysis(BaseModel):
         description="Files of its results by name, with their size in bytes.",
         examples=[{"report.html": 2416301, "rmse.csv": 1893}],
     )
+    craft: str | None = Field(default=None, description="What flew, as its logs describe it.")
+    flown: str | None = Field(default=None, description="Day of its first flight.", examples=["2026-03-14"])
+    health: str | None = Field(default=None, description="Whether it is healthy; of several flights the worst answer.")
+    tone: str | None = Field(default=None, description="How good that is: good, care, bad or unknown.")
 
     @computed_field(description="The first of its logs.")  # type: ignore[prop-decorator]
     @property
@@ -127,13 +131,31 @@ class AnalysisSummary(Analysis):
 class AnalysisAnswer(AnalysisSummary):
     """An analysis with its results, once it is done."""
 
+    answers: dict[str, list[dict[str, Any]]] | None = Field(
+        default=None, description="By flight the first screen of its report: an answer for each purpose."
+    )
+    rmse: list[dict[str, Any]] | None = Field(default=None, description="Contents of rmse.csv: errors of all models.")
+    coefficients: dict[str, dict[str, Any]] | None = Field(
+        default=None,
+        description="By flight or craft and model the coefficients of its transfer functions, by output and input.",
+    )
     findings: list[dict[str, Any]] | None = Field(
-        default=None, description="What was noticed in the logs and the fits, with advice."
+        default=None, description="What was noticed in the logs and the fits, with advice (`include=findings`)."
     )
     report: dict[str, Any] | None = Field(
-        default=None, description="Contents of report.json: what was found, RMSE, findings."
+        default=None, description="Contents of report.json: all that was found (`include=report`)."
     )
-    models: dict[str, Any] | None = Field(default=None, description="Contents of models.json: the fitted models.")
+    models: dict[str, Any] | None = Field(
+        default=None, description="Contents of models.json: the fitted models (`include=models`)."
+    )
+
+
+class Extra(StrEnum):
+    """What an answer holds only where it is asked for."""
+
+    REPORT = "report"
+    MODELS = "models"
+    FINDINGS = "findings"
 
 
 class SharedLog(BaseModel):

@@ -2,16 +2,19 @@
 
 import json
 import mimetypes
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import quote
 
+from fastapi import Query
 from fastapi.responses import FileResponse
 
 from api.dependencies import Parts
+from api.found import lines_of
 from api.headers import REPORT_POLICY
 from api.ids import new_id
-from api.resources import Analysis, AnalysisAnswer, AnalysisSummary
+from api.resources import Analysis, AnalysisAnswer, AnalysisSummary, Extra
 
 #: Media types by the ending of a name; browsers need to be told that text is UTF-8.
 _MEDIA_TYPES = {
@@ -41,21 +44,29 @@ def summary(analysis: Analysis) -> AnalysisSummary:
     return AnalysisSummary(**dict(analysis), links=links_of(analysis))
 
 
-def answer(analysis: Analysis, parts: Parts) -> AnalysisAnswer:
-    """Add to an analysis what it found and where its files are."""
+Include = Annotated[
+    Sequence[Extra], Query(description="What to answer in full beside answers, RMSE and coefficients; may come again.")
+]
+
+
+def answer(analysis: Analysis, parts: Parts, include: Sequence[Extra] = tuple(Extra)) -> AnalysisAnswer:
+    """Add to an analysis what it found, with as much as `include` asks for, and where its files are."""
     report = _contents(analysis, parts, "report.json")
     return AnalysisAnswer(
         **dict(analysis),
         links=links_of(analysis),
-        findings=None if report is None else _findings(report),
-        report=report,
-        models=_contents(analysis, parts, "models.json"),
+        answers=None if report is None else _answers(report),
+        rmse=None if report is None else _rmse(report),
+        coefficients=None if report is None else _coefficients(report),
+        findings=_findings(report) if report is not None and Extra.FINDINGS in include else None,
+        report=report if Extra.REPORT in include else None,
+        models=_contents(analysis, parts, "models.json") if Extra.MODELS in include else None,
     )
 
 
 def file_of(analysis: Analysis, name: str, parts: Parts) -> FileResponse | None:
     """Answer with a file of an analysis, or the range of it that was asked for; None when there is none."""
-    path = _here(parts.catalog.object_of(analysis, name), parts)
+    path = local_copy(parts.catalog.object_of(analysis, name), parts)
     if path is None:
         return None
     kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
@@ -65,7 +76,7 @@ def file_of(analysis: Analysis, name: str, parts: Parts) -> FileResponse | None:
     return response
 
 
-def _here(key: str | None, parts: Parts) -> Path | None:
+def local_copy(key: str | None, parts: Parts) -> Path | None:
     """Return an object as a file of this computer; what was brought from elsewhere stays, for results never change.
 
     None where there is no such object, or it was deleted at this moment.
@@ -104,3 +115,28 @@ def _findings(report: dict[str, Any]) -> list[dict[str, Any]]:
     """Gather the findings of a report: of one flight, or of each flight and craft."""
     places = [report, *report.get("flights", []), *report.get("groups", [])]
     return [finding for place in places for finding in place.get("findings", [])]
+
+
+def _answers(report: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """Gather the first screen of each flight."""
+    flights = report.get("flights", [report])
+    return {str(flight.get("name")): lines_of(flight.get("answer")) for flight in flights}
+
+
+def _rmse(report: dict[str, Any]) -> list[dict[str, Any]]:
+    """Gather the errors of all models, joint ones first."""
+    return [row for place in (*report.get("groups", []), report) for row in place.get("rmse", [])]
+
+
+def _coefficients(report: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Gather the numerators and denominators of transfer functions."""
+    found: dict[str, dict[str, Any]] = {}
+    for place in (*report.get("groups", []), report):
+        for result in place.get("models", []):
+            functions = (result["model"] or {}).get("transfer_functions")
+            if functions:
+                found.setdefault(str(place.get("name")), {})[result["key"]] = {
+                    output: {name: {part: each[part] for part in ("num", "den")} for name, each in row.items()}
+                    for output, row in functions.items()
+                }
+    return found

@@ -2,9 +2,10 @@
 
 import asyncio
 import re
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack
 from http import HTTPStatus
+from pathlib import Path
 
 from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
@@ -31,6 +32,9 @@ _NAME_LENGTH = 200
 #: Most files of one form, and most parts of it of any kind.
 _FILES = 100
 _PARTS = 200
+
+#: Most other fields that are kept, and bytes of each.
+_FIELDS, _FIELD_LENGTH = 20, 100
 
 #: Longest boundary that the parser takes; RFC 2046 allows 70 bytes.
 _BOUNDARY = 256
@@ -69,9 +73,12 @@ class _Form:
         self.filenames: list[str] = []
         #: Bytes not yet taken: (number of the file, bytes).
         self.pending: list[tuple[int, bytearray]] = []
+        #: Other fields, as far as they are short.
+        self.fields: dict[str, bytearray] = {}
         self.complete = False
         self._parts = 0
         self._in_file = False
+        self._field = ""
         self._header = bytearray()
         self._value = bytearray()
         self._disposition = b""
@@ -122,6 +129,7 @@ class _Form:
     def _on_headers_finished(self) -> None:
         _, options = parse_options_header(self._disposition)
         self._in_file = options.get(b"name") == b"file" and b"filename" in options
+        self._field = "" if self._in_file else options.get(b"name", b"").decode("utf-8", "replace")
         if self._in_file:
             self.filenames.append(options[b"filename"].decode("utf-8", "replace"))
             self.pending.append((len(self.filenames) - 1, bytearray()))
@@ -132,15 +140,29 @@ class _Form:
             if not self.pending:
                 self.pending.append((number, bytearray()))
             self.pending[-1][1].extend(memoryview(data)[start:end])
+        elif self._field and len(self.fields) < _FIELDS:
+            value = self.fields.setdefault(self._field, bytearray())
+            value.extend(memoryview(data)[start : min(end, start + _FIELD_LENGTH - len(value))])
 
     def _on_end(self) -> None:
         self.complete = True
 
 
 async def receive_logs(
-    request: Request, incoming: Incoming, catalog: Catalog, owner: str, *, limit: int, stall: float, logs_limit: int
+    request: Request,
+    incoming: Incoming,
+    catalog: Catalog,
+    owner: str,
+    *,
+    limit: int,
+    stall: float,
+    logs_limit: int,
+    recognise: Callable[[Path, str], object] | None = None,
+    fields: dict[str, str] | None = None,
 ) -> list[Kept]:
     """Store the logs of an upload: all, or none when something is wrong with one.
+
+    `recognise` refuses a file that is no log, by its place here and its name; `fields` gathers the other fields.
 
     Raises
     ------
@@ -178,9 +200,13 @@ async def receive_logs(
                 raise _bad_form("The form has no file called `file`. With curl: curl -F file=@FLIGHT.bin ADDRESS.")
             await run_in_threadpool(write)
             names = [_display_name(name) for name in form.filenames]
+            if fields is not None:
+                fields |= {name: value.decode("utf-8", "replace") for name, value in form.fields.items()}
             for upload, name in zip(uploads, names, strict=True):
                 if upload.size == 0:
                     raise _empty(name)
+                if recognise is not None:
+                    await run_in_threadpool(recognise, upload.path, name)
             arrived = list(zip(uploads, names, strict=True))
             return await run_in_threadpool(catalog.keep_logs, arrived, owner, logs_limit)
     except FormParserError as error:

@@ -23,6 +23,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from api import sizes, worker
 from api.database import Database
+from api.found import read_found
 from api.heartbeat import Heartbeat, LostError
 from api.objects import Objects
 from api.problems import Problem
@@ -35,7 +36,8 @@ _log = logging.getLogger("rotorid.api")
 #: What the process that workers are forked from has imported already, so that an analysis starts at once.
 PRELOAD = ("pipeline.fleet.job", "pipeline.fleet.joint", "pipeline.fleet.crafts", "reports.folder", "reports.fleet")
 
-_CONTEXT = multiprocessing.get_context("forkserver")
+#: How processes that do the work are made.
+CONTEXT = multiprocessing.get_context("forkserver")
 
 #: Seconds for which the end of an analysis is kept ready while the database cannot take it.
 _PATIENCE = 120.0
@@ -83,7 +85,7 @@ class Workplace:
         """Start the process that analyses are forked from; it imports the pipeline meanwhile."""
         # Our matrices are small: BLAS threads only hurt them and each other. The workers inherit this.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        _CONTEXT.set_forkserver_preload(["__main__", "api.worker", "logparse", *self.preload])
+        CONTEXT.set_forkserver_preload(["__main__", "api.worker", "logparse", *self.preload])
         forkserver.ensure_running()
 
 
@@ -114,8 +116,9 @@ def _work(workplace: Workplace, claim: Claim, queue: Queue, stopping: Callable[[
             if problem is not None:
                 _persist(lambda: queue.fail(claim, problem))
                 return
+            found = read_found(task.folder / "report.json")
             files = _keep(claim, objects, task.folder, heartbeat)
-            if not _persist(lambda: queue.finish(claim, files)):
+            if not _persist(lambda: queue.finish(claim, files, found)):
                 objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
         except _StoppedError:
             queue.give_back(claim)
@@ -204,8 +207,8 @@ def _analyse(
 @contextmanager
 def _process(workplace: Workplace, task: worker.Task) -> Iterator[tuple[ForkServerProcess, Connection]]:
     """Start a process for a task; it is gone afterwards, whatever it was doing."""
-    receiver, sender = _CONTEXT.Pipe(duplex=False)
-    process = _CONTEXT.Process(
+    receiver, sender = CONTEXT.Pipe(duplex=False)
+    process = CONTEXT.Process(
         target=worker.run,
         args=(sender, workplace.analyze, task, workplace.limits, workplace.log_format),
         daemon=True,

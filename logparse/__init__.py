@@ -12,7 +12,7 @@ from logparse.lazy import exports
 if TYPE_CHECKING:
     from logparse.events import FlightEvent, flight_events
     from logparse.flights import Flight
-    from logparse.log import FlightLog, Messages, read_flights, read_log
+    from logparse.log import FlightLog, Messages, check_is_log, read_flights, read_log
     from logparse.source import Boot, MessageSource
     from logparse.tables import COLUMNS, Geodetic, Tables
     from logparse.vehicle import Motor, Vehicle
@@ -34,6 +34,7 @@ __all__ = [
     "Severity",
     "Tables",
     "Vehicle",
+    "check_is_log",
     "flight_events",
     "read_flights",
     "read_log",
@@ -53,6 +54,7 @@ __getattr__, __dir__ = exports(
         "Motor": "logparse.vehicle",
         "Tables": "logparse.tables",
         "Vehicle": "logparse.vehicle",
+        "check_is_log": "logparse.log",
         "flight_events": "logparse.events",
         "read_flights": "logparse.log",
         "read_log": "logparse.log",

@@ -6,7 +6,8 @@ import os
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, cast
 
@@ -88,6 +89,35 @@ def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tu
     LogError
         No such file, unreadable, empty, or an archive that is damaged, too large or without one log.
     """
+    with _opened(path) as (file, magic):
+        if magic[:3] == b"\x1f\x8b\x08":
+            with gzip.open(path) as packed:
+                return _unpacked(packed, path.name)
+        if magic == b"PK\x03\x04":
+            with _zip_member(path, is_log) as member:
+                return _unpacked(member, path.name)
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), ()
+
+
+def read_head(path: Path, is_log: Callable[[bytes], bool]) -> bytes:
+    """Read the first 64 kB of a log, unpacked no further than that; parameters and errors as of `open_buffer`."""
+    with _opened(path) as (file, magic):
+        if magic[:3] == b"\x1f\x8b\x08":
+            try:
+                with gzip.open(path) as packed:
+                    return packed.read1(_HEAD)
+            except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+                raise LogError(f"{path.name} is an archive that cannot be unpacked: {error}") from error
+        if magic == b"PK\x03\x04":
+            with _zip_member(path, is_log) as member:
+                return member.read(_HEAD)
+        file.seek(0)
+        return file.read(_HEAD)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[IO[bytes], bytes]]:
+    """Open a file, with its first four bytes."""
     try:
         if path.is_dir():
             raise LogError(f"{path} is a folder, not a log")
@@ -97,17 +127,14 @@ def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tu
             magic = file.read(4)
             if not magic:
                 raise LogError(f"{path.name} is empty (0 bytes): the autopilot or the download wrote nothing")
-            if magic[:3] == b"\x1f\x8b\x08":
-                with gzip.open(path) as packed:
-                    return _unpacked(packed, path.name)
-            if magic == b"PK\x03\x04":
-                return _zip_member(path, is_log)
-            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), ()
+            yield file, magic
     except OSError as error:
         raise LogError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
-def _zip_member(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tuple[Finding, ...]]:
+@contextmanager
+def _zip_member(path: Path, is_log: Callable[[bytes], bool]) -> Iterator[zipfile.ZipExtFile]:
+    """Open the one log of an archive."""
     try:
         with zipfile.ZipFile(path) as archive:
             logs = []
@@ -122,7 +149,7 @@ def _zip_member(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tu
                 advice = "" if not logs else ": unpack it and give the logs one by one or as a folder"
                 raise LogError(f"{path.name} is a zip archive with {what} in it{advice}")
             with archive.open(logs[0]) as packed:
-                return _unpacked(cast(zipfile.ZipExtFile, packed), path.name)
+                yield cast(zipfile.ZipExtFile, packed)
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         # RuntimeError is what zipfile raises for encrypted members.
         raise LogError(f"{path.name} is a zip archive that cannot be opened: {error}") from error

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol, Self, TypeVar, overload, runtime_che
 import numpy as np
 import pandas as pd
 
-from logparse.containers import Buffer, open_buffer
+from logparse.containers import Buffer, open_buffer, read_head
 from logparse.errors import LogError, RotoridError
 from logparse.findings import Finding, Severity
 from logparse.lazy import lazy
@@ -396,6 +396,13 @@ def read_flights(path: str | Path) -> tuple[FlightLog, ...]:
         with suppress(RotoridError):  # a power-up without tables has no flight
             flights += (other.of_flight(k + 1) for k in range(len(other.flights)))
     return tuple(flights) or (log,)
+
+
+def check_is_log(path: Path) -> None:
+    """Raise LogError unless a file begins like a log: a look at its first 64 kB."""
+    head = read_head(path, lambda head: _reader(head) is not None)
+    if _reader(head) is None:
+        raise LogError(f"{path.name} is not a flight log: {_what_it_is(head)}")
 
 
 def _flown(log: FlightLog) -> tuple[float, float]:

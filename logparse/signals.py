@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from logparse.canonical.instances import instance_column
+from logparse.canonical.instances import INSTANCE_NAMES, instance_column
 from logparse.errors import RotoridError
 from logparse.tables import COLUMNS
 
@@ -55,7 +55,7 @@ def logged_signal(log: "FlightLog", name: str) -> LoggedSignal:
         raise SignalError(f"{name!r} is no signal; write MESSAGE.Field, such as ATT.Roll, or table.column")
     message, field = match["message"], match["field"]
     canonical = message in COLUMNS
-    frame = getattr(log.tables, message) if canonical else log.messages.get(message)
+    frame = getattr(log.tables, message) if canonical else _decoded(log, message, field)
     if frame is None:
         have = ", ".join([*sorted(log.messages)[:_LISTED], "..."])
         raise SignalError(f"{log.path.name} has no {message}; it has {have} (rotorid inspect lists all)")
@@ -70,18 +70,32 @@ def logged_signal(log: "FlightLog", name: str) -> LoggedSignal:
     return LoggedSignal(name.strip(), str(unit or ""), frame.index.to_numpy(np.float64), values)
 
 
+def _decoded(log: "FlightLog", message: str, field: str) -> pd.DataFrame | None:
+    """Decode one field of a message and what tells its instances apart; all fields where there is no such one."""
+    if message not in log.messages:
+        return None
+    wanted = {field, *INSTANCE_NAMES}
+    frame = log.messages.once(message, wanted)
+    own = frame.attrs.get("instance")  # it may have a name of its own, such as C for a core
+    if own is not None and own not in frame:
+        frame = log.messages.once(message, {*wanted, own})
+    return frame if field in frame else log.messages.once(message)
+
+
 def _instance(log: "FlightLog", frame: pd.DataFrame, name: str, message: str, wanted: str | None) -> pd.DataFrame:
     """Rows of one instance: that asked for, otherwise the first."""
-    column = instance_column(frame)
+    column = instance_column(frame) or frame.attrs.get("instance")
     if column is None:
         if wanted is not None:
             raise SignalError(f"{message} of {log.path.name} has no instances; leave [{wanted}] out of {name}")
         return frame
     numbers = pd.to_numeric(frame[column], errors="coerce")
-    there = sorted({int(value) for value in numbers.dropna()})
+    there = [int(value) for value in np.unique(numbers.dropna().to_numpy())]
     number = int(wanted) if wanted is not None else there[0] if there else 0
     if number not in there:
         raise SignalError(f"{message} of {log.path.name} has no instance {number}; it has {', '.join(map(str, there))}")
+    if len(there) == 1:
+        return frame
     part = frame[numbers == number]
     part.attrs = frame.attrs
     return part

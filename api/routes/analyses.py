@@ -7,6 +7,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
+from pydantic import ValidationError
 
 from api import problems
 from api.catalog import Catalog
@@ -14,7 +15,7 @@ from api.dependencies import Owner, Parts, PartsOf, from_our_pages
 from api.following import changes
 from api.problems import Problem, ProblemError
 from api.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
-from api.results import answer, file_of, summary
+from api.results import Include, answer, file_of, summary
 from api.routes.paging import After, Limit, page
 from logparse import RotoridError
 from pipeline import AnalysisConfig
@@ -65,16 +66,19 @@ def list_analyses(
     after: After = None,
     state: Annotated[State | None, Query(description="Only those in this state.")] = None,
     log: Annotated[str | None, Query(max_length=64, description="Only those of the log with this id.")] = None,
+    q: Annotated[
+        str, Query(max_length=200, description="Part of a log's name, the craft, the day or the health.")
+    ] = "",
 ) -> Page[AnalysisSummary]:
     """List your analyses."""
-    found = parts.catalog.list_analyses(owner, limit=limit + 1, after=after, state=state, log=log)
+    found = parts.catalog.list_analyses(owner, limit=limit + 1, after=after, state=state, log=log, text=q.strip())
     return page(request, [summary(analysis) for analysis in found], limit)
 
 
 @router.get("/{analysis_id}", summary="How far an analysis is and, once it is done, its models and report")
-def show_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> AnalysisAnswer:
-    """Show an analysis."""
-    return answer(find_analysis(analysis_id, parts.catalog, owner), parts)
+def show_analysis(analysis_id: str, parts: PartsOf, owner: Owner, include: Include = ()) -> AnalysisAnswer:
+    """Show an analysis: in short, or with all that `include` names."""
+    return answer(find_analysis(analysis_id, parts.catalog, owner), parts, include)
 
 
 @router.get(
@@ -142,3 +146,10 @@ def find_analysis(analysis_id: str, catalog: Catalog, owner: str) -> Analysis:
 def unknown_analysis() -> ProblemError:
     """Make the answer where there is no such analysis, or it is another's."""
     return ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no analysis of this id."))
+
+
+def in_words(error: ValidationError | ProblemError) -> str:
+    """Report what about the settings cannot be."""
+    if isinstance(error, ProblemError):
+        return error.problem.detail.removeprefix("configuration: ")
+    return "; ".join(f"{item['loc'][-1]}: {item['msg']}" for item in error.errors())

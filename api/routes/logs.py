@@ -13,7 +13,7 @@ from api.dependencies import Owner, Parts, PartsOf, from_our_pages, owner_of
 from api.following import ended
 from api.problems import Problem, ProblemError
 from api.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
-from api.results import answer
+from api.results import Include, answer
 from api.routes.paging import After, Limit, page
 from api.uploads import FORM, receive_logs
 
@@ -32,13 +32,15 @@ async def upload_log(
     response: Response,
     parts: PartsOf,
     owner: Owner,
-    analyze: Annotated[bool, Query(description="Wait for the analysis and answer with its models and report.")] = False,
+    analyze: Annotated[bool, Query(description="Wait for the analysis and answer with what it found.")] = False,
+    include: Include = (),
 ) -> UploadedLog | UploadedLogs | AnalysisAnswer:
     """Keep the files of the form field `file`; the same content uploaded again is the same log.
 
     One file is answered with its log, several with a list of theirs.
-    With `analyze=true` the answer comes when the analysis is done and holds the fitted models and the RMSE report;
-    without, it comes at once and `POST /api/v1/analyses` starts an analysis.
+    With `analyze=true` the answer comes when the analysis is done and holds the answers of the first screen, the RMSE
+    of all models and their coefficients; the rest is behind its links, or comes with `include`. Without, it comes at
+    once and `POST /api/v1/analyses` starts an analysis.
     """
     kept = await take_upload(request, parts, owner)
     if not analyze:
@@ -55,11 +57,11 @@ async def upload_log(
         raise ProblemError(analysis.problem)
     if analysis.state is not State.DONE:
         raise _unfinished(analysis)
-    return await run_in_threadpool(answer, analysis, parts)
+    return await run_in_threadpool(answer, analysis, parts, include)
 
 
-async def take_upload(request: Request, parts: Parts, owner: str) -> list[Kept]:
-    """Keep the files that a request brings."""
+async def take_upload(request: Request, parts: Parts, owner: str, fields: dict[str, str] | None = None) -> list[Kept]:
+    """Keep the files that a request brings, which must begin like logs; `fields` gathers the other fields."""
     parts.rates.count_upload(request, owner)
     settings = parts.settings
     return await receive_logs(
@@ -70,6 +72,8 @@ async def take_upload(request: Request, parts: Parts, owner: str) -> list[Kept]:
         limit=settings.upload_limit,
         stall=settings.upload_stall,
         logs_limit=settings.logs_limit,
+        recognise=parts.recognise,
+        fields=fields,
     )
 
 

@@ -14,7 +14,8 @@ from api.page_templates import local_path, render
 from api.problems import ProblemError
 from api.resources import Analysis, AnalysisOrder, Configuration
 from api.results import answer
-from api.routes.analyses import check, find_analysis, unknown_analysis
+from api.routes.analyses import check, find_analysis, in_words, unknown_analysis
+from api.routes.logs import unknown_log
 
 router = APIRouter(include_in_schema=False, dependencies=[from_our_pages])
 
@@ -45,6 +46,26 @@ def delete(
     for log in analysis.logs if logs else []:
         parts.catalog.delete_log(log.id, owner)
     return _go(following)
+
+
+@router.post("/logs/{log_id}/delete")
+def delete_log(
+    log_id: str, parts: PartsOf, owner: Owner, following: Annotated[str, Form(alias="next")] = "/logs"
+) -> Response:
+    """Delete a log with all analyses of it."""
+    if not parts.catalog.delete_log(log_id, owner):
+        raise unknown_log()
+    return _go(following)
+
+
+@router.post("/logs/{log_id}/analyse")
+def analyse_log(log_id: str, parts: PartsOf, owner: Owner) -> Response:
+    """Analyse a log that is here already."""
+    if parts.catalog.find_log(log_id, owner) is None:
+        raise unknown_log()
+    ordered = parts.catalog.order([log_id], {}, owner)
+    parts.runner.wake()
+    return _go(f"/analyses/{ordered.id}")
 
 
 @router.post("/analyses/{analysis_id}/share")
@@ -94,7 +115,7 @@ async def analyse_again(request: Request, analysis_id: str, parts: PartsOf, owne
         order = AnalysisOrder(logs=[log.id for log in analysis.logs], configuration=Configuration(**values))
         await run_in_threadpool(check, order)
     except (ValidationError, ProblemError) as error:
-        view = {"analysis": analysis, "values": values, "wrong": _in_words(error), "flights": flights}
+        view = {"analysis": analysis, "values": values, "wrong": in_words(error), "flights": flights}
         return render(request, "again.html", view, HTTPStatus.UNPROCESSABLE_ENTITY)
     ordered = await run_in_threadpool(parts.catalog.order, order.ids, order.configuration.chosen(), owner)
     parts.runner.wake()
@@ -106,13 +127,6 @@ def _flights(analysis: Analysis, parts: Parts) -> dict[str, bool]:
     report = answer(analysis, parts).report or {}
     groups = report.get("groups", [])
     return {name: part == "training" for part in ("training", "held_out") for each in groups for name in each[part]}
-
-
-def _in_words(error: ValidationError | ProblemError) -> str:
-    """Report what about the settings cannot be."""
-    if isinstance(error, ProblemError):
-        return error.problem.detail.removeprefix("configuration: ")
-    return "; ".join(f"{item['loc'][-1]}: {item['msg']}" for item in error.errors())
 
 
 def _go(path: str) -> Response:

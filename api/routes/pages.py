@@ -3,21 +3,24 @@
 from http import HTTPStatus
 from importlib.resources import files
 from typing import Annotated, Any
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import FileResponse, RedirectResponse
+from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
+from pydantic import ValidationError
 
 from api.access import bearer
 from api.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.headers import REPORT_POLICY
 from api.page_templates import render
 from api.problems import Problem, ProblemError
 from api.reference import operations_by_kind
 from api.report_keys import ReportKeys
-from api.resources import Analysis, State
+from api.resources import Analysis, AnalysisOrder, Configuration, State
 from api.result_files import downloads, flight_pages, tables
-from api.results import file_of
-from api.routes.analyses import find_analysis
+from api.results import answer, file_of
+from api.routes.analyses import check, find_analysis, in_words
 from api.routes.logs import take_upload
 from api.routes.paging import After
 from api.routes.shares import find_shared
@@ -32,7 +35,14 @@ _PAGE, _LATEST = 25, 5
 
 _TEMPLATES = {State.DONE: "report.html", State.FAILED: "failed.html", State.CANCELLED: "cancelled.html"}
 
+#: Analyses that a comparison is chosen from.
+_CHOICES = 200
+
+#: Settings that the first page asks for.
+FIRST_SETTINGS = ("mass", "poles", "zeros")
+
 StateFilter = Annotated[State | None, Query()]
+Text = Annotated[str, Query(max_length=200)]
 
 
 @router.head("/")
@@ -47,8 +57,16 @@ def home(request: Request, parts: PartsOf, owner: Owner) -> Response:
 @router.post("/", dependencies=[from_our_pages])
 async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Response:
     """Accept the form of a browser that runs no scripts, and lead it to the analysis."""
-    kept = await take_upload(request, parts, owner)
-    analysis = await run_in_threadpool(parts.catalog.order, [each.log.id for each in kept], {}, owner)
+    fields: dict[str, str] = {}
+    kept = await take_upload(request, parts, owner, fields)
+    chosen = {name: fields[name].strip() for name in FIRST_SETTINGS if fields.get(name, "").strip()}
+    try:
+        order = AnalysisOrder(logs=[each.log.id for each in kept], configuration=Configuration.model_validate(chosen))
+        await run_in_threadpool(check, order)
+    except (ValidationError, ProblemError) as error:
+        detail = f"{in_words(error)}. The logs were kept: find them under Logs."
+        raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, detail)) from error
+    analysis = await run_in_threadpool(parts.catalog.order, order.ids, order.configuration.chosen(), owner)
     parts.runner.wake()
     return RedirectResponse(f"/analyses/{analysis.id}", HTTPStatus.SEE_OTHER)
 
@@ -77,18 +95,52 @@ async def open_sample(request: Request, parts: PartsOf, owner: Owner) -> Respons
 @router.head("/analyses")
 @router.get("/analyses")
 def list_analyses_page(
-    request: Request, parts: PartsOf, owner: Owner, state: StateFilter = None, after: After = None
+    request: Request, parts: PartsOf, owner: Owner, state: StateFilter = None, after: After = None, q: Text = ""
 ) -> Response:
     """Show a part of the list of analyses."""
-    view = _listed(parts, owner, _PAGE, state, after)
-    return render(request, "analyses.html", view | {"states": list(State), "chosen": state, "after": after})
+    view = _listed(parts, owner, _PAGE, state, after, q.strip())
+    rest = {name: value for name, value in (("state", state), ("q", q.strip())) if value}
+    view |= {"states": list(State), "chosen": state, "after": after, "q": q.strip(), "rest": urlencode(rest)}
+    return render(request, "analyses.html", view)
+
+
+@router.head("/logs")
+@router.get("/logs")
+def list_logs_page(request: Request, parts: PartsOf, owner: Owner, after: After = None, q: Text = "") -> Response:
+    """Show a part of the list of logs."""
+    found = parts.catalog.list_logs(owner, limit=_PAGE + 1, after=after, name=q.strip())
+    shown = found[:_PAGE]
+    older = urlencode({"after": shown[-1].id} | ({"q": q.strip()} if q.strip() else {})) if len(found) > _PAGE else ""
+    return render(request, "logs.html", {"logs": shown, "older": older, "after": after, "q": q.strip()})
+
+
+@router.get("/compare")
+def compare_page(request: Request, parts: PartsOf, owner: Owner, a: str = "", b: str = "") -> Response:
+    """Show two analyses against each other, or ask which."""
+    done = parts.catalog.list_analyses(owner, limit=_CHOICES, state=State.DONE)
+    view: dict[str, Any] = {"done": done, "a": a, "b": b, "frame": ""}
+    if a and b:
+        view["frame"] = f"/compare/report?{urlencode({'a': a, 'b': b})}"
+    return render(request, "compare.html", view)
+
+
+@router.get("/compare/report")
+def compared(parts: PartsOf, owner: Owner, a: str, b: str) -> Response:
+    """Compare two analyses: the page in the frame of `compare_page`."""
+    found = [find_analysis(each, parts.catalog, owner) for each in (a, b)]
+    reports = [answer(each, parts).report for each in found]
+    if None in reports:
+        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "Only analyses that are done can be compared."))
+    names = tuple(f"{each.title} ({each.created:%Y-%m-%d %H:%M})" for each in found)
+    page = parts.desk.ask("compare", *reports, names)
+    return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
 
 
 def _listed(
-    parts: Parts, owner: str, count: int, state: State | None = None, after: str | None = None
+    parts: Parts, owner: str, count: int, state: State | None = None, after: str | None = None, text: str = ""
 ) -> dict[str, Any]:
     """Gather what the list of analyses shows: analyses, whether they change by themselves, and what comes after."""
-    found = parts.catalog.list_analyses(owner, limit=count + 1, state=state, after=after)
+    found = parts.catalog.list_analyses(owner, limit=count + 1, state=state, after=after, text=text)
     shown = found[:count]
     return {
         "analyses": shown,

@@ -172,11 +172,20 @@
     said.textContent = `${logs.length} of ${transfers.length} uploaded. Choose how to analyse them.`;
   }
 
+  // What was set before the upload; a field left empty has its default.
+  function settings() {
+    const filled = [...form.querySelectorAll(".options input")].filter((input) => input.value.trim());
+    return Object.fromEntries(filled.map((input) => {
+      const number = Number(input.value.trim().replace(",", "."));
+      return [input.name, Number.isFinite(number) ? number : input.value.trim()];
+    }));
+  }
+
   async function order(logs) {
     const response = await fetch("/api/v1/analyses", {
       method: "POST",
       headers: { "Content-Type": "application/json" },
-      body: JSON.stringify({ logs }),
+      body: JSON.stringify({ logs, configuration: settings() }),
     });
     const answer = await response.json();
     if (!response.ok) throw new Error(answer.detail);

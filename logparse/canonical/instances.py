@@ -8,7 +8,7 @@ import pandas as pd
 from logparse.units import numbers
 
 #: Columns that hold the instance, by age of the firmware.
-_INSTANCE_COLUMNS = ("I", "Instance", "Inst")
+INSTANCE_NAMES = ("I", "Instance", "Inst")
 
 
 def instances(messages: Mapping[str, pd.DataFrame], *names: str) -> list[tuple[str, pd.DataFrame]]:
@@ -41,7 +41,7 @@ def instances(messages: Mapping[str, pd.DataFrame], *names: str) -> list[tuple[s
 
 def instance_column(frame: pd.DataFrame) -> str | None:
     """Return the name of the column that counts the instances of a sensor; None where the message has none."""
-    return next((column for column in _INSTANCE_COLUMNS if column in frame), None)
+    return next((column for column in INSTANCE_NAMES if column in frame), None)
 
 
 def pick(

@@ -75,13 +75,16 @@ def thin(t: Floats, y: Floats, most: int = _MOST) -> tuple[Floats, Floats]:
     """
     if len(t) <= most:
         return t, y
-    edges = np.linspace(0, len(t), most // 2 + 1).astype(int)[:-1]
-    stretch = np.repeat(np.arange(len(edges)), np.diff(np.append(edges, len(t))))
-    kept = []
-    for values in (np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), np.inf, -y)):
-        order = np.lexsort((values, stretch))
-        kept.append(order[edges])
-    rows = np.unique(np.concatenate(kept))
+    width = -(-len(t) // (most // 2))
+    begins = np.arange(0, len(t), width)
+    padded = np.full(len(begins) * width, np.nan)
+    padded[: len(y)] = y
+    stretches = padded.reshape(len(begins), width)
+    kept = (
+        np.where(np.isnan(stretches), np.inf, stretches).argmin(axis=1),
+        np.where(np.isnan(stretches), -np.inf, stretches).argmax(axis=1),
+    )
+    rows = np.unique(np.concatenate([begins + each for each in kept]))
     return t[rows], y[rows]
 
 

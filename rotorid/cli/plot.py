@@ -14,7 +14,10 @@ def plot(
     log: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A log of any format.")],
     signals: Annotated[
         list[str],
-        typer.Argument(help="Fields as logged (ATT.Roll, IMU[1].GyrX) or columns of canonical tables (motors.m1)."),
+        typer.Argument(
+            help="Fields as logged (ATT.Roll, IMU[1].GyrX), columns of canonical tables (motors.m1), or expressions of "
+            "them ('ATT.Roll - ATT.DesRoll', 'deg(IMU[0].GyrX)')."
+        ),
     ],
     out: Annotated[
         Path | None, typer.Option(help="Page to write. Default: named after the log, in this folder.")
@@ -29,7 +32,7 @@ def plot(
     Example: rotorid plot flight.bin ATT.Roll ATT.DesRoll --open
     """
     import logparse
-    from logparse.signals import logged_signal
+    from logparse.expressions import evaluate
     from reports.signal_plot import write_signal_plot
 
     for option, value in (("--start", start), ("--end", end)):
@@ -38,7 +41,7 @@ def plot(
     if start is not None and end is not None and end <= start:
         raise typer.BadParameter(f"--end {end:g} is not after --start {start:g}")
     flight_log = logparse.read_log(log, power_up(boot))
-    found = [logged_signal(flight_log, name) for name in signals]
+    found = [evaluate(flight_log, name) for name in signals]
     for signal in found:
         first, last = float(signal.t[0]), float(signal.t[-1])
         if (start is not None and start > last) or (end is not None and end < first):

@@ -15,6 +15,9 @@ from api.server import Server
 from tests.api import standins
 from tests.api.programs import PATIENCE
 
+#: What an answer holds only where it is asked for.
+EVERYTHING = ["report", "models", "findings"]
+
 
 def unfinished(data: Path) -> list[Path]:
     """List the uploads in a data folder that are still arriving."""
@@ -66,6 +69,10 @@ def upload() -> Callable[..., httpx.Response]:
     """Return a function that uploads bytes as a file and has them analysed."""
 
     def post(client: httpx.Client, content: bytes, name: str = "flight.bin", **parameters: object) -> httpx.Response:
-        return client.post("/api/v1/logs", params={"analyze": True, **parameters}, files={"file": (name, content)})
+        return client.post(
+            "/api/v1/logs",
+            params={"analyze": True, "include": EVERYTHING, **parameters},
+            files={"file": (name, content)},
+        )
 
     return post

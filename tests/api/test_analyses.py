@@ -15,7 +15,7 @@ from api import Settings, create_app
 from api.settings import LogFormat
 from api.worker import Limits, Task, run
 from tests.api import standins
-from tests.api.conftest import running
+from tests.api.conftest import EVERYTHING, running
 from tests.api.programs import wait_until
 
 Upload = Callable[..., httpx.Response]
@@ -36,7 +36,10 @@ def test_one_call_answers_with_models_and_report(service: httpx.Client, upload: 
         "nothing": None,
     }
     assert answer["models"] == {"models": []}
-    assert service.get(response.headers["Location"]).json() == answer
+    assert service.get(response.headers["Location"], params={"include": EVERYTHING}).json() == answer
+    short = service.get(response.headers["Location"]).json()
+    assert (short["report"], short["models"], short["findings"]) == (None, None, None)
+    assert short["rmse"] == [{"axis": "x", "rmse": 0.25}]
     kinds = {
         name: service.get(answer["links"][name]).headers["Content-Type"] for name in answer["links"] if "." in name
     }
@@ -146,7 +149,7 @@ def test_what_a_stopping_service_was_doing_goes_on_when_it_is_back(tmp_path: Pat
     go_on.touch()
     with running(create_app(settings, standins.analyze, preload=())) as client:
         wait_until(lambda: len(client.get("/api/v1/analyses", params={"state": "done"}).json()["items"]) == 2)
-        assert client.get(address).json()["report"]["name"] == "a.bin"
+        assert client.get(address, params={"include": "report"}).json()["report"]["name"] == "a.bin"
         assert client.get(address).json()["attempts"] == 1
 
 

@@ -53,6 +53,6 @@ def test_a_worker_and_the_scheduler_die_and_every_analysis_ends_once(cluster: Pr
         cluster.start_worker()
         wait_until(lambda: set(states()) == {"done"}, pause=0.5)
         for address in analyses:
-            found = service.client.get(address).json()
+            found = service.client.get(address, params={"include": "report"}).json()
             assert found["report"]["bytes"] == 6
             assert found["attempts"] <= 4

@@ -61,7 +61,13 @@ def test_nothing_breaks_and_everything_is_as_documented(
     """Requests made of the document, valid and not, by hypothesis; the same ones each time."""
     done = upload(service, b"good log").json()
     shared = service.post(f"/api/v1/analyses/{done['id']}/shares").json()["api"].rpartition("/")[2]
-    known = {"log_id": done["log"]["id"], "analysis_id": done["id"], "secret": shared, "name": "report.json"}
+    known = {
+        "log_id": done["log"]["id"],
+        "analysis_id": done["id"],
+        "secret": shared,
+        "name": "report.json",
+        "message": "IMU",
+    }
     schema = schemathesis.openapi.from_dict(document)
     schema.config.update(base_url=str(service.base_url))
     for result in schema.get_all_operations():

@@ -159,7 +159,7 @@ def test_logs_past_their_time_are_removed_with_their_analyses(tmp_path: Path, up
         done = upload(client, b"good log")
         clean = app.state.parts.housekeeping.clean
         clean(datetime.now(UTC) + timedelta(days=29))
-        assert client.get(done.headers["Location"]).json()["report"]
+        assert client.get(done.headers["Location"]).json()["rmse"]
         clean(datetime.now(UTC) + timedelta(days=31))
         assert client.get(done.headers["Location"]).status_code == 404
         assert client.get("/api/v1/logs").json()["items"] == []

@@ -1,11 +1,24 @@
 """Signals by name: instances, units, canonical tables, and errors that say what the log has."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
+from logparse import read_log
+from logparse.expressions import evaluate
 from logparse.signals import SignalError, logged_signal
 from logparse.tables import Tables
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
+
+
+class Decoded(dict):
+    """Messages that are there without decoding."""
+
+    def once(self, name, fields=None):
+        return self[name]
 
 
 class FakeLog:
@@ -16,7 +29,7 @@ class FakeLog:
         attitude = pd.DataFrame({"Roll": np.arange(6.0), "Name": ["a"] * 6}, index=t)
         attitude.attrs["units"] = {"Roll": "deg"}
         imu = pd.DataFrame({"I": [0, 1] * 3, "GyrX": np.arange(6.0)}, index=t)
-        self.messages = {"ATT": attitude, "IMU": imu}
+        self.messages = Decoded({"ATT": attitude, "IMU": imu})
         self.tables = Tables(battery=pd.DataFrame({"voltage": np.full(6, 12.0), "current": np.nan}, index=t))
         self.path = type("P", (), {"name": "flight.bin"})
 
@@ -47,3 +60,30 @@ def test_fields_come_with_their_unit_and_instances_apart():
 def test_what_is_not_there_is_said_with_what_is(name, says):
     with pytest.raises(SignalError, match=says.replace("[", r"\[")):
         logged_signal(FakeLog(), name)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return read_log(SAMPLES / "quad01_davos_esc.bin")
+
+
+def test_one_field_is_decoded_and_nothing_is_kept(sample):
+    signal = evaluate(sample, "IMU.AccZ")
+    assert "IMU" not in sample.messages._frames
+    np.testing.assert_array_equal(signal.y, sample.messages["IMU"]["AccZ"])
+    assert signal.unit == "m/s/s"
+
+
+def test_instances_stay_apart(sample):
+    first, second = evaluate(sample, "ESC.RPM"), evaluate(sample, "ESC[1].RPM")
+    frame = read_log(sample.path).messages["ESC"]
+    column = next(name for name in ("Instance", "I") if name in frame)
+    np.testing.assert_array_equal(first.y, frame.loc[frame[column] == 0, "RPM"])
+    np.testing.assert_array_equal(second.y, frame.loc[frame[column] == 1, "RPM"])
+    with pytest.raises(SignalError, match="no instance 9"):
+        evaluate(sample, "ESC[9].RPM")
+
+
+def test_an_unknown_field_is_answered_with_those_that_there_are(sample):
+    with pytest.raises(SignalError, match="GyrX"):
+        evaluate(sample, "IMU.Acz")

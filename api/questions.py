@@ -1,0 +1,148 @@
+"""What is asked of logs and reports while somebody waits for the page: run in the process of `api.desk`, never here."""
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from logparse import FlightLog, RotoridError, check_is_log, read_log
+from logparse.canonical.instances import instance_column
+from logparse.expressions import evaluate
+from logparse.signals import LoggedSignal
+from pipeline.flight.health_signals import thin
+from reports.comparison import compare_reports
+from reports.comparison_page import comparison_page
+
+#: Logs kept open, signals kept, and bytes of signals kept.
+_LOGS, _SIGNALS, _BYTES = 3, 64, 512 << 20
+
+Answer = TypeVar("Answer")
+
+_logs: OrderedDict[Path, FlightLog] = OrderedDict()
+_signals: OrderedDict[tuple[Path, str], LoggedSignal] = OrderedDict()
+
+
+class QuestionError(Exception):
+    """There is no answer, for a reason that the user should read."""
+
+
+def recognise(path: Path, name: str) -> None:
+    """Refuse a file that does not begin like a log; `name` is what its user calls it."""
+    _in_users_words(lambda: check_is_log(path), path, name)
+
+
+def list_messages(path: Path, name: str) -> dict[str, Any]:
+    """List the messages of a log that come more than once, without decoding any."""
+
+    def answer() -> dict[str, Any]:
+        log = _opened(path)
+        counts = sorted(log.messages.counts.items())
+        messages = [{"name": message, "rows": rows} for message, rows in counts if rows > 1]
+        return {"start": log.boot.t_start, "stop": log.boot.t_end, "messages": messages}
+
+    return _in_users_words(answer, path, name)
+
+
+def list_fields(path: Path, name: str, message: str) -> dict[str, Any]:
+    """List the numeric fields of one message, as they are written in expressions."""
+
+    def answer() -> dict[str, Any]:
+        log = _opened(path)
+        if message not in log.messages:
+            raise QuestionError(f"{name} has no {message}.")
+        frame = log.messages.once(message)
+        units = frame.attrs.get("units", {})
+        column = instance_column(frame) or frame.attrs.get("instance")
+        numbers = [] if column is None else [int(each) for each in np.unique(frame[column].dropna())]
+        sensors = [f"{message}[{number}]" for number in numbers] if len(numbers) > 1 else [message]
+        fields = [str(field) for field in frame.columns if frame[field].dtype.kind in "iufb" and field != column]
+        return {
+            "fields": [
+                {"text": f"{sensor}.{field}", "unit": str(units.get(field) or "")}
+                for sensor in sensors
+                for field in fields
+            ]
+        }
+
+    return _in_users_words(answer, path, name)
+
+
+def read_signals(
+    path: Path, name: str, texts: Sequence[str], start: float | None, stop: float | None, points: int
+) -> dict[str, Any]:
+    """Evaluate expressions over a stretch of time, thinned such that no peak is lost.
+
+    Returns
+    -------
+    dict
+        ``signals``: of each its ``text`` and either ``problem``, or ``unit``, ``t`` and ``y`` with `points` values at
+        most, and ``samples``, how many there are.
+    """
+
+    def answer() -> dict[str, Any]:
+        log = _opened(path)
+        return {"signals": [_signal(log, path, text, start, stop, points) for text in texts]}
+
+    return _in_users_words(answer, path, name)
+
+
+def compare(a: dict[str, Any], b: dict[str, Any], names: tuple[str, str]) -> str:
+    """Render the comparison of two reports as a page."""
+    try:
+        return comparison_page(compare_reports(a, b, names))
+    except RotoridError as error:
+        raise QuestionError(str(error)) from None
+
+
+def _signal(
+    log: FlightLog, path: Path, text: str, start: float | None, stop: float | None, points: int
+) -> dict[str, Any]:
+    try:
+        signal = _evaluated(log, path, text)
+    except RotoridError as error:
+        return {"text": text, "problem": str(error).replace(path.name, "the log")}
+    first = 0 if start is None else int(np.searchsorted(signal.t, start))
+    last = len(signal.t) if stop is None else int(np.searchsorted(signal.t, stop, side="right"))
+    # One sample beyond each end, so that lines reach the edges.
+    part = slice(max(first - 1, 0), last + 1)
+    t, y = thin(signal.t[part], signal.y[part], points)
+    return {
+        "text": text,
+        "unit": signal.unit,
+        "samples": last - first,
+        "t": [round(each, 5) for each in t.tolist()],
+        "y": [float(f"{each:.7g}") if math.isfinite(each) else None for each in y.tolist()],
+    }
+
+
+def _evaluated(log: FlightLog, path: Path, text: str) -> LoggedSignal:
+    key = (path, text)
+    if key not in _signals:
+        _signals[key] = evaluate(log, text)
+        while len(_signals) > _SIGNALS or (
+            len(_signals) > 1 and sum(each.t.nbytes + each.y.nbytes for each in _signals.values()) > _BYTES
+        ):
+            _signals.popitem(last=False)
+    _signals.move_to_end(key)
+    return _signals[key]
+
+
+def _opened(path: Path) -> FlightLog:
+    if path not in _logs:
+        _logs[path] = read_log(path)
+        while len(_logs) > _LOGS:
+            gone, _ = _logs.popitem(last=False)
+            for key in [key for key in _signals if key[0] == gone]:
+                del _signals[key]
+    _logs.move_to_end(path)
+    return _logs[path]
+
+
+def _in_users_words(answer: Callable[[], Answer], path: Path, name: str) -> Answer:
+    try:
+        return answer()
+    except RotoridError as error:
+        raise QuestionError(str(error).replace(path.name, name)) from None

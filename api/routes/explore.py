@@ -1,0 +1,93 @@
+"""Explore a log: its messages and fields, and any of them over time, thinned to what a screen shows."""
+
+import math
+from collections.abc import Sequence
+from http import HTTPStatus
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import FileResponse
+
+from api import problems
+from api.dependencies import Owner, Parts, PartsOf
+from api.headers import PLOT_POLICY
+from api.page_templates import render
+from api.problems import Problem, ProblemError
+from api.resources import Log
+from api.results import local_copy
+from api.routes.logs import unknown_log
+
+router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
+pages = APIRouter(include_in_schema=False)
+
+#: Most signals of one request, and most points of each.
+_SIGNALS, _POINTS = 16, 20_000
+
+Seconds = Annotated[float | None, Query(description="On the log's clock [s].")]
+
+
+@router.get("/{log_id}/messages", summary="The messages of a log, with how many rows each has")
+def list_messages(log_id: str, parts: PartsOf, owner: Owner) -> dict[str, Any]:
+    """List the messages that a log holds."""
+    log, path = _log(log_id, parts, owner)
+    found: dict[str, Any] = parts.desk.ask("list_messages", path, log.name)
+    return found
+
+
+@router.get("/{log_id}/messages/{message}", summary="The numeric fields of a message, with their units")
+def list_fields(log_id: str, message: str, parts: PartsOf, owner: Owner) -> dict[str, Any]:
+    """List the fields of a message as they are written in expressions, such as `IMU[0].GyrX`."""
+    log, path = _log(log_id, parts, owner)
+    found: dict[str, Any] = parts.desk.ask("list_fields", path, log.name, message)
+    return found
+
+
+@router.get("/{log_id}/signals", summary="Fields of a log over time, or expressions of them")
+def read_signals(
+    log_id: str,
+    parts: PartsOf,
+    owner: Owner,
+    signal: Annotated[
+        Sequence[str], Query(description="Such as `ATT.Roll` or `ATT.Roll - ATT.DesRoll`.", max_length=_SIGNALS)
+    ] = (),
+    start: Seconds = None,
+    stop: Seconds = None,
+    points: Annotated[int, Query(ge=2, le=_POINTS, description="Of each signal, most values in the answer.")] = 2000,
+) -> dict[str, Any]:
+    """Evaluate signals over a stretch of time; of many samples the smallest and largest of each stretch are kept."""
+    if any(each is not None and not math.isfinite(each) for each in (start, stop)):
+        raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, "start and stop must be numbers."))
+    log, path = _log(log_id, parts, owner)
+    found: dict[str, Any] = parts.desk.ask("read_signals", path, log.name, signal, start, stop, points)
+    return found
+
+
+@pages.head("/logs/{log_id}/explore")
+@pages.get("/logs/{log_id}/explore")
+def explore_page(
+    request: Request,
+    log_id: str,
+    parts: PartsOf,
+    owner: Owner,
+    signal: Annotated[list[str] | None, Query(max_length=_SIGNALS)] = None,
+) -> Response:
+    """Show the page on which any fields of a log are plotted."""
+    log, _ = _log(log_id, parts, owner)
+    view = {"log": log, "chosen": signal or []}
+    return render(request, "explore.html", view, headers={"Content-Security-Policy": PLOT_POLICY})
+
+
+@pages.get("/static/plotly.min.js")
+def plotly() -> Response:
+    """Return Plotly out of the package that brings it."""
+    return FileResponse(str(files("plotly") / "package_data" / "plotly.min.js"), media_type="text/javascript")
+
+
+def _log(log_id: str, parts: Parts, owner: str) -> tuple[Log, Path]:
+    log = parts.catalog.find_log(log_id, owner)
+    path = None if log is None else local_copy(f"logs/{log.id}", parts)
+    if log is None or path is None:
+        raise unknown_log()
+    return log, path

@@ -1,0 +1,103 @@
+"""What is asked of a log while somebody waits: junk is refused at the door, fields are listed, signals are thinned."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from api import Settings, create_app
+from api.desk import Desk
+from api.problems import ProblemError
+from logparse import read_log
+from tests.api.conftest import running
+
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_logs" / "quad01_davos_esc.bin"
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """Run a service with the real pipeline and no worker that would begin to analyse."""
+    with running(create_app(Settings(data=tmp_path_factory.mktemp("data"), workers=1))) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def log(service: httpx.Client) -> str:
+    """Upload a log, unanalysed; give its address."""
+    answer = service.post("/api/v1/logs", files={"file": (SAMPLE.name, SAMPLE.read_bytes())})
+    assert answer.status_code == 201, answer.text
+    return f"/api/v1/logs/{answer.json()['id']}"
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"# Shopping\n" * 50, "it is a text"), (bytes(70_000), "zeros"), (b"PK\x03\x04" + bytes(99), "zip archive")],
+)
+def test_junk_is_refused_when_it_is_uploaded(service: httpx.Client, content: bytes, says: str) -> None:
+    before = len(service.get("/api/v1/logs").json()["items"])
+    answer = service.post("/api/v1/logs", files={"file": ("holiday.bin", content)})
+    assert answer.status_code == 422
+    assert answer.json()["title"] == "Not a flight log"
+    assert says in answer.json()["detail"]
+    assert "holiday.bin" in answer.json()["detail"]
+    assert len(service.get("/api/v1/logs").json()["items"]) == before
+
+
+def test_messages_and_fields_are_listed(service: httpx.Client, log: str) -> None:
+    found = service.get(f"{log}/messages").json()
+    truth = read_log(SAMPLE)
+    assert {each["name"]: each["rows"] for each in found["messages"]}["IMU"] == len(truth.messages["IMU"])
+    fields = service.get(f"{log}/messages/ESC").json()["fields"]
+    assert {"text": "ESC[1].RPM", "unit": "rpm"} in fields
+    assert service.get(f"{log}/messages/NONE").status_code == 422
+
+
+def test_a_signal_is_thinned_and_no_peak_is_lost(service: httpx.Client, log: str) -> None:
+    truth = read_log(SAMPLE).messages["IMU"]["AccZ"]
+    (found,) = service.get(f"{log}/signals", params={"signal": "IMU.AccZ", "points": 100}).json()["signals"]
+    assert len(found["t"]) <= 100
+    assert found["samples"] == len(truth)
+    assert min(found["y"]) == pytest.approx(truth.min(), rel=1e-6)
+    assert max(found["y"]) == pytest.approx(truth.max(), rel=1e-6)
+    near = truth.loc[50.0:51.0]
+    window = {"signal": "IMU.AccZ", "start": 50.0, "stop": 51.0}
+    (found,) = service.get(f"{log}/signals", params=window).json()["signals"]
+    assert found["samples"] == len(near)
+    inside = (np.array(found["t"]) >= 50.0) & (np.array(found["t"]) <= 51.0)
+    np.testing.assert_allclose(np.array(found["y"])[inside], near, rtol=1e-6)
+
+
+def test_what_cannot_be_drawn_is_said_beside_what_can(service: httpx.Client, log: str) -> None:
+    params = {"signal": ["ATT.Roll - ATT.DesRoll", "ATT.Roll + IMU.AccZ", "<b>.x"]}
+    good, added, odd = service.get(f"{log}/signals", params=params).json()["signals"]
+    assert good["unit"] == "deg"
+    assert "cannot be added" in added["problem"]
+    assert "cannot be read" in odd["problem"]
+    assert service.get(f"{log}/signals", params={"signal": "ATT.Roll", "start": "nan"}).status_code == 422
+    assert service.get("/api/v1/logs/0/signals", params={"signal": "ATT.Roll"}).status_code == 404
+
+
+def test_a_question_that_takes_too_long_is_given_up_and_the_next_is_answered(tmp_path: Path) -> None:
+    hasty = Desk(2_000_000_000, patience=0.01)
+    with pytest.raises(ProblemError) as given_up:
+        hasty.ask("recognise", SAMPLE, "a.bin")
+    assert given_up.value.problem.status == 503
+    hasty.refuse_junk(tmp_path, "a.bin")  # what nobody can look at now passes
+    hasty._patience = 120.0
+    assert hasty.ask("recognise", SAMPLE, "a.bin") is None
+    hasty.close()
+
+
+def test_logs_are_listed_searched_and_deleted_on_their_page(service: httpx.Client, log: str) -> None:
+    log_id = log.rpartition("/")[2]
+    assert SAMPLE.name in service.get("/logs").text
+    assert SAMPLE.name in service.get("/logs", params={"q": "DAVOS"}).text
+    assert "No log has such a name" in service.get("/logs", params={"q": "zurich"}).text
+    explore = service.get(f"/logs/{log_id}/explore", params={"signal": '"><script>alert(1)</script>'})
+    assert "<script>alert" not in explore.text
+    assert service.post(f"/logs/{log_id}/delete").status_code == 303
+    assert service.get(log).status_code == 404

@@ -1,0 +1,36 @@
+"""The line that the list shows of an analysis, read from its report."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from api.found import Found, read_found
+
+
+def flight(word: str, tone: str, day: str | None = "2026-03-14T09:00:00+00:00") -> dict[str, object]:
+    return {
+        "kind": "flight",
+        "vehicle": {"firmware": "ArduCopter", "autopilot": "ArduPilot", "frame_class": "octa", "frame_type": "plus"},
+        "log": {"start_utc": day},
+        "answer": [
+            {"purpose": "Loops", "word": "slow", "tone": "bad"},
+            {"purpose": "Healthy", "word": word, "tone": tone},
+        ],
+    }
+
+
+def test_of_several_flights_the_worst_counts(tmp_path: Path) -> None:
+    flights = [flight("yes", "good"), flight("no", "bad", "2026-01-02T00:00:00+00:00"), flight("mostly", "care", None)]
+    (tmp_path / "report.json").write_text(json.dumps({"kind": "fleet", "flights": flights}))
+    found = read_found(tmp_path / "report.json")
+    assert found == Found(craft="ArduCopter octa plus", flown="2026-01-02", health="no", tone="bad")
+
+
+@pytest.mark.parametrize(
+    "content", [None, "{", "[]", '{"kind": "flight"}', '{"kind": "fleet", "flights": [null]}', "\udc80"]
+)
+def test_what_cannot_be_read_gives_no_line(tmp_path: Path, content: str | None) -> None:
+    if content is not None:
+        (tmp_path / "report.json").write_bytes(content.encode("utf-8", "surrogatepass"))
+    assert read_found(tmp_path / "report.json") == Found()
