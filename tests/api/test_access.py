@@ -56,7 +56,7 @@ def theirs(service: httpx.Client, parts: Parts) -> dict[str, str]:
     answer = service.post(
         "/api/v1/logs", params={"analyze": True}, files={"file": ("a.bin", b"good")}, headers=headers(parts, "ann")
     ).json()
-    return {"log_id": answer["log"]["id"], "analysis_id": answer["id"], "name": "report.json"}
+    return {"log_id": answer["log"]["id"], "analysis_id": answer["id"], "name": "report.json", "message": "IMU"}
 
 
 def test_nothing_is_had_without_a_valid_token(service: httpx.Client, parts: Parts) -> None:
