@@ -12,9 +12,7 @@ from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.log_settings import _BRINGS
 from pipeline.flight.advice.next_flights import MOST, for_craft
-from tests.pipeline.test_craft import flown
-from tests.pipeline.test_drift import hovering
-from tests.pipeline.test_envelope import covering
+from tests.pipeline.builders import covering, flown, hovering
 
 COPTER = Vehicle(autopilot="ArduPilot", firmware="ArduCopter", version="4.5.7")
 PX4 = Vehicle(autopilot="PX4", firmware="PX4")

@@ -3,56 +3,12 @@
 import dataclasses
 from datetime import UTC, datetime, timedelta
 
-import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from logparse import Motor, Vehicle
 from pipeline.flight.craft import build_of, by_craft, changes, fingerprint, kept_apart, same_flight, tune_of
-from pipeline.results.entry import FlightEntry
-from pipeline.results.flight import Span
-
-OCTA = Vehicle(autopilot="ArduPilot", frame_class="octa", frame_type="plus")
-NOON = datetime(2024, 5, 2, 9, 30, tzinfo=UTC)
-
-
-def flown(
-    name: str,
-    *,
-    start: datetime | None = NOON,
-    form: str = "dataflash",
-    craft: str = "octa",
-    lat: float = 0.8,
-    sha256: str | None = None,
-    board: str | None = None,
-    vehicle: Vehicle = OCTA,
-    tune: dict[str, str | float] | None = None,
-) -> FlightEntry:
-    track = tuple((float(t), 3.0 * float(t), 0.0, -10.0) for t in np.arange(0.0, 60.0, 0.5))
-    return FlightEntry(
-        name=name,
-        folder=name,
-        source=f"{name}.bin",
-        key=name,
-        sha256=sha256 or name,
-        size=1,
-        format=form,
-        boots=1,
-        start_utc=start,
-        duration=60.0,
-        craft=craft,
-        craft_name="octa",
-        frame_class=vehicle.frame_class,
-        vehicle=craft,
-        flight=Span(5.0, 55.0),
-        origin=(lat, 0.1, 100.0),
-        track=track,
-        position_known=True,
-        experiments=("motors",),
-        board=board,
-        build=build_of(vehicle),
-        tune=tune or {},
-    )
+from tests.pipeline.builders import NOON, OCTA, flown
 
 
 def test_telemetry_of_a_flight_is_the_same_flight():

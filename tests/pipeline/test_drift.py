@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 
 import numpy as np
 import pytest
@@ -10,11 +10,8 @@ import pytest
 from logparse.frames import motor_table
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import ALPHA
-from pipeline.flight.flight_parameters import SHARES
 from pipeline.results.drift import Step, Trend
-from tests.pipeline.test_craft import flown
-
-START = datetime(2025, 6, 1, 8, tzinfo=UTC)
+from tests.pipeline.builders import FRAMES, START, flown, hovering
 
 #: Parameters with a typical value, standard error of one flight and true scatter between flights.
 CRAFT = {
@@ -150,39 +147,6 @@ def test_it_is_json():
     numbers = json.loads(json.dumps(drift.to_dict(), allow_nan=False))
     assert [each["parameter"] for each in numbers["parameters"]] == list(CRAFT)
     assert len(numbers["parameters"][0]["flights"]) == 6
-
-
-FRAMES = {"quad": "x", "hexa": "x", "octa": "plus"}
-
-
-def hovering(random, frame, count, *, weak=None, loss=0.0, shift=0.0, scatter=0.004, sigma=0.001):
-    """Fly a craft whose controller restores moments by roll, pitch and yaw alone, and log the motors' shares.
-
-    `weak` loses `loss` of its thrust from flight to flight; the centre of gravity moves ahead by `shift`; wind and load
-    change the trims by `scatter` between flights.
-    """
-    motors = motor_table(frame, FRAMES[frame], None)
-    factors = np.array([[m.roll, m.pitch, m.yaw] for m in motors])
-    basis, _ = np.linalg.qr(factors)
-    flights = []
-    for k in range(count):
-        trim = scatter * random.standard_normal(3)
-        if weak is not None:
-            trim = trim + basis[weak - 1] * loss * k
-        trim[1] += np.sign(basis[:, 1] @ factors[:, 1]) * shift * k
-        shares = 1.0 + basis @ trim + sigma * random.standard_normal(len(motors))
-        rows = [
-            {"parameter": f"m{m.number}", "method": SHARES, "value": float(s), "sigma": sigma, "unit": "mean"}
-            for m, s in zip(motors, shares, strict=True)
-        ]
-        flights.append(
-            dataclasses.replace(
-                flown(f"f{k:02d}", start=START + timedelta(days=k)),
-                parameters=tuple(rows),
-                mixer={f"m{m.number}": [m.roll, m.pitch, m.yaw] for m in motors},
-            )
-        )
-    return flights
 
 
 @pytest.mark.parametrize("frame", list(FRAMES))

@@ -8,28 +8,7 @@ import numpy as np
 
 from logparse.quantity import readable
 from pipeline.fleet.envelope import envelope
-from pipeline.flight.coverage import _distribution
-from pipeline.results.coverage import MAP, QUANTITIES
-from tests.pipeline.test_craft import flown
-
-
-def covering(name, **values):
-    """Make a flight of given values, ten a second; a place and height for the map."""
-    quantities = {key: _distribution(key, np.asarray(v, float)).to_dict(QUANTITIES[key]) for key, v in values.items()}
-    seconds = len(next(iter(values.values()))) / 10.0
-    grid = {"x": MAP[0], "y": MAP[1], "x_step": 1.0, "y_step": 5.0, "cells": [[0, 1, seconds]]}
-    return dataclasses.replace(
-        flown(name),
-        coverage={
-            "seconds": seconds,
-            "quantities": quantities,
-            "map": grid,
-            "wind": {"speed": 2.0, "from": pi / 2, "sigma": 0.2},
-            "excitation": {"acceleration_rms": 1.0},
-            "health": {"position_sigma": {"median": 0.5, "max": 1.0}},
-        },
-    )
-
+from tests.pipeline.builders import covering, flown
 
 SLOW = np.linspace(0.0, 6.9, 1000)
 

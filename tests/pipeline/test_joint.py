@@ -15,7 +15,7 @@ from pipeline.fleet.split import choose_split
 from pipeline.flight.summary import flight_entry
 from pipeline.storage.dataset import EXPERIMENTS, part, write_experiments
 from pipeline.storage.store import open_store
-from tests.pipeline.test_split import flight as moving
+from tests.pipeline.builders import flight as moving
 from tests.reports.conftest import made_flight
 
 CONFIG = AnalysisConfig(poles=2, zeros=1)

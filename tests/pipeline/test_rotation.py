@@ -2,77 +2,19 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import logparse
 from pipeline.flight.advice.turning import turning as advise
 from pipeline.flight.rotation import find_rotation
 from pipeline.results.flight import Span
-from pipeline.results.rotation import AxisRotation, FittedResponse, LoopMargins, LoopState, RotationResult
+from pipeline.results.rotation import LoopMargins, LoopState
 from pipeline.storage.kept import read_result, write_result
 from pipeline.storage.store import FolderStore
-from sysid.frequency.response import FrequencyResponse
-from sysid.loops.loop import Margins
-from sysid.statistics.parameter import Parameter
+from tests.pipeline.builders import margins, turning
 from tests.reports.conftest import made_flight
 
 SQUARE = "sample_logs/octa08_denver_square.bin"
-
-
-def margins(gain: float | None, phase: float | None, *, stable: bool = True, unstable: float = 0.0) -> Margins:
-    def known(value: float | None, unit: str) -> Parameter:
-        return Parameter(value, None if value is None else 0.1, unit, "" if value is not None else "beyond the band")
-
-    return Margins(
-        gain_db=known(gain, "dB"),
-        phase_deg=known(phase, "deg"),
-        crossover_hz=known(5.0, "Hz"),
-        rejection_hz=known(2.0, "Hz"),
-        peak_db=known(4.0, "dB"),
-        intervals={"gain_db": (5.0, 7.0)},
-        stable=stable,
-        unstable=unstable,
-    )
-
-
-def turning(computed: Margins) -> RotationResult:
-    """Make what a chirp of the roll axis tells: 100 rad/s^2 through an integrator with a delay of 10 ms."""
-    hz = np.geomspace(0.5, 20.0, 40)
-    s = 2j * np.pi * hz
-    response = 100.0 / s * np.exp(-0.01 * s)
-    ones = np.ones(len(hz))
-    frf = FrequencyResponse(
-        axis="roll",
-        input="out_roll",
-        output="w_x",
-        unit="rad/s",
-        hz=hz,
-        response=response,
-        coherence=0.9 * ones,
-        sigma=0.05 * ones,
-        sigma_phase=0.05 * ones,
-        averages=20.0 * ones,
-        resolution=0.5 * ones,
-        multiple_coherence=0.9 * ones,
-        method="instrument",
-        instrument="chirp",
-        direct=response,
-        step=0.0025,
-        duration=20.0,
-    )
-    rate = FittedResponse(
-        measured=frf,
-        model=response,
-        structure="rate",
-        parameters={"gain": Parameter(100.0, 2.0, "rad/s^2"), "delay": Parameter(0.01, 0.001, "s")},
-        insensitivity={"gain": 0.01, "delay": 0.02},
-        cost=3.0,
-        verdict="excellent",
-    )
-    roll = AxisRotation(axis="roll", rate=rate, loop=LoopMargins(gains={"ATC_RAT_RLL_P": 0.1}, computed=computed))
-    others = (AxisRotation(axis=axis, reason="nothing moved", loop_reason="no chirp") for axis in ("pitch", "yaw"))
-    return RotationResult(axes=(roll, *others))
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections import Counter
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 
 import numpy as np
 from hypothesis import given, settings
@@ -12,22 +12,9 @@ from pipeline import AnalysisConfig
 from pipeline.fleet.split import MOST_TRAINING, choose_split, day_of, places_of
 from pipeline.flight.training import excitation, position_sigma
 from pipeline.results.split import Exclusion
-from tests.pipeline.test_craft import flown
+from tests.pipeline.builders import flight, flown
 
-DAY = datetime(2024, 5, 2, 9, 30, tzinfo=UTC)
 CONFIG = AnalysisConfig()
-
-
-def flight(name, moves=1.0, *, day=0, place=0, sigma=0.5, noise=0.05, hour=0):
-    """Fly at one of several places, 64 km apart, on one of several days, moving so much."""
-    entry = flown(name, start=DAY + timedelta(days=day, hours=hour), lat=0.8 + 0.01 * place)
-    return dataclasses.replace(
-        entry,
-        coverage={
-            "excitation": {"acceleration_rms": moves, "acceleration_noise": noise},
-            "health": {"position_sigma": {"median": sigma, "max": sigma}},
-        },
-    )
 
 
 FLEETS = st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.floats(0.2, 5.0)), min_size=2, max_size=38).map(

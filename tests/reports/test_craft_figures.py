@@ -17,7 +17,7 @@ from reports.coverage_views import coverage_table, outside
 from reports.drift_figures import changes, drift_figures
 from reports.drift_views import drift_sentences, drift_table
 from reports.numbers import plain
-from tests.reports.test_figures import themed
+from tests.reports.builders import themed
 
 FLIGHTS = 8
 

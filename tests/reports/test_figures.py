@@ -9,15 +9,7 @@ import pytest
 
 from reports.figure import MOST_POINTS
 from reports.flight_figures import flight_figures, motors
-
-
-def themed(value):
-    """Replace names of theme colours, which the page resolves, by a colour that Plotly knows."""
-    if isinstance(value, dict):
-        return {key: themed(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [themed(item) for item in value]
-    return "#000" if isinstance(value, str) and value.startswith("@") else value
+from tests.reports.builders import themed
 
 
 def test_plotly_accepts_every_figure(flight):

@@ -10,8 +10,8 @@ import pytest
 from pipeline.names import folder_names
 from pipeline.storage.store import open_store
 from reports.fleet import compose
+from tests.reports.builders import drawn, strict
 from tests.reports.conftest import composed
-from tests.reports.test_folder import drawn, strict
 
 FLIGHTS = 200
 

@@ -25,7 +25,7 @@ from pipeline.names import folder_names
 from reports import html, summary
 from reports.folder import rmse_table
 from reports.numbers import flight_numbers, plain
-from reports.packing import unpack
+from tests.reports.builders import drawn, strict
 from tests.reports.conftest import composed
 
 
@@ -57,25 +57,9 @@ class Page(HTMLParser):
         self.text.append(data)
 
 
-def strict(text: str) -> object:
-    """Read JSON as the standard has it, without NaN and Infinity."""
-
-    def refuse(constant: str) -> None:
-        raise AssertionError(f"{constant} is not JSON")
-
-    return json.loads(text, parse_constant=refuse)
-
-
 def rows_of(path: Path) -> list[dict[str, str]]:
     with path.open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
-
-
-def drawn(page: str) -> list[dict]:
-    """Read the figures of a page as its script does."""
-    travelling = re.search(r'<script type="application/json" id="figures">(.*?)</script>', page, re.DOTALL)
-    assert travelling
-    return [figure | unpack(figure["packed"]) for figure in strict(travelling.group(1))]
 
 
 def html_escaped(text: str) -> str:

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 
 from reports.model_figures import horizon_figure, response_figures
 from reports.numbers import flight_numbers
-from tests.reports.test_figures import themed
+from tests.reports.builders import themed
 
 
 def test_plotly_accepts_every_figure_and_ids_are_unique(flight):

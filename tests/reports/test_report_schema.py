@@ -1,19 +1,12 @@
 """report.json of flights, crafts and folders is what its schema says: nothing less, and nothing undocumented."""
 
 import json
-from importlib.resources import files
 
 import jsonschema
 import pytest
 
 import reports
-
-
-def schema_of(kind: str) -> dict:
-    """Return the schema of one kind: of three that fail, an error would not name the one that matters."""
-    schema = json.loads((files("reports") / "report.schema.json").read_text("utf-8"))
-    jsonschema.Draft202012Validator.check_schema(schema)
-    return {name: value for name, value in schema.items() if name != "oneOf"} | {"$ref": f"#/$defs/{kind}"}
+from tests.reports.builders import schema_of
 
 
 @pytest.mark.parametrize("path", ["report.json", "crafts/craft0/report.json", "flights/flight01/report.json"])

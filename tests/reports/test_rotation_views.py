@@ -8,9 +8,9 @@ import jsonschema
 import reports
 from reports.rotation_line import rotation_line
 from reports.rotation_views import rotation_view
-from tests.pipeline.test_rotation import margins, turning
+from tests.pipeline.builders import margins, turning
+from tests.reports.builders import schema_of
 from tests.reports.conftest import made_flight
-from tests.reports.test_report_schema import schema_of
 
 
 def test_the_view_has_margins_and_reasons():

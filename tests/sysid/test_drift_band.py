@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simulation.papers.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import validate
 from sysid.rigid_body.body_motion import SHARED
 from sysid.rigid_body.drift_band import drift_sigma
 from sysid.rigid_body.wander import FIXED, STATES, Wander
 from tests.sysid.flown_craft import flown, record
-from tests.sysid.test_rigid_body import RATE, fitted, level, octocopter, parameters
+from tests.sysid.octocopter import RATE, fitted, level, parameters
 
 #: Nothing wanders.
 STILL = Wander(0.0, 0.0, 0.0, 0.0)

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -15,12 +14,11 @@ from simulation.wind import Wind
 from sysid import Experiment, ExperimentError, fit_rigid_body, validate
 from sysid.records.thrust_curve import lagged
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG, accelerations, path, path_sensitivities
-from sysid.rigid_body.body_motion import LAG, THETA, Motion, motion, rotation_matrices
+from sysid.rigid_body.body_motion import LAG, THETA, motion, rotation_matrices
 from sysid.rigid_body.filter_error import fit_filter_error
 from sysid.rigid_body.output_error import Prior, step_within
 from tests.sysid.flown_craft import HOVER, flown, record
-
-RATE = 25.0
+from tests.sysid.octocopter import RATE, exciting, fitted, level, parameters
 
 
 def truth(craft, voltage):
@@ -40,58 +38,6 @@ def truth(craft, voltage):
         result[f"drag_linear_{axis}"] = craft.drag_linear[k] / mass
         result[f"drag_quadratic_{axis}"] = 0.5 * 1.225 * craft.drag_area[k] / mass
     return result
-
-
-@cache
-def exciting(rate=RATE):
-    return flown(octocopter(), wind=Wind(speed=2.0, from_deg=220.0, gusts=0.0), altitude=200.0, rate=rate)
-
-
-@cache
-def fitted():
-    return fit_rigid_body([record(exciting(), np.random.default_rng(1))], mass=octocopter().mass)
-
-
-def level(samples, dt=0.02, thrust_over_weight=1.0):
-    """Make a flight with level attitude, one motor's worth of command and sea-level air."""
-    rotation = np.tile(np.eye(3).ravel(), (samples, 1))
-    return Motion(
-        name="level",
-        t=np.arange(samples) * dt,
-        rotation=rotation,
-        density=np.ones(samples),
-        linear=np.full(samples, thrust_over_weight),
-        square=np.full(samples, thrust_over_weight),
-        position=np.zeros((samples, 3)),
-        velocity=np.zeros((samples, 3)),
-        acceleration=None,
-        ground=1e-9,
-        attitude_sigma=np.zeros(3),
-        input_interval=dt,
-    )
-
-
-def parameters(**given):
-    """Arrange parameters for the kernels: thrust equal to weight, no drag, no wind."""
-    names = [
-        "thrust",
-        "expo",
-        "lx",
-        "ly",
-        "lz",
-        "qx",
-        "qy",
-        "qz",
-        "climb",
-        "tx",
-        "ty",
-        "lag",
-        "exponent",
-        "scale",
-        "n",
-        "e",
-    ]
-    return np.array([given.get(name, {"thrust": GRAVITY, "scale": 1.0}.get(name, 0.0)) for name in names])
 
 
 def test_linear_drag_stops_exponentially_and_wind_carries_along():

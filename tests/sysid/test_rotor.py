@@ -11,8 +11,8 @@ from simulation.papers.kim2017 import quadcopter
 from sysid.records.thrust_curve import Law, lagged
 from sysid.rotors.kim2017 import fit_kim2017
 from sysid.rotors.rotor import fit_rotor
+from tests.sysid.level_flight import flight as level_flight
 from tests.sysid.simulated_craft import flight, without
-from tests.sysid.test_thrust import flight as level_flight
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simulation.papers.elhesasy2024 import octocopter
+from simulation.wind import Wind
 from sysid import validate
 from sysid.records.motor_scaling import curve, motor_commands, motor_pwm
 from sysid.rigid_body._rigid_kernels import path
 from sysid.rigid_body.body_motion import LAG, motion
 from tests.sysid.flown_craft import flown, record
-from tests.sysid.test_rigid_body import RATE, Wind, fitted, octocopter
+from tests.sysid.octocopter import RATE, fitted
 
 #: Commands that the same lift takes with another payload or battery, over those of the flights fitted.
 LOADS = (0.85, 0.93, 1.05, 1.10)

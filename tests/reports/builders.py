@@ -1,0 +1,41 @@
+"""What is read out of pages and their schema to be compared."""
+
+import json
+import re
+from importlib.resources import files
+
+import jsonschema
+
+from reports.packing import unpack
+
+
+def schema_of(kind: str) -> dict:
+    """Return the schema of one kind: of three that fail, an error would not name the one that matters."""
+    schema = json.loads((files("reports") / "report.schema.json").read_text("utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return {name: value for name, value in schema.items() if name != "oneOf"} | {"$ref": f"#/$defs/{kind}"}
+
+
+def strict(text: str) -> object:
+    """Read JSON as the standard has it, without NaN and Infinity."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def drawn(page: str) -> list[dict]:
+    """Read the figures of a page as its script does."""
+    travelling = re.search(r'<script type="application/json" id="figures">(.*?)</script>', page, re.DOTALL)
+    assert travelling
+    return [figure | unpack(figure["packed"]) for figure in strict(travelling.group(1))]
+
+
+def themed(value):
+    """Replace names of theme colours, which the page resolves, by a colour that Plotly knows."""
+    if isinstance(value, dict):
+        return {key: themed(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [themed(item) for item in value]
+    return "#000" if isinstance(value, str) and value.startswith("@") else value

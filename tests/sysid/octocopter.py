@@ -1,0 +1,66 @@
+"""The octocopter of Elhesasy 2024 on an exciting flight, its rigid body, and level motion for the kernels."""
+
+from functools import cache
+
+import numpy as np
+
+from simulation.papers.elhesasy2024 import octocopter
+from simulation.wind import Wind
+from sysid import fit_rigid_body
+from sysid.rigid_body._rigid_kernels import GRAVITY
+from sysid.rigid_body.body_motion import Motion
+from tests.sysid.flown_craft import flown, record
+
+RATE = 25.0
+
+
+@cache
+def exciting(rate=RATE):
+    return flown(octocopter(), wind=Wind(speed=2.0, from_deg=220.0, gusts=0.0), altitude=200.0, rate=rate)
+
+
+@cache
+def fitted():
+    return fit_rigid_body([record(exciting(), np.random.default_rng(1))], mass=octocopter().mass)
+
+
+def level(samples, dt=0.02, thrust_over_weight=1.0):
+    """Make a flight with level attitude, one motor's worth of command and sea-level air."""
+    rotation = np.tile(np.eye(3).ravel(), (samples, 1))
+    return Motion(
+        name="level",
+        t=np.arange(samples) * dt,
+        rotation=rotation,
+        density=np.ones(samples),
+        linear=np.full(samples, thrust_over_weight),
+        square=np.full(samples, thrust_over_weight),
+        position=np.zeros((samples, 3)),
+        velocity=np.zeros((samples, 3)),
+        acceleration=None,
+        ground=1e-9,
+        attitude_sigma=np.zeros(3),
+        input_interval=dt,
+    )
+
+
+def parameters(**given):
+    """Arrange parameters for the kernels: thrust equal to weight, no drag, no wind."""
+    names = [
+        "thrust",
+        "expo",
+        "lx",
+        "ly",
+        "lz",
+        "qx",
+        "qy",
+        "qz",
+        "climb",
+        "tx",
+        "ty",
+        "lag",
+        "exponent",
+        "scale",
+        "n",
+        "e",
+    ]
+    return np.array([given.get(name, {"thrust": GRAVITY, "scale": 1.0}.get(name, 0.0)) for name in names])
