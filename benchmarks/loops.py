@@ -22,8 +22,9 @@ from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_MAGNITUDE, design_chirp, fi
 from sysid.loops.evidence import two_ways_apart, weak_band
 from sysid.loops.loop import Margins
 from sysid.loops.margins import margins_of
+from sysid.loops.signals import plant_response
 from sysid.loops.tuning import Aim, tune_axis
-from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, settings_of, true_loop
+from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, records_of_flight, settings_of, true_loop
 
 LOGS = Path(__file__).parents[1].parent / "shared" / "logs"
 CRAFT = ("quad15", "octa3", "octa8", "hexa3", "y6high", "quadslow")
@@ -200,10 +201,10 @@ def _designs(count: int = 50, flights: int = 2) -> list[Row]:
             band = (chirp.low, chirp.high)
             flight = fly_chirp(axis, gains, seed=seed, magnitude=chirp.magnitude, band=band, **air)
             moved.append(_motion(flight))
-            known.append(_gain_and_delay(flight, axis, gains))
+            known.append(_gain_and_delay(flight, axis))
             flight = fly_chirp(axis, gains, seed=seed + 50, magnitude=DEFAULT_MAGNITUDE, band=DEFAULT_BAND, **air)
             leaned.append(_motion(flight))
-            default.append(_gain_and_delay(flight, axis, gains))
+            default.append(_gain_and_delay(flight, axis))
         beyond += bool((np.max(moved, axis=0) > bounds).any())
         ended += bool(np.max(leaned, axis=0)[0] > 30.0)
         truth = np.array([axis.gain, axis.lag + axis.total_delay])
@@ -254,9 +255,9 @@ def _motion(flight: AxisRun) -> tuple[float, float, float]:
     return float(np.degrees(lean)), float(np.degrees(rate)), mixer
 
 
-def _gain_and_delay(flight: AxisRun, plant: AxisPlant, gains: LoopGains) -> tuple[float, float]:
+def _gain_and_delay(flight: AxisRun, plant: AxisPlant) -> tuple[float, float]:
     try:
-        found = fit(loop_of_flight(flight, plant, gains).frf).parameters
+        found = fit(plant_response(records_of_flight(flight), "roll", plant.filter_hz)).parameters
     except RotoridError:
         return np.nan, np.nan
     gain, late = found["gain"].value, found.get("effective_delay", found["delay"]).value

@@ -22,11 +22,11 @@ from sysid.frequency.excitation import find_chirps
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, survey
+from sysid.loops.autopilot import check_firmware, read_settings
 from sysid.loops.errors import LoopError
 from sysid.loops.evidence import no_one_loop, oscillation, saturation, two_ways_apart, unfit_log, weak_band
 from sysid.loops.loop import rate_loop
 from sysid.loops.ordinary import ordinary_loop
-from sysid.loops.settings import firmware_version, read_settings
 
 #: The axes about which a craft turns.
 AXES = ("roll", "pitch", "yaw")
@@ -51,7 +51,7 @@ def _unfit(log: FlightLog) -> str:
     """Return why a log cannot tell the margins of any loop; empty where it may."""
     try:
         # First, because firmware whose controller is not known is no firmware to fly a chirp with either.
-        firmware_version(log)
+        check_firmware(log)
     except LoopError as error:
         return str(error)
     return no_one_loop(log) or ""
@@ -148,12 +148,14 @@ def _ordinary(log: FlightLog, found: AxisSurvey) -> LoopMargins:
     loop = ordinary_loop(log.path.name, frf, found.fit, settings)
     remark = (
         f"from ordinary flying: the craft's model, known from {frf.hz[frf.usable][0]:.2g} to "
-        f"{frf.hz[frf.usable][-1]:.2g} Hz, through the controller of the log's parameters; a chirp of mode SYSTEMID "
-        "would measure it"
+        f"{frf.hz[frf.usable][-1]:.2g} Hz, through the controller of the log's parameters"
     )
     limits = tuple(finding.reason for finding in frf.findings if finding.id == "motors-at-limits")
     return LoopMargins(
-        gains=loop.settings.parameters(), computed=loop.margins, ordinary=True, remarks=(remark, *limits)
+        gains=loop.settings.parameters(),
+        computed=loop.margins,
+        ordinary=True,
+        remarks=(remark, *limits, *settings.remarks),
     )
 
 

@@ -1,5 +1,6 @@
 """The autopilot's own loops: controllers and filters as firmware runs them, margins, tuning, proof, next flights."""
 
+from sysid.loops.autopilot import read_settings
 from sysid.loops.chirps import Limits
 from sysid.loops.controller import AngleController, PidTerms, RateController
 from sysid.loops.design import Design, design
@@ -7,7 +8,7 @@ from sysid.loops.errors import LoopError
 from sysid.loops.loop import Margins, RateLoop, rate_loop
 from sysid.loops.ordinary import ordinary_loop
 from sysid.loops.proof import Proof, prove
-from sysid.loops.settings import GyroPath, LoopSettings, read_settings
+from sysid.loops.settings import GyroPath, LoopSettings
 from sysid.loops.tuning import AIMS, Aim, Tuning, tune
 
 __all__ = [

@@ -31,7 +31,7 @@ from sysid.loops.missions import (
 )
 from sysid.loops.multisine import Multisine, orthogonal_multisines
 from sysid.loops.parameter_file import parameter_file
-from sysid.loops.settings import read_settings
+from sysid.loops.settings import firmware_version, read_copter
 
 #: What a flight can be designed for.
 PURPOSES = ("rates", "drag", "inertia", "thrust", "position")
@@ -94,6 +94,8 @@ def design(log: FlightLog, purpose: str, limits: Limits | None = None) -> Design
     if purpose not in PURPOSES:
         raise LoopError(f"there is no purpose {purpose!r}; a flight can be designed for {', '.join(PURPOSES)}")
     try:
+        if purpose in ("rates", "inertia"):
+            firmware_version(log)  # no other has mode SYSTEMID and these bindings
         if purpose == "rates":
             return _rates(log, limits)
         if purpose == "inertia":
@@ -127,7 +129,7 @@ def _chirp(log: FlightLog, axis: str, limits: Limits) -> ChirpDesign:
     try:
         return design_chirp(rate_loop(log, axis), limits)
     except RotoridError:
-        return first_chirp(read_settings(log, axis), limits)
+        return first_chirp(read_copter(log, axis), limits)
 
 
 def _of_chirp(chirp: ChirpDesign) -> list[Expected]:

@@ -65,6 +65,11 @@ class Oscillation:
 def unfit_log(log: FlightLog) -> str | None:
     """Return why a log cannot show its loops by chirps: none at the mixer, or what `no_one_loop` says."""
     if log.flight is not None and not any(chirp.at_mixer for chirp in find_chirps(log)):
+        if log.vehicle.firmware == "PX4":
+            return (
+                f"{log.path.name} is of PX4, which has no chirp at the mixer: sticks show margins through the craft's "
+                "model at most (`rotorid analyze` tells them), which is too little to propose gains or compare flights"
+            )
         return (
             f"{log.path.name} has no chirp at the mixer, without which a closed loop does not show its margins; fly "
             "mode SYSTEMID with SID_AXIS 10, 11 and 12 (`rotorid design --for rates` writes the parameters), and log "
@@ -92,6 +97,9 @@ def no_one_loop(log: FlightLog) -> str | None:
 def _autotuned(log: FlightLog) -> bool:
     modes = log.tables.modes
     named = modes is not None and modes["mode"].astype(str).str.upper().str.contains("AUTOTUNE").any()
+    if "autotune_attitude_control_status" in log.messages:  # PX4 logs it whether it runs or not
+        states = log.messages["autotune_attitude_control_status"].get("state")
+        named |= states is not None and bool((states.to_numpy() > 0).any())
     return bool(named) or any(log.messages.counts.get(name, 0) > 0 for name in ("ATUN", "ATDE", "ATNP"))
 
 
@@ -173,13 +181,21 @@ def _narrow(piece: Floats, step: float) -> tuple[float, float, float]:
 
 
 def saturation(log: FlightLog, axis: str) -> str | None:
-    """Return where the controller or the mixer was at a limit during the axis' chirps."""
+    """Return where the controller or the mixer was at a limit during the axis' chirps, or why that is not seen."""
     message = f"PID{axis_of(axis).letter}"
     if message not in log.messages:
         return (
             f"{log.path.name} has no {message} messages, which show when the controller is at a limit; "
             "add PID to LOG_BITMASK"
         )
+    return limited_chirp(log, axis)
+
+
+def limited_chirp(log: FlightLog, axis: str) -> str | None:
+    """Return where the controller or the mixer was at a limit during the axis' chirps, as far as PID messages tell."""
+    message = f"PID{axis_of(axis).letter}"
+    if message not in log.messages:
+        return None
     frame = log.messages[message]
     t = frame.index.to_numpy(np.float64)
     limited, rows, scaled = 0, 0, 0

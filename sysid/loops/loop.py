@@ -10,11 +10,12 @@ import numpy as np
 from logparse import FlightLog
 from sysid.frequency.excitation import Within
 from sysid.frequency.response import FrequencyResponse
+from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Complexes, Floats, low_pass_alpha
 from sysid.loops.margins import margins_of
 from sysid.loops.plant import Plant, plant_of
-from sysid.loops.settings import LoopSettings, read_settings
+from sysid.loops.settings import LoopSettings
 from sysid.loops.signals import LoopRecord, loop_records, loop_response, plant_response
 from sysid.statistics.parameter import Parameter
 

@@ -9,11 +9,14 @@ import numpy as np
 import pandas as pd
 
 from logparse import FlightLog, RotoridError
-from sysid.loops.evidence import oscillation, two_ways_apart, unfit_log
+from sysid.loops.autopilot import read_settings
+from sysid.loops.errors import LoopError
+from sysid.loops.evidence import limited_chirp, oscillation, two_ways_apart, unfit_log
 from sysid.loops.loop import MARGINS, RateLoop, rate_loop
 from sysid.loops.responses import attitude_bandwidth, flown_fit
-from sysid.loops.settings import AXES, read_settings
+from sysid.loops.settings import AXES
 from sysid.loops.tuning import Aim
+from sysid.statistics.parameter import Parameter
 
 #: Parameters that make another craft of it.
 _OF_THE_CRAFT = ("FRAME_CLASS", "FRAME_TYPE")
@@ -56,6 +59,7 @@ class Proof:
     #: mapping of str to (predicted, measured): Loops by axis: of the earlier flight with the later one's settings, and
     #: of the later flight.
     loops: dict[str, tuple[RateLoop, RateLoop]]
+    remarks: tuple[str, ...] = ()  #: What limits the comparison, a sentence each.
 
     @property
     def thin(self) -> dict[str, str]:
@@ -66,19 +70,6 @@ class Proof:
             if float(row["measured"]) < least:
                 found.setdefault(str(row["axis"]), []).append(f"{float(row['measured']):.2g} {name}")
         return {axis: " and ".join(margins) for axis, margins in found.items()}
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Return what limits the comparison, a sentence each."""
-        found = []
-        for axis, (predicted, second) in self.loops.items():
-            level = predicted.margins.crossover_hz.reason if predicted.margins.crossover_hz.determined else ""
-            if level:
-                found.append(f"{axis}: {level}")
-            apart = two_ways_apart(second)
-            if apart is not None:
-                found.append(apart)
-        return tuple(found)
 
     def __repr__(self) -> str:
         if self.refused is not None:
@@ -117,9 +108,14 @@ def prove(before: FlightLog | Sequence[FlightLog], after: FlightLog | Sequence[F
     shaking = next((r for log in seconds for axis in AXES if (r := oscillation(log, axis))), None)
     rows: list[dict[str, object]] = []
     loops: dict[str, tuple[RateLoop, RateLoop]] = {}
-    reasons = []
+    reasons: list[str] = []
+    remarks: list[str] = []
+    unmeasured: set[str] = set()
     for axis in AXES:
         try:
+            limited = next((r for log in firsts if (r := limited_chirp(log, axis))), None)
+            if limited is not None:
+                raise LoopError(limited)
             first, second = rate_loop(firsts, axis), rate_loop(seconds, axis)
         except RotoridError as error:
             reasons.append(str(error))
@@ -132,26 +128,48 @@ def prove(before: FlightLog | Sequence[FlightLog], after: FlightLog | Sequence[F
                 "these are logs of two craft, or of one that was rebuilt"
             )
         loops[axis] = (predicted, second)
-        rows += _rows(axis, predicted, second, seconds)
+        limited = next((r for log in seconds if (r := limited_chirp(log, axis))), None)
+        if limited is not None:
+            remarks.append(limited)
+            unmeasured.add(axis)
+        else:
+            remarks += _limits(predicted, second)
+        rows += _rows(axis, predicted, second, seconds, measured=limited is None)
     if not rows:
         return refuse("; ".join(dict.fromkeys(reasons)))
+    if shaking is None and unmeasured == set(loops):
+        return refuse("; ".join(remarks))
     table = pd.DataFrame(rows).set_index(["axis", "quantity"])
-    verdict = WORSE if shaking is not None else _verdict(table, loops)
-    return Proof(*names, table, verdict, None, changed, beyond, loops)
+    measured = {axis: pair for axis, pair in loops.items() if axis not in unmeasured}
+    verdict = WORSE if shaking is not None else _verdict(table, measured)
+    if shaking is not None:
+        remarks.append(shaking)
+    return Proof(*names, table, verdict, None, changed, beyond, loops, tuple(remarks))
 
 
-def _rows(axis: str, predicted: RateLoop, second: RateLoop, logs: Sequence[FlightLog]) -> list[dict[str, object]]:
+def _limits(predicted: RateLoop, second: RateLoop) -> list[str]:
+    """Return what limits the comparison of an axis: a level loop gain, two ways to the later loop that disagree."""
+    crossover = predicted.margins.crossover_hz
+    level = f"{second.axis}: {crossover.reason}" if crossover.determined and crossover.reason else None
+    return [each for each in (level, two_ways_apart(second)) if each is not None]
+
+
+def _rows(
+    axis: str, predicted: RateLoop, second: RateLoop, logs: Sequence[FlightLog], *, measured: bool
+) -> list[dict[str, object]]:
     """Compare margins, attitude bandwidth and the answer to the sticks of one axis.
 
     What the later flight measured is its own response through its own controller. The loop straight from its chirp is
     the check of that controller (`remarks`), not the measurement: PID terms that are logged less often than the loop
     runs bend it by some percent (`RateLoop.measured_margins`).
     """
-    foretold, measured = predicted.margins, second.margins
+    foretold, found = predicted.margins, second.margins
     rows: list[dict[str, object]] = []
     for name, (unit, _) in MARGINS.items():
-        a, b = getattr(foretold, name), getattr(measured, name)
+        a, b = getattr(foretold, name), getattr(found, name) if measured else Parameter(None, None, unit)
         rows.append(_row(axis, name, unit, a.value, a.sigma, b.value, b.sigma))
+    if not measured:
+        return rows
     bandwidth = [attitude_bandwidth(loop) for loop in (predicted, second)]
     rows.append(_row(axis, "attitude_bandwidth_hz", "Hz", bandwidth[0], None, bandwidth[1], None))
     fits = [fit for log in logs if (fit := flown_fit(predicted, log)) is not None]

@@ -115,16 +115,14 @@ def firmware_version(log: FlightLog) -> tuple[int, int]:
     return version
 
 
-def read_settings(log: FlightLog, axis: str) -> LoopSettings:
-    """Read an axis' loop from the parameters of a log.
+def read_copter(log: FlightLog, axis: str) -> LoopSettings:
+    """Read an axis' loop from the parameters of a log of ArduCopter.
 
     Raises
     ------
     LoopError
-        For an unknown axis or firmware, or where parameters are missing.
+        For an unknown firmware, or where parameters are missing.
     """
-    if axis not in AXES:
-        raise LoopError(f"there is no rate loop {axis!r}; the axes are {', '.join(AXES)}")
     firmware_version(log)
     parameters = log.parameters
     letters = AXES[axis]

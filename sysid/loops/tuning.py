@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import FlightLog, RotoridError
+from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
 from sysid.loops.evidence import (
     RANGES,
@@ -31,7 +32,7 @@ from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import parameter_file, typed
-from sysid.loops.settings import AXES, read_settings
+from sysid.loops.settings import AXES
 
 #: Factors of P and D, of I over P's factor, and of the filters of derivative and gyro that are tried.
 _P = np.geomspace(0.501, 1.996, 13)

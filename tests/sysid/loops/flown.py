@@ -43,8 +43,8 @@ def settings_of(plant: AxisPlant, gains: LoopGains) -> LoopSettings:
     )
 
 
-def loop_of_flight(flight: AxisRun, plant: AxisPlant, gains: LoopGains, name: str = "simulated") -> RateLoop:
-    """Identify the loop from rows logged at 100 Hz."""
+def records_of_flight(flight: AxisRun, name: str = "simulated") -> tuple[LoopRecord, ...]:
+    """Cut the record of a flight's chirp from rows logged at 100 Hz."""
     rows = slice(None, None, 4)
 
     def record(output: NDArray[np.float64]) -> AxisRecord:
@@ -60,8 +60,12 @@ def loop_of_flight(flight: AxisRun, plant: AxisPlant, gains: LoopGains, name: st
             instrument="chirp",
         )
 
-    records = (LoopRecord(record(flight.measured), record(flight.feedback)),)
-    return loop_of_records(name, records, settings_of(plant, gains))
+    return (LoopRecord(record(flight.measured), record(flight.feedback)),)
+
+
+def loop_of_flight(flight: AxisRun, plant: AxisPlant, gains: LoopGains, name: str = "simulated") -> RateLoop:
+    """Identify the loop from a flight's chirp."""
+    return loop_of_records(name, records_of_flight(flight, name), settings_of(plant, gains))
 
 
 def flown_loop(plant: AxisPlant, gains: LoopGains, seed: int, name: str = "simulated", **shaken: Any) -> RateLoop:

@@ -1,0 +1,84 @@
+"""PX4's rate controller: responses are those of the recursion, settings those of a log; nothing is proposed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from logparse import read_log
+from sysid.loops import LoopError, design, read_settings, tune
+from sysid.loops.controller import AngleController
+from sysid.loops.filters import second_order
+from sysid.loops.px4 import Px4RateController, Px4Settings
+from sysid.loops.settings import GyroPath
+
+REAL = Path(__file__).parents[4] / "shared" / "logs" / "real"
+CONTROLLER = Px4RateController(P=0.15, I=0.2, D=0.003, FF=0.05, K=1.3, FLTD=30.0, loop_rate=800.0)
+
+
+@pytest.fixture(scope="module")
+def log():
+    path = REAL / "PX4-flight-review-rs__gps_interference.ulg"
+    if not path.exists():
+        pytest.skip("../shared/logs/real is not here")
+    return read_log(path)
+
+
+@pytest.mark.parametrize("which", ["rate", "target"])
+def test_responses_are_those_of_the_recursion(which):
+    """An impulse through the recursion, transformed, at frequencies at which it has died out but for the integral."""
+    n = 8000
+    impulse = np.zeros(n)
+    impulse[1] = 1.0  # after a sample at rest, from which the derivative is taken
+    rest = np.zeros(n)
+    terms = CONTROLLER.run(impulse, rest) if which == "target" else CONTROLLER.run(rest, impulse)
+    hz = np.array([0.7, 3.0, 12.0, 45.0])
+    turning = np.exp(-2j * np.pi * np.outer(hz, np.arange(n) - 1) / 800.0)
+    # What the integral keeps goes on for ever: a geometric series.
+    step = terms.I[-1]
+    tail = step * np.exp(-2j * np.pi * hz * (n - 1) / 800.0) / (1.0 - np.exp(-2j * np.pi * hz / 800.0))
+    found = turning @ terms.total + tail
+    wanted = CONTROLLER.target_response(hz) if which == "target" else -CONTROLLER.error_response(hz)
+    np.testing.assert_allclose(found, wanted, rtol=1e-6)
+
+
+def test_the_derivative_answers_the_rate_and_not_the_target():
+    hz = np.array([10.0, 40.0])
+    without = Px4RateController(P=0.15, I=0.2, D=0.0, FF=0.05, K=1.3, FLTD=30.0, loop_rate=800.0)
+    np.testing.assert_allclose(CONTROLLER.target_response(hz), without.target_response(hz))
+    assert np.all(np.abs(CONTROLLER.error_response(hz)) > np.abs(without.error_response(hz)))
+
+
+def test_the_torque_of_yaw_has_its_own_filter():
+    yaw = Px4RateController(P=0.2, I=0.0, D=0.0, output_filter=2.0, loop_rate=800.0)
+    assert abs(yaw.error_response(np.array([2.0]))[0]) == pytest.approx(0.2 / np.sqrt(2.0), rel=0.02)
+
+
+def test_other_gains_keep_the_names_of_px4():
+    settings = Px4Settings("roll", CONTROLLER, AngleController(P=6.5), GyroPath(40.0, 8000.0))
+    changed = settings.changed(P=0.1, gyro_filter=60.0)
+    assert changed.parameters()["MC_ROLLRATE_P"] == 0.1
+    assert changed.parameters()["MC_ROLLRATE_K"] == 1.3
+    assert changed.parameters()["IMU_GYRO_CUTOFF"] == 60.0
+    hz = np.array([5.0, 20.0])
+    np.testing.assert_allclose(changed.gyro.response(hz), second_order(8000.0, 60.0).response(hz))
+
+
+def test_settings_of_a_real_log(log):
+    settings = read_settings(log, "roll")
+    given = settings.parameters()
+    assert given["MC_ROLLRATE_P"] == pytest.approx(0.0386804, rel=1e-5)
+    assert given["IMU_DGYRO_CUTOFF"] == 30.0
+    assert settings.controller.loop_rate == 800.0
+    assert {name: log.parameters[name] for name in given} == given
+
+
+def test_nothing_is_proposed_or_designed_for_px4(log):
+    assert "PX4" in tune(log).refused
+    assert "PX4" in design(log, "rates").refused
+
+
+def test_another_px4_is_a_sentence(log):
+    old = read_log(REAL / "PX4-pyulog__sample_appended_multiple.ulg")
+    with pytest.raises(LoopError, match=r"1\.6"):
+        read_settings(old, "roll")
