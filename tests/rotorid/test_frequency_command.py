@@ -1,4 +1,4 @@
-"""`rotorid frequency`: table, sentences, files and page of a log with a chirp; a sentence for one that tells nothing."""
+"""`rotorid frequency`: table, sentences, files and page of a chirp; a sentence for an axis that tells nothing."""
 
 import json
 
