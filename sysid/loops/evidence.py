@@ -96,11 +96,11 @@ def no_one_loop(log: FlightLog) -> str | None:
 
 def _autotuned(log: FlightLog) -> bool:
     modes = log.tables.modes
-    named = modes is not None and modes["mode"].astype(str).str.upper().str.contains("AUTOTUNE").any()
+    named = modes is not None and bool(modes["mode"].astype(str).str.upper().str.contains("AUTOTUNE").any())
     if "autotune_attitude_control_status" in log.messages:  # PX4 logs it whether it runs or not
         states = log.messages["autotune_attitude_control_status"].get("state")
         named |= states is not None and bool((states.to_numpy() > 0).any())
-    return bool(named) or any(log.messages.counts.get(name, 0) > 0 for name in ("ATUN", "ATDE", "ATNP"))
+    return named or any(log.messages.counts.get(name, 0) > 0 for name in ("ATUN", "ATDE", "ATNP"))
 
 
 def _changed_in_flight(log: FlightLog) -> list[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,7 +135,7 @@ def read_px4(log: FlightLog, axis: str) -> Px4Settings:
     )
 
 
-def _notches(parameters: dict[str, float]) -> tuple[DigitalFilter, ...]:
+def _notches(parameters: Mapping[str, float]) -> tuple[DigitalFilter, ...]:
     """Return the static notches of the gyro (IMU_GYRO_NF0 and NF1)."""
     found = []
     for k in range(2):

@@ -32,7 +32,7 @@ from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import parameter_file, typed
-from sysid.loops.settings import AXES
+from sysid.loops.settings import AXES, LoopSettings
 
 #: Factors of P and D, of I over P's factor, and of the filters of derivative and gyro that are tried.
 _P = np.geomspace(0.501, 1.996, 13)
@@ -308,13 +308,14 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
         if not all(_within(values[name], getattr(flown, name), ranges[name]) for name in ranges):
             continue
         candidates.append(values)
-    settings = [loop.flown.changed(**values, gyro_filter=gyro) for values in candidates]
     hz = loop.hz[::_EVERY]
-    through = (loop.with_settings(settings[0]).gyro_change * loop.plant.response)[::_EVERY]
-    true_plant = through / settings[0].gyro.response(hz)
-    gusts = np.empty(len(settings))
-    for first in range(0, len(settings), _AT_ONCE):
-        broken = np.stack([through * one.feedback(hz) for one in settings[first : first + _AT_ONCE]])
+    bare = loop.flown.changed(gyro_filter=gyro)
+    through = (loop.with_settings(bare).gyro_change * loop.plant.response)[::_EVERY]
+    true_plant = through / bare.gyro.response(hz)
+    feedbacks = _Feedbacks(bare, hz)
+    gusts = np.empty(len(candidates))
+    for first in range(0, len(candidates), _AT_ONCE):
+        broken = through * feedbacks.of(candidates[first : first + _AT_ONCE])
         rows.append(margins_of(hz, broken))
         gusts[first : first + _AT_ONCE] = _gust_response(hz, true_plant, broken)
     nominal = _stack(rows)
@@ -332,7 +333,7 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     for k in order:
         if not _in_hand(nominal, int(k), aim, spare):
             continue
-        tuned = loop.with_settings(settings[k])
+        tuned = loop.with_settings(bare.changed(**candidates[k]))
         noise = max(_actuator_noise(tuned) / noise_flown)
         if noise > aim.noise:
             continue
@@ -354,6 +355,30 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
         f"{aim.peak_db:g} dB for everything that the data leave possible",
         loop,
     )
+
+
+class _Feedbacks:
+    """Feedback of many candidates: linear in P, I and D, with a filter of the derivative that takes few values."""
+
+    def __init__(self, settings: LoopSettings, hz: Floats) -> None:
+        self._settings, self._hz = settings, hz
+        self._without = self._feedback()
+        self._p, self._i = self._feedback(P=1.0) - self._without, self._feedback(I=1.0) - self._without
+        self._d: dict[float, Complexes] = {}
+
+    def of(self, candidates: Sequence[Mapping[str, float]]) -> Complexes:
+        """Compute the feedback of each candidate, shape (K, n)."""
+        p, i, d = (np.array([each[name] for each in candidates])[:, None] for name in ("P", "I", "D"))
+        derivative = np.stack([self._derivative(each["FLTD"]) for each in candidates])
+        return np.asarray(self._without + p * self._p + i * self._i + d * derivative)
+
+    def _derivative(self, corner: float) -> Complexes:
+        if corner not in self._d:
+            self._d[corner] = self._feedback(D=1.0, FLTD=corner) - self._without
+        return self._d[corner]
+
+    def _feedback(self, **values: float) -> Complexes:
+        return self._settings.changed(**({"P": 0.0, "I": 0.0, "D": 0.0} | values)).feedback(self._hz)
 
 
 def _within(value: float, flown: float, span: tuple[float, float]) -> bool:
