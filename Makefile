@@ -20,6 +20,8 @@ $(READY): pyproject.toml constraints.txt
 	@echo "Setting up $(VENV) (first time: a minute or two) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@echo "Compiling the numerical loops (once, half a minute) ..."
+	@$(BIN)/rotorid analyze sample_logs/octa01_zurich_calm.bin --out $(VENV)/compiled > /dev/null 2>&1 || true
 	@touch $@
 
 analyze: setup  ## analyse sample_logs/, print a summary, write out/report.html and friends

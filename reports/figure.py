@@ -227,4 +227,6 @@ def dots(x: ArrayLike, y: ArrayLike, name: str, color: str) -> Trace:
 
 def rounded(values: NDArray[np.float64], decimals: int) -> list[float | None]:
     """Round for a plot; what is not finite becomes a gap."""
-    return [float(value) if np.isfinite(value) else None for value in np.round(values, decimals)]
+    short = np.round(values, decimals).astype(object)
+    short[~np.isfinite(values)] = None
+    return list(short)

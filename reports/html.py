@@ -6,6 +6,7 @@ import base64
 import gzip
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
@@ -146,9 +147,27 @@ def _environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        bytecode_cache=_bytecode_cache(),
     )
     environment.filters["sentence"] = summary.sentence
     return environment
+
+
+class _CompiledTemplates(jinja2.FileSystemBytecodeCache):
+    """Compiled templates in a folder of the user's own among temporary files: compiling takes longer than a page."""
+
+    def dump_bytecode(self, bucket: jinja2.bccache.Bucket) -> None:
+        """Keep a template; a full disk is no reason to lose the page."""
+        with suppress(OSError):
+            super().dump_bytecode(bucket)
+
+
+def _bytecode_cache() -> _CompiledTemplates | None:
+    """Return the cache; None where there is no folder that only the user can write to."""
+    try:
+        return _CompiledTemplates()
+    except (OSError, RuntimeError):
+        return None
 
 
 def _text(name: str) -> str:
@@ -157,5 +176,5 @@ def _text(name: str) -> str:
 
 @cache
 def _packed_plotly() -> Markup:
-    """Pack Plotly's script as base64 of gzip: 2 MB instead of 5 in every page."""
-    return Markup(base64.b64encode(gzip.compress(plotly_script(), compresslevel=9, mtime=0)).decode("ascii"))
+    """Pack Plotly's script as base64 of gzip: 2 MB instead of 5 in every page (level 9: 1 % less in twice the time)."""
+    return Markup(base64.b64encode(gzip.compress(plotly_script(), compresslevel=5, mtime=0)).decode("ascii"))

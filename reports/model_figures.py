@@ -209,15 +209,14 @@ def _roots(functions: dict[str, TransferFunction], name: str) -> Figure:
                 {
                     "type": "scatter",
                     "mode": "lines",
-                    "x": _rounded(root.ellipse().real),
-                    "y": _rounded(root.ellipse().imag),
+                    "x": _rounded(ellipse.real),
+                    "y": _rounded(ellipse.imag),
                     "line": {"color": color, "width": 1},
                     "legendgroup": source,
                     "showlegend": False,
                     "hoverinfo": "skip",
                 }
-                for root in roots
-                if root.determined
+                for ellipse in (root.ellipse() for root in roots if root.determined)
             ]
     named: set[str] = set()
     for trace in data:

@@ -28,7 +28,7 @@ def differences(values: list[float | None]) -> dict[str, Any] | None:
 
     Value k is ``scale`` times the sum of the first k + 1 of ``deltas``; a null is a gap and adds nothing.
     """
-    numbers = np.array([np.nan if value is None else value for value in values], dtype=float)
+    numbers = np.array(values, dtype=float)  # a None becomes NaN
     known = np.isfinite(numbers)
     if not known.any() or float(np.abs(numbers[known]).max()) >= LARGEST:
         return None
@@ -36,8 +36,9 @@ def differences(values: list[float | None]) -> dict[str, Any] | None:
         scale = 10**decimals
         whole = np.round(numbers[known] * scale)
         if np.array_equal(whole / scale, numbers[known]):
-            deltas = iter(np.diff(whole, prepend=0.0).astype(np.int64).tolist())
-            return {"scale": scale, "deltas": [next(deltas) if is_known else None for is_known in known]}
+            deltas = np.full(len(numbers), None)
+            deltas[known] = np.diff(whole, prepend=0.0).astype(np.int64)
+            return {"scale": scale, "deltas": deltas.tolist()}
     return None
 
 
