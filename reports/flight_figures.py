@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any, TypeVar
 
 import numpy as np
@@ -36,9 +37,9 @@ _TRACK_POINTS, _MOST_EVENTS, _ARROW = 600, 40, 34
 Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
 
 
-def flight_figures(result: FlightResult) -> list[Figure]:
-    """Draw what was flown and how the models did; a plot whose data is missing is left out."""
-    candidates = (track(result), altitude(result), motors(result), prediction(result))
+def flight_figures(result: FlightResult, hidden: Collection[str] = ()) -> list[Figure]:
+    """Draw what was flown and how the models did, `hidden` ones off; a plot whose data is missing is left out."""
+    candidates = (track(result), altitude(result), motors(result), prediction(result, hidden))
     return [figure for figure in candidates if figure is not None]
 
 

@@ -9,6 +9,8 @@ from reports.rows import Numbers
 
 #: Most events that the table shows; the rest is counted.
 _MOST = 40
+#: Events of one kind that stand apart; more become one row.
+_APART = 3
 _WORDS = {"info": "note"}
 
 
@@ -18,17 +20,36 @@ def timeline(health: Numbers | None) -> Numbers | None:
         return None
     events = health["events"]
     notable = [event for event in events if event["severity"] != "info"]
-    shown = sorted(notable, key=lambda event: (event["severity"] != "error", event["t_s"]))[:_MOST]
+    grouped = _grouped(notable)
+    shown = sorted(grouped, key=lambda event: (event["severity"] != "error", event["t_s"]))[:_MOST]
     shown.sort(key=lambda event: event["t_s"])
     quiet = [event for event in events if event["severity"] == "info"]
     return {
         "sentence": sentence(health),
         "rows": [_row(event) for event in shown],
-        "more": len(notable) - len(shown),
+        "more": len(grouped) - len(shown),
         "quiet": [_row(event) for event in quiet[: 5 * _MOST]],
         "quiet_count": len(quiet),
         "motors_missing": health["motors_missing"],
     }
+
+
+def _grouped(events: list[Numbers]) -> list[Numbers]:
+    """Make one of the events of a kind where there are many, in the words of its worst and longest."""
+    kinds: dict[str, list[Numbers]] = {}
+    for event in events:
+        kinds.setdefault(event["id"], []).append(event)
+    grouped = []
+    for alike in kinds.values():
+        if len(alike) <= _APART:
+            grouped += alike
+            continue
+        worst = max(alike, key=lambda event: (event["severity"] == "error", event["end_s"] - event["t_s"]))
+        last = max(event["t_s"] for event in alike)
+        reason = f"{len(alike)} times until {last:.1f} s; the worst, at {worst['t_s']:.1f} s: {worst['reason']}"
+        first = min(event["t_s"] for event in alike)
+        grouped.append(worst | {"t_s": first, "end_s": first, "reason": reason})
+    return grouped
 
 
 def sentence(health: Numbers) -> str:

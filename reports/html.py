@@ -24,7 +24,8 @@ from reports.first_screen import first_figures
 from reports.flight_figures import flight_figures
 from reports.health_figures import health_figures
 from reports.health_views import timeline
-from reports.model_figures import horizon_figure, response_figures
+from reports.model_board import model_board
+from reports.model_figures import horizon_figure, off_by_default
 from reports.model_views import identified, judgements, thrust_coefficients
 from reports.parameter_views import coherence, parameters
 from reports.rotation_views import rotation_view
@@ -47,18 +48,28 @@ def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None,
     """
     first = first_figures(result)
     shown = {figure.id for figure in first}
-    figures = [figure for figure in flight_figures(result) if figure.id not in shown]
+    hidden = off_by_default(numbers["models"])
+    figures = [figure for figure in flight_figures(result, hidden) if figure.id not in shown]
     predicted = [figure for figure in figures if figure.id == "prediction"]
     figures = [figure for figure in figures if figure.id != "prediction"]
     healthy = health_figures(result)
-    ahead = horizon_figure(numbers["models"])
+    ahead = horizon_figure(numbers["models"], hidden=hidden)
+    board = model_board(result.models, hidden)
     models = identified(numbers["models"])
-    responses = {each.key: response_figures(each) for each in result.models}
     turning = rotation_view(result.rotation, result.log.path.name)
     turned = [] if turning is None else turning["figures"]
     return render(
         "flight.html",
-        [*first, *predicted, *figures, *healthy, *([ahead] if ahead else []), *attach(models, responses), *turned],
+        [
+            *first,
+            *predicted,
+            *figures,
+            *healthy,
+            *(each for each in (ahead, board.residuals) if each is not None),
+            *board.figures,
+            *turned,
+        ],
+        board=board,
         answer=summary.answer_lines(numbers["answer"]),
         first_figures=first,
         predicted=predicted,
@@ -69,6 +80,7 @@ def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None,
         script_file=script_file,
         numbers=numbers,
         back=back,
+        withdrawn=views.withdrawn(numbers),
         facts=summary.facts(numbers),
         sentences=summary.sentences(numbers),
         verdicts=views.verdicts(numbers["models"]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,14 @@ INPUT_COLORS = ("@c1", "@c2", "@c3", "@c4", "@c5", "@c6", "@c7", "@c8")
 Floats = NDArray[np.float64]
 
 
-def horizon_figure(models: Sequence[Numbers], name: str = "horizons") -> Figure | None:
+def off_by_default(models: Sequence[Numbers]) -> set[str]:
+    """Return the keys of models that cannot be trusted, where there are others."""
+    trust = {model["key"]: model["verdict"]["trust"] for model in models if model["model"] is not None}
+    poor = {key for key, word in trust.items() if word == "no"}
+    return poor if len(poor) < len(trust) else set()
+
+
+def horizon_figure(models: Sequence[Numbers], name: str = "horizons", hidden: Collection[str] = ()) -> Figure | None:
     """Draw the error over the time ahead, for every model and the guesses without one.
 
     Parameters
@@ -33,6 +40,8 @@ def horizon_figure(models: Sequence[Numbers], name: str = "horizons") -> Figure 
         Of the report's numbers.
     name : str
         Unique in the page.
+    hidden : collection of str
+        Keys of models that are off at first.
     """
     judged = [result for result in models if result["horizons"]]
     if not judged:
@@ -52,9 +61,9 @@ def horizon_figure(models: Sequence[Numbers], name: str = "horizons") -> Figure 
             data.append(_curve(rows, key, label, "@quiet", dash, suffix, number == 0))
         for result in judged:
             rows = [row for row in result["horizons"] if row["output"] == output]
-            data.append(
-                _curve(rows, "rmse_m", short(result["title"]), model_color(result["key"]), "solid", suffix, number == 0)
-            )
+            label, color = short(result["title"]), model_color(result["key"])
+            curve = _curve(rows, "rmse_m", label, color, "solid", suffix, number == 0)
+            data.append(curve | {"visible": "legendonly" if result["key"] in hidden else True})
         top = 1.0 - number * block
         axes[f"yaxis{suffix}"] = {
             "domain": [top - 0.84 * block, top],

@@ -32,12 +32,12 @@ ALL_POINTS = 24_000
 FEWEST_POINTS = 150
 
 
-def prediction(result: FlightResult) -> Figure | None:
-    """Draw measured and predicted x, y and z of a flight; nothing without a prediction."""
+def prediction(result: FlightResult, hidden: Collection[str] = ()) -> Figure | None:
+    """Draw measured and predicted x, y and z of a flight, `hidden` models off; nothing without a prediction."""
     parts = [part for each in result.models for part in each.predictions]
     if not parts:
         return None
-    return compare(result.experiment or parts[0].experiment, result.models, result.flight)
+    return compare(result.experiment or parts[0].experiment, result.models, result.flight, hidden=hidden)
 
 
 def joint_predictions(group: GroupResult, trust: Mapping[str, str]) -> dict[str, Figure]:

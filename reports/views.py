@@ -142,3 +142,11 @@ def horizons(models: Sequence[Numbers]) -> View | None:
 
 def _curve(result: Numbers, output: str, key: str) -> dict[float, float]:
     return {row["horizon_s"]: row[key] for row in result["horizons"] if row["output"] == output}
+
+
+def withdrawn(numbers: Numbers) -> str:
+    """Return the first sentence of why there is no trajectory; empty where there is one."""
+    reason = numbers["missing"].get("trajectory", "")
+    first, _, _ = reason.partition(". ")
+    clause, _, _ = first.partition("; ")
+    return summary.sentence(clause) if clause else ""

@@ -109,14 +109,26 @@
     for (const trace of to.data) if (visible.has(trace.legendgroup)) trace.visible = visible.get(trace.legendgroup);
   }
 
+  // A choice is of one place, or of several that show the same thing in different ways: PLACE-VALUE.
   async function choose(select) {
-    const place = select.dataset.place, before = shownAt(place), after = byId.get(select.value);
+    const several = select.dataset.places?.split(" ") ?? [];
     const link = select.parentElement.parentElement.querySelector("a");
     if (link) link.href = select.selectedOptions[0].dataset.page;
+    if (!several.length) return put(select.dataset.place, byId.get(select.value));
+    await Promise.all(several.map((place) => put(place, byId.get(`${place}-${select.value}`))));
+  }
+
+  async function put(place, after) {
+    if (!after) return;
+    const before = shownAt(place);
     await unpack(after);
     if (before.data && before !== after) keepShown(before, after);
     places.set(place, after.id);
-    if (drawn.has(place)) draw(place);
+    if (!drawn.has(place)) return;
+    draw(place);
+    const element = elementOf(place);
+    if (element.previousElementSibling?.matches(".choice")) element.previousElementSibling.remove();
+    offerChoice(place, element);
   }
 
   // Zooming one time axis zooms all; a double click shows everything again.
@@ -154,9 +166,10 @@
       }
     }, { rootMargin: "600px" });
     for (const place of places.keys()) watcher.observe(elementOf(place));
-    document.querySelectorAll("select[data-place]").forEach((select) => {
+    document.querySelectorAll("select[data-place], select[data-places]").forEach((select) => {
       select.addEventListener("change", () => choose(select));
-      if (select.value !== places.get(select.dataset.place)) choose(select);  // the browser remembered a choice
+      // The browser may have remembered a choice.
+      if (select.selectedIndex > 0 || (select.dataset.place && select.value !== places.get(select.dataset.place))) choose(select);
     });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawn.forEach(draw));
     addEventListener("beforeprint", () => print(true));

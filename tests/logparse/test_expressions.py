@@ -8,7 +8,7 @@ import pytest
 
 from logparse.expressions import evaluate
 from logparse.signals import SignalError
-from tests.logparse.test_signals import Decoded
+from tests.logparse.decoded import Decoded
 
 
 def frame(rate, seconds, units, **columns):

@@ -10,15 +10,9 @@ from logparse import read_log
 from logparse.expressions import evaluate
 from logparse.signals import SignalError, logged_signal
 from logparse.tables import Tables
+from tests.logparse.decoded import Decoded
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
-
-
-class Decoded(dict):
-    """Messages that are there without decoding."""
-
-    def once(self, name, fields=None):
-        return self[name]
 
 
 class FakeLog:

@@ -81,6 +81,12 @@ def test_the_page_shows_the_timeline_escaped(flight, health):
 def test_a_million_events_do_not_fill_the_page(flight, health):
     many = dataclasses.replace(health, events=tuple(event("gps-glitch", 40.0 + 1e-4 * k) for k in range(20_000)))
     view = timeline(flight_numbers(dataclasses.replace(flight, health=many))["health"])
+    (row,) = view["rows"]
+    assert row["reason"].startswith("20000 times until 42.0 s")
+    kinds = tuple(event(f"kind-{k}", 40.0 + 1e-4 * k) for k in range(20_000))
+    view = timeline(
+        flight_numbers(dataclasses.replace(flight, health=dataclasses.replace(health, events=kinds)))["health"]
+    )
     assert len(view["rows"]) == 40
     assert view["more"] == 20_000 - 40
     assert len(sentence(flight_numbers(dataclasses.replace(flight, health=many))["health"])) < 200
