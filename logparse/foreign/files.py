@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pandas as pd
 import scipy
@@ -32,7 +33,7 @@ def read_columns(path: Path) -> pd.DataFrame:
     Parameters
     ----------
     path : Path
-        CSV (plain or compressed), Parquet, or MATLAB up to version 7; lists may stand in strings.
+        CSV (plain or compressed), Parquet, or MATLAB of any version; lists may stand in strings.
 
     Raises
     ------
@@ -98,9 +99,7 @@ def _matlab(path: Path) -> pd.DataFrame:
     try:
         content = scipy.io.loadmat(path, squeeze_me=False)
     except NotImplementedError:
-        raise TableError(
-            f"{path.name}: a MATLAB file of version 7.3; save it with -v7, or export it as CSV or Parquet"
-        ) from None
+        content = _matlab_hdf5(path)  # version 7.3, which SciPy leaves to HDF5 libraries
     except (ValueError, scipy.io.matlab.MatReadError, OSError, TypeError) as error:
         raise TableError(f"{path.name}: not a readable MATLAB file: {error}") from error
     arrays = {
@@ -121,3 +120,16 @@ def _matlab(path: Path) -> pd.DataFrame:
         else:
             out |= {f"{key}[{k}]": rows[:, k] for k in range(rows.shape[1])}
     return pd.DataFrame(out)
+
+
+def _matlab_hdf5(path: Path) -> dict[str, np.ndarray]:
+    """Arrays of numbers of a MATLAB file of version 7.3, whose axes HDF5 has in reverse; no text, structs or cells."""
+    try:
+        with h5py.File(path) as file:
+            return {
+                key: np.asarray(value).T
+                for key, value in file.items()
+                if isinstance(value, h5py.Dataset) and value.attrs.get("MATLAB_class") not in (b"char", b"cell")
+            }
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise TableError(f"{path.name}: not a readable MATLAB file of version 7.3: {error}") from error

@@ -10,6 +10,7 @@ import numpy as np
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.rigid_body.six_dof._kernels import ahead
 from sysid.rigid_body.six_dof.body_record import drives
+from sysid.rigid_body.six_dof.correction import upright_axes
 from sysid.rigid_body.six_dof.model import SixDofModel, substeps
 
 #: Length of the runs that are compared, s; attitude is measured throughout.
@@ -33,7 +34,32 @@ class WindTrack:
     mean_sigma: Floats  #: shape (2,)
 
 
-def estimate_wind(model: SixDofModel, experiment: Experiment, window: float = 1.0) -> WindTrack:
+def estimate_trim(model: SixDofModel, still: Experiment, window: float = 1.0) -> Floats:
+    """Return the horizontal acceleration that a model misses in still air, forward and right, m/s^2, shape (2,).
+
+    A level that is off by a degree, or a thrust that leans otherwise than on the records fitted, pushes like 0.17 m/s^2
+    of drag, which is a wind of half a metre per second on a usual quadrotor. The median over windows leaves out what a
+    passing draught does.
+
+    Parameters
+    ----------
+    model : SixDofModel
+    still : Experiment
+        Flown without wind in the same set-up as those whose wind is asked for.
+    window : float
+        s.
+    """
+    record = model.record(still)
+    missed = model.with_wind({record.name: np.zeros(2)}).missed(record)[1:]
+    heading = upright_axes(record, np.arange(1, len(record.t)))
+    level = np.einsum("nji,nj->ni", heading, missed[:, :3])[:, :2]
+    count = max(len(level) // max(round(window / record.dt), 1), 1)
+    return np.asarray(np.median([part.mean(axis=0) for part in np.array_split(level, count)], axis=0))
+
+
+def estimate_wind(
+    model: SixDofModel, experiment: Experiment, window: float = 1.0, trim: Floats | None = None
+) -> WindTrack:
     """Estimate the horizontal wind of a record with a model whose drag is known.
 
     Short runs from measured states are compared in horizontal velocity; the wind of a window is what makes their errors
@@ -46,6 +72,8 @@ def estimate_wind(model: SixDofModel, experiment: Experiment, window: float = 1.
     experiment : Experiment
     window : float
         s.
+    trim : ndarray, shape (2,), optional
+        Of `estimate_trim`, forward and right, m/s^2; it is not taken for drag.
 
     Raises
     ------
@@ -60,15 +88,15 @@ def estimate_wind(model: SixDofModel, experiment: Experiment, window: float = 1.
         raise ExperimentError(f"{record.name}: a record of {record.t[-1] - record.t[0]:.1f} s shows no wind")
     starts = np.arange(count * per_window, dtype=np.int64)
     drive = drives(record, model.kinds, model.shape)
-    marks, still = np.array([steps]), np.zeros((len(starts), 6))
+    marks, push = np.array([steps]), np.zeros((len(starts), 6))
+    if trim is not None:
+        push[:, :3] = upright_axes(record, starts)[:, :, :2] @ trim
 
     def errors(wind: Floats) -> Floats:
         """Errors of horizontal velocity, (runs, 2), with the wind of every window, (B, 2)."""
         air = np.zeros((len(record.t), 3))
         air[: len(starts), :2] = np.repeat(wind, per_window, axis=0)
-        found = ahead(
-            model.theta, drive, air, still, record.states, starts, marks, record.dt, substeps(record.dt), True
-        )
+        found = ahead(model.theta, drive, air, push, record.states, starts, marks, record.dt, substeps(record.dt), True)
         return np.asarray((found[:, 0, 3:5] - record.states[starts + steps, 3:5]) / (steps * record.dt))
 
     tracks: list[tuple[Floats, Floats]] = []

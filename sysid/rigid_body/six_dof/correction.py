@@ -1,31 +1,34 @@
 """What a model leaves over, learned: ridge regression of its errors on the start and on the inputs since.
 
 Features, all in units of the record: velocity and rates in body axes, the direction of gravity in the body, the inputs
-at every sample of the horizon, products that physics suggests, and, with a memory, rates and inputs before the start.
-Targets are the model's errors at every sample up to the horizon, in the axes of the body at the start turned upright.
-Runs that err more than usual count less, as in `shooting`.
+over the horizon, products that physics suggests, and, with a memory, what the model missed in the time before the
+start. Where attitude is an input, where the thrust points over the horizon is a feature too. Targets are the model's
+errors at every sample up to the horizon, in the axes of the body at the start turned upright.
 
 The inputs since the start tell of the motion also what the controller saw of it: that is right for predicting records,
 and wrong for asking what other inputs would do. The correction is therefore off unless asked for, and not part of the
-free run.
+free run. `learning.learn_correction` makes one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+
 from scipy.spatial.transform import Rotation
 
 from sysid.records.experiment import Floats
+from sysid.records.filtering import lfilter
 from sysid.rigid_body.six_dof.body_record import BodyRecord
-from sysid.rigid_body.six_dof.shooting import state_errors
 
-#: Reweighting passes, and the part of the usual error below which all runs count alike.
-_PASSES, _FLOOR = 3, 0.3
+#: Time constants of the means of what was missed before a start, in parts of the memory.
+_MEANS = (1 / 40, 1 / 16, 1 / 6, 1 / 2.5)
+
+#: Samples of the horizon at which the direction of thrust is a feature, where attitude is an input.
+_POINTS = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,15 +36,24 @@ class HorizonCorrection:
     """Correction of predictions up to a horizon."""
 
     steps: int  #: Horizon, samples.
-    memory: int  #: Samples before the start that are looked at; 0: the start and what comes after it only.
+    #: Time constant of what is remembered from before the start, samples; 0: only the start and what comes after it.
+    memory: float
     weights: Floats  #: shape (F, steps, 12)
     #: shape (F,): Of the features.
     centre: Floats
     width: Floats
-    #: By how much errors of held-out records became smaller when it was learned without them.
-    gain_percent: float = float("nan")
+    #: By how much errors of held-out records became smaller, by state; states that are not there are not corrected.
+    gain_percent: Mapping[str, float]
 
-    def corrected(self, record: BodyRecord, starts: np.ndarray, marks: np.ndarray, predicted: Floats) -> Floats:
+    def corrected(
+        self,
+        record: BodyRecord,
+        starts: np.ndarray,
+        marks: np.ndarray,
+        predicted: Floats,
+        missed: Floats | None,
+        given: bool,
+    ) -> Floats:
         """Return predictions less their learned errors; marks beyond the horizon stay as they are.
 
         Parameters
@@ -50,14 +62,18 @@ class HorizonCorrection:
         starts : ndarray, shape (S,)
         marks : ndarray, shape (M,)
         predicted : ndarray, shape (S, M, 18)
+        missed : ndarray, shape (N, 6), or None
+            See `observer.missed_accelerations`; None without a memory.
+        given : bool
+            Attitude and rates are inputs.
         """
         inside = np.flatnonzero((marks <= self.steps) & (marks >= 1))
-        usable = starts + self.steps <= len(record.t)
+        usable = starts + self.steps < len(record.t)
         if not len(inside) or not usable.any():
             return predicted
         out = predicted.copy()
         rows = np.flatnonzero(usable)
-        x = (features(record, starts[rows], self.steps, self.memory) - self.centre) / self.width
+        x = (features(record, starts[rows], self.steps, self.memory, missed, given) - self.centre) / self.width
         upright = upright_axes(record, starts[rows])
         for mark in inside:
             error = x @ self.weights[:, marks[mark] - 1]
@@ -70,7 +86,7 @@ class HorizonCorrection:
             "horizon_samples": self.steps,
             "memory_samples": self.memory,
             "features": len(self.centre),
-            "gain_percent": None if np.isnan(self.gain_percent) else self.gain_percent,
+            "gain_percent": dict(self.gain_percent),
         }
 
 
@@ -80,23 +96,23 @@ def upright_axes(record: BodyRecord, starts: np.ndarray) -> Floats:
     return np.asarray(Rotation.from_euler("z", np.arctan2(rotation[:, 1, :1], rotation[:, 0, :1])).as_matrix())
 
 
-def features(record: BodyRecord, starts: np.ndarray, steps: int, memory: int) -> Floats:
-    """Features of each start, (S, F)."""
+def features(
+    record: BodyRecord, starts: np.ndarray, steps: int, memory: float, missed: Floats | None, given: bool
+) -> Floats:
+    """Features of each start, (S, F); see `HorizonCorrection.corrected`."""
     n = len(record.t)
     state = record.states[starts]
     rotation = state[:, 6:15].reshape(-1, 3, 3)
     velocity = np.einsum("nji,nj->ni", rotation, state[:, 3:6])
     rates, gravity = state[:, 15:], rotation[:, 2, :]
     strength = record.inputs**2 if record.speeds else record.inputs
-    strength = strength / max(float(np.mean(np.abs(strength))), 1e-12)
     now = strength[starts].mean(axis=1, keepdims=True)
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    window = strength[np.minimum(starts[:, None] + np.arange(steps), n - 1)].reshape(len(starts), -1)
+    upright = upright_axes(record, starts)
     parts = [
         rates,
         velocity,
         gravity[:, :2],
-        window,
         rates[:, [1]] * rates[:, [2]],
         rates[:, [0]] * rates[:, [2]],
         rates[:, [0]] * rates[:, [1]],
@@ -106,24 +122,31 @@ def features(record: BodyRecord, starts: np.ndarray, steps: int, memory: int) ->
         velocity * now,
         rates * now,
     ]
-    if memory:
-        back = np.maximum(starts[:, None] - np.arange(2, memory + 1, 2), 0)
-        parts += [record.states[back, 15:].reshape(len(starts), -1), strength[back].reshape(len(starts), -1)]
-        far = back[:, ::5]
-        turned = np.einsum("nmij,nmi->nmj", record.states[far, 6:15].reshape(*far.shape, 3, 3), record.states[far, 3:6])
-        parts.append(turned.reshape(len(starts), -1))
+    if given:
+        # What the air does is along the velocity, whatever the lean: features in the axes of the errors.
+        level = np.einsum("nji,nj->ni", upright, state[:, 3:6])
+        parts += [level, speed * level, level[:, :2] * level[:, 2:], level * now, now]
+        lift = (record.inputs**2).mean(axis=1)
+        for step in np.linspace(0, steps, _POINTS + 1).astype(int)[1:]:
+            down = np.einsum("nji,nj->ni", upright, record.states[starts + step][:, [8, 11, 14]])
+            parts += [down * lift[starts + step, None], down[:, :2]]
+    else:
+        parts.append(strength[np.minimum(starts[:, None] + np.arange(steps), n - 1)].reshape(len(starts), -1))
+    if missed is not None and memory > 0.0:
+        slow = _mean(missed, memory)
+        for part in _MEANS:
+            quick = (_mean(missed, part * memory) - slow)[starts]
+            parts.append(np.einsum("nji,nj->ni", upright, quick[:, :3]))
+            if not given:
+                parts.append(quick[:, 3:])
     parts.append(np.ones((len(starts), 1)))
     return np.ascontiguousarray(np.column_stack(parts))
 
 
-def _targets(record: BodyRecord, starts: np.ndarray, steps: int, predicted: Floats) -> Floats:
-    """Errors of predictions in the axes of the heading at the start, (S, steps, 12)."""
-    measured = record.states[starts[:, None] + np.arange(1, steps + 1)]
-    errors = state_errors(predicted, measured)
-    upright = upright_axes(record, starts)
-    errors[..., :3] = np.einsum("nji,nmj->nmi", upright, errors[..., :3])
-    errors[..., 3:6] = np.einsum("nji,nmj->nmi", upright, errors[..., 3:6])
-    return errors
+def _mean(values: Floats, memory: float) -> Floats:
+    """Exponentially weighted mean of the past; memory in samples."""
+    keep = float(np.exp(-1.0 / memory))
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values))
 
 
 def _less(predicted: Floats, error: Floats, upright: Floats) -> Floats:
@@ -135,49 +158,3 @@ def _less(predicted: Floats, error: Floats, upright: Floats) -> Floats:
     out[:, 6:15] = turned.reshape(-1, 9)
     out[:, 15:] -= error[:, 9:]
     return out
-
-
-def learn(
-    records: Sequence[BodyRecord],
-    predictions: Sequence[tuple[np.ndarray, Floats]],
-    steps: int,
-    memory: int,
-    ridge: float,
-) -> HorizonCorrection:
-    """Learn a correction.
-
-    Parameters
-    ----------
-    records : sequence of BodyRecord
-    predictions : sequence of (ndarray (S,), ndarray (S, steps, 18))
-        Starts of each record and what the model predicts from there.
-    steps, memory : int
-        Samples.
-    ridge : float
-        Of features scaled to unit variance, over their number of samples.
-    """
-    table = [features(record, starts, steps, memory) for record, (starts, _) in zip(records, predictions, strict=True)]
-    goals = [
-        _targets(record, starts, steps, predicted).reshape(len(starts), -1)
-        for record, (starts, predicted) in zip(records, predictions, strict=True)
-    ]
-    stacked, goal = np.concatenate(table), np.concatenate(goals)
-    centre, width = stacked.mean(axis=0), np.maximum(stacked.std(axis=0), 1e-9)
-    centre[-1], width[-1] = 0.0, 1.0  # the constant
-    x = (stacked - centre) / width
-    weights = np.zeros((x.shape[1], steps, 12))
-    by_state = goal.reshape(len(goal), steps, 4, 3)
-    for state in range(4):
-        target = by_state[:, :, state].reshape(len(goal), -1)
-        count = np.full(len(goal), 1.0)
-        for at in range(_PASSES):
-            weighted = x * count[:, None]
-            lhs = weighted.T @ x
-            lhs[np.diag_indices_from(lhs)] += ridge * count.sum() * np.r_[np.ones(x.shape[1] - 1), 1e-6]
-            solution = cho_solve(cho_factor(lhs), weighted.T @ target)
-            if at < _PASSES - 1:
-                left = np.linalg.norm((target - x @ solution).reshape(len(x), steps, 3), axis=2).mean(axis=1)
-                count = 1.0 / np.maximum(left, _FLOOR * np.median(left))
-                count /= count.mean()
-        weights[:, :, 3 * state : 3 * state + 3] = solution.reshape(-1, steps, 3)
-    return HorizonCorrection(steps=steps, memory=memory, weights=weights, centre=centre, width=width)

@@ -33,7 +33,7 @@ from sysid.rigid_body.model import BodyParameter
 from sysid.rigid_body.six_dof._kernels import ahead, free_run
 from sysid.rigid_body.six_dof.body_record import BodyRecord, InputKinds, InputShape, body_record, drives, input_kinds
 from sysid.rigid_body.six_dof.correction import HorizonCorrection
-from sysid.rigid_body.six_dof.observer import Observer, pushes
+from sysid.rigid_body.six_dof.observer import Observer, missed_accelerations, pushes
 
 #: Longest step of the integration, s.
 LONGEST_STEP = 0.011
@@ -146,18 +146,25 @@ class SixDofModel(Summarised):
     def ahead(self, record: BodyRecord, starts: np.ndarray, marks: np.ndarray) -> Floats:
         """States at the marked numbers of samples after each start, (S, M, 18)."""
         dt = record.dt
-        drive = drives(record, self.kinds, self.shape)
-        wind = self._wind(record)
         push = np.zeros((len(starts), 6))
-        if self.observer is not None:
-            push = pushes(self.observer, self.theta, drive, wind, record, substeps(dt))[starts]
+        missed = None
+        if self.observer is not None or (self.correction is not None and self.correction.memory > 0.0):
+            missed = self.missed(record)
+        if self.observer is not None and missed is not None:
+            push = pushes(self.observer, missed, dt)[starts]
         first, after = starts.astype(np.int64), marks.astype(np.int64)
+        drive, wind = drives(record, self.kinds, self.shape), self._wind(record)
         predicted = ahead(
             self.theta, drive, wind, push, record.states, first, after, dt, substeps(dt), self.attitude_given
         )
         if self.correction is not None:
-            predicted = self.correction.corrected(record, starts, marks, predicted)
+            predicted = self.correction.corrected(record, starts, marks, predicted, missed, self.attitude_given)
         return np.asarray(predicted)
+
+    def missed(self, record: BodyRecord) -> Floats:
+        """Accelerations and angular accelerations that the model missed up to each sample, (N, 6)."""
+        drive, wind, dt = drives(record, self.kinds, self.shape), self._wind(record), record.dt
+        return missed_accelerations(self.theta, drive, wind, record, substeps(dt), self.attitude_given)
 
     def record(self, experiment: Experiment) -> BodyRecord:
         """Bring an experiment into the form of the equations; its inputs must be those of the model.

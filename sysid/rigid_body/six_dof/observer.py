@@ -25,34 +25,49 @@ class Observer:
     torque_memory: float = 0.3
 
 
-def pushes(
-    observer: Observer, theta: Floats, drives: Floats, wind: Floats, record: BodyRecord, substeps: int
+def missed_accelerations(
+    theta: Floats, drives: Floats, wind: Floats, record: BodyRecord, substeps: int, given: bool
 ) -> Floats:
-    """Accelerations (world) and angular accelerations (body) that the model missed before each sample, (N, 6).
+    """Accelerations (world) and angular accelerations (body) that the model missed up to each sample, (N, 6).
 
     Parameters
     ----------
-    observer : Observer
     theta : ndarray
     drives : ndarray, shape (N, 7 + e)
     wind : ndarray, shape (N, 3)
     record : BodyRecord
     substeps : int
+    given : bool
+        Attitude and rates are inputs.
     """
     n, dt = len(record.t), record.dt
     starts = np.arange(n - 1, dtype=np.int64)
-    one = ahead(theta, drives, wind, np.zeros((n - 1, 6)), record.states, starts, np.array([1]), dt, substeps, False)[
+    one = ahead(theta, drives, wind, np.zeros((n - 1, 6)), record.states, starts, np.array([1]), dt, substeps, given)[
         :, 0
     ]
     missed = np.zeros((n, 6))
     missed[1:, :3] = (record.states[1:, 3:6] - one[:, 3:6]) / dt
     missed[1:, 3:] = (record.states[1:, 15:] - one[:, 15:]) / dt
+    return missed
+
+
+def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
+    """Mean of what was missed before each sample, (N, 6).
+
+    Parameters
+    ----------
+    observer : Observer
+    missed : ndarray, shape (N, 6)
+    dt : float
+        s.
+    """
+    out = missed.copy()
     for columns, memory in ((slice(0, 3), observer.force_memory), (slice(3, 6), observer.torque_memory)):
         if memory <= 0.0:
-            missed[:, columns] = 0.0
+            out[:, columns] = 0.0
             continue
         keep = float(np.exp(-dt / memory))
-        known = lfilter([1.0 - keep], [1.0, -keep], np.r_[0.0, np.ones(n - 1)])
+        known = lfilter([1.0 - keep], [1.0, -keep], np.r_[0.0, np.ones(len(missed) - 1)])
         # The past is short at first: shrink to nothing rather than trust one sample.
-        missed[:, columns] = lfilter([1.0 - keep], [1.0, -keep], missed[:, columns]) * (known > 0.5)[:, None]
-    return missed
+        out[:, columns] = lfilter([1.0 - keep], [1.0, -keep], missed[:, columns]) * (known > 0.5)[:, None]
+    return out

@@ -1,5 +1,6 @@
 """Tables of other origin: what is right is read whatever its form, what is wrong is named with its column."""
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -107,6 +108,34 @@ def test_every_kind_of_file_gives_the_same_table(tmp_path, suffix):
     description.write_text(yaml.safe_dump(columns()), encoding="utf-8")
     read = read_motion(path, description)
     assert np.allclose(read.position, read_motion(frame, columns()).position, atol=1e-9)
+
+
+def write_matlab_hdf5(path, arrays):
+    """Write arrays as MATLAB's `save -v7.3` does: HDF5 behind MATLAB's header, axes in reverse, a class on each."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in arrays.items():
+            file.create_dataset(name, data=np.asarray(values).T).attrs["MATLAB_class"] = np.bytes_("double")
+        file.create_dataset("note", data=np.array([[104], [105]], np.uint16)).attrs["MATLAB_class"] = np.bytes_("char")
+        file.create_group("settings").create_dataset("mass", data=[[1.2]])
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def test_matlab_files_of_version_7_3_are_read(tmp_path):
+    frame, path = table(), tmp_path / "flight.mat"
+    packed = {name: frame[name].to_numpy()[:, None] for name in frame if name not in "xyz"}
+    write_matlab_hdf5(path, packed | {"p": frame[["x", "y", "z"]].to_numpy()})
+    read = read_motion(path, columns(position="p"))
+    assert np.allclose(read.position, motion()[1], atol=1e-9)
+    assert np.allclose(read.rates, motion()[4], atol=1e-9)
+
+
+def test_a_damaged_matlab_file_of_version_7_3_is_refused(tmp_path):
+    path = tmp_path / "flight.mat"
+    write_matlab_hdf5(path, {"t": np.arange(100.0)[:, None]})
+    path.write_bytes(path.read_bytes()[:700])
+    with pytest.raises(TableError, match="not a readable MATLAB file"):
+        read_motion(path, columns())
 
 
 def test_lists_in_cells_are_vectors(tmp_path):

@@ -1,0 +1,139 @@
+"""Learn what a model leaves over (`correction.HorizonCorrection`), and keep it only where held-out records gain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from sysid.records.experiment import Experiment, ExperimentError, Floats, horizon_steps, require_alike
+from sysid.rigid_body.six_dof.correction import HorizonCorrection, features, upright_axes
+from sysid.rigid_body.six_dof.model import SixDofModel
+from sysid.rigid_body.six_dof.observer import Observer
+from sysid.rigid_body.six_dof.shooting import state_errors
+
+#: Reweighting passes, and the part of the usual error below which all runs count alike.
+_PASSES, _FLOOR = 3, 0.3
+
+#: Runs that are learned from, and those of them by which a correction is accepted.
+_RUNS, _TRIED = 60_000, 15_000
+
+#: Groups of records that are left out in turn, and by how many percent errors must become smaller.
+_FOLDS, _WORTH = 4, 1.0
+
+_STATES = ("position", "velocity", "attitude", "rates")
+
+
+def learn_correction(
+    model: SixDofModel,
+    experiments: Experiment | Sequence[Experiment],
+    horizon: float,
+    memory: float = 0.0,
+    ridge: float = 1e-3,
+) -> SixDofModel:
+    """Return the model with a correction of what it leaves over, learned from its training records.
+
+    Records are left out in turn, in groups of neighbours; a state is corrected only if its errors on the records left
+    out become smaller by 1 percent at least. Without such a state the model is returned as it is.
+
+    Parameters
+    ----------
+    model : SixDofModel
+    experiments : Experiment or sequence of Experiment
+        Two or more.
+    horizon : float
+        s; predictions up to it are corrected.
+    memory : float
+        Time constant of what is remembered from before the start, s. With one the model also gets an observer of this
+        memory, which holds what it missed. 0: only the start and the inputs since then.
+    ridge : float
+        Of features scaled to unit variance, over their number of samples.
+
+    Raises
+    ------
+    ExperimentError
+        When there is only one record, or nothing is longer than the horizon.
+    """
+    records = require_alike(experiments)
+    if len(records) < 2:
+        raise ExperimentError("a correction is kept if records that it was not learned from gain: give two at least")
+    if memory > 0.0:
+        model = model.with_observer(Observer(memory, 0.0 if model.attitude_given else memory))
+    model = model.with_correction(None)
+    steps = horizon_steps(horizon, model.record(records[0]).dt)
+    total = sum(max(len(record.t) - steps - 1, 0) for record in records)
+    if total < 4 * steps:
+        raise ExperimentError(f"{total} samples are too few to learn corrections of {horizon:g} s")
+    table, goals = [], []
+    remembered = 0.0
+    for experiment in records:
+        record = model.record(experiment)
+        remembered = memory / record.dt
+        starts = np.arange(0, max(len(record.t) - steps - 1, 0), max(total // _RUNS, 1))
+        missed = model.missed(record) if memory > 0.0 else None
+        table.append(features(record, starts, steps, remembered, missed, model.attitude_given))
+        measured = record.states[starts[:, None] + np.arange(1, steps + 1)]
+        errors = state_errors(model.ahead(record, starts, np.arange(1, steps + 1)), measured)
+        upright = upright_axes(record, starts)
+        for part in (slice(0, 3), slice(3, 6)):
+            errors[..., part] = np.einsum("nji,nmj->nmi", upright, errors[..., part])
+        goals.append(errors.reshape(len(starts), steps, 4, 3))
+    states = (0, 1) if model.attitude_given else (0, 1, 2, 3)
+    gains = _gains(table, goals, states, ridge)
+    kept = {_STATES[state]: gain for state, gain in zip(states, gains, strict=True) if gain > _WORTH}
+    if not kept:
+        return model
+    x, goal = np.concatenate(table), np.concatenate(goals)
+    centre, width = _scaling(x)
+    weights = np.zeros((x.shape[1], steps, 12))
+    for state in states:
+        if _STATES[state] in kept:
+            weights[:, :, 3 * state : 3 * state + 3] = _solve((x - centre) / width, goal[:, :, state], ridge)
+    return model.with_correction(
+        HorizonCorrection(
+            steps=steps, memory=remembered, weights=weights, centre=centre, width=width, gain_percent=kept
+        )
+    )
+
+
+def _gains(table: Sequence[Floats], goals: Sequence[Floats], states: Sequence[int], ridge: float) -> list[float]:
+    """By how many percent errors of records left out become smaller, by state; every record counts alike."""
+    every = max(sum(map(len, table)) // _TRIED, 1)
+    gains = np.zeros((len(table), len(states)))
+    for out in np.array_split(np.arange(len(table)), min(_FOLDS, len(table))):
+        known = [k for k in range(len(table)) if k not in out]
+        x = np.concatenate([table[k][::every] for k in known])
+        centre, width = _scaling(x)
+        for at, state in enumerate(states):
+            weights = _solve((x - centre) / width, np.concatenate([goals[k][::every, :, state] for k in known]), ridge)
+            for k in out:
+                truth = goals[k][::every, :, state]
+                left = truth - np.tensordot((table[k][::every] - centre) / width, weights, axes=1)
+                before = np.linalg.norm(truth, axis=2).sum()
+                gains[k, at] = 1.0 - np.linalg.norm(left, axis=2).sum() / max(float(before), 1e-12)
+    return [float(value) for value in 100.0 * gains.mean(axis=0)]
+
+
+def _scaling(x: Floats) -> tuple[Floats, Floats]:
+    """Mean and spread of features; those of the constant are 0 and 1."""
+    centre, width = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-9)
+    centre[-1], width[-1] = 0.0, 1.0
+    return centre, width
+
+
+def _solve(x: Floats, goal: Floats, ridge: float) -> Floats:
+    """Weights (F, steps, 3) of errors (S, steps, 3); runs that err more than usual count less, as in `shooting`."""
+    target = goal.reshape(len(goal), -1)
+    count = np.ones(len(x))
+    solution = np.zeros((x.shape[1], target.shape[1]))
+    for at in range(_PASSES):
+        weighted = x * count[:, None]
+        lhs = weighted.T @ x
+        lhs[np.diag_indices_from(lhs)] += ridge * count.sum() * np.r_[np.ones(x.shape[1] - 1), 1e-6]
+        solution = cho_solve(cho_factor(lhs), weighted.T @ target)
+        if at < _PASSES - 1:
+            left = np.linalg.norm((target - x @ solution).reshape(goal.shape), axis=2).mean(axis=1)
+            count = 1.0 / np.maximum(left, _FLOOR * max(float(np.median(left)), 1e-12))
+            count /= count.mean()
+    return np.asarray(solution.reshape(x.shape[1], *goal.shape[1:]))
