@@ -91,14 +91,15 @@ def run() -> list[Row]:
     """Judge all three sets, and print the rows as a Markdown table too."""
     folder = data_folder()
     rows: list[Row] = []
+    print("| what | ours | published or peer | ratio | target |\n|---|---|---|---|---|")
     for name, part in (("nanodrone", nanodrone), ("neural-fly", neural_fly), ("tailsitter", tailsitter)):
         files, training = gathered(folder, name)
         if not files and folder != SHARED:
             continue
-        rows += part(files, training) if files or training else [(name, "no flights", "-", "-", "-")]
-    print("| what | ours | published or peer | ratio | target |\n|---|---|---|---|---|")
-    for row in rows:
-        print("| " + " | ".join(row) + " |")
+        found = part(files, training) if files or training else [(name, "no flights", "-", "-", "-")]
+        for row in found:
+            print("| " + " | ".join(row) + " |", flush=True)
+        rows += found
     return rows
 
 

@@ -9,6 +9,7 @@ from sysid.bench.pendulum import bifilar, check_thread
 from sysid.bench.stand import Bench, analyse_bench
 from sysid.bench.table import BenchError, read_bench
 from sysid.records.experiment import Experiment, ExperimentError
+from sysid.records.table_export import write_table
 from sysid.rigid_body.body_fit import fit_rigid_body
 from sysid.rigid_body.craft_export import write_craft
 from sysid.rigid_body.frame_json import FrameExport, frame_json
@@ -16,6 +17,7 @@ from sysid.rigid_body.hover import HoverModel, hover_from_speeds, hover_model
 from sysid.rigid_body.model import BodyParameter, RigidBodyModel
 from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
 from sysid.rigid_body.six_dof.fit import fit_six_dof
+from sysid.rigid_body.six_dof.learning import learn_correction
 from sysid.rigid_body.six_dof.model import SixDofModel
 from sysid.rigid_body.wind import FlightTrim
 from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
@@ -30,6 +32,7 @@ from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.transfer_function import FitReport, TransferFunction, TransferFunctionModel, poles, zeros
 from sysid.validation.assessment import Model, Predictor, Validation, validate
 from sysid.validation.order import OrderScan, scan_orders
+from sysid.validation.states import StateValidation, validate_states
 
 __all__ = [
     "ArxModel",
@@ -53,6 +56,7 @@ __all__ = [
     "RigidBodyModel",
     "RotorModel",
     "SixDofModel",
+    "StateValidation",
     "ThrustCoefficient",
     "ThrustModel",
     "TransferFunction",
@@ -74,11 +78,14 @@ __all__ = [
     "frequency_response",
     "hover_from_speeds",
     "hover_model",
+    "learn_correction",
     "physical_parameters",
     "poles",
     "read_bench",
     "scan_orders",
     "validate",
+    "validate_states",
     "write_craft",
+    "write_table",
     "zeros",
 ]

@@ -21,6 +21,12 @@ FEWEST = 50
 #: A sample is a spike if it leaves both neighbours by so many usual steps, in the same direction, and comes back.
 SPIKE = 25.0
 
+#: A value that does not change for so long is held, not measured, s; or for so many times as long as it usually does.
+HELD, _USUALLY_HELD = 0.5, 5.0
+
+#: Longest usual step of a record, s: beyond it a unit of time is wrong.
+LONGEST_STEP = 1.0
+
 #: Longest spike, samples.
 _LONGEST_SPIKE = 3
 
@@ -54,6 +60,11 @@ def steady_rows(t: Floats, name: str, label: str) -> tuple[npt.NDArray[np.int64]
         raise TableError(
             f"{label}: column {name}: time does not increase ({100 * np.mean(step <= 0.0):.0f} % of the steps are "
             "zero or negative); is it the time column?"
+        )
+    if usual > LONGEST_STEP:
+        raise TableError(
+            f"{label}: column {name}: samples are {usual:.3g} s apart, too far for a record of motion; is the time in "
+            "ms or us? (time: {column: ..., unit: ms})"
         )
     repeated = step == 0.0
     if repeated.any():
@@ -194,10 +205,37 @@ def _spikes(column: Floats) -> npt.NDArray[np.bool_]:
     return np.asarray(bad if bad.mean() < 0.05 else np.zeros(n, dtype=bool))
 
 
+def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding]:
+    """Find columns that stop changing while others go on: a recorder that repeats its last packet; (N, k).
+
+    A column at its own smallest or largest value is left alone: motors saturate.
+    """
+    still = np.diff(values, axis=0) == 0.0
+    still &= ~still.all(axis=1)[:, None]
+    held: dict[tuple[int, int], list[str]] = {}
+    for k, name in enumerate(names):
+        edges = np.flatnonzero(np.diff(np.r_[0, still[:, k].astype(np.int8), 0]))
+        first, length = edges[::2], edges[1::2] - edges[::2]
+        if not len(length) or still[:, k].mean() > 0.5:
+            continue
+        worst = int(np.argmax(length))
+        usual = float(np.percentile(length, 75)) if len(length) > 3 else 1.0
+        level = values[first[worst], k]
+        if length[worst] * dt > max(HELD, _USUALLY_HELD * usual * dt) and np.min(values[:, k]) < level < np.max(
+            values[:, k]
+        ):
+            held.setdefault((int(first[worst]), int(length[worst])), []).append(name)
+    return [
+        _finding("table-held", ", ".join(columns), f"the value stands still for {length * dt:.2f} s while others move")
+        for (_, length), columns in held.items()
+    ]
+
+
 def _finding(identifier: str, column: str, text: str) -> Finding:
     advice = {
         "table-time": "export the record with the time of each sample",
         "table-gaps": "export the record without gaps, or allow them to be filled (fill: true)",
         "table-spikes": "look for lost packets of the telemetry",
+        "table-held": "cut the record there: what a recorder repeats was not measured",
     }[identifier]
     return Finding(identifier, Severity.WARNING, f"column {column}: {text}", advice, {"column": column})

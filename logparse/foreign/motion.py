@@ -14,7 +14,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from logparse.findings import Finding, Severity
-from logparse.foreign.clock import known_rows, steady_rows, uniform, without_spikes
+from logparse.foreign.clock import held_values, known_rows, steady_rows, uniform, without_spikes
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap, read_column_map
 from logparse.foreign.consistency import check_motion, check_units, unchecked_order
 from logparse.foreign.files import TableError, flatten, read_columns
@@ -83,12 +83,15 @@ def read_motion(
     names = [
         each for each in dict.fromkeys(declared.names) if declared.time is None or each not in declared.time.columns
     ]
-    values = frame[names].to_numpy(np.float64)
+    values = np.array(frame[names], dtype=np.float64)
     dt = float(np.median(np.diff(t)))
+    attitude = [names.index(each) for each in declared.attitude.columns]
+    values[:, attitude] = _without_turns(values[:, attitude], declared)
     keep, values, more = known_rows(values, names, dt, declared.fill, label)
     values, t = values[keep], t[keep]
     values, spikes = without_spikes(values, names)
     at = {each: k for k, each in enumerate(names)}
+    moving = (*declared.position.columns, *declared.attitude.columns, *declared.motors.columns)
     table = _Converter(values, at, declared, label)
     quaternion, remarks = table.quaternion()
     clock = uniform(t)
@@ -104,7 +107,7 @@ def read_motion(
         columns_of["rates"] = table.vector(declared.rates.columns, declared.rates.factor)
     if declared.voltage is not None:
         columns_of["voltage"] = values[:, [at[declared.voltage.columns[0]]]] * declared.voltage.factor
-    found = [*findings, *more, *spikes, *remarks]
+    found = [*findings, *more, *spikes, *held_values(values[:, [at[each] for each in moving]], moving, dt), *remarks]
     if len(clock) != len(t) or np.max(np.abs(clock - t)) > 0.3 * dt:
         columns_of = {key: _resampled(t, each, clock) for key, each in columns_of.items()}
     found += check_units(declared, columns_of, label)
@@ -193,6 +196,17 @@ class _Converter:
         if signal.world_to_body:
             rotation = rotation.inv()
         return _continuous(rotation.as_quat(scalar_first=True)), findings
+
+
+def _without_turns(attitude: Floats, declared: ColumnMap) -> Floats:
+    """Quaternions without changes of sign, angles without turns of 360 degrees: both are none, and no spikes either."""
+    known = np.isfinite(attitude).all(axis=1)
+    out = attitude.copy()
+    if declared.attitude.quaternion:
+        out[known] = _continuous(attitude[known])
+    else:
+        out[known] = np.unwrap(attitude[known], period=2.0 * np.pi / declared.attitude.factor, axis=0)
+    return out
 
 
 def _continuous(quaternion: Floats) -> Floats:

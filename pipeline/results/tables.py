@@ -7,35 +7,7 @@ from typing import Any
 
 from logparse import Finding
 from sysid.rigid_body.six_dof.model import SixDofModel
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StateErrors:
-    """Errors of predictions to one horizon on one record, RMS of norms.
-
-    Attributes
-    ----------
-    record : str
-    horizon : float
-        s.
-    state : str
-        ``position`` [m], ``velocity`` [m/s], ``attitude`` [rad], ``rates`` [rad/s].
-    model, held : float
-        Of the model, and of the state that stays.
-    carried_on : float or None
-        Of constant velocity, for position; of constant rates, for attitude.
-    """
-
-    record: str
-    horizon: float
-    state: str
-    model: float
-    held: float
-    carried_on: float | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return numbers for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
+from sysid.validation.states import StateErrors
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -202,7 +202,7 @@ def fit_six_dof(
         found = minimise(start, errors_of, mean, sigma, (low, high), steps, block, iterations)
         start = found.values
     theta, moved, wind = unpack(found.values)
-    parameters = _parameters(unknowns, found, theta, moved, kinds, mean, sigma, mass)
+    parameters = _parameters(unknowns, found, theta, moved, kinds, mean, sigma, mass, dt)
     scales = spreads(errors_of(found.values))
     findings = _findings(parameters)
     return SixDofModel(
@@ -344,6 +344,7 @@ def _parameters(
     mean: Floats,
     sigma: Floats,
     mass: float | None,
+    dt: float,
 ) -> dict[str, BodyParameter]:
     """Name every parameter, with its standard error, and whether it is determined."""
     out: dict[str, BodyParameter] = {}
@@ -361,8 +362,13 @@ def _parameters(
         reason = ""
         if not determined:
             reason = "the records hardly move it" if held else f"its standard error is {error:.2g}, above {limit:.2g}"
-        out[unknown.name] = BodyParameter(
-            name=unknown.name,
+        name = unknown.name
+        if unknown.family == "delay":
+            name, value, lead = _timing(name, value, error, kinds, dt)
+            if lead:
+                determined, reason = False, lead
+        out[name] = BodyParameter(
+            name=name,
             unit=unit,
             value=value if determined else None,
             sigma=error if determined else None,
@@ -371,7 +377,7 @@ def _parameters(
             used=value,
         )
         if determined:
-            out[unknown.name] = _in_si(out[unknown.name], shape, kinds, mass)
+            out[name] = _in_si(out[name], shape, kinds, mass)
     for at, name in enumerate(THETA):
         if name not in out:
             out[name] = BodyParameter(
@@ -384,6 +390,21 @@ def _parameters(
                 used=float(theta[at]),
             )
     return out
+
+
+def _timing(name: str, value: float, error: float, kinds: InputKinds, dt: float) -> tuple[str, float, str]:
+    """Name and value of a delay as a reader expects them, and why it is none.
+
+    What the inputs do is held over the sample interval that begins there, so that the fit's own delay is half a sample
+    less. Rotor speeds are measured, and may be late themselves: what is stated is how late their telemetry is.
+    """
+    value += 0.5 * dt
+    if kinds.quantity is Quantity.SPEED:
+        name, value = name.replace("delay", "telemetry_lag", 1), -value
+        what = f"the motion follows the rotor speeds {-value:.3g} s later, which no lag of their telemetry explains"
+    else:
+        what = f"the motion is {-value:.3g} s ahead of the inputs: their time stamps are late, which is not a delay"
+    return name, max(value, 0.0), what if value < -2.0 * error else ""
 
 
 def _in_si(parameter: BodyParameter, shape: InputShape, kinds: InputKinds, mass: float | None) -> BodyParameter:

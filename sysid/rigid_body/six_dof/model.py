@@ -75,7 +75,8 @@ class SixDofModel(Summarised):
     """A craft that flies from its inputs alone."""
 
     name: str
-    #: Those of `UNITS`, ``delay_NAME`` and ``lag_NAME`` of every rotor [s], and of every further input NAME ``NAME_x``
+    #: Those of `UNITS`, ``delay_NAME`` and ``lag_NAME`` of every rotor [s] (of rotor speeds ``telemetry_lag_NAME``: how
+    #: late they are logged), and of every further input NAME ``NAME_x``
     #: ... (acceleration, m/s^2) and ``NAME_roll`` ... (rad/s^2) for its usual change.
     parameters: Mapping[str, BodyParameter]
     theta: Floats  #: shape (27 + 6 e,): What the equations compute with.

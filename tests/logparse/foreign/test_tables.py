@@ -242,6 +242,48 @@ def test_damage_is_cut_out_or_mended_and_named(kind, finding, column):
     assert np.allclose(np.diff(read.t), 1 / RATE)
 
 
+def test_signs_of_quaternions_may_change_at_any_sample():
+    """Opposite quaternions are one attitude; recorders that keep w positive flip signs in the middle of a turn."""
+    frame, clean = table(), read_motion(table(), columns())
+    flips = np.where(np.random.default_rng(0).random(len(frame)) < 0.3, -1.0, 1.0)
+    frame[["qx", "qy", "qz", "qw"]] *= flips[:, None]
+    frame.loc[200:204, "qx"] = np.nan  # five samples of 10 ms: filled from their neighbours
+    read = read_motion(frame, columns())
+    turned = Rotation.from_quat(read.quaternion) * Rotation.from_quat(clean.quaternion).inv()
+    assert turned.magnitude().max() < 1e-3
+
+
+def test_angles_that_wrap_are_no_leaps():
+    frame = table()
+    angles = Rotation.from_quat(frame[["qx", "qy", "qz", "qw"]]).as_euler("ZYX", degrees=True)
+    frame["yaw"], frame["pitch"], frame["roll"] = ((angles.T + 180.0 - [[20.0], [0.0], [0.0]]) % 360.0) - 180.0
+    frame["yaw"] = (angles[:, 0] + 150.0 + 180.0) % 360.0 - 180.0
+    assert np.ptp(frame["yaw"]) > 350.0
+    frame["t"] += 0.3 * 0.01 * np.sin(np.arange(len(frame)))  # unsteady stamps: resampled
+    turn = Rotation.from_euler("z", 150.0, degrees=True)
+    frame[["x", "y", "z"]] = turn.apply(frame[["x", "y", "z"]])
+    frame[["vx", "vy", "vz"]] = turn.apply(frame[["vx", "vy", "vz"]])
+    described = columns(attitude={"columns": ["roll", "pitch", "yaw"], "kind": "angles", "unit": "deg"})
+    read, clean = read_motion(frame, described), read_motion(table(), columns())
+    turned = Rotation.from_quat(read.quaternion, scalar_first=True).as_euler("ZYX")[:, 1:]
+    truth = Rotation.from_quat(clean.quaternion, scalar_first=True).as_euler("ZYX")[:, 1:]
+    assert np.abs(turned[5:-5] - truth[5:-5]).max() < 0.03
+
+
+def test_a_column_that_a_recorder_repeats_is_named():
+    frame = table()
+    frame.loc[500:620, ["a"]] = frame["a"][500]
+    found = [each for each in read_motion(frame, columns()).findings if each.id == "table-held"]
+    assert [each.evidence["column"] for each in found] == ["a"]
+    assert "1.2" in found[0].reason
+    assert not [each for each in read_motion(table(), columns()).findings if each.id == "table-held"]
+
+
+def test_time_in_another_unit_is_refused_with_its_column():
+    with pytest.raises(TableError, match="column t: samples are 10 s apart"):
+        read_motion(table().assign(t=table()["t"] * 1000.0), columns())
+
+
 def test_quaternions_that_are_none_are_refused():
     frame = table()
     frame["qw"] = frame["qx"]

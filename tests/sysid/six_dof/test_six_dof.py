@@ -5,13 +5,24 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from sysid import ExperimentError
+from sysid import ExperimentError, validate_states
 from sysid.rigid_body.six_dof import _kernels as kernels
-from sysid.rigid_body.six_dof.fit import fit_six_dof
+from sysid.rigid_body.six_dof.body_record import InputKinds, Quantity
+from sysid.rigid_body.six_dof.fit import _timing, fit_six_dof
 from sysid.rigid_body.six_dof.shooting import rotation_vectors, state_errors
 from tests.sysid.six_dof import flown
 
 LATE = (2, 0, 1, 0)
+
+#: Unit of the input, delay as fitted with sigma 1 ms at 100 Hz; name and value as stated, and whether it is refused.
+TIMES = (
+    ("rad/s", -0.025, "telemetry_lag_m1", 0.020, False),
+    ("rad/s", -0.004, "telemetry_lag_m1", 0.0, False),
+    ("rad/s", 0.015, "telemetry_lag_m1", 0.0, True),
+    ("us", 0.015, "delay_m1", 0.020, False),
+    ("us", -0.006, "delay_m1", 0.0, False),
+    ("us", -0.025, "delay_m1", 0.0, True),
+)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +48,7 @@ def truth(model):
         "gyroscopic_x": flown.ROTOR_INERTIA / inertia[0] * usual,
         "gyroscopic_y": flown.ROTOR_INERTIA / inertia[1] * usual,
         "rotor_inertia": flown.ROTOR_INERTIA / inertia[2] * usual,
-    } | {f"delay_m{k + 1}": -late / 100.0 - 0.005 for k, late in enumerate(LATE)}
+    } | {f"telemetry_lag_m{k + 1}": late / 100.0 for k, late in enumerate(LATE)}
 
 
 @pytest.mark.slow
@@ -84,6 +95,21 @@ def test_predict_begins_with_the_free_run_and_is_position_of_the_state(fitted):
     ahead = model.predict(unseen, 0.5)
     assert np.array_equal(ahead[:50], model.simulate(unseen)[:50])
     assert np.allclose(ahead[:, 2], -model.predict_states(unseen, 0.5)[:, 2])
+
+
+@pytest.mark.slow
+def test_validation_judges_every_state_by_horizon(fitted):
+    model, _, unseen = fitted
+    found = validate_states(model, unseen)
+    rows = found.table.round({"horizon": 3}).set_index(["state", "horizon"])
+    assert set(rows.index.get_level_values("state")) == {"position", "velocity", "attitude", "rates"}
+    assert set(rows.index.get_level_values("horizon")) == {0.1, 0.25, 0.5, 1.0, 2.0}
+    record = model.record(unseen)
+    errors = state_errors(model.predict_states(unseen, 0.5), record.states)[50:]
+    rms = np.sqrt((errors[:, 6:9] ** 2).sum(axis=1).mean())
+    assert rows.loc[("attitude", 0.5), "model"] == pytest.approx(rms, rel=0.1)  # starts to 2 s before the end only
+    assert [verdict.split(":")[0] for verdict in found.verdicts] == ["position", "velocity", "attitude", "rates"]
+    assert not [verdict for verdict in found.verdicts if "do not use" in verdict]
 
 
 def test_too_short_a_record_is_refused():
@@ -139,3 +165,14 @@ def test_rotation_vectors_are_those_of_scipy():
 
     rotation = Rotation.random(50, rng=np.random.default_rng(0))
     assert np.allclose(rotation_vectors(rotation.as_matrix()), rotation.as_rotvec(), atol=1e-9)
+
+
+@pytest.mark.parametrize(("unit", "internal", "name", "stated", "refused"), TIMES)
+def test_no_negative_delay_is_stated(unit, internal, name, stated, refused):
+    """Inputs are held over the interval that begins with them: the fit's delay is half a sample (5 ms) too small."""
+    kinds = InputKinds(
+        motors=(0,), geometry=flown.MOTORS[:1], mixer=(), further=(), quantity=Quantity(unit), names=("m1",)
+    )
+    found, value, reason = _timing("delay_m1", internal, 0.001, kinds, 0.01)
+    assert (found, bool(reason)) == (name, refused)
+    assert value == pytest.approx(stated)

@@ -1,0 +1,143 @@
+"""Predictions of the whole state - position, velocity, attitude, rates - on records, by horizon, and what they mean."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sysid.records.experiment import Experiment, require_alike
+from sysid.rigid_body.six_dof.model import SixDofModel
+from sysid.rigid_body.six_dof.shooting import state_errors
+
+#: Horizons that are judged, s.
+HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0)
+
+STATES = ("position", "velocity", "attitude", "rates")
+UNITS = ("m", "m/s", "rad", "rad/s")
+
+#: Error at which a prediction that runs away is held.
+_WORST = 1e6
+
+#: By how much errors must be below those of the simplest prediction to count as better.
+_MARGIN = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateErrors:
+    """Errors of predictions to one horizon on one record, RMS of norms."""
+
+    record: str
+    horizon: float  #: s
+    state: str  #: ``position`` [m], ``velocity`` [m/s], ``attitude`` [rad], ``rates`` [rad/s].
+    model: float  #: Of the model.
+    held: float  #: Of the state that stays.
+    carried_on: float | None  #: Of constant velocity, for position.
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return numbers for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateValidation:
+    """Errors of every state, horizon and record, and a sentence for each state."""
+
+    errors: tuple[StateErrors, ...]
+    verdicts: tuple[str, ...]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """The errors as rows."""
+        return pd.DataFrame([each.to_dict() for each in self.errors])
+
+    def _repr_html_(self) -> str:
+        """Return the table and the verdicts for a notebook."""
+        return self.table.to_html(index=False, float_format="%.3g") + "".join(
+            f"<p>{each}</p>" for each in self.verdicts
+        )
+
+
+def validate_states(model: SixDofModel, experiments: Experiment | Sequence[Experiment]) -> StateValidation:
+    """Judge predictions of the whole state on records that the model has not seen.
+
+    Parameters
+    ----------
+    model : SixDofModel
+    experiments : Experiment or sequence of Experiment
+
+    Returns
+    -------
+    StateValidation
+        RMS errors of the model 0.1 to 2 s ahead, beside those of a state that stays and of constant velocity.
+
+    Raises
+    ------
+    MissingDataError
+        When a record has other inputs than the model, or motion is missing.
+    """
+    errors = [each for record in require_alike(experiments) for each in _errors_by_horizon(model, record)]
+    verdicts = tuple(_verdict(state, unit, errors) for state, unit in zip(STATES, UNITS, strict=True))
+    return StateValidation(errors=tuple(errors), verdicts=verdicts)
+
+
+def _errors_by_horizon(model: SixDofModel, experiment: Experiment) -> list[StateErrors]:
+    """RMS errors of every state at every horizon that fits into the record."""
+    record = model.record(experiment)
+    marks = [max(round(horizon / record.dt), 1) for horizon in HORIZONS]
+    marks = sorted({mark for mark in marks if mark < len(record.t) // 2})
+    if not marks:
+        return []
+    every = max(len(record.t) // 2000, 1)
+    starts = np.arange(0, len(record.t) - marks[-1], every)
+    predicted = model.ahead(record, starts, np.array(marks))
+    out: list[StateErrors] = []
+    for k, mark in enumerate(marks):
+        truth = record.states[starts + mark]
+        ours = _rms(state_errors(predicted[:, k], truth))
+        held = _rms(state_errors(record.states[starts], truth))
+        moved = record.states[starts].copy()
+        moved[:, :3] += mark * record.dt * moved[:, 3:6]
+        carried = _rms(state_errors(moved, truth))
+        out += [
+            StateErrors(
+                record=experiment.name,
+                horizon=float(mark * record.dt),
+                state=state,
+                model=ours[at],
+                held=held[at],
+                carried_on=carried[at] if state == "position" else None,
+            )
+            for at, state in enumerate(STATES)
+        ]
+    return out
+
+
+def _rms(errors: np.ndarray) -> list[float]:
+    # A model that runs away is as bad as the largest number that can be written.
+    held = np.nan_to_num(np.clip(errors, -_WORST, _WORST), nan=_WORST)
+    squares = (held.reshape(len(errors), 4, 3) ** 2).sum(axis=2).mean(axis=0)
+    return [float(value) for value in np.sqrt(squares)]
+
+
+def _verdict(state: str, unit: str, errors: Sequence[StateErrors]) -> str:
+    """Explain how far ahead a state is predicted better than by the simplest means."""
+    rows = [each for each in errors if each.state == state]
+    if not rows:
+        return f"{state}: not judged, the records are too short"
+    better = []
+    for horizon in sorted({row.horizon for row in rows}):
+        here = [row for row in rows if row.horizon == horizon]
+        ours = float(np.mean([row.model for row in here]))
+        simple = float(np.mean([min(row.held, row.carried_on or row.held) for row in here]))
+        better.append((horizon, ours, simple, ours < (1.0 - _MARGIN) * simple))
+    good = [row for row in better if row[3]]
+    if not good:
+        horizon, ours, simple, _ = better[-1]
+        against = f"against {simple:.3g} {unit} without a model"
+        return f"{state}: do not use it: {ours:.3g} {unit} {horizon:g} s ahead, {against}"
+    horizon, ours, simple, _ = good[-1]
+    return f"{state}: {ours:.3g} {unit} {horizon:g} s ahead, against {simple:.3g} {unit} without a model"
