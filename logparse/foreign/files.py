@@ -5,14 +5,19 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 import pandas as pd
 import scipy
 
 from logparse.errors import RotoridError
+from logparse.lazy import lazy
+
+if TYPE_CHECKING:
+    import h5py
+else:
+    h5py = lazy("h5py")
 
 #: File names that a table may have.
 SUFFIXES = (".csv", ".txt", ".tsv", ".csv.xz", ".csv.gz", ".csv.bz2", ".parquet", ".mat")

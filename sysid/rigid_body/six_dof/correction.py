@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-
 from scipy.spatial.transform import Rotation
 
 from sysid.records.experiment import Floats
