@@ -15,6 +15,9 @@ Floats = npt.NDArray[np.float64]
 #: Longest gap that is filled by straight lines, s.
 LONGEST_GAP = 0.1
 
+#: Part of a column that may be filled: what is more would be made up.
+MOST_MISSING = 0.5
+
 #: Fewest samples that make a record.
 FEWEST = 50
 
@@ -131,7 +134,7 @@ def known_rows(
     Raises
     ------
     TableError
-        When a column has no values, or nothing long enough is known of all columns.
+        When a column has no values, or too few to be filled, or nothing long enough is known of all columns.
     """
     findings: list[Finding] = []
     out = values.copy()
@@ -143,6 +146,10 @@ def known_rows(
             continue
         if bad.all():
             raise TableError(f"{label}: column {name} has no values")
+        if fill and bad.mean() > MOST_MISSING:
+            raise TableError(
+                f"{label}: column {name}: {100 * bad.mean():.0f} % of the samples are missing, too many to fill"
+            )
         edges = np.flatnonzero(np.diff(np.r_[0, bad.astype(np.int8), 0]))
         lengths = edges[1::2] - edges[::2]
         long = lengths * dt > LONGEST_GAP

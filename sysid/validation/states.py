@@ -56,9 +56,8 @@ class StateValidation:
 
     def _repr_html_(self) -> str:
         """Return the table and the verdicts for a notebook."""
-        return self.table.to_html(index=False, float_format="%.3g") + "".join(
-            f"<p>{each}</p>" for each in self.verdicts
-        )
+        rows = str(self.table.round(4).to_html(index=False))
+        return rows + "".join(f"<p>{each}</p>" for each in self.verdicts)
 
 
 def validate_states(model: SixDofModel, experiments: Experiment | Sequence[Experiment]) -> StateValidation:

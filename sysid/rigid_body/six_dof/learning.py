@@ -16,8 +16,9 @@ from sysid.rigid_body.six_dof.shooting import state_errors
 #: Reweighting passes, and the part of the usual error below which all runs count alike.
 _PASSES, _FLOOR = 3, 0.3
 
-#: Runs that are learned from, and those of them by which a correction is accepted.
-_RUNS, _TRIED = 60_000, 15_000
+#: Runs that are learned from, and those of them by which a correction is accepted; and errors of all runs together,
+#: which take 8 bytes each.
+_RUNS, _TRIED, _ERRORS = 60_000, 15_000, 40_000_000
 
 #: Groups of records that are left out in turn, and by how many percent errors must become smaller.
 _FOLDS, _WORTH = 4, 1.0
@@ -70,7 +71,7 @@ def learn_correction(
     for experiment in records:
         record = model.record(experiment)
         remembered = memory / record.dt
-        starts = np.arange(0, max(len(record.t) - steps - 1, 0), max(total // _RUNS, 1))
+        starts = np.arange(0, max(len(record.t) - steps - 1, 0), max(total // min(_RUNS, _ERRORS // (12 * steps)), 1))
         missed = model.missed(record) if memory > 0.0 else None
         table.append(features(record, starts, steps, remembered, missed, model.attitude_given))
         measured = record.states[starts[:, None] + np.arange(1, steps + 1)]

@@ -279,6 +279,14 @@ def test_a_column_that_a_recorder_repeats_is_named():
     assert not [each for each in read_motion(table(), columns()).findings if each.id == "table-held"]
 
 
+def test_a_column_that_is_mostly_missing_is_not_made_up():
+    """`fill` closes gaps; a motor that is known for the first tenth of a record only would be a constant after it."""
+    frame = table()
+    frame.loc[len(frame) // 10 :, "c"] = np.nan
+    with pytest.raises(TableError, match="column c: 90 % of the samples are missing"):
+        read_motion(frame, columns(fill=True))
+
+
 def test_time_in_another_unit_is_refused_with_its_column():
     with pytest.raises(TableError, match="column t: samples are 10 s apart"):
         read_motion(table().assign(t=table()["t"] * 1000.0), columns())

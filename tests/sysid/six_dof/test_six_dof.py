@@ -53,8 +53,9 @@ def truth(model):
 
 @pytest.mark.slow
 def test_parameters_are_those_of_the_craft(fitted):
-    """Determined parameters lie within 3 sigma (14 numbers: a right model fails once in thirty) and 5 %.
+    """Determined parameters lie within 3 sigma (14 numbers: a right model fails once in thirty) and 3 %.
 
+    Ratios of inertia and the rotors' momentum, whose sigma is 2 % after 48 s, lie within 5 %.
     Linear and quadratic drag trade places in 24 s of flight: they are judged by their sum at the usual 2.5 m/s.
     """
     model, _, _ = fitted
@@ -63,7 +64,8 @@ def test_parameters_are_those_of_the_craft(fitted):
         assert each.determined, (name, each.reason)
         assert abs(each.value - value) < 3.0 * each.sigma, (name, each.value, value, each.sigma)
         if not name.startswith("drag"):
-            assert abs(each.value - value) < 0.05 * abs(value) + 3e-4, (name, each.value, value)
+            part = 0.05 if name.startswith(("inertia", "gyroscopic")) else 0.03
+            assert abs(each.value - value) < part * abs(value) + 3e-4, (name, each.value, value)
     for axis, linear, square in zip("xy", flown.ROTOR_DRAG, flown.QUADRATIC, strict=False):
         found = model.value(f"drag_rotor_{axis}") + 2.5 * model.value(f"drag_quadratic_{axis}")
         assert found == pytest.approx(linear * model.shape.reference_speed / flown.HOVER + 2.5 * square, rel=0.03)
