@@ -8,7 +8,7 @@ READY  := $(VENV)/.ready
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup analyze test lint bench fuzz docs serve lock clean
+.PHONY: help setup analyze check test lint bench fuzz docs serve lock clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -27,10 +27,13 @@ $(READY): pyproject.toml constraints.txt
 analyze: setup  ## analyse sample_logs/, print a summary, write out/report.html and friends
 	@$(BIN)/rotorid analyze sample_logs --out out
 
+check: lint  ## lint and the fast tests: what to run before a commit
+	@$(BIN)/python -m pytest -n auto --dist loadscope -m "not slow"
+
 # Tests of a module stay together, so that what its fixtures make is made once; all else is in random order.
 test: setup  ## run all tests in random order; SEED=n repeats an order
 	@echo "Running all tests in random order, SEED=$(SEED) ..."
-	@$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder --randomly-seed=$(SEED)
+	@$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder --randomly-seed=$(SEED) --durations=20
 
 lint: setup  ## ruff, mypy --strict and the import direction
 	@$(BIN)/ruff check .

@@ -71,6 +71,7 @@ def firmware_log(tmp_path_factory):
     return read_log(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "message"), [("roll", "PIDR"), ("pitch", "PIDP")])
 def test_firmware_logs_the_same_terms(firmware_log, axis, message):
     """P to the log's rounding; I and D as far as rows at a quarter of the loop rate let the error be interpolated.

@@ -123,6 +123,7 @@ def test_drag_needs_speeds_that_differ():
     assert thrust_legs(10.0)[0].height == 10.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("purpose", ["rates", "drag", "inertia", "thrust", "position"])
 def test_files_for_a_firmware_craft(log, purpose):
     result = design(log, purpose)

@@ -98,6 +98,7 @@ def test_a_damaged_parameter_file_is_a_sentence():
         read_parameter_file("ATC_RAT_RLL_P")
 
 
+@pytest.mark.slow
 def test_firmware_flight_gets_a_proposal_that_keeps_the_aim(flown):
     result = tune(flown("octa8_id"))
     assert result.refused is None
@@ -115,6 +116,7 @@ def test_firmware_flight_gets_a_proposal_that_keeps_the_aim(flown):
             assert axis.tuned.margins.rejection_hz.value > axis.loop.margins.rejection_hz.value
 
 
+@pytest.mark.slow
 def test_a_craft_that_oscillates_is_refused_and_a_proof_of_it_says_worse(flown):
     hot = flown("quad15_hot")
     assert "oscillates" in tune(hot).refused
@@ -123,6 +125,7 @@ def test_a_craft_that_oscillates_is_refused_and_a_proof_of_it_says_worse(flown):
     assert proof.verdict == "worse: restore rollback.param"
 
 
+@pytest.mark.slow
 def test_gains_of_hot_are_called_unstable_from_the_flight_before(flown):
     """The firmware craft oscillated with 1.5 times P, I and D; quad15_id alone says that it would."""
     proof = prove(flown("quad15_id"), flown("quad15_hot"))
@@ -131,6 +134,7 @@ def test_gains_of_hot_are_called_unstable_from_the_flight_before(flown):
         assert predicted.margins.unstable > 0.95
 
 
+@pytest.mark.slow
 def test_prediction_of_a_firmware_flight_with_other_gains(flown):
     proof = prove(flown("octa3_id"), flown("octa3_g1"))
     assert proof.verdict == "as predicted"
