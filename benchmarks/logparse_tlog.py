@@ -3,7 +3,7 @@
 The input is a real log repeated to 100 MB (and 1 GB). Everyone reads all messages into one column per field and reports
 CPU time, the best of a few runs in a process of its own, after one run on the small log (which also compiles ours).
 
-- ours: `open_tlog` and `decode_many` of everything: typed columns, boot clock, senders. Checksums verified.
+- ours: `TlogSource` and `decode_many` of everything: typed columns, boot clock, senders. Checksums verified.
 - signalviewer-lite: `load_tlog`: float64 columns. It verifies no checksums and leaves the ground station's messages
   out.
 - pymavlink: `recv_msg` to the end and a numpy array of each field; on a tenth of the input, since its speed does not
@@ -120,12 +120,12 @@ def copy_speed() -> float:
 
 
 def read_ours(path: str, names: tuple[str, ...] | None = None) -> object:
-    from logparse.mavlink.tlog import open_tlog
+    from logparse.mavlink.tlog import TlogSource
     from logparse.source import Boot
 
     with Path(path).open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    source = open_tlog(data)
+    source = TlogSource(data)
     whole = Boot(0, len(data), 0.0, 0.0)
     return source.decode_many(names or source.counts(whole), whole)
 

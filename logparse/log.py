@@ -43,10 +43,10 @@ _LAST_WEEK = 6261
 
 #: Reader modules in the order of asking; the surest signs first.
 _READERS = (
-    ("logparse.ulog", "open_ulog"),
-    ("logparse.dataflash.binary", "open_dataflash"),
-    ("logparse.dataflash.text", "open_dataflash_text"),
-    ("logparse.mavlink.tlog", "open_tlog"),
+    ("logparse.ulog", "UlogSource"),
+    ("logparse.dataflash.binary", "DataflashSource"),
+    ("logparse.dataflash.text", "DataflashTextSource"),
+    ("logparse.mavlink.tlog", "TlogSource"),
 )
 
 #: Boots that are looked into for the longest flight; in a file with more, the longest boots.

@@ -266,14 +266,3 @@ def _frame(columns: Mapping[str, Any], t: npt.NDArray[np.float64]) -> pd.DataFra
     frame = pd.DataFrame(dict(columns), index=pd.Index(t, name="t"))
     frame.attrs["units"] = {}
     return frame
-
-
-def open_ulog(buffer: Buffer) -> UlogSource:
-    """Read a PX4 log.
-
-    Raises
-    ------
-    LogError
-        pyulog cannot read the file, or it holds no data.
-    """
-    return UlogSource(buffer)

@@ -1,6 +1,6 @@
 """Read DataFlash binary logs (.bin): every message, every field, whatever happened to the file.
 
-`open_dataflash` follows the chain of message headers once (`chain`). Columns are gathered when they are asked
+`DataflashSource` follows the chain of message headers once (`chain`). Columns are gathered when they are asked
 for, with the units and multipliers that the FMTU rows name.
 """
 
@@ -243,14 +243,3 @@ class DataflashSource:
         t[before[:, 0] < 0] = 0.0
         which = sequence[indices]
         return {number: t[which == number] for number in slots}
-
-
-def open_dataflash(buffer: Buffer) -> DataflashSource:
-    """Scan a DataFlash binary log.
-
-    Raises
-    ------
-    LogError
-        Not one intact message.
-    """
-    return DataflashSource(buffer)

@@ -382,14 +382,3 @@ def _column(cells: tuple[str, ...], field: Field) -> Any:
     if is_text or (_may_be_text(field) and not all(map(_is_number, cells))):
         return pd.array(list(cells), dtype="str")
     return _numbers(cells, field)
-
-
-def open_dataflash_text(buffer: Buffer) -> DataflashTextSource:
-    """Read a DataFlash text log.
-
-    Raises
-    ------
-    LogError
-        Not one message that a FMT line explains.
-    """
-    return DataflashTextSource(buffer)

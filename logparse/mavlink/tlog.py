@@ -1,6 +1,6 @@
 """Read MAVLink telemetry logs (.tlog): every message of every sender, whatever happened to the file.
 
-`open_tlog` walks the stream once, verifies every frame's checksum, sorts the frames by message and finds the
+`TlogSource` walks the stream once, verifies every frame's checksum, sorts the frames by message and finds the
 power-ups of the autopilot (`clock`). Columns are decoded when they are asked for. Values are the protocol's
 own: see the units of each column.
 
@@ -525,14 +525,3 @@ def _texts(cells: npt.NDArray[np.bytes_]) -> Any:
     coded = raw.dictionary_encode()
     texts = pd.array([clean_text(text) for text in coded.dictionary.to_pylist()], dtype="str")
     return texts.take(coded.indices.to_numpy(zero_copy_only=False))
-
-
-def open_tlog(buffer: Buffer) -> TlogSource:
-    """Scan a telemetry log, or a raw MAVLink stream without time stamps.
-
-    Raises
-    ------
-    LogError
-        Not one intact frame.
-    """
-    return TlogSource(buffer)

@@ -219,7 +219,7 @@ def descend(
     for iteration in range(iterations):
         if time.monotonic() > deadline:
             return Descent(point, iteration, False)
-        hessian, gradient, independent = _nonlinear_system(problem, point)
+        hessian, gradient, independent = nonlinear_system(problem, point)
         while True:
             step = _bounded_step(problem, point, hessian, gradient, damping)
             trial = solve(problem, *_moved(problem, point, step))
@@ -240,7 +240,7 @@ def descend(
     return Descent(point, iterations, False)
 
 
-def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats]:
+def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats, float]:
     """Return Hessian and gradient of the reduced problem in poles and delays.
 
     Returns
@@ -249,12 +249,9 @@ def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats]:
         Gauss-Newton, in the order of `sensitivities`.
     gradient : ndarray, shape (q,)
         Minus half the derivative of the cost, but for what `_price_slopes` leaves out.
+    independent : float
+        How many independent samples the residuals are worth.
     """
-    return _nonlinear_system(problem, point)[:2]
-
-
-def _nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats, float]:
-    """Hessian, gradient, and how many independent samples the residuals are worth."""
     shared = point.numerators.size
     information, gradient, outer, following = _linearised(problem, point)
     gradient[shared : shared + problem.lags * problem.groups] -= _price_slopes(problem, point, outer)

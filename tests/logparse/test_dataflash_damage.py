@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from logparse import RotoridError
-from logparse.dataflash.binary import DataflashSource, open_dataflash
+from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.writer import DataflashWriter
 
 TYPES = (("AA", "QIh", 17), ("BB", "QINd", 39), ("CC", "QIffffffff", 47), ("DD", "QIZN", 95))
@@ -53,7 +53,7 @@ def serials(source: DataflashSource) -> set[int]:
 
 
 def test_undamaged_log_is_complete() -> None:
-    source = open_dataflash(BASE)
+    source = DataflashSource(BASE)
     assert serials(source) == {serial for _, _, serial in PLACES}
     assert source.findings == ()
 
@@ -61,7 +61,7 @@ def test_undamaged_log_is_complete() -> None:
 def read_or_refuse(data: bytes) -> DataflashSource | None:
     """Read everything in a log; None where it is refused as it should be."""
     try:
-        source = open_dataflash(data)
+        source = DataflashSource(data)
     except RotoridError:
         return None
     for boot in source.boots:
@@ -115,7 +115,7 @@ def test_every_truncation_keeps_the_rows_before_it() -> None:
         if stop < 89:
             assert read_or_refuse(log[:stop]) is None
             continue
-        source = open_dataflash(log[:stop])
+        source = DataflashSource(log[:stop])
         if stop < begin:
             continue
         expected = {serial for _, b, serial in places if b <= stop}
@@ -161,7 +161,7 @@ def test_damage_in_the_middle_of_real_formats_is_quick() -> None:
 def test_a_lost_beginning_is_made_up_for_by_later_definitions() -> None:
     """Rows whose FMT row comes only behind them are read all the same."""
     log, begin, places = base_log(40)
-    source = open_dataflash(log[begin:] + log[:begin] + log[begin:])
+    source = DataflashSource(log[begin:] + log[:begin] + log[begin:])
     counts: dict[str, int] = {}
     for boot in source.boots:
         for name, count in source.counts(boot).items():
@@ -174,7 +174,7 @@ def test_findings_name_the_place_and_are_few() -> None:
     for start, _, serial in PLACES[10:290:7]:
         data[start] = 0
         assert serial >= 10
-    source = open_dataflash(bytes(data) + b"\xff" * 5000)
+    source = DataflashSource(bytes(data) + b"\xff" * 5000)
     by_id = {finding.id: finding for finding in source.findings}
     assert set(by_id) == {"bytes-skipped", "erased-tail"}
     assert by_id["bytes-skipped"].evidence["places"] == 40

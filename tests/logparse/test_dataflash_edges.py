@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from logparse import LogError
-from logparse.dataflash.binary import looks_like, open_dataflash
+from logparse.dataflash.binary import DataflashSource, looks_like
 from logparse.dataflash.format import FIELD_TYPES, FMT, HEADER, Definition
 from logparse.dataflash.writer import DataflashWriter
 
@@ -68,7 +68,7 @@ def test_what_is_written_is_read(table: tuple[str, list[list[object]]]) -> None:
     n = len(columns[0])
     written = {"TimeUS": np.arange(n, dtype=np.uint64) + 5, **dict(zip(labels, columns, strict=True))}
     writer.write_table("X", written)
-    source = open_dataflash(stream.getvalue())
+    source = DataflashSource(stream.getvalue())
     assert source.findings == ()
     frame = source.decode("X", source.boots[0])
     assert frame["TimeUS"].tolist() == list(range(5, 5 + n))
@@ -96,7 +96,7 @@ def test_multipliers_are_applied_once() -> None:
     writer = DataflashWriter(stream)
     writer.define("M", "QBhcLIff", "TimeUS,I,MagX,Alt,Lat,GMS,Volt,Free", "s#GmDsv-", "F-CBGCA-")
     writer.write("M", 1_000_000, 2, 0.321, 12.34, -35.3632621, 130040.903, 1.25, 7.5)
-    source = open_dataflash(stream.getvalue())
+    source = DataflashSource(stream.getvalue())
     frame = source.decode("M", source.boots[0])
     raw = stream.getvalue()[-(3 + 8 + 1 + 2 + 2 + 4 + 4 + 4 + 4) :]
     assert struct.unpack("<QBhhiIff", raw[3:]) == (1_000_000, 2, 321, 1234, -353632621, 130040903, 12.5, 7.5)
@@ -120,7 +120,7 @@ def test_text_is_cut_at_nul_and_odd_bytes_are_kept_as_letters() -> None:
     data = FMT.pack() + fmt(1, 31, "T", "QnN", "TimeUS,A,B")
     data += stamped(1, 10, b"ab\0d" + b"caf\xc3\xa9\0\xff\xfe" + bytes(8))
     data += stamped(1, 20, b"\xe9\0\0\0" + b"x" * 16)
-    source = open_dataflash(data)
+    source = DataflashSource(data)
     frame = source.decode("T", source.boots[0])
     assert frame["A"].tolist() == ["ab", "é"]
     assert frame["B"].tolist() == ["café", "x" * 16]
@@ -131,7 +131,7 @@ def test_pieces_of_files_stay_bytes() -> None:
     data = FMT.pack() + fmt(1, 88, "FILE", "NIBZ", "FileName,Offset,Length,Data")
     content = bytes(range(64))
     data += row(1, b"a.txt".ljust(16, b"\0") + struct.pack("<IB", 0, 64) + content)
-    source = open_dataflash(data)
+    source = DataflashSource(data)
     assert source.decode("FILE", source.boots[0])["Data"].tolist() == [content]
 
 
@@ -141,7 +141,7 @@ def test_redefinition_holds_from_its_place_on() -> None:
     data += fmt(1, 12, "X", "QB", "TimeUS,A") + stamped(1, 1_000_000, b"\x07") + stamped(1, 2_000_000, b"\x08")
     data += fmt(1, 15, "X", "Qf", "TimeUS,B") + stamped(1, 3_000_000, struct.pack("<f", 0.5))
     data += fmt(1, 13, "Y", "Qh", "TimeUS,C") + stamped(1, 4_000_000, struct.pack("<h", -3))
-    source = open_dataflash(data)
+    source = DataflashSource(data)
     (boot,) = source.boots
     assert source.counts(boot) == {"FMT": 4, "X": 3, "Y": 1}
     x = source.decode("X", boot)
@@ -157,7 +157,7 @@ def test_redefinition_holds_from_its_place_on() -> None:
 def test_a_repeated_definition_changes_nothing() -> None:
     definition = fmt(1, 12, "X", "QB", "TimeUS,A")
     data = FMT.pack() + definition + stamped(1, 1, b"\x07") + definition + stamped(1, 2, b"\x08")
-    source = open_dataflash(data)
+    source = DataflashSource(data)
     assert source.decode("X", source.boots[0])["A"].tolist() == [7, 8]
     assert source.findings == ()
 
@@ -166,13 +166,13 @@ def test_contradictory_format_is_ignored_until_used() -> None:
     """A length that the format does not have: no word while no message follows it, then what fits is read."""
     odd = fmt(2, 20, "ODD", "QB", "TimeUS,A")
     plain = fmt(1, 12, "X", "QB", "TimeUS,A")
-    unused = open_dataflash(FMT.pack() + odd + plain + stamped(1, 1, b"\x07"))
+    unused = DataflashSource(FMT.pack() + odd + plain + stamped(1, 1, b"\x07"))
     assert unused.findings == ()
     assert unused.decode("X", unused.boots[0])["A"].tolist() == [7]
     declared = stamped(2, 5, b"\x09" + bytes(8))
     by_format = stamped(2, 6, b"\x0a")
     for message, value in ((declared, 9), (by_format, 10)):
-        used = open_dataflash(FMT.pack() + odd + plain + stamped(1, 1, b"\x07") + message + stamped(1, 7, b"\x08"))
+        used = DataflashSource(FMT.pack() + odd + plain + stamped(1, 1, b"\x07") + message + stamped(1, 7, b"\x08"))
         assert used.decode("X", used.boots[0])["A"].tolist() == [7, 8]
         assert used.decode("ODD", used.boots[0])["A"].tolist() == [value]
         assert [finding.id for finding in used.findings] == ["contradictory-format"]
@@ -183,7 +183,7 @@ def test_labels_and_format_characters_that_do_not_match_in_number() -> None:
     data = fmt(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format")
     data += fmt(1, 14, "FEW", "QBh", "TimeUS,A") + fmt(2, 12, "MANY", "QB", "TimeUS,A,B")
     data += stamped(1, 1, b"\x07\x01\x00") + stamped(2, 2, b"\x08")
-    source = open_dataflash(data)
+    source = DataflashSource(data)
     (boot,) = source.boots
     assert list(source.decode("FMT", boot).columns) == ["Type", "Length", "Name", "Format", "Columns"]
     assert source.decode("FMT", boot)["Columns"].tolist()[0] == "Type,Length,Name,Format"
@@ -194,7 +194,7 @@ def test_labels_and_format_characters_that_do_not_match_in_number() -> None:
 def test_unknown_format_character_ends_the_columns_but_not_the_log() -> None:
     data = FMT.pack() + fmt(1, 14, "NEW", "QB?", "TimeUS,A,B") + fmt(2, 12, "X", "QB", "TimeUS,A")
     data += stamped(1, 1, b"\x07\x01\x02") + stamped(2, 2, b"\x08") + stamped(1, 3, b"\x09\x01\x02")
-    source = open_dataflash(data)
+    source = DataflashSource(data)
     (boot,) = source.boots
     assert source.decode("NEW", boot)["A"].tolist() == [7, 9]
     assert list(source.decode("NEW", boot).columns) == ["TimeUS", "A"]
@@ -206,7 +206,7 @@ def test_unknown_types_do_not_stop_the_reader() -> None:
     for k in range(50):
         data += stamped(1, 1000 * k, bytes((k,))) + row(77, bytes(range(30)))
     data += stamped(1, 100_000, b"\xff")
-    source = open_dataflash(data)
+    source = DataflashSource(data)
     assert source.decode("X", source.boots[0])["A"].tolist() == [*range(50), 255]
     by_id = {finding.id: finding for finding in source.findings}
     assert by_id["unknown-messages"].evidence == {"messages": 50, "ids": "77"}
@@ -225,13 +225,13 @@ def test_decoy_headers_in_payloads_are_not_messages() -> None:
     rows = [
         part for k, text in enumerate(texts) for part in (stamped(1, 10 * k, text), stamped(2, 10 * k, bytes((k,))))
     ]
-    source = open_dataflash(data + b"".join(rows))
+    source = DataflashSource(data + b"".join(rows))
     (boot,) = source.boots
     assert source.counts(boot) == {"FMT": 3, "T": 4, "X": 4}
     assert source.decode("X", boot)["A"].tolist() == [0, 1, 2, 3]
     # The same with the text's own header broken: its decoys come to light.
     broken = b"".join(b"\0" + part[1:] if part is rows[0] or part is rows[6] else part for part in rows)
-    source = open_dataflash(data + broken)
+    source = DataflashSource(data + broken)
     assert source.counts(source.boots[0]) == {"FMT": 3, "T": 2, "X": 4}
     assert source.decode("X", source.boots[0])["A"].tolist() == [0, 1, 2, 3]
 
@@ -242,7 +242,7 @@ def test_more_definitions_than_a_byte_can_number() -> None:
     data = FMT.pack()
     for k in range(300):
         data += fmt(1, 12, "X", "QB", f"TimeUS,A{k}") + stamped(1, k, bytes((k % 256,)))
-    source = open_dataflash(data)
+    source = DataflashSource(data)
     frame = source.decode("X", source.boots[0])
     assert frame.shape == (300, 301)
     assert [frame[f"A{k}"].iloc[k] for k in range(300)] == [k % 256 for k in range(300)]
@@ -255,7 +255,7 @@ def test_a_file_of_nothing_but_redefinitions_stays_within_bounds() -> None:
     for k in range(20_000):
         data += [fmt(1, 12, "X", "QB", f"TimeUS,A{k}"), stamped(1, 1000 * k, bytes((k % 256,))) * 20]
     begun = time.process_time()
-    source = open_dataflash(b"".join(data))
+    source = DataflashSource(b"".join(data))
     frame = source.decode("X", source.boots[0])
     assert frame.size < 8_000_000 + sum(map(len, data))
     assert len(frame) > 0
@@ -274,7 +274,7 @@ def write_boot(start_us: int, rows: int, step_us: int = 10_000) -> bytes:
 def test_several_boots_are_kept_apart() -> None:
     """Logs behind one another in one file; each boot begins with its FMT rows and has its own clock."""
     parts = [write_boot(100_000_000, 300), write_boot(20_000_000, 500), write_boot(5_000_000, 40)]
-    source = open_dataflash(b"".join(parts))
+    source = DataflashSource(b"".join(parts))
     assert [boot.t_start for boot in source.boots] == pytest.approx([100.0, 20.0, 5.0])
     assert [boot.t_end for boot in source.boots] == pytest.approx([102.99, 24.99, 5.39])
     starts = np.cumsum([0, *map(len, parts)])
@@ -296,7 +296,7 @@ def test_rows_slightly_back_long_pauses_and_odd_stamps_are_one_boot() -> None:
     times[200] = 2**40 + 5
     times[600] = 7
     data = FMT.pack() + fmt(1, 12, "X", "QB", "TimeUS,A")
-    source = open_dataflash(data + b"".join(stamped(1, t, b"\0") for t in times))
+    source = DataflashSource(data + b"".join(stamped(1, t, b"\0") for t in times))
     (boot,) = source.boots
     assert (boot.t_start, boot.t_end) == pytest.approx((1.0, 901.02))
     frame = source.decode("X", boot)
@@ -313,7 +313,7 @@ def test_no_flipped_bit_of_a_clock_makes_another_boot(bit: int) -> None:
     data += b"".join(stamped(1, t, b"\0") for t in times)
     for k in (0, 700, 1990):
         data[begin + 12 * k + 3 + bit // 8] ^= 1 << (bit % 8)
-    source = open_dataflash(bytes(data))
+    source = DataflashSource(bytes(data))
     (boot,) = source.boots
     t = source.decode("X", boot).index.to_numpy()
     # A first row that is too early cannot be told from one before a pause.
@@ -323,7 +323,7 @@ def test_no_flipped_bit_of_a_clock_makes_another_boot(bit: int) -> None:
 def test_messages_without_time_lie_between_their_neighbours() -> None:
     data = FMT.pack() + fmt(1, 11, "X", "Q", "TimeUS") + fmt(2, 4, "U", "B", "A")
     data += row(2, b"\0") + stamped(1, 10_000_000) + row(2, b"\1") * 3 + stamped(1, 11_000_000) + row(2, b"\2")
-    source = open_dataflash(data)
+    source = DataflashSource(data)
     u = source.decode("U", source.boots[0])
     # Before the first and behind the last clock nothing tells more than that clock.
     assert u.index[0] == 10.0
@@ -339,7 +339,7 @@ def test_gps_week_time_is_not_the_boot_clock() -> None:
     for k in range(20):
         data += row(2, struct.pack("<I", 5000 + 200 * k))
         data += row(1, struct.pack("<BIHI", 3, 500_000_000 + 200 * k, 1829, 5050 + 200 * k))
-    source = open_dataflash(data)
+    source = DataflashSource(data)
     (boot,) = source.boots
     gps = source.decode("GPS", boot)
     np.testing.assert_allclose(gps.index, 5.05 + 0.2 * np.arange(20))
@@ -353,7 +353,7 @@ def test_dropped_messages_of_the_autopilot_are_told() -> None:
     writer.define("DSF", "QIHIIII", "TimeUS,Dp,Blk,Bytes,FMn,FMx,FAv")
     for k, dropped in enumerate((0, 3, 12)):
         writer.write("DSF", 1_000_000 * k, dropped, 0, 0, 0, 0, 0)
-    (finding,) = open_dataflash(stream.getvalue()).findings
+    (finding,) = DataflashSource(stream.getvalue()).findings
     assert (finding.id, finding.evidence["messages"]) == ("dropped-messages", 12)
 
 
@@ -366,7 +366,7 @@ def test_damaged_definitions_of_the_units_are_survived() -> None:
     for old, new in (("QbZ\0", "QnZ\0"), ("Qbd\0", "Qba\0"), ("QBNN\0", "QNBN\0"), ("QIHIIII\0", "QnHIIII\0")):
         data = stream.getvalue().replace(old.encode(), new.encode(), 1)
         assert data != stream.getvalue()
-        source = open_dataflash(data)
+        source = DataflashSource(data)
         for name in source.counts(source.boots[0]):
             assert source.decode(name, source.boots[0]) is not None
         assert source.findings is not None
@@ -375,7 +375,7 @@ def test_damaged_definitions_of_the_units_are_survived() -> None:
 def test_no_message_is_refused() -> None:
     for data in (b"", b"\xff" * 1000, b"\0" * 1000, HEADER * 400, b"hello" * 100):
         with pytest.raises(LogError, match="no intact DataFlash message"):
-            open_dataflash(data)
+            DataflashSource(data)
 
 
 def test_looks_like_by_content() -> None:

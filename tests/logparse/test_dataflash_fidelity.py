@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from pymavlink import DFReader
 
-from logparse.dataflash.binary import DataflashSource, open_dataflash
+from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.format import FIELD_TYPES
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs"
@@ -70,7 +70,7 @@ def _text(cell: bytes) -> str:
 def compare(path: Path) -> DataflashSource:
     offsets, formats = index_by_pymavlink(path)
     data = np.fromfile(path, np.uint8)
-    source = open_dataflash(data.tobytes())
+    source = DataflashSource(data.tobytes())
     (boot,) = source.boots
     counts = source.counts(boot)
     assert counts == {formats[k].name: len(found) for k, found in offsets.items() if len(found)}
@@ -112,7 +112,7 @@ def test_counts_and_values_are_those_of_pymavlink_in_large_logs(path: Path) -> N
 @pytest.mark.parametrize("path", QUICK, ids=lambda path: path.name)
 def test_scaled_values_are_those_of_pymavlink(path: Path) -> None:
     """The first rows of each type through pymavlink's own message objects, which apply the legacy scales."""
-    source = open_dataflash(path.read_bytes())
+    source = DataflashSource(path.read_bytes())
     (boot,) = source.boots
     frames = source.decode_many(source.counts(boot), boot)
     reader = DFReader.DFReader_binary(str(path))
@@ -152,7 +152,7 @@ def test_scaled_values_are_those_of_pymavlink(path: Path) -> None:
 )
 def test_boot_clock_of_old_logs(name: str, boot_clock: tuple[float, float]) -> None:
     """GPS rows whose TimeMS is the receiver's, long pauses, rows that step back: one boot, GPS on the boot clock."""
-    source = open_dataflash((LOGS / "real" / name).read_bytes())
+    source = DataflashSource((LOGS / "real" / name).read_bytes())
     (boot,) = source.boots
     assert (boot.t_start, boot.t_end) == pytest.approx(boot_clock, abs=0.1)
     gps = source.decode("GPS", boot)
@@ -168,6 +168,6 @@ def test_boot_clock_of_old_logs(name: str, boot_clock: tuple[float, float]) -> N
     [("erlerobot-logs__26-11-2014_181.BIN", 692208), ("erlerobot-logs__27-9-2014_70.BIN", 16361)],
 )
 def test_truncated_tail_is_told(name: str, byte: int) -> None:
-    source = open_dataflash((LOGS / "real" / name).read_bytes())
+    source = DataflashSource((LOGS / "real" / name).read_bytes())
     (finding,) = source.findings
     assert (finding.id, finding.evidence["first_byte"]) == ("truncated-tail", byte)

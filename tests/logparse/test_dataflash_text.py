@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pymavlink import DFReader
 
 from logparse import LogError, RotoridError, read_log
-from logparse.dataflash.text import looks_like, open_dataflash_text
+from logparse.dataflash.text import DataflashTextSource, looks_like
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs" / "real"
 TEXT = ["DigitalSarcasm-Quadcopter__nan.log", "Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log"]
@@ -28,7 +28,7 @@ FMT, 10, 3, STRT, ,
 @pytest.mark.parametrize("name", TEXT)
 def test_real_logs_as_pymavlink_reads_them(name: str) -> None:
     """Every row of every type, each field of the first rows and of the last."""
-    source = open_dataflash_text((LOGS / name).read_bytes())
+    source = DataflashTextSource((LOGS / name).read_bytes())
     (boot,) = source.boots
     reader = DFReader.DFReader_text(str(LOGS / name))
     theirs: dict[str, list[DFReader.DFMessage]] = {}
@@ -54,7 +54,7 @@ def test_real_logs_as_pymavlink_reads_them(name: str) -> None:
 @pytest.mark.skipif(not LOGS.exists(), reason="the shared logs are not beside the project")
 @pytest.mark.parametrize("name", TEXT)
 def test_real_logs_lie_on_the_boot_clock(name: str) -> None:
-    source = open_dataflash_text((LOGS / name).read_bytes())
+    source = DataflashTextSource((LOGS / name).read_bytes())
     (boot,) = source.boots
     for kind in source.counts(boot):
         t = source.decode(kind, boot).index
@@ -69,7 +69,7 @@ def test_only_gps_carries_time() -> None:
     for k in range(10):
         body += f"GPS, 3, {90_000_000 + 200 * k}, 1765, {5000 + 200 * k}\n"
         body += "ATT, 0.00, 1.25, 0.00, 359.99\n" * 3
-    source = open_dataflash_text((HEAD + body).encode())
+    source = DataflashTextSource((HEAD + body).encode())
     (boot,) = source.boots
     assert (boot.t_start, boot.t_end) == (5.0, 6.8)
     att = source.decode("ATT", boot)
@@ -86,7 +86,7 @@ def test_prelude_windows_lines_and_values_without_blanks() -> None:
     text += "MODE,STABILIZE,500\nMODE, 5, 400\nMSG, one, two,  three\n"
     text += "PARM,RATE_RLL_P,0.15\nPARM, B, NaN\nPARM, C, 1e3\n"
     text += "GPS,3,1000,1765,5000\nGPS, 3, 1200, 1765, 5200\n"
-    source = open_dataflash_text(text.replace("\n", "\r\n").encode())
+    source = DataflashTextSource(text.replace("\n", "\r\n").encode())
     (boot,) = source.boots
     assert source.decode("MODE", boot)["Mode"].tolist() == ["STABILIZE", "5"]
     assert source.decode("MSG", boot)["Message"].tolist() == ["one, two,  three"]
@@ -98,7 +98,7 @@ def test_prelude_windows_lines_and_values_without_blanks() -> None:
 
 def test_values_separated_by_blanks_alone() -> None:
     text = HEAD + "GPS 3 1000 1765 5000\nATT 0.00 1.25 0.00 90.00\nGPS 3 1200 1765 5200\n"
-    source = open_dataflash_text(text.encode())
+    source = DataflashTextSource(text.encode())
     (boot,) = source.boots
     assert source.decode("ATT", boot)["Roll"].tolist() == [1.25]
 
@@ -117,7 +117,7 @@ MULT, 1000, 66, 0.01
 FMTU, 1000, 5, s#GmD, F-CBG
 MAG, 2000, 1, 321, 12.34, -35.3632621
 """
-    source = open_dataflash_text(text.encode())
+    source = DataflashTextSource(text.encode())
     frame = source.decode("MAG", source.boots[0])
     assert frame.iloc[0].tolist() == [2000, 1, 0.321, 12.34, -35.3632621]
     assert frame.attrs["units"] == {"TimeUS": "us", "MagX": "Gauss", "Alt": "m"}
@@ -127,13 +127,13 @@ MAG, 2000, 1, 321, 12.34, -35.3632621
 
 def test_64_bit_integers_are_exact() -> None:
     text = "FMT, 1, 19, X, QQ, TimeUS,Big\nX, 1000, 18446744073709551615\nX, 2000, 9007199254740993\n"
-    source = open_dataflash_text(text.encode())
+    source = DataflashTextSource(text.encode())
     assert source.decode("X", source.boots[0])["Big"].tolist() == [18446744073709551615, 9007199254740993]
 
 
 def test_several_boots() -> None:
     text = "FMT, 1, 11, X, Q, TimeUS\n" + "".join(f"X, {t}\n" for t in range(60_000_000, 61_000_000, 10_000))
-    source = open_dataflash_text((text + text.replace("X, 60", "X, 20")).encode())
+    source = DataflashTextSource((text + text.replace("X, 60", "X, 20")).encode())
     assert [boot.t_start for boot in source.boots] == [60.0, 20.0]
     assert [source.counts(boot) for boot in source.boots] == [{"FMT": 1, "X": 100}] * 2
     assert source.boots[1].start == 101
@@ -141,7 +141,7 @@ def test_several_boots() -> None:
 
 def test_damaged_lines_cost_themselves_only() -> None:
     text = HEAD + "GPS, 3, 1000, 1765, 5000\nATT, 1, x, 3\nATT, 1, 2, 3, 4\nQQ, 1\nGPS, 3, 12\nATT, 5, 6, 7, 8"
-    source = open_dataflash_text(text.encode() + b"\n\xff\xfe\xff\n")
+    source = DataflashTextSource(text.encode() + b"\n\xff\xfe\xff\n")
     (boot,) = source.boots
     assert source.decode("ATT", boot)["Roll"].tolist() == [2, 6]
     assert {finding.id: dict(finding.evidence) for finding in source.findings} == {
@@ -162,7 +162,7 @@ def test_damage_anywhere_gives_a_log_or_a_refusal(data: st.DataObject) -> None:
         else:
             text[where : where + data.draw(st.integers(0, 20))] = data.draw(st.binary(max_size=10))
     try:
-        source = open_dataflash_text(bytes(text))
+        source = DataflashTextSource(bytes(text))
     except RotoridError:
         return
     for boot in source.boots:
@@ -173,7 +173,7 @@ def test_damage_anywhere_gives_a_log_or_a_refusal(data: st.DataObject) -> None:
 
 def test_no_row_is_refused() -> None:
     with pytest.raises(LogError, match="no line"):
-        open_dataflash_text(b"hello\nworld\n")
+        DataflashTextSource(b"hello\nworld\n")
 
 
 def test_looks_like_by_content() -> None:

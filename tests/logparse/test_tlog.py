@@ -10,7 +10,7 @@ import pytest
 
 from logparse import LogError
 from logparse.mavlink.dialect import definitions, pymavlink_dialect
-from logparse.mavlink.tlog import looks_like, open_tlog
+from logparse.mavlink.tlog import TlogSource, looks_like
 from logparse.mavlink.writer import TlogWriter, write_tlog
 from logparse.source import Boot
 
@@ -50,7 +50,7 @@ class Flight:
         return self.stream.getvalue()
 
     def open(self):
-        return open_tlog(self.data)
+        return TlogSource(self.data)
 
 
 def whole(source):
@@ -105,7 +105,7 @@ def test_every_message_is_read_as_written_and_written_as_read(tmp_path):
     start = datetime(2024, 1, 1, tzinfo=UTC)
     write_tlog(first, tables.items(), start)
     data = first.read_bytes()
-    source = open_tlog(data)
+    source = TlogSource(data)
     assert source.counts(whole(source)) == dict.fromkeys(tables, 6)
     read = source.decode_many(tables, whole(source))
     for name, table in tables.items():
@@ -126,7 +126,7 @@ def test_checksums_of_every_length(size):
         checksum = dialect.x25crc(body + payload + bytes([definition.crc_extra])).crc
         frame = begin + body + payload + struct.pack("<H", checksum)
         for prefix in (b"", b"x", b"xxxxxxx", struct.pack(">Q", UTC_US)):
-            source = open_tlog(prefix + frame)
+            source = TlogSource(prefix + frame)
             assert source.counts(whole(source)) == {"ENCAPSULATED_DATA": 1}
             row = source.decode("ENCAPSULATED_DATA", whole(source)).iloc[0]
             sent = payload.ljust(definition.wire.itemsize, b"\0")[: definition.wire.itemsize]
@@ -135,7 +135,7 @@ def test_checksums_of_every_length(size):
         damaged = bytearray(frame)
         damaged[len(frame) // 2] ^= 0x10
         with pytest.raises(LogError, match="no intact MAVLink frame"):
-            open_tlog(struct.pack(">Q", UTC_US) + bytes(damaged))
+            TlogSource(struct.pack(">Q", UTC_US) + bytes(damaged))
 
 
 def test_versions_signatures_and_unknown_messages_side_by_side():
@@ -149,7 +149,7 @@ def test_versions_signatures_and_unknown_messages_side_by_side():
     unknown_v1 = b"\xfe" + bytes([4, 3, 1, 1, 199]) + b"\xfe\xfd\xfe\xfd" + b"??"
     assert 199 not in {definition.id for definition in definitions().values()}
     frames = [old, signed, unknown_v2, unknown_v2, signed, unknown_v1, old, unknown_v2]
-    source = open_tlog(b"".join(stamp + frame for frame in frames))
+    source = TlogSource(b"".join(stamp + frame for frame in frames))
     attitude = source.decode("ATTITUDE", source.boots[0])
     assert attitude["roll"].tolist() == [0.25, 0.5, 0.5, 0.25]
     unknown = findings(source)["unknown-messages"]
@@ -286,7 +286,7 @@ def test_sessions_whose_stamps_overlap_are_not_interleaved():
     second = Flight()
     second.booted = 100.0
     second.fly(10, 70)
-    source = open_tlog(first.data + bytes(4096) + second.data)
+    source = TlogSource(first.data + bytes(4096) + second.data)
     assert [(boot.t_start, boot.t_end) for boot in source.boots] == [(600.0, 659.75), (10.0, 69.75)]
     for boot in source.boots:
         frame = source.decode("VFR_HUD", boot)
@@ -366,7 +366,7 @@ def test_damaged_stamps_move_nothing_far():
     rng = np.random.default_rng(1)
     for mark in rng.choice(marks, 40, replace=False):
         data[int(mark) - rng.integers(1, 9)] ^= 1 << rng.integers(8)
-    source = open_tlog(bytes(data))
+    source = TlogSource(bytes(data))
     assert len(source.boots) == 1
     frame = source.decode("VFR_HUD", source.boots[0])
     assert len(frame) == 120
@@ -388,22 +388,22 @@ def test_without_boot_time_the_ground_stations_clock_counts():
 
 def test_raw_streams_restart_too_and_may_have_no_clock_at_all():
     def raw(data):
-        marks = np.sort(np.concatenate([chunk.ordered for chunk in open_tlog(data).scan.chunks])).astype(int)
+        marks = np.sort(np.concatenate([chunk.ordered for chunk in TlogSource(data).scan.chunks])).astype(int)
         return b"".join(data[a : b - 8] for a, b in zip(marks, [*marks[1:], len(data) + 8], strict=True))
 
     flight = Flight().fly(100, 140)
-    source = open_tlog(raw(flight.fly(10, 40).data))
+    source = TlogSource(raw(flight.fly(10, 40).data))
     assert source.format == "mavlink-raw"
     assert [(boot.t_start, boot.t_end) for boot in source.boots] == [(100.0, 139.75), (10.0, 39.75)]
     for boot in source.boots:
         frame = source.decode("VFR_HUD", boot)
         assert np.abs(frame.index - frame["alt"]).max() < 0.3
-    assert open_tlog(bytes(200_000) + raw(flight.data)).format == "mavlink-raw", "though it begins with a hole"
-    assert open_tlog(bytes(200_000) + flight.data).format == "tlog"
+    assert TlogSource(bytes(200_000) + raw(flight.data)).format == "mavlink-raw", "though it begins with a hole"
+    assert TlogSource(bytes(200_000) + flight.data).format == "tlog"
     silent = Flight()
     for k in range(10):
         silent.send(k, "HEARTBEAT", **AUTOPILOT)
-    source = open_tlog(raw(silent.data))
+    source = TlogSource(raw(silent.data))
     assert source.decode("HEARTBEAT", source.boots[0]).index.tolist() == [0.0] * 10
     assert "unknown and read as 0" in findings(source)["no-time-stamps"].reason
 
@@ -455,21 +455,21 @@ def test_px4_sends_integer_parameters_bit_by_bit():
 
 def test_a_cut_tail_and_unused_storage_are_told_apart():
     data = Flight().fly(10, 20).data
-    assert findings(open_tlog(data[:-3]))["truncated-tail"].evidence["bytes"] < 60
-    assert findings(open_tlog(data + b"\xff" * 5000))["erased-tail"].evidence == {
+    assert findings(TlogSource(data[:-3]))["truncated-tail"].evidence["bytes"] < 60
+    assert findings(TlogSource(data + b"\xff" * 5000))["erased-tail"].evidence == {
         "first_byte": len(data),
         "bytes": 5000,
     }
     noise = bytes(np.random.default_rng(0).integers(0, 200, 5000, np.uint8))
-    assert findings(open_tlog(data + noise))["stray-tail"].evidence["first_byte"] == len(data)
-    assert not {"truncated-tail", "erased-tail", "stray-tail", "bytes-skipped"} & findings(open_tlog(data)).keys()
+    assert findings(TlogSource(data + noise))["stray-tail"].evidence["first_byte"] == len(data)
+    assert not {"truncated-tail", "erased-tail", "stray-tail", "bytes-skipped"} & findings(TlogSource(data)).keys()
 
 
 def test_a_wrong_checksum_costs_one_frame():
     data = bytearray(Flight().fly(10, 20).data)
-    marks = np.sort(np.concatenate([chunk.ordered for chunk in open_tlog(bytes(data)).scan.chunks]))
+    marks = np.sort(np.concatenate([chunk.ordered for chunk in TlogSource(bytes(data)).scan.chunks]))
     data[int(marks[30]) + 12] ^= 4
-    source = open_tlog(bytes(data))
+    source = TlogSource(bytes(data))
     assert source.scan.frames == len(marks) - 1
     assert findings(source)["bytes-skipped"].evidence["bad_checksums"] == 1
 
@@ -479,7 +479,7 @@ def test_messages_of_another_dialect_are_named():
     body = bytes([9, 0, 1, 1, definitions()["RADIO"].id]) + bytes(9)
     foreign = b"\xfe" + body + struct.pack("<H", pymavlink_dialect().x25crc(body + b"\x99").crc)
     data = Flight().fly(10, 20).data
-    source = open_tlog(data + (stamp + foreign) * 20 + Flight().fly(20, 30).data)
+    source = TlogSource(data + (stamp + foreign) * 20 + Flight().fly(20, 30).data)
     assert source.counts(whole(source))["ATTITUDE"] == 80
     assert findings(source)["foreign-messages"].evidence == {"messages": "RADIO (20)", "frames": 20}
 
@@ -487,7 +487,7 @@ def test_messages_of_another_dialect_are_named():
 def test_what_is_no_telemetry_is_an_error():
     for data in (b"", b"hello", b"\xfe", b"\xfd" * 500, b"\xfe" * 100_000, bytes(1000)):
         with pytest.raises(LogError):
-            open_tlog(data)
+            TlogSource(data)
 
 
 def test_recognised_by_content():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from logparse import LogError
 from logparse.mavlink.dialect import definitions, pymavlink_dialect
-from logparse.mavlink.tlog import looks_like, open_tlog
+from logparse.mavlink.tlog import TlogSource, looks_like
 from logparse.mavlink.writer import TlogWriter
 from logparse.source import Boot
 
@@ -68,7 +68,7 @@ def serial_number(span):
 
 
 def read(data):
-    source = open_tlog(data)
+    source = TlogSource(data)
     frames = {}
     for boot in source.boots:
         assert 0 <= boot.start < boot.stop <= len(data)
@@ -178,7 +178,7 @@ def test_thousands_of_bit_errors(seed):
     # A signature is not part of what the checksum covers.
     signed = np.array([13 * (record[8] == 0xFD and record[10] & 1) for record in records])
     whole = known & (counted[ends - signed] == counted[starts])
-    source = open_tlog(log.tobytes())
+    source = TlogSource(log.tobytes())
     marks = set(np.concatenate([chunk.ordered for chunk in source.scan.chunks]).tolist())
     assert not set(starts[whole].tolist()) - marks
     # A damaged frame passes for whole once in 65536.
@@ -210,7 +210,7 @@ def test_random_bytes_are_read_as_nothing_in_good_time():
     ):
         looks_like(data[:65536])
         try:
-            found = open_tlog(data).scan.frames
+            found = TlogSource(data).scan.frames
         except LogError:
             found = 0
         # Chance gives one frame in 65536 start bytes with a known id.
@@ -230,6 +230,6 @@ def test_an_unknown_message_hides_no_frame():
     for k in (3, 9):
         data[k * size + 8 + 9] = 0x70  # the id's highest byte
         data[k * size + 8 + 1] = 200  # and the length: it would cover the next frames
-    source = open_tlog(bytes(data))
+    source = TlogSource(bytes(data))
     whole = Boot(0, len(data), 0.0, 0.0)
     assert source.counts(whole)["ATTITUDE"] == 18

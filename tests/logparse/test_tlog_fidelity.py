@@ -13,7 +13,7 @@ from pymavlink import mavutil
 
 from logparse import LogError
 from logparse.mavlink.dialect import definitions, pymavlink_dialect
-from logparse.mavlink.tlog import open_tlog
+from logparse.mavlink.tlog import TlogSource
 from logparse.source import Boot
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs"
@@ -56,14 +56,14 @@ def decoded_by_pymavlink(data, marks):
 @pytest.fixture(scope="module", params=TELEMETRY, ids=lambda path: path.name)
 def pair(request):
     data = request.param.read_bytes()
-    source = open_tlog(data)
+    source = TlogSource(data)
     # Decoding verifies the checksum, so that a frame which pymavlink does not accept fails here.
     return source, Boot(0, len(data), 0.0, 0.0), decoded_by_pymavlink(data, marks_of(source))
 
 
 @pytest.mark.parametrize("path", TELEMETRY, ids=lambda path: path.name)
 def test_frames_are_those_of_pymavlink(path):
-    ours, theirs = marks_of(open_tlog(path.read_bytes())), positions_by_pymavlink(path)
+    ours, theirs = marks_of(TlogSource(path.read_bytes())), positions_by_pymavlink(path)
     assert not np.setdiff1d(theirs, ours).size
     extra = np.setdiff1d(ours, theirs).tolist()
     # Behind the ten stray bytes of this log pymavlink loses an intact frame (`pair` decodes it with its checksum).
@@ -132,7 +132,7 @@ def test_times_of_other_messages_lie_between_those_around_them(pair):
 def test_power_ups_are_told_apart(name, boots):
     """The restarts were found by hand: time_boot_ms starts again, sequence numbers at 0 and "Initialising APM..."."""
     (path,) = (path for path in TELEMETRY if path.name.startswith(name))
-    source = open_tlog(path.read_bytes())
+    source = TlogSource(path.read_bytes())
     assert [(boot.t_start, boot.t_end) for boot in source.boots] == boots
     assert source.boots[0].start == 0
     assert source.boots[-1].stop == path.stat().st_size
@@ -142,7 +142,7 @@ def test_power_ups_are_told_apart(name, boots):
 
 def test_a_new_boot_begins_with_its_first_words():
     (path,) = (path for path in TELEMETRY if path.name.startswith("pypi-fasttlogparser"))
-    source = open_tlog(path.read_bytes())
+    source = TlogSource(path.read_bytes())
     for boot in source.boots[1:4]:
         texts = source.decode("STATUSTEXT", boot)["text"].tolist()
         # What the radio lost of "Initialising APM...", "Calibrating barometer" and so on differs.
@@ -153,14 +153,14 @@ def test_frames_lost_as_counted_independently():
     """The inventory of the logs counts 3051 and 3829 vehicle frames lost by sequence number."""
     for name, lost in (("mbiuki", 3051), ("pypi-fasttlogparser", 3829)):
         (path,) = (path for path in TELEMETRY if path.name.startswith(name))
-        (finding,) = (f for f in open_tlog(path.read_bytes()).findings if f.id == "frames-lost")
+        (finding,) = (f for f in TlogSource(path.read_bytes()).findings if f.id == "frames-lost")
         assert finding.evidence["frames"] == lost
 
 
 def test_damage_of_shared_logs_is_reported():
     def findings(name):
         (path,) = (path for path in TELEMETRY if path.name.startswith(name))
-        return {finding.id: finding.evidence for finding in open_tlog(path.read_bytes()).findings}
+        return {finding.id: finding.evidence for finding in TlogSource(path.read_bytes()).findings}
 
     assert findings("kevinaangstadt")["bytes-skipped"]["bytes"] == 10
     assert findings("kevinaangstadt")["bytes-skipped"]["first_byte"] == 496893
@@ -173,7 +173,7 @@ def test_signed_frame_is_kept():
     data = path.read_bytes()
     assert data[3254 + 8] == 0xFD
     assert data[3254 + 10] & 1, "the frame there is signed"
-    source = open_tlog(data)
+    source = TlogSource(data)
     texts = source.decode("STATUSTEXT", source.boots[0])
     assert "Mission Planner 1.3.75" in texts["text"].tolist()
 
@@ -185,10 +185,10 @@ def test_telemetry_agrees_with_the_card(name):
     """The same flight on the autopilot's card: attitude at the same boot times is the same."""
     dataflash = pytest.importorskip("logparse.dataflash.binary")
     path = LOGS / "sitl" / f"{name}.BIN"
-    card = dataflash.open_dataflash(path.read_bytes())
+    card = dataflash.DataflashSource(path.read_bytes())
     logged = card.decode("ATT", card.boots[0])
     data = path.with_suffix(".tlog").read_bytes()
-    source = open_tlog(data)
+    source = TlogSource(data)
     sent = source.decode("ATTITUDE", source.boots[0])
     t = logged.index.to_numpy()
     sent = sent[(sent.index > t[0]) & (sent.index < t[-1])]
@@ -204,12 +204,12 @@ def test_telemetry_agrees_with_the_card(name):
 def test_raw_stream_without_time_stamps():
     path = LOGS / "sitl" / "quad06_auto.tlog"
     data = path.read_bytes()
-    stamped = open_tlog(data)
+    stamped = TlogSource(data)
     whole = Boot(0, len(data), 0.0, 0.0)
     marks = marks_of(stamped)
     ends = np.append(marks[1:] - 8, len(data))
     raw = b"".join(data[mark:end] for mark, end in zip(marks, ends, strict=True))
-    source = open_tlog(raw)
+    source = TlogSource(raw)
     assert source.format == "mavlink-raw"
     (boot,) = source.boots
     assert source.counts(boot) == stamped.counts(whole)
@@ -224,4 +224,4 @@ def test_raw_stream_without_time_stamps():
 
 def test_what_is_not_telemetry():
     with pytest.raises(LogError, match="no intact MAVLink frame"):
-        open_tlog((LOGS / "sitl" / "paper01.BIN").read_bytes()[:20000])
+        TlogSource((LOGS / "sitl" / "paper01.BIN").read_bytes()[:20000])

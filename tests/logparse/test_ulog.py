@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pyulog import ULog
 
 from logparse import LogError
-from logparse.ulog import looks_like, open_ulog
+from logparse.ulog import UlogSource, looks_like
 
 SHARED = Path(__file__).parents[3] / "shared" / "logs" / "real"
 LOGS = sorted(SHARED.glob("*.ulg"))
@@ -61,7 +61,7 @@ def small_log(rows=20):
 
 
 def test_topics_instances_arrays_and_texts():
-    source = open_ulog(small_log())
+    source = UlogSource(small_log())
     (boot,) = source.boots
     assert (boot.t_start, boot.t_end) == (5.0, 5.076002)
     assert source.counts(boot) == {"gyro": 20, "gyro_1": 20, "note": 1, "information": 1, "logged_messages": 2}
@@ -77,12 +77,12 @@ def test_topics_instances_arrays_and_texts():
 
 
 def test_parameters_are_the_last_values():
-    source = open_ulog(small_log())
+    source = UlogSource(small_log())
     assert source.parameters(source.boots[0]) == {"SYS_AUTOSTART": 6001.0, "MC_ROLL_P": 7.25}
 
 
 def test_dropouts_are_a_finding():
-    (finding,) = open_ulog(small_log()).findings
+    (finding,) = UlogSource(small_log()).findings
     assert finding.id == "dropped-messages"
     assert finding.evidence == {"dropouts": 1, "seconds": 0.25, "longest": 0.25}
 
@@ -90,7 +90,7 @@ def test_dropouts_are_a_finding():
 def test_a_topic_subscribed_to_again_is_one_table():
     row = data(9, START + 90_000, struct.pack("<3f", 1, 2, 3))
     again = message("A", struct.pack("<BH", 0, 9) + b"gyro") + row
-    source = open_ulog(small_log() + again)
+    source = UlogSource(small_log() + again)
     gyro = source.decode("gyro", source.boots[0])
     assert len(gyro) == source.counts(source.boots[0])["gyro"] == 21
     assert gyro.index.is_monotonic_increasing
@@ -105,7 +105,7 @@ def test_damage_is_a_finding_and_says_nothing_on_stdout(capsys):
     log = bytearray(small_log())
     at = log.find(struct.pack("<HQ", 1, START + 4001))
     log[at : at + 2] = b"\xee\xee"  # data of a topic that nobody subscribed to
-    source = open_ulog(bytes(log))
+    source = UlogSource(bytes(log))
     assert "bytes-skipped" in [finding.id for finding in source.findings]
     assert len(source.decode("gyro", source.boots[0])) == 19
     assert capsys.readouterr().out == ""
@@ -114,7 +114,7 @@ def test_damage_is_a_finding_and_says_nothing_on_stdout(capsys):
 @pytest.mark.parametrize("size", [0, 7, 16, 200])
 def test_a_log_without_data_is_an_error(size):
     with pytest.raises(LogError, match=r"damaged|no data"):
-        open_ulog(small_log()[:size])
+        UlogSource(small_log()[:size])
 
 
 @settings(max_examples=300, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
@@ -133,7 +133,7 @@ def test_any_damage_gives_a_log_or_an_error(damage):
         elif what == "cut" and damage.draw(st.integers(0, 9)) == 0:
             del log[at:]
     try:
-        source = open_ulog(bytes(log))
+        source = UlogSource(bytes(log))
     except LogError:
         return
     (boot,) = source.boots
@@ -148,7 +148,7 @@ def test_any_damage_gives_a_log_or_an_error(damage):
 @pytest.mark.skipif(not LOGS, reason="the shared logs are not beside the project")
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.name)
 def test_shared_logs_hold_what_pyulog_reads(path):
-    source = open_ulog(path.read_bytes())
+    source = UlogSource(path.read_bytes())
     (boot,) = source.boots
     reference = ULog(str(path))
     counts = source.counts(boot)
@@ -165,5 +165,5 @@ def test_shared_logs_hold_what_pyulog_reads(path):
 
 @pytest.mark.skipif(not LOGS, reason="the shared logs are not beside the project")
 def test_crash_dump_is_a_finding():
-    source = open_ulog((SHARED / "PX4-pyulog__sample_appended_multiple.ulg").read_bytes())
+    source = UlogSource((SHARED / "PX4-pyulog__sample_appended_multiple.ulg").read_bytes())
     assert "autopilot-crashed" in [finding.id for finding in source.findings]

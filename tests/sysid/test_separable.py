@@ -121,7 +121,7 @@ def test_the_gradient_is_that_of_the_cost_with_its_penalties(name):
     """Initial responses that are dear, so that their price weighs; the ridge too weak to matter."""
     problem = replace(problem_of(CASES[name]), initial=3.0, ridge=1e-9)
     theta, delays = start_of(problem), problem.start_delays
-    _, gradient = nonlinear_system(problem, solve(problem, theta))
+    _, gradient, _ = nonlinear_system(problem, solve(problem, theta))
     step = 1e-5
     for i in range(problem.lags):
         for g in range(problem.groups):
