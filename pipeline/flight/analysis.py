@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import estimation
@@ -140,46 +140,19 @@ def _analyze(
         stages.raise_unforeseen("flight", "trajectory")
         raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
 
-    thrust, parameters = None, None
-    experiments: dict[str, sysid.Experiment] = {}
-    models: list[ModelResult] = []
-    if flight is None or trajectory is None or sound is None:
-        stages.missing["experiment"] = stages.missing["flight" if flight is None else "trajectory"]
-    else:
-        unfit = _unknown_position(trajectory, flight)
-        for kind in KINDS:
-            record = _record(kind, log, trajectory, sound, config, name, experiments.values(), stages)
-            tables.release()
-            reason = stages.missing.pop("experiment", unfit)
-            if record is not None:
-                experiments[kind.key] = record
-                fitted, held_out = record.split(config.training_fraction)
-                if kind.key == THRUST_KEY:
-                    thrust = _thrust(fitted, config, stages)
-            if record is None or reason:
-                models.append(ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=reason))
-            else:
-                models.append(identify(kind, [fitted], [held_out], config, stages, same_flight=True))
-        if RIGID_BODY_KEY in experiments and not unfit:
-            fitted, _ = experiments[RIGID_BODY_KEY].split(config.training_fraction)
-            parameters = compare_parameters([fitted], models, config, stages)
-        elif experiments:
-            parameters = compare_parameters([], models, config, stages)
-        if not experiments:
-            stages.missing["experiment"] = models[0].missing
-            models = []
+    fitted = _fit(log, trajectory, flight, sound, config, name, stages)
 
     coverage = None
     if flight is not None and trajectory is not None:
+        records = fitted.experiments.values()
         coverage = stages.run(
-            "coverage",
-            lambda _: measure(log, trajectory, flight, models, experiments=experiments.values(), rates=rates),
+            "coverage", lambda _: measure(log, trajectory, flight, fitted.models, experiments=records, rates=rates)
         )
         tables.release()
 
-    order = _motor_order(experiments)
+    order = _motor_order(fitted.experiments)
     # Findings about the fits stay with their models; those of the experiments are about the log.
-    found = (estimated, thrust, parameters, order, *experiments.values())
+    found = (estimated, fitted.thrust, fitted.parameters, order, *fitted.experiments.values())
     later = (part.findings for part in found if part is not None)
     told = len(stages.findings)
     result = FlightResult(
@@ -193,10 +166,10 @@ def _analyze(
         baro=tables.baro,
         tables=tables,
         trajectory=trajectory,
-        experiments=experiments,
-        models=tuple(models),
-        thrust=thrust,
-        parameters=parameters,
+        experiments=fitted.experiments,
+        models=fitted.models,
+        thrust=fitted.thrust,
+        parameters=fitted.parameters,
         coverage=coverage,
         motor_order=order,
         health=timeline,
@@ -217,6 +190,54 @@ def _analyze(
     findings = without_repetition((*result.findings, *stages.findings[told:]))
     result = replace(result, advice=advice or (), findings=findings)
     return replace(result, answer=stages.run("answer", lambda _: compose_answer(result)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """What was fitted to one flight."""
+
+    experiments: Mapping[str, sysid.Experiment] = field(default_factory=dict)  #: By the kind of model.
+    models: tuple[ModelResult, ...] = ()
+    thrust: sysid.ThrustModel | None = None
+    parameters: sysid.PhysicalParameters | None = None
+
+
+def _fit(
+    log: FlightLog,
+    trajectory: estimation.Trajectory | None,
+    flight: Span | None,
+    sound: Span | None,
+    config: AnalysisConfig,
+    name: str,
+    stages: Stages,
+) -> _Fitted:
+    """Fit every kind of model to the first part of the flight as far as it is sound, and validate it on the rest."""
+    if flight is None or trajectory is None or sound is None:
+        stages.missing["experiment"] = stages.missing["flight" if flight is None else "trajectory"]
+        return _Fitted()
+    thrust = None
+    experiments: dict[str, sysid.Experiment] = {}
+    models: list[ModelResult] = []
+    unfit = _unknown_position(trajectory, flight)
+    for kind in KINDS:
+        record = _record(kind, log, trajectory, sound, config, name, experiments.values(), stages)
+        log.tables.release()
+        reason = stages.missing.pop("experiment", unfit)
+        if record is not None:
+            experiments[kind.key] = record
+            training, held_out = record.split(config.training_fraction)
+            if kind.key == THRUST_KEY:
+                thrust = _thrust(training, config, stages)
+        if record is None or reason:
+            models.append(ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=reason))
+        else:
+            models.append(identify(kind, [training], [held_out], config, stages, same_flight=True))
+    if not experiments:
+        stages.missing["experiment"] = models[0].missing
+        return _Fitted()
+    body = None if unfit else experiments.get(RIGID_BODY_KEY)
+    compared = [] if body is None else [body.split(config.training_fraction)[0]]
+    return _Fitted(experiments, tuple(models), thrust, compare_parameters(compared, models, config, stages))
 
 
 def _flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:

@@ -7,6 +7,7 @@ from math import pi
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.constants import g as standard_gravity
 
 from logparse import MissingDataError
 from pipeline.results.coverage import AxisExcitation, Excitation
@@ -40,8 +41,6 @@ IN_SECTOR = 3.0
 
 #: Excitation in multiples of what hardly tells anything: below the first none, then weak, fair, strong.
 _WORDS = ((0.5, "none"), (1.0, "weak"), (4.0, "fair"), (float("inf"), "strong"))
-
-_GRAVITY = 9.80665
 
 
 def excitation_of(
@@ -116,7 +115,7 @@ def _axes(context: pd.DataFrame, commands: Mapping[str, float], per_second: int)
         for axis, rate in (("roll", "w_x"), ("pitch", "w_y"), ("yaw", "w_z"))
     }
     axes["thrust"] = AxisExcitation(
-        rms=size, unit="m/s^2", command_std=commands.get("thrust"), word=_word(size / (VARYING * _GRAVITY))
+        rms=size, unit="m/s^2", command_std=commands.get("thrust"), word=_word(size / (VARYING * standard_gravity))
     )
     return axes
 

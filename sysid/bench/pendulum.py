@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.constants import g as standard_gravity
 
 from logparse import Finding, Severity
 from sysid.bench.table import BenchError
-
-#: Standard gravity, m/s^2; it differs by 0.3 % between equator and poles.
-GRAVITY = 9.80665
 
 #: Difference between g by the simple pendulum and true g that asks for a look at the thread length.
 THREAD = 0.02
@@ -89,7 +87,7 @@ def bifilar(
     *,
     oscillations: int = 10,
     mass_sigma: float = 0.005,
-    gravity: float = GRAVITY,
+    gravity: float = standard_gravity,
     axis: str = "",
 ) -> BifilarResult:
     """Compute a moment of inertia from timed swings.
@@ -195,7 +193,7 @@ class ThreadCheck:
 
 
 def check_thread(
-    times: Sequence[float], length: float, *, oscillations: int = 10, gravity: float = GRAVITY
+    times: Sequence[float], length: float, *, oscillations: int = 10, gravity: float = standard_gravity
 ) -> ThreadCheck:
     """Check the thread length by a simple pendulum (eq. 18).
 

@@ -42,8 +42,6 @@ BEYOND = 0.02
 #: Steps of PWM that are one level, us.
 STEP = 5.0
 
-_GRAVITY = 9.80665
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:

@@ -22,13 +22,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from scipy.constants import g as standard_gravity
 from scipy.optimize import brentq
 
 from logparse import MissingDataError
 from sysid.records.motor_scaling import command_for
 from sysid.rigid_body.model import RigidBodyModel
 
-_GRAVITY, _SEA_LEVEL = 9.80665, 1.225
+_SEA_LEVEL = 1.225
 
 #: Outflow velocity of the simulator's default craft in hover, m/s: 2 x 12.09 V x 29.3 A over 3 kg.
 _OUTFLOW = 24.08
@@ -135,18 +136,18 @@ def _power(sheet: _Sheet, model: RigidBodyModel, mass: float, full_voltage: floa
     sheet.put("maxVoltage", volts, "voltage at which thrust was identified, or as given" if known else "assumed", known)
     sheet.put(
         "hoverThrOut",
-        _GRAVITY / (count * model.value("thrust") * ratio),
+        standard_gravity / (count * model.value("thrust") * ratio),
         "weight over full thrust at refAlt and maxVoltage: 9.80665 / (n k/m)",
     )
     sheet.put("refAlt", 0.0, "identified coefficients hold in sea-level air")
     sheet.put("refTempC", 15.0, "standard atmosphere; the simulator does not use it", False)
     loss = model.parameters["climb_loss"]
     known = loss.determined and loss.used > 0.0
-    outflow = math.sqrt(_GRAVITY / loss.used) if known else _OUTFLOW
+    outflow = math.sqrt(standard_gravity / loss.used) if known else _OUTFLOW
     sheet.put("refVoltage", volts, "with refCurrent: power in hover")
     sheet.put(
         "refCurrent",
-        outflow * mass * _GRAVITY / 2.0 / volts,
+        outflow * mass * standard_gravity / 2.0 / volts,
         "power in hover whose outflow velocity loses thrust with climb as identified"
         if known
         else "power in hover with the outflow velocity of the simulator's default craft; loss of thrust in climb was "
@@ -190,7 +191,7 @@ def _drag(sheet: _Sheet, model: RigidBodyModel, mass: float, disc_area: float | 
         model.parameters[f"drag_{law}_{axis}"].determined for law in ("linear", "quadratic") for axis in ("x", "y")
     )
     # mdrag sqrt(disc_area) is all that acts; m d = mdrag sqrt(rho disc_area m g).
-    product = mass * linear / math.sqrt(_SEA_LEVEL * mass * _GRAVITY)
+    product = mass * linear / math.sqrt(_SEA_LEVEL * mass * standard_gravity)
     if disc_area is not None:
         area, coefficient, how = disc_area, product / math.sqrt(disc_area), "as given"
     elif product > 0.0:
@@ -218,8 +219,10 @@ def _reference_flight(mass: float, area_cd: float, mdrag: float, disc_area: floa
 
     def surplus(angle: float) -> float:
         cosine = math.cos(angle)
-        momentum = cosine * mdrag * speed * cosine * math.sqrt(mass * _GRAVITY / cosine * _SEA_LEVEL * disc_area)
-        return mass * _GRAVITY * math.tan(angle) - momentum - 0.5 * _SEA_LEVEL * area_cd * speed**2
+        momentum = (
+            cosine * mdrag * speed * cosine * math.sqrt(mass * standard_gravity / cosine * _SEA_LEVEL * disc_area)
+        )
+        return mass * standard_gravity * math.tan(angle) - momentum - 0.5 * _SEA_LEVEL * area_cd * speed**2
 
     while surplus(math.radians(60.0)) < 0.0:
         speed *= 0.7
@@ -264,7 +267,7 @@ def _rotation(sheet: _Sheet, model: RigidBodyModel, mass: float, arm: float | No
         sheet.undetermined.append("motor1_yaw")
         return
     motors, expo = model.vehicle.motors, model.value("thrust_expo")
-    command = min(command_for(_GRAVITY / (len(motors) * model.value("thrust")), expo), 1.0)
+    command = min(command_for(standard_gravity / (len(motors) * model.value("thrust")), expo), 1.0)
     curve = (1.0 - expo) * command + expo * command**2
     slope = 1.0 - expo + 2.0 * expo * command
     factor = gains["yaw"].used * (roll + pitch) * slope / (0.05 * length * thrust * (curve + command * slope))

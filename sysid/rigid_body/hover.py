@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.constants import g as standard_gravity
 
 from logparse import MissingDataError
 from logparse.summary import Summarised, listed
@@ -20,8 +21,6 @@ from sysid.records.motor_scaling import command_for
 from sysid.rigid_body.model import RigidBodyModel
 
 STATES = ("roll", "pitch", "p", "q", "r")
-
-_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -129,7 +128,7 @@ def hover_model(model: RigidBodyModel, density: float = 1.225, voltage: float | 
     if voltage is not None and model.reference_voltage:
         ratio = (voltage / model.reference_voltage) ** 2
     air = density / model.reference_density
-    command = command_for(_GRAVITY / (len(motors) * model.value("thrust") * air * ratio), expo)
+    command = command_for(standard_gravity / (len(motors) * model.value("thrust") * air * ratio), expo)
     if not 0.0 < command < 1.0:
         raise MissingDataError(f"no linear hover model: hover would take a command of {command:.2f}")
     slope = air * ratio * (1.0 - expo + 2.0 * expo * command)

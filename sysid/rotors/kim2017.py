@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.constants import g as standard_gravity
 
 from logparse import Finding, Severity
 from logparse.quantity import uncertain
@@ -59,8 +60,6 @@ SEPARABLE = 3e3
 
 #: Part by which torque goes otherwise with a command than thrust does.
 TORQUE_LAW = 0.03
-
-_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -144,7 +143,7 @@ class Kim2017Model(Summarised):
         z = data.altitude[0] - experiment.context["v_d"].iloc[0] * data.t if experiment.context is not None else data.t
         z = (
             z
-            - 0.5 * _GRAVITY * data.t**2
+            - 0.5 * standard_gravity * data.t**2
             + integrate_twice(data.lift * thrust.sum(axis=1, keepdims=True), data.dt)[:, 0]
         )
         gyro = gyroscopic(data, self.inertia)

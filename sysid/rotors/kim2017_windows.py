@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.constants import g as standard_gravity
 
 from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
@@ -27,8 +28,6 @@ STEPS = 12
 
 #: How far residuals are taken to be correlated, s.
 CORRELATED = 0.5
-
-_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +156,7 @@ def cut_windows(data: FlightData, geometry: MotorGeometry, inertia: tuple[float,
         result.append(
             Window(
                 outputs=(
-                    _without(line, part.altitude + 0.5 * _GRAVITY * part.t**2),
+                    _without(line, part.altitude + 0.5 * standard_gravity * part.t**2),
                     _without(spinning[0], part.rates[:, 0] - gyro[0]),
                     _without(spinning[1], part.rates[:, 1] - gyro[1]),
                     _without(spinning[2], part.rates[:, 2] - gyro[2]),

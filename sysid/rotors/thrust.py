@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.constants import g as standard_gravity
 
 from logparse import Finding, Severity
 from logparse.quantity import uncertain
@@ -46,8 +47,6 @@ SEPARABLE = 1e4
 
 #: Vertical speed in body axes whose effect on thrust is worth a parameter, m/s.
 CLIMBING = 0.2
-
-_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -198,7 +197,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     if mass is None:
         findings.append(mass_unknown())
     expo, density = vehicle.thrust_expo, float(np.mean([block.density for block in blocks]))
-    hover = command_for(_GRAVITY / (len(motors) * max(float(together.values[0]), 1e-9) * density), expo)
+    hover = command_for(standard_gravity / (len(motors) * max(float(together.values[0]), 1e-9) * density), expo)
     return ThrustModel(
         name="thrust per motor command, autopilot's thrust curve",
         common=common,
