@@ -185,6 +185,7 @@ def _findings(axes: tuple[AxisRotation, ...]) -> Iterator[Finding]:
                 Severity.WARNING,
                 f"The {axis.axis} loop has a gain margin of {margins.gain_db} and a phase margin of "
                 f"{margins.phase_deg}; {LEAST_GAIN_DB:.0f} dB and {LEAST_PHASE_DEG:.0f} deg are sound.",
-                "Let rotorid tune propose gains; until then lower P and D of this axis by a quarter.",
+                ("Fly chirps and let" if axis.loop.ordinary else "Let")
+                + " rotorid tune propose gains; until then lower P and D of this axis by a quarter.",
                 evidence,
             )

@@ -42,7 +42,7 @@ class FrequencyResponse:
     #: shape (n,): Part of the output's power that the input explains, 0..1; with several inputs the partial coherence
     #: of this one, and with an instrument the part that is explained through it.
     coherence: Floats
-    sigma: Floats  #: shape (n,): Standard deviation of ln |G|.
+    sigma: Floats  #: shape (n,): Standard deviation of ln abs(G).
     sigma_phase: Floats  #: shape (n,): Standard deviation of the phase, rad.
     averages: Floats  #: shape (n,): Effective number of independent averages.
     resolution: Floats  #: shape (n,): Width of the spectral window, Hz.
@@ -60,7 +60,7 @@ class FrequencyResponse:
     gyro_filter_hz: float | None = None
     records: tuple[str, ...] = ()  #: The records that were summed.
     duration: float = 0.0  #: Their length together, s.
-    systematic: float = 0.0  #: Standard deviation of ln |G| that all frequencies have in common, beside `sigma`.
+    systematic: float = 0.0  #: Standard deviation of ln abs(G) that all frequencies have in common, beside `sigma`.
     findings: tuple[Finding, ...] = field(default=())
 
     @property
@@ -70,7 +70,7 @@ class FrequencyResponse:
 
     @property
     def gain_db(self) -> Floats:
-        """Return 20 log10 |G|, shape (n,)."""
+        """Return ``20 log10 |G|``, shape (n,)."""
         return np.asarray(20.0 * np.log10(np.maximum(np.abs(self.response), 1e-300)))
 
     @property

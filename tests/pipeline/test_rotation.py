@@ -76,6 +76,21 @@ def test_advice_names_bits_and_axes():
     assert list(advise(replace(flight, rotation=None), [])) == []
 
 
+@pytest.mark.parametrize(
+    ("gain", "phase", "state"),
+    [
+        ((6.5, 9.0), (46.0, 60.0), LoopState.GOOD),
+        ((5.0, 9.0), (46.0, 60.0), LoopState.UNKNOWN),
+        ((3.0, 5.5), (40.0, 60.0), LoopState.THIN),
+        (None, (46.0, 60.0), LoopState.UNKNOWN),
+    ],
+)
+def test_margins_of_ordinary_flying_say_only_what_the_whole_interval_says(gain, phase, state):
+    bounds = {name: each for name, each in (("gain_db", gain), ("phase_deg", phase)) if each is not None}
+    computed = replace(margins(7.0, 50.0), intervals=bounds)
+    assert LoopMargins(gains={}, computed=computed, ordinary=True).state is state
+
+
 def test_firmware_without_the_mode_is_not_told_to_fly_it(monkeypatch):
     log = logparse.read_log(SQUARE)
     monkeypatch.setitem(vars(log), "vehicle", replace(log.vehicle, firmware="ArduCopter", version="3.3-dev"))
