@@ -82,14 +82,17 @@ def _advised(log: "FlightLog", lacking: Sequence[tuple[Need, Finding]]) -> Itera
     """Add to each finding how to log what is lacking: one final value of one parameter for all of them."""
     vehicle, needs = log.vehicle, {need for need, _ in lacking}
     setting = log_setting(vehicle, log.format, log.parameters, needs)
+    said = False
     for need, finding in lacking:
         evidence = dict(finding.evidence)
         bit = bits_of(vehicle).get(need)
+        advice = how_to_log(need, setting, vehicle, log.format, said=said)
+        said = said or (setting is not None and setting.sentence() in advice)
         if setting is not None and bit is not None and not setting.has(bit):
             evidence |= {"parameter": setting.parameter, "bit": bit.number, "name": bit.name}
             if setting.present is not None and setting.wanted is not None:
                 evidence |= {"present": setting.present, "wanted": setting.wanted}
-        yield replace(finding, advice=how_to_log(need, setting, vehicle, log.format), evidence=evidence)
+        yield replace(finding, advice=advice, evidence=evidence)
 
 
 def _missing(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:

@@ -198,7 +198,14 @@ def log_setting(
     return LogSetting(parameter, mask(parameters.get(parameter)), bits)
 
 
-def how_to_log(need: Need, setting: LogSetting | None, vehicle: Vehicle, format: str) -> str:  # noqa: A002 -- as in `FlightLog`
+def how_to_log(
+    need: Need,
+    setting: LogSetting | None,
+    vehicle: Vehicle,
+    format: str,  # noqa: A002 -- as in `FlightLog`
+    *,
+    said: bool = False,
+) -> str:
     """Return a sentence on how to have in the next log what this one lacks.
 
     Parameters
@@ -208,6 +215,8 @@ def how_to_log(need: Need, setting: LogSetting | None, vehicle: Vehicle, format:
         From `log_setting`, for everything that is lacking.
     vehicle : Vehicle
     format : str
+    said : bool
+        Whether the reader has the whole setting before him, from another finding.
     """
     if format in TELEMETRY:
         return _by_radio(need, vehicle)
@@ -223,6 +232,9 @@ def how_to_log(need: Need, setting: LogSetting | None, vehicle: Vehicle, format:
             f"Look for the cause in the sensor or the card: {bit} of {setting.parameter} is set already "
             f"({setting.present})."
         )
+    if said:
+        value = "" if setting.wanted is None else f" = {setting.wanted}"
+        return f"{setting.parameter}{value} adds it: {bit.name} logs {bit.logs}."
     return f"{setting.sentence()}. {bit.name} logs {bit.logs}."
 
 

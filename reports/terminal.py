@@ -174,7 +174,7 @@ def failures(numbers: Numbers) -> Iterable[str]:
 
 
 def no_model(numbers: Numbers) -> str:
-    """Report that logs were analysed but none gave a model, and why; empty where one did or all failed anyway."""
+    """Explain why no analysed log gave a thrust or a model; empty where one did, or all failed anyway."""
     flights = [numbers] if numbers["kind"] == "flight" else numbers["flights"]
     every = [*flights, *numbers.get("groups", [])]
     if not flights or any(

@@ -1,5 +1,6 @@
 """What a person waiting at a terminal sees on stderr: which logs are at work, how many are done, how long it takes."""
 
+import math
 import sys
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
@@ -14,11 +15,14 @@ from pipeline.names import file_name
 if TYPE_CHECKING:
     from rich import console as rich_console
     from rich import progress as rich_progress
+    from rich import table as rich_table
+    from rich import text as rich_text
 else:
     rich_console, rich_progress = lazy("rich.console"), lazy("rich.progress")
+    rich_table, rich_text = lazy("rich.table"), lazy("rich.text")
 
 #: Of the whole, the part after which the time to go can be told from the time gone.
-TELLING = 0.03
+TELLING = 0.1
 
 #: Bytes of a log that take as long as what every log takes, whatever its size.
 EACH = 2_000_000
@@ -97,15 +101,14 @@ def shown(quiet: bool = False) -> Iterator[Progress]:
         yield _Lines()
 
 
-def to_go(elapsed: float, fraction: float) -> str:
-    """Report how long it takes from here if it goes on as it went, such as ``"about 3 min to go"``; empty at first."""
-    if not TELLING <= fraction < 1.0:
+def in_words(seconds: float) -> str:
+    """Write a time to go; empty where it is shorter than anybody reads."""
+    if seconds < 2.5:
         return ""
-    seconds = elapsed * (1.0 - fraction) / fraction
-    if seconds < 5.0:
-        return ""
+    if seconds < 22.5:
+        return f"about {5 * round(seconds / 5.0)} s to go"
     if seconds < 90.0:
-        return f"about {10 * max(1, round(seconds / 10.0))} s to go"
+        return f"about {10 * round(seconds / 10.0)} s to go"
     if seconds < 5400.0:
         return f"about {round(seconds / 60.0)} min to go"
     return f"about {seconds / 3600.0:.1f} h to go"
@@ -113,19 +116,62 @@ def to_go(elapsed: float, fraction: float) -> str:
 
 @contextmanager
 def _bar() -> Iterator[Progress]:
+    clock = Clock()
+
+    class ToGo(rich_progress.ProgressColumn):
+        """Counts down between two reports."""
+
+        def render(self, task: "rich_progress.Task") -> "rich_text.Text":
+            """Write the time."""
+            return rich_text.Text(in_words(clock.left(perf_counter())), style="dim")
+
     columns = (
         rich_progress.BarColumn(bar_width=24),
         rich_progress.TextColumn("{task.percentage:3.0f} %"),
         rich_progress.TimeElapsedColumn(),
-        rich_progress.TextColumn("{task.fields[to_go]}", style="dim"),
-        rich_progress.TextColumn("{task.description}", markup=False),
+        ToGo(table_column=rich_table.Column(no_wrap=True, min_width=17)),
+        rich_progress.TextColumn(
+            "{task.description}", markup=False, table_column=rich_table.Column(no_wrap=True, overflow="ellipsis")
+        ),
     )
-    start = perf_counter()
     with rich_progress.Progress(*columns, console=rich_console.Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=1.0, to_go="")
-        yield lambda stage, fraction: bar.update(
-            task, description=stage, completed=fraction, to_go=to_go(perf_counter() - start, fraction)
-        )
+        task = bar.add_task("", total=1.0)
+
+        def report(stage: str, fraction: float) -> None:
+            clock.reach(fraction, perf_counter())
+            bar.update(task, description=stage, completed=fraction)
+
+        yield report
+
+
+class Clock:
+    """Tells the time to go from how far the work had come when, s.
+
+    What was done before the first report of a fraction, such as loading packages, is no measure of the rest.
+    """
+
+    def __init__(self) -> None:
+        self._began: tuple[float, float] | None = None
+        self._fraction = 0.0
+        self._end = math.inf
+
+    def reach(self, fraction: float, now: float) -> None:
+        """Note a part of the whole."""
+        if self._began is None:
+            if fraction > 0.0:
+                self._began = (fraction, now)
+            return
+        # A report that brings nothing new leaves the countdown going.
+        if fraction <= self._fraction:
+            return
+        self._fraction = fraction
+        first, start = self._began
+        if fraction - first >= TELLING and now > start:
+            self._end = now + (now - start) * (1.0 - fraction) / (fraction - first)
+
+    def left(self, now: float) -> float:
+        """Return the time to go; 0 while that cannot be told, and when it should be over."""
+        return 0.0 if math.isinf(self._end) else max(self._end - now, 0.0)
 
 
 class _Lines:
@@ -134,11 +180,14 @@ class _Lines:
     def __init__(self) -> None:
         self.start = perf_counter()
         self.stage = ""
+        self._clock = Clock()
 
     def __call__(self, stage: str, fraction: float) -> None:
         """Note progress."""
+        now = perf_counter()
+        self._clock.reach(fraction, now)
         if stage != self.stage:
             self.stage = stage
-            elapsed = perf_counter() - self.start
-            left = to_go(elapsed, fraction)
+            elapsed = now - self.start
+            left = in_words(self._clock.left(now))
             print(f"{elapsed:6.1f} s  {stage}{left and f' ({left})'}", file=sys.stderr, flush=True)  # noqa: T201

@@ -119,7 +119,8 @@ def analyze(
 
     Example: rotorid analyze flights --out report --training 'march*'
 
-    Exit status: 0 all fine, 1 some logs failed (each is named with its reason) or no log gave a model, 2 wrong usage.
+    Exit status: 0 all fine, 1 some logs failed (each is named with its reason) or none gave a thrust or a model, 2
+    wrong usage.
     """
     config = AnalysisConfig(
         rate=rate,

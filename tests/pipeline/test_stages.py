@@ -7,6 +7,7 @@ import pytest
 
 import estimation
 from logparse import FlightLog, MissingDataError
+from pipeline.execution.progress import Clock
 from pipeline.execution.stages import STAGES, Stages, overall, silent
 from pipeline.flight.analysis import analyze
 
@@ -74,3 +75,26 @@ def test_overall_progress_only_grows():
     assert seen == sorted(seen)
     assert seen[0] == 0.0
     assert abs(seen[-1] - 1.0) < 1e-9
+
+
+def test_the_time_to_go_is_right_for_even_work_whatever_came_before_it():
+    clock = Clock()
+    clock.reach(0.0, 7.0)
+    clock.reach(0.02, 10.0)  # from here on 1 % a second; loading packages took ten
+    for second in range(1, 98):
+        clock.reach(0.02 + 0.01 * second, 10.0 + second)
+        left = clock.left(10.0 + second)
+        assert left == pytest.approx(98.0 - second, abs=1e-6) if second >= 10 else left == 0.0
+    # It counts down while nothing new is heard, also where a stage is reported again.
+    clock.reach(0.5, 108.5)
+    assert clock.left(107.5) == pytest.approx(0.5, abs=1e-6)
+    assert clock.left(200.0) == 0.0
+
+
+def test_stages_that_come_for_each_kind_of_model_do_not_move_the_bar():
+    seen = []
+    report = overall(lambda title, fraction: seen.append(fraction))
+    for name, fraction in (("motors", 1.0), ("validation", 1.0), ("orders", 1.0), ("experiment", 1.0), ("mixer", 0.0)):
+        report(name, fraction)
+    assert len(set(seen)) == 1
+    assert sum(stage.share for stage in STAGES.values()) == pytest.approx(1.0)
