@@ -183,20 +183,16 @@ def discretise(a: Floats, dt: float, hold: str, orders: Sequence[int] | None = N
     """
     groups, n = a.shape
     orders = (n,) * groups if orders is None else tuple(orders)
-    integrators = int(np.min(np.argmax(np.hstack([a != 0.0, np.ones((groups, 1), bool)]), axis=1)))
-    unit, normalised = np.ones(groups), np.zeros((groups, n))
-    block = np.zeros((groups, 2 * n + 2, 2 * n + 2))
-    for order in set(orders):
-        of = np.flatnonzero(np.array(orders) == order)
+    integrators = next((k for k in range(n) if a[:, k].any()), n)
+    pattern, all_, last, missing = _companions(n, orders)
+    unit = np.ones(groups)
+    for g, order in enumerate(orders):
         if order > integrators:
-            unit[of] = a[of, integrators] ** (1.0 / (order - integrators))
-        normalised[of, :order] = a[of, :order] / unit[of, None] ** np.arange(order, 0, -1)
-        for first in (0, n):
-            rows = np.arange(first, first + order - 1)
-            block[of[:, None], rows, rows + 1] = 1.0
-            block[of, first + order - 1, first : first + order] = -normalised[of, :order]
-        block[of, n + order - 1, 0] = 1.0  # the second companion is driven by 1/A u, the first state
-        block[of, order - 1, 2 * n] = 1.0
+            unit[g] = a[g, integrators] ** (1.0 / (order - integrators))
+    normalised = a / unit[:, None] ** missing
+    block = pattern.copy()
+    block[all_, last, :n] = block[all_, n + last, n : 2 * n] = -normalised
+    block[all_, n + last, 0] = 1.0  # the second companion is driven by 1/A u, the first state
     block *= (unit * dt)[:, None, None]
     block[:, 2 * n, 2 * n + 1] = 1.0
     exponential = np.asarray(expm(block))
@@ -213,6 +209,21 @@ def discretise(a: Floats, dt: float, hold: str, orders: Sequence[int] | None = N
         dt,
         hold,
     )
+
+
+@cache
+def _companions(
+    n: int, orders: tuple[int, ...]
+) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return what never changes of the blocks that `discretise` exponentiates, their last rows, and units they lack."""
+    pattern = np.zeros((len(orders), 2 * n + 2, 2 * n + 2))
+    for g, order in enumerate(orders):
+        for first in (0, n):
+            rows = np.arange(first, first + order - 1)
+            pattern[g, rows, rows + 1] = 1.0
+        pattern[g, order - 1, 2 * n] = 1.0
+    of = np.array(orders)
+    return pattern, np.arange(len(orders)), of - 1, np.maximum(of[:, None] - np.arange(n), 0)
 
 
 def gramians(a: Floats, orders: Sequence[int], integrators: int) -> Floats:
@@ -245,7 +256,7 @@ def _gramian(a: Floats) -> Floats:
     by_coefficient, constant, moment, sign = _moment_equations(a.shape[1])
     rhs = np.zeros((len(a), a.shape[1], 1))
     rhs[:, -1] = -0.5
-    equations = np.tensordot(a, by_coefficient, 1) + constant
+    equations = (a @ by_coefficient).reshape(-1, *constant.shape) + constant
     return np.asarray(np.linalg.solve(equations, rhs)[:, moment, 0] * sign)
 
 
@@ -260,7 +271,7 @@ def _moment_equations(n: int) -> tuple[Floats, Floats, NDArray[np.int64], Floats
     for k in range(n):
         by_coefficient[k, rows, moment[:, k]] -= sign[:, k]
     constant[rows[:-1], moment[1:, n - 1]] += sign[1:, n - 1]
-    return by_coefficient, constant, moment, sign
+    return by_coefficient.reshape(n, n * n), constant, moment, sign
 
 
 def trends(samples: int, integrators: int) -> Floats:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,13 +39,18 @@ def resolvable_band(duration: float, dt: float) -> Band:
 
 def clip(theta: Floats, band: Band, orders: Sequence[int] = ()) -> Floats:
     """Bring parameters, shape (groups, n), into the band and the range of damping."""
-    lower, upper = np.empty_like(theta), np.empty_like(theta)
-    lower[:], upper[:] = np.log(band.lowest), np.log(band.highest)
-    for g in range(len(theta)):
-        order = orders[g] if orders else theta.shape[1]
+    lower, upper = _bounds(band, theta.shape[1], tuple(orders) or (theta.shape[1],))
+    return np.asarray(np.minimum(np.maximum(theta, lower), upper))
+
+
+@lru_cache(maxsize=64)
+def _bounds(band: Band, n: int, orders: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Return the least and the largest parameters, shape (groups, n); of one group when all are of one order."""
+    lower, upper = np.full((len(orders), n), np.log(band.lowest)), np.full((len(orders), n), np.log(band.highest))
+    for g, order in enumerate(orders):
         damping = np.arange(1, order - order % 2, 2)
         lower[g, damping], upper[g, damping] = np.log(DAMPING[0]), np.log(DAMPING[1])
-    return np.clip(theta, lower, upper)
+    return lower, upper
 
 
 def from_poles(poles: NDArray[np.complex128]) -> Floats:

@@ -9,7 +9,7 @@ output noise the fixed point of the iteration is the output-error estimate itsel
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import lstsq
@@ -88,8 +88,7 @@ def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats:
         Parameters of the denominator.
     """
     lags, shared = problem.lags, point.numerators.size
-    a, _ = denominators(point.theta)
-    system = discretise(a, problem.dt, "foh")
+    system = _without_integrators(problem, point)
     size = shared + 2 * lags + 1
     total = np.zeros((size, size))
     made = (None,) * len(point.parts) if noisy else instruments(problem, point)
@@ -112,6 +111,13 @@ def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats:
     normalised = -lstsq(matrix * rows[:, None], rhs * rows)[0]
     unit = float(system.unit[0])
     return from_poles(unit * np.roots(np.concatenate([[1.0], normalised[::-1]])).astype(np.complex128))
+
+
+def _without_integrators(problem: Problem, point: Point) -> Discretised:
+    """Discretise the denominator for signals that are straight between samples."""
+    if problem.integrators == 0:
+        return replace(point.system, hold="foh")
+    return discretise(denominators(point.theta)[0], problem.dt, "foh")
 
 
 def _derivatives(system: Discretised, y: Floats) -> Floats:
