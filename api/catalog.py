@@ -32,18 +32,10 @@ class Kept(NamedTuple):
 
 
 class Quota(NamedTuple):
-    """What one owner may have; 0 is any number.
+    """What one owner may have; 0 is any number."""
 
-    Attributes
-    ----------
-    stored : int
-        Bytes of logs.
-    unfinished : int
-        Analyses that wait or run.
-    """
-
-    stored: int = 0
-    unfinished: int = 0
+    stored: int = 0  #: Bytes of logs.
+    unfinished: int = 0  #: Analyses that wait or run.
 
 
 class FullError(Exception):

@@ -1,12 +1,16 @@
 """What an analysis found in short: craft, day and health, read from its report when it is done."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+from logparse import Vehicle
+from pipeline.errors import ConfigError
+from pipeline.results.answer import Tone
+from pipeline.results.report import FlightReport
+from reports.reading import read_report
 
 #: Worst first.
-_TONES = ("bad", "care", "good", "unknown")
+_TONES = (Tone.BAD, Tone.CARE, Tone.GOOD, Tone.UNKNOWN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,31 +24,30 @@ class Found:
 
 
 def read_found(file: Path) -> Found:
-    """Read a report.json; nothing where there is none, or it is of another kind."""
+    """Read a report.json; nothing where there is none, or it is of another kind or version."""
     try:
-        report = json.loads(file.read_text("utf-8"))
-        flights = report["flights"] if report["kind"] == "fleet" else [report]
-        crafts = list(dict.fromkeys(craft for flight in flights if (craft := _craft(flight["vehicle"]))))
-        days = sorted(flight["log"]["start_utc"][:10] for flight in flights if flight["log"]["start_utc"])
-        lines = [line for flight in flights for line in lines_of(flight["answer"]) if line["purpose"] == "Healthy"]
-    except (OSError, ValueError, KeyError, TypeError):
+        report = read_report(file)
+    except (OSError, ConfigError):
         return Found()
-    worst = min(lines, key=lambda line: _TONES.index(line["tone"]) if line["tone"] in _TONES else 9, default=None)
+    flights = [report] if isinstance(report, FlightReport) else report.flights
+    crafts = list(dict.fromkeys(craft for flight in flights if (craft := _craft(flight.vehicle))))
+    days = sorted(flight.log.start_utc[:10] for flight in flights if flight.log.start_utc)
+    lines = [
+        line
+        for flight in flights
+        for line in (() if flight.answer is None else flight.answer.lines)
+        if line.purpose == "Healthy"
+    ]
+    worst = min(lines, key=lambda line: _TONES.index(line.tone), default=None)
     return Found(
         craft=", ".join(crafts)[:200] or None,
         flown=days[0] if days else None,
-        health=None if worst is None else str(worst["word"])[:40],
-        tone=None if worst is None else str(worst["tone"])[:10],
+        health=None if worst is None else worst.word[:40],
+        tone=None if worst is None else str(worst.tone),
     )
 
 
-def _craft(vehicle: dict[str, Any]) -> str:
+def _craft(vehicle: Vehicle) -> str:
     """Name a craft: ``ArduCopter octa plus``."""
-    parts = (vehicle["firmware"] or vehicle["autopilot"], vehicle["frame_class"], vehicle["frame_type"])
+    parts = (vehicle.firmware or vehicle.autopilot, vehicle.frame_class, vehicle.frame_type)
     return " ".join(part for part in parts if part)
-
-
-def lines_of(answer: Any) -> list[dict[str, Any]]:
-    """Return the lines of an answer, which a folder's report keeps without the rest."""
-    lines = answer["lines"] if isinstance(answer, dict) else answer
-    return list(lines or [])

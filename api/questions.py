@@ -15,6 +15,7 @@ from logparse.signals import LoggedSignal
 from pipeline.flight.health_signals import thin
 from reports.comparison import compare_reports
 from reports.comparison_page import comparison_page
+from reports.reading import report_of
 
 #: Logs kept open, signals kept, and bytes of signals kept.
 _LOGS, _SIGNALS, _BYTES = 3, 64, 512 << 20
@@ -92,7 +93,8 @@ def read_signals(
 def compare(a: dict[str, Any], b: dict[str, Any], names: tuple[str, str]) -> str:
     """Render the comparison of two reports as a page."""
     try:
-        return comparison_page(compare_reports(a, b, names))
+        older, newer = (report_of(facts, name) for facts, name in zip((a, b), names, strict=True))
+        return comparison_page(compare_reports(older, newer, names))
     except RotoridError as error:
         raise QuestionError(str(error)) from None
 

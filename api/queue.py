@@ -28,24 +28,12 @@ from api.resources import State
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """The right to work on an analysis, as long as its lease is prolonged.
+    """The right to work on an analysis, as long as its lease is prolonged."""
 
-    Attributes
-    ----------
-    analysis : str
-        Its id.
-    lease : str
-        Names this claim, and the place of its results.
-    deaths : int
-        How many processes that worked on it have died already.
-    logs : tuple of (id, name)
-    configuration : mapping
-    """
-
-    analysis: str
-    lease: str
-    deaths: int
-    logs: tuple[tuple[str, str], ...]
+    analysis: str  #: Its id.
+    lease: str  #: Names this claim, and the place of its results.
+    deaths: int  #: How many processes that worked on it have died already.
+    logs: tuple[tuple[str, str], ...]  #: tuple of (id, name)
     configuration: Mapping[str, Any]
 
 

@@ -11,7 +11,6 @@ from fastapi import Query
 from fastapi.responses import FileResponse
 
 from api.dependencies import Parts
-from api.found import lines_of
 from api.headers import REPORT_POLICY
 from api.ids import new_id
 from api.resources import Analysis, AnalysisAnswer, AnalysisSummary, Extra
@@ -120,7 +119,7 @@ def _findings(report: dict[str, Any]) -> list[dict[str, Any]]:
 def _answers(report: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
     """Gather the first screen of each flight."""
     flights = report.get("flights", [report])
-    return {str(flight.get("name")): lines_of(flight.get("answer")) for flight in flights}
+    return {str(flight.get("name")): (flight.get("answer") or {}).get("lines", []) for flight in flights}
 
 
 def _rmse(report: dict[str, Any]) -> list[dict[str, Any]]:

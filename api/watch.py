@@ -45,37 +45,18 @@ _PATIENCE = 120.0
 
 @dataclass(frozen=True, slots=True)
 class Workplace:
-    """What every worker is told, wherever it works.
+    """What every worker is told, wherever it works."""
 
-    Attributes
-    ----------
-    database, objects : str
-        URLs.
-    scratch : Path or None
-        Where temporary folders are made; the computer's own place for them by default.
-    analyze : callable
-        What to do with a task; a function of a module.
-    limits : Limits
-        Of one analysis.
-    lease : float
-        Seconds without a sign of life after which a worker is taken for dead.
-    deaths : int
-        How many processes may die of one analysis.
-    preload : sequence of str
-        Modules that `analyze` uses and that are worth importing once for all analyses.
-    log_format : LogFormat
-        How processes of analyses write what goes wrong in them.
-    """
-
+    #: URLs.
     database: str
     objects: str
-    scratch: Path | None
-    analyze: worker.Analyze
-    limits: worker.Limits
-    lease: float
-    deaths: int
-    preload: Sequence[str] = PRELOAD
-    log_format: LogFormat = LogFormat.TEXT
+    scratch: Path | None  #: Where temporary folders are made; the computer's own place for them by default.
+    analyze: worker.Analyze  #: What to do with a task; a function of a module.
+    limits: worker.Limits  #: Of one analysis.
+    lease: float  #: Seconds without a sign of life after which a worker is taken for dead.
+    deaths: int  #: How many processes may die of one analysis.
+    preload: Sequence[str] = PRELOAD  #: Modules that `analyze` uses and that are worth importing once for all analyses.
+    log_format: LogFormat = LogFormat.TEXT  #: How processes of analyses write what goes wrong in them.
 
     def queue(self, database: Database) -> Queue:
         """Return the queue as this workplace's rules are."""

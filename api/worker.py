@@ -43,21 +43,11 @@ _PR_SET_PDEATHSIG = 1
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to analyse.
+    """What to analyse."""
 
-    Attributes
-    ----------
-    logs : sequence of (Path, str)
-        Every log's file, and what its user calls it.
-    configuration : mapping
-        Fields of `pipeline.AnalysisConfig` that differ from their defaults.
-    folder : Path
-        Where the results go.
-    """
-
-    logs: Sequence[tuple[Path, str]]
-    configuration: Mapping[str, Any]
-    folder: Path
+    logs: Sequence[tuple[Path, str]]  #: Every log's file, and what its user calls it.
+    configuration: Mapping[str, Any]  #: Fields of `pipeline.AnalysisConfig` that differ from their defaults.
+    folder: Path  #: Where the results go.
 
 
 #: Does a task and reports progress.
@@ -137,21 +127,11 @@ def _analyze_several(task: Task, progress: Progress) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What one analysis may take.
+    """What one analysis may take."""
 
-    Attributes
-    ----------
-    time : float
-        s.
-    memory : int
-        Bytes.
-    unpacked : int
-        Bytes to which a packed log may unpack.
-    """
-
-    time: float
-    memory: int
-    unpacked: int
+    time: float  #: s.
+    memory: int  #: Bytes.
+    unpacked: int  #: Bytes to which a packed log may unpack.
 
 
 def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, log_format: LogFormat) -> None:

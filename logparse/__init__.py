@@ -10,12 +10,13 @@ from logparse.findings import Finding, Severity
 from logparse.lazy import exports
 
 if TYPE_CHECKING:
-    from logparse.events import FlightEvent, flight_events
+    from logparse.events.event import FlightEvent
+    from logparse.events.timeline import flight_events
     from logparse.flights import Flight
+    from logparse.frames import Motor, Vehicle
     from logparse.log import FlightLog, Messages, check_is_log, read_flights, read_log
     from logparse.source import Boot, MessageSource
     from logparse.tables import COLUMNS, Geodetic, Tables
-    from logparse.vehicle import Motor, Vehicle
 
 __all__ = [
     "COLUMNS",
@@ -46,16 +47,16 @@ __getattr__, __dir__ = exports(
         "COLUMNS": "logparse.tables",
         "Boot": "logparse.source",
         "Flight": "logparse.flights",
-        "FlightEvent": "logparse.events",
+        "FlightEvent": "logparse.events.event",
         "FlightLog": "logparse.log",
         "Geodetic": "logparse.tables",
         "MessageSource": "logparse.source",
         "Messages": "logparse.log",
-        "Motor": "logparse.vehicle",
+        "Motor": "logparse.frames",
         "Tables": "logparse.tables",
-        "Vehicle": "logparse.vehicle",
+        "Vehicle": "logparse.frames",
         "check_is_log": "logparse.log",
-        "flight_events": "logparse.events",
+        "flight_events": "logparse.events.timeline",
         "read_flights": "logparse.log",
         "read_log": "logparse.log",
     },

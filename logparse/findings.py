@@ -15,6 +15,10 @@ class Severity(StrEnum):
     ERROR = "error"
 
 
+#: For sorting.
+WORST_FIRST = (Severity.ERROR, Severity.WARNING, Severity.INFO)
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One thing that a reader of the result should know."""
@@ -24,7 +28,7 @@ class Finding:
     reason: str  #: What was found, in a sentence for the person who must act.
     advice: str = ""  #: What to do about it; empty when there is nothing to do.
     #: The numbers behind the reason (byte offsets, counts, seconds).
-    evidence: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+    evidence: Mapping[str, str | int | float | bool | None] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as text and numbers for JSON; None for evidence that is not finite."""

@@ -1,10 +1,8 @@
 """A log at a glance: vehicle, flights, tables with their rates and gaps, messages, and what is wrong."""
 
-import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -65,13 +63,6 @@ class Inspection:
     messages: tuple[MessageSummary, ...]  #: All messages, most frequent first.
     findings: tuple[Finding, ...]  #: Of reading, of the tables, and of `health.check`, worst first.
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain types for JSON; what is not known is None."""
-        result = {name: _plain(getattr(self, name)) for name in self.__dataclass_fields__}
-        for flight, summary in zip(self.flights, result["flights"], strict=True):
-            summary["duration"] = flight.duration
-        return result
-
 
 def inspect(log: "FlightLog") -> Inspection:
     """Summarise a log.
@@ -127,18 +118,3 @@ def summarise(name: str, table: pd.DataFrame) -> TableSummary:
         longest_gap=float(gaps.max()) if len(gaps) else 0.0,
         columns=tuple(str(column) for column in table.columns if table[column].notna().any()),
     )
-
-
-def _plain(value: Any) -> Any:
-    """Dataclasses, tuples and mappings to plain dicts and lists, numbers without a value to None."""
-    if dataclasses.is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(each) for each in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, np.generic):
-        return value.item()
-    return value

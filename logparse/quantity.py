@@ -170,3 +170,8 @@ def with_unit(name: str, unit: str) -> str:
 def counted(count: int, noun: str) -> str:
     """Write a number of things: ``1 flight``, ``12 flights``."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def joined(words: Sequence[str]) -> str:
+    """Write words as a list in a sentence: ``x, y and z``; empty for none."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""

@@ -8,41 +8,10 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import pandas as pd
 
-from logparse.frames import FRAME_CLASSES, FRAME_TYPES, MOTOR_COUNTS, Motor, motor_table, servo_function_motor
+from logparse.frames import FRAME_CLASSES, FRAME_TYPES, MOTOR_COUNTS, Motor, Vehicle, motor_table, servo_function_motor
 from logparse.units import numbers
 
 __all__ = ["Motor", "PwmRange", "Vehicle", "describe", "pwm_range"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Vehicle:
-    """What a log says about the craft; None where it says nothing.
-
-    `frame_class` is ``"quad"``, ``"hexa"``, ``"octa"``, ``"octa-quad"``, ``"y6"``, ``"tri"`` ...; `frame_type` is
-    ``"plus"``, ``"x"``, ``"v"``, ``"h"`` ...; `frame_source` says where both come from: ``"FRAME_CLASS"``,
-    ``"message"``, ``"MAV_TYPE"``, ``"CA_ROTOR"``, ``"SYS_AUTOSTART"``, or ``"outputs"`` when the log names only the
-    type and outputs 1 to 4 alone drive motors. Robots that are no multirotors have no frame.
-    PWM limits in us; spin fractions and `thrust_expo` as in MOT_SPIN_ARM, MOT_SPIN_MIN, MOT_SPIN_MAX and
-    MOT_THST_EXPO; voltages of MOT_BAT_VOLT_MAX / _MIN in V (0: no compensation).
-    """
-
-    autopilot: str | None = None
-    firmware: str | None = None
-    version: str | None = None
-    git_hash: str | None = None
-    board_id: str | None = None
-    frame_class: str | None = None
-    frame_type: str | None = None
-    frame_source: str | None = None
-    motors: tuple[Motor, ...] = ()
-    pwm_min: float = 1000.0
-    pwm_max: float = 2000.0
-    spin_arm: float = 0.1
-    spin_min: float = 0.15
-    spin_max: float = 0.95
-    thrust_expo: float = 0.65
-    battery_voltage_max: float = 0.0
-    battery_voltage_min: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

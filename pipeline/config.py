@@ -7,41 +7,26 @@ from pipeline.errors import ConfigError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnalysisConfig:
-    """Settings of `pipeline.analyze` and `pipeline.analyze_fleet`.
+    """Settings of `pipeline.analyze` and `pipeline.analyze_fleet`."""
 
-    Attributes
-    ----------
-    rate : float
-        Sampling rate of the experiment, Hz. Motor outputs are logged at 10 Hz, which is also the paper's rate
-        (Elhesasy 2024).
-    poles, zeros : int
-        Order of every transfer function; the paper found 5 and 3.
-    mass : float or None
-        Take-off mass, kg. Without it only ratios to the mass (k/m) can be determined.
-    training_fraction : float
-        One log: the part of the airborne time, from its start, that the model is fitted to; the rest judges it.
-    training : tuple of str
-        Several logs: names (shell patterns) of the logs to fit on; all others judge. Empty: chosen by what was flown
-        (`pipeline.fleet.split`).
-    validation : tuple of str
-        Several logs: names (shell patterns) of the logs that judge; all others train, unless `training` names those.
-    scan_orders : bool
-        Also try other numbers of poles and zeros and recommend one; takes as long as ten more fits.
-    estimation_rate : float
-        Rate at which the trajectory is reported, Hz.
-    time_limit : float
-        Seconds that the fits of one log may take; a fit that takes longer is given up with a finding.
-    """
-
+    #: Sampling rate of the experiment, Hz. Motor outputs are logged at 10 Hz, which is also the paper's rate (Elhesasy
+    #: 2024).
     rate: float = 10.0
+    #: Order of every transfer function; the paper found 5 and 3.
     poles: int = 5
     zeros: int = 3
-    mass: float | None = None
+    mass: float | None = None  #: Take-off mass, kg. Without it only ratios to the mass (k/m) can be determined.
+    #: One log: the part of the airborne time, from its start, that the model is fitted to; the rest judges it.
     training_fraction: float = 0.7
+    #: Several logs: names (shell patterns) of the logs to fit on; all others judge. Empty: chosen by what was flown
+    #: (`pipeline.fleet.split`).
     training: tuple[str, ...] = ()
+    #: Several logs: names (shell patterns) of the logs that judge; all others train, unless `training` names those.
     validation: tuple[str, ...] = ()
+    #: Also try other numbers of poles and zeros and recommend one; takes as long as ten more fits.
     scan_orders: bool = False
-    estimation_rate: float = 50.0
+    estimation_rate: float = 50.0  #: Rate at which the trajectory is reported, Hz.
+    #: Seconds that the fits of one log may take; a fit that takes longer is given up with a finding.
     time_limit: float = 120.0
 
     def __post_init__(self) -> None:

@@ -4,18 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from importlib.metadata import version
+from dataclasses import dataclass
 from typing import Any
 
+from logparse import Finding
 from logparse.quantity import number, uncertain
 from reports.figure import Figure, Trace, layout_of
 from reports.html import render
+from reports.table import Row, Table
 from sysid.bench.stand import Bench
 from sysid.bench.table import BenchError
 
 #: Colours of motors, the same in every plot of the page, and their line styles beyond the first four.
 _COLORS = ("@own", "@joint", "@mixer", "@body")
 _DASHES = ("solid", "dash", "dot", "dashdot")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchPage:
+    """What bench.html shows."""
+
+    title: str
+    facts: str
+    sentences: Sequence[str]
+    trims: Table | None
+    coefficients: Table
+    curve: str
+    findings: Sequence[Finding]
+    bench_figures: Sequence[Figure]
 
 
 def bench_page(
@@ -41,19 +57,17 @@ def bench_page(
     ]
     drawn = [figure for figure in figures if figure is not None]
     trims, sentences = _trims(bench, weight, voltage, motors)
-    return render(
-        "bench.html",
-        drawn,
-        numbers={"rotorid": version("rotorid")},
+    page = BenchPage(
         title=f"Thrust stand: {bench.table.name}",
         facts=_facts(bench),
         sentences=sentences,
         trims=trims,
         coefficients=_coefficients(bench, voltage),
         curve=_curve(bench, voltage),
-        findings=[finding.to_dict() for finding in bench.findings],
+        findings=bench.findings,
         bench_figures=drawn,
     )
+    return render("bench.html", drawn, page)
 
 
 def _facts(bench: Bench) -> str:
@@ -71,10 +85,10 @@ def _volts(bench: Bench, voltage: float | None) -> Sequence[float | None]:
     return tested or [None]
 
 
-def _coefficients(bench: Bench, voltage: float | None) -> dict[str, Any]:
-    rows: list[dict[str, Any]] = []
+def _coefficients(bench: Bench, voltage: float | None) -> Table:
+    rows: list[Row] = []
     for volts in _volts(bench, voltage):
-        rows.append({"kind": "part", "label": "at the voltage of the test" if volts is None else f"{volts:.4g} V"})
+        rows.append(Row("at the voltage of the test" if volts is None else f"{volts:.4g} V", kind="part"))
         for motor in bench.motors:
             found = bench.coefficients(motor, volts)
             cells = [
@@ -84,19 +98,19 @@ def _coefficients(bench: Bench, voltage: float | None) -> dict[str, Any]:
                 else f"not determined: {each.reason}"
                 for each in (found.thrust, found.torque)
             ]
-            rows.append({"kind": "", "label": motor, "cells": cells})
-    return {
-        "caption": "T = k ω² and τ = b ω² by least squares over PWM, with thrust and torque at each voltage read from "
+            rows.append(Row(motor, cells))
+    return Table(
+        label="Motor",
+        heads=["k (N s²)", "b (N m s²)"],
+        rows=rows,
+        caption="T = k ω² and τ = b ω² by least squares over PWM, with thrust and torque at each voltage read from "
         f"straight lines over voltage; in air of {bench.density:.3f} kg/m³.",
-        "label": "Motor",
-        "heads": ["k (N s²)", "b (N m s²)"],
-        "rows": rows,
-    }
+    )
 
 
 def _trims(
     bench: Bench, weight: float | None, voltage: float | None, motors: int | None
-) -> tuple[dict[str, Any] | None, list[str]]:
+) -> tuple[Table | None, list[str]]:
     if weight is None:
         return None, [
             "Give the craft’s weight (--weight, N) and the PWM at which the motors carry it is read from the curves."
@@ -108,18 +122,17 @@ def _trims(
             try:
                 trim = bench.trim(motor, weight, volts, motors)
             except BenchError as error:
-                rows.append({"kind": "", "label": f"{motor} {where}", "cells": ["–", "–", "–"]})
+                rows.append(Row(f"{motor} {where}", ["–", "–", "–"]))
                 sentences.append(f"{error}.")
                 continue
             cells = [number(trim.pwm, 4), number(trim.thrust), "–" if trim.speed is None else number(trim.speed)]
-            rows.append({"kind": "", "label": f"{motor} {where}", "cells": cells})
+            rows.append(Row(f"{motor} {where}", cells))
             if volts == voltage or voltage is None:
                 sentences.append(
                     f"Motor {motor} carries its share of {weight:.1f} N, {trim.thrust:.2f} N, at {trim.pwm:.0f} µs "
                     f"{where}."
                 )
-    table = {"caption": "", "label": "Motor", "heads": ["PWM (µs)", "thrust (N)", "speed (rad/s)"], "rows": rows}
-    return table, sentences[:6]
+    return Table("Motor", ["PWM (µs)", "thrust (N)", "speed (rad/s)"], rows), sentences[:6]
 
 
 def _curve(bench: Bench, voltage: float | None) -> str:

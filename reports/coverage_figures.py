@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from logparse.quantity import per_degree
+from pipeline.results.envelope import Envelope, FlightWind, RangeFlown
 from reports.figure import Figure, Trace, layout_of, plotly_text
-from reports.rows import Numbers
 
 #: Parts of the flights and how they are drawn, the same in every plot.
 PARTS = (("training", "fitted", "@fitted"), ("held_out", "judged", "@judged"))
@@ -16,13 +16,12 @@ PARTS = (("training", "fitted", "@fitted"), ("held_out", "judged", "@judged"))
 _LEAST = 0.1
 
 
-def coverage_figures(coverage: Numbers | None, prefix: str) -> list[Figure]:
+def coverage_figures(coverage: Envelope | None, prefix: str) -> list[Figure]:
     """Draw map, distributions and winds of a craft; what was not measured is left out.
 
     Parameters
     ----------
-    coverage : dict or None
-        As `pipeline.flight.coverage.Envelope.to_dict` gives it.
+    coverage : Envelope or None
     prefix : str
         Of the figures' ids, unique in the page.
     """
@@ -36,17 +35,17 @@ def coverage_figures(coverage: Numbers | None, prefix: str) -> list[Figure]:
     return [figure for figure in drawn if figure is not None]
 
 
-def speed_and_height(coverage: Numbers, name: str) -> Figure | None:
+def speed_and_height(coverage: Envelope, name: str) -> Figure | None:
     """Draw the seconds flown at each speed and height: tinted where fitted, circles where judged."""
-    cells, quantities = coverage["map"], coverage["quantities"]
-    if not cells["training"] and not cells["held_out"]:
+    cells, quantities = coverage.map, coverage.quantities
+    if not cells.training and not cells.held_out:
         return None
-    steps = cells["x_step"], cells["y_step"]
+    steps = cells.x_step, cells.y_step
     data: list[Trace] = []
-    if cells["training"]:
-        columns = range(min(c[0] for c in cells["training"]), max(c[0] for c in cells["training"]) + 1)
-        rows = range(min(c[1] for c in cells["training"]), max(c[1] for c in cells["training"]) + 1)
-        seconds = {(i, j): value for i, j, value in cells["training"]}
+    if cells.training:
+        columns = range(min(c[0] for c in cells.training), max(c[0] for c in cells.training) + 1)
+        rows = range(min(c[1] for c in cells.training), max(c[1] for c in cells.training) + 1)
+        seconds = {(i, j): value for i, j, value in cells.training}
         z = [[_log(seconds.get((i, j))) for i in columns] for j in rows]
         known = [value for row in z for value in row if value is not None]
         ticks = list(range(math.floor(min(known)), math.ceil(max(known)) + 1))
@@ -73,19 +72,19 @@ def speed_and_height(coverage: Numbers, name: str) -> Figure | None:
                 },
             }
         )
-    if cells["held_out"]:
+    if cells.held_out:
         data.append(
             {
                 "type": "scatter",
                 "mode": "markers",
-                "x": [(i + 0.5) * steps[0] for i, _, _ in cells["held_out"]],
-                "y": [(j + 0.5) * steps[1] for _, j, _ in cells["held_out"]],
-                "customdata": [_short(value) for _, _, value in cells["held_out"]],
+                "x": [(i + 0.5) * steps[0] for i, _, _ in cells.held_out],
+                "y": [(j + 0.5) * steps[1] for _, j, _ in cells.held_out],
+                "customdata": [_short(value) for _, _, value in cells.held_out],
                 "name": "judged",
                 "marker": {
                     "symbol": "circle-open",
                     "size": [
-                        round(4.0 + 4.0 * max(math.log10(value / _LEAST), 0.0), 1) for *_, value in cells["held_out"]
+                        round(4.0 + 4.0 * max(math.log10(value / _LEAST), 0.0), 1) for *_, value in cells.held_out
                     ],
                     "color": "@judged",
                     "line": {"width": 2},
@@ -93,7 +92,7 @@ def speed_and_height(coverage: Numbers, name: str) -> Figure | None:
                 "hovertemplate": "%{x} m/s, %{y} m: %{customdata} s<extra>judged</extra>",
             }
         )
-    axes = [quantities.get(cells[axis]) for axis in ("x", "y")]
+    axes = [quantities.get(axis) for axis in (cells.x, cells.y)]
     layout = layout_of(
         xaxis={"title": {"text": _title(axes[0], "ground speed (m/s)")}, "zeroline": False},
         yaxis={"title": {"text": _title(axes[1], "height (m)")}, "zeroline": False},
@@ -106,9 +105,9 @@ def speed_and_height(coverage: Numbers, name: str) -> Figure | None:
     return Figure(name, caption, data, layout, 400, time=False)
 
 
-def distributions(coverage: Numbers, name: str) -> Figure | None:
+def distributions(coverage: Envelope, name: str) -> Figure | None:
     """Draw how much time was spent at which values, one small plot for each quantity, fitted over judged."""
-    quantities = [each for each in coverage["quantities"].values() if any(each["training"]) or any(each["held_out"])]
+    quantities = [each for each in coverage.quantities.values() if any(each.training) or any(each.held_out)]
     if not quantities:
         return None
     data: list[Trace] = []
@@ -117,11 +116,11 @@ def distributions(coverage: Numbers, name: str) -> Figure | None:
     for place, each in enumerate(quantities):
         suffix = "" if place == 0 else str(place + 1)
         row, column = divmod(place, 2)
-        degrees, unit = per_degree(each["unit"])
+        degrees, unit = per_degree(each.unit)
         for part, word, color in PARTS:
-            total = sum(each[part]) or 1.0
-            edges = [(each["first"] + k) * each["step"] * degrees for k in range(len(each[part]) + 1)]
-            shares = [100.0 * value / total for value in each[part]]
+            total = sum(getattr(each, part)) or 1.0
+            edges = [(each.first + k) * each.step * degrees for k in range(len(getattr(each, part)) + 1)]
+            shares = [100.0 * value / total for value in getattr(each, part)]
             if not any(shares):
                 continue
             fitted = part == "training"
@@ -145,7 +144,7 @@ def distributions(coverage: Numbers, name: str) -> Figure | None:
         axes[f"xaxis{suffix}"] = {
             "domain": [0.0, 0.47] if column == 0 else [0.53, 1.0],
             "anchor": f"y{suffix}",
-            "title": {"text": f"{each['title']} ({unit})", "standoff": 4, "font": {"size": 11}},
+            "title": {"text": f"{each.title} ({unit})", "standoff": 4, "font": {"size": 11}},
             "zeroline": False,
             "nticks": 6,
         }
@@ -165,9 +164,9 @@ def distributions(coverage: Numbers, name: str) -> Figure | None:
     return Figure(name, caption, data, layout, 70 + 125 * rows, time=False)
 
 
-def winds(coverage: Numbers, name: str) -> Figure | None:
+def winds(coverage: Envelope, name: str) -> Figure | None:
     """Draw the mean wind of each flight as a point in the direction that it came from."""
-    known = [each for each in coverage["winds"] if each["speed"] is not None]
+    known = [each for each in coverage.winds if each.speed is not None]
     if not known:
         return None
     data = [
@@ -175,7 +174,7 @@ def winds(coverage: Numbers, name: str) -> Figure | None:
         for part, word, color in PARTS
         if (trace := _winds_of(known, part.replace("_", "-"), word, color)) is not None
     ]
-    reach = 1.15 * max(max(each["speed"] + (each["sigma"] or 0.0) for each in known), 1.0)
+    reach = 1.15 * max(max(each.speed + (each.sigma or 0.0) for each in known), 1.0)
     layout = layout_of(
         xaxis={"title": {"text": "wind from the east (m/s)"}, "range": [-reach, reach], "zeroline": True},
         yaxis={
@@ -194,21 +193,21 @@ def winds(coverage: Numbers, name: str) -> Figure | None:
     return Figure(name, caption, data, layout, 430, time=False)
 
 
-def _winds_of(known: Sequence[Numbers], part: str, word: str, color: str) -> Trace | None:
-    some = [each for each in known if each["part"] == part]
+def _winds_of(known: Sequence[FlightWind], part: str, word: str, color: str) -> Trace | None:
+    some = [each for each in known if each.part == part]
     if not some:
         return None
-    sigma = [_short(each["sigma"]) for each in some]
+    sigma = [_short(each.sigma) for each in some]
     return {
         "type": "scatter",
         "mode": "markers",
-        "x": [_short(each["speed"] * math.sin(each["from"])) for each in some],
-        "y": [_short(each["speed"] * math.cos(each["from"])) for each in some],
+        "x": [_short(each.speed * math.sin(each.direction)) for each in some],
+        "y": [_short(each.speed * math.cos(each.direction)) for each in some],
         "error_x": {"array": sigma, "color": color, "thickness": 1, "width": 0},
         "error_y": {"array": sigma, "color": color, "thickness": 1, "width": 0},
         "text": [
-            f"{plotly_text(each['flight'])}: {each['speed']:.1f} m/s from {math.degrees(each['from']):.0f}°"
-            + (", its error not determined" if each["sigma"] is None else "")
+            f"{plotly_text(each.flight)}: {each.speed:.1f} m/s from {math.degrees(each.direction):.0f}°"
+            + (", its error not determined" if each.sigma is None else "")
             for each in some
         ],
         "name": word,
@@ -222,8 +221,8 @@ def _winds_of(known: Sequence[Numbers], part: str, word: str, color: str) -> Tra
     }
 
 
-def _title(quantity: Numbers | None, otherwise: str) -> str:
-    return otherwise if quantity is None else f"{quantity['title']} ({quantity['unit']})"
+def _title(quantity: RangeFlown | None, otherwise: str) -> str:
+    return otherwise if quantity is None else f"{quantity.title} ({quantity.unit})"
 
 
 def _log(seconds: float | None) -> float | None:

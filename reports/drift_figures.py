@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from logparse.quantity import per_degree, with_unit
+from pipeline.results.drift import Drift, History, MotorShares, Point
 from reports.figure import Figure, Trace, layout_of, plotly_text
 from reports.model_figures import INPUT_COLORS
-from reports.rows import Numbers
 
 #: Parameters that one figure holds, a small plot for each.
 MOST_PLOTS = 4
@@ -16,7 +16,7 @@ MOST_PLOTS = 4
 FEWEST_POINTS = 3
 
 
-def drift_figures(drift: Numbers | None, prefix: str) -> tuple[list[Figure], list[Figure]]:
+def drift_figures(drift: Drift | None, prefix: str) -> tuple[list[Figure], list[Figure]]:
     """Draw motors and parameters over flights.
 
     Returns
@@ -31,22 +31,17 @@ def drift_figures(drift: Numbers | None, prefix: str) -> tuple[list[Figure], lis
     motors = _motors(drift, f"{prefix}shares")
     if motors is not None:
         shown.append(motors)
-    worth = [each for each in drift["parameters"] if len(each["flights"]) >= FEWEST_POINTS]
-    worth.sort(key=lambda each: not changes(each))
+    worth = [each for each in drift.parameters if len(each.flights) >= FEWEST_POINTS]
+    worth.sort(key=lambda each: each.change is None)
     for first in range(0, len(worth), MOST_PLOTS):
         some = worth[first : first + MOST_PLOTS]
         (shown if first == 0 else folded).append(_parameters(some, drift, f"{prefix}course-{first}"))
     return shown, folded
 
 
-def changes(parameter: Numbers) -> bool:
-    """Return whether a parameter is seen to change over the flights."""
-    return any(parameter[kind] is not None and parameter[kind]["significant"] for kind in ("trend", "step"))
-
-
-def _place(drift: Numbers, point: Numbers) -> Any:
+def _place(drift: Drift, point: Point | MotorShares) -> Any:
     """Return the place of a flight on the axis: its start where all are known, else its name."""
-    return _utc(point["start_utc"]) if _dated(drift) else point["flight"]
+    return _utc(point.start_utc) if point.start_utc and _dated(drift) else point.flight
 
 
 def _utc(start: str) -> str:
@@ -54,50 +49,50 @@ def _utc(start: str) -> str:
     return start[:19].replace("T", " ")
 
 
-def _dated(drift: Numbers) -> bool:
-    points = [point for each in drift["parameters"] for point in each["flights"]]
-    return drift["order"] == "date" and all(point["start_utc"] for point in points)
+def _dated(drift: Drift) -> bool:
+    points = [point for each in drift.parameters for point in each.flights]
+    return drift.order == "date" and all(point.start_utc for point in points)
 
 
-def _axis(drift: Numbers) -> dict[str, Any]:
+def _axis(drift: Drift) -> dict[str, Any]:
     if _dated(drift):
         return {"type": "date", "title": {"text": "start of the flight (UTC)"}}
     return {
         "type": "category",
         "categoryorder": "array",
-        "categoryarray": list(drift["flights"]),
+        "categoryarray": list(drift.flights),
         "title": {"text": "flight"},
-        "showticklabels": len(drift["flights"]) <= 16,
+        "showticklabels": len(drift.flights) <= 16,
         "tickangle": -40,
         "automargin": True,
     }
 
 
-def _parameters(parameters: Sequence[Numbers], drift: Numbers, name: str) -> Figure:
+def _parameters(parameters: Sequence[History], drift: Drift, name: str) -> Figure:
     data: list[Trace] = []
     axes: dict[str, Any] = {}
     labels = []
     count = len(parameters)
     for place, each in enumerate(parameters):
         suffix = "" if place == 0 else str(place + 1)
-        degrees, unit = per_degree(each["unit"].partition(",")[0])
-        points = each["flights"]
+        degrees, unit = per_degree(each.unit.partition(",")[0])
+        points = each.flights
         at = [_place(drift, point) for point in points]
-        color = "@bad" if changes(each) else "@ink"
+        color = "@bad" if each.change is not None else "@ink"
         data.append(
             {
                 "type": "scatter",
                 "mode": "markers",
                 "x": at,
-                "y": [_short(point["value"], degrees) for point in points],
+                "y": [_short(point.value, degrees) for point in points],
                 "error_y": {
-                    "array": [_short(point["sigma"], degrees) for point in points],
+                    "array": [_short(point.sigma, degrees) for point in points],
                     "color": color,
                     "thickness": 1.2,
                     "width": 0,
                 },
                 "marker": {"color": color, "size": 6},
-                "text": [plotly_text(point["flight"]) for point in points],
+                "text": [plotly_text(point.flight) for point in points],
                 "yaxis": f"y{suffix}",
                 "showlegend": False,
                 "name": "value",
@@ -112,7 +107,7 @@ def _parameters(parameters: Sequence[Numbers], drift: Numbers, name: str) -> Fig
         }
         labels.append(
             {
-                "text": plotly_text(with_unit(f"{each['parameter']}, {each['method']}", unit)),
+                "text": plotly_text(with_unit(f"{each.parameter}, {each.method}", unit)),
                 "x": 0,
                 "xref": "paper",
                 "xanchor": "left",
@@ -134,18 +129,18 @@ def _parameters(parameters: Sequence[Numbers], drift: Numbers, name: str) -> Fig
     return Figure(name, caption, data, layout, 90 + 135 * count, time=False)
 
 
-def _course(parameter: Numbers, at: Sequence[Any], degrees: float, suffix: str) -> list[Trace]:
+def _course(parameter: History, at: Sequence[Any], degrees: float, suffix: str) -> list[Trace]:
     """Draw the mean, or the step or trend that is more than chance; through the points, in their order."""
-    mean, trend, step = parameter["mean"], parameter["trend"], parameter["step"]
+    mean, trend, step = parameter.mean, parameter.trend, parameter.step
     if mean is None or not at:
         return []
-    numbers = [point["number"] for point in parameter["flights"]]
-    if step is not None and step["significant"]:
-        late = [float(number >= step["number"]) for number in numbers]
-        y = [mean + step["change"] * (each - sum(late) / len(late)) for each in late]
-    elif trend is not None and trend["significant"]:
+    numbers = [point.number for point in parameter.flights]
+    if step is not None and step.significant:
+        late = [float(number >= step.number) for number in numbers]
+        y = [mean + step.change * (each - sum(late) / len(late)) for each in late]
+    elif trend is not None and trend.significant:
         middle = sum(numbers) / len(numbers)
-        y = [mean + trend["per_flight"] * (number - middle) for number in numbers]
+        y = [mean + trend.per_flight * (number - middle) for number in numbers]
     else:
         y = [mean] * len(numbers)
     return [
@@ -154,7 +149,7 @@ def _course(parameter: Numbers, at: Sequence[Any], degrees: float, suffix: str) 
             "mode": "lines",
             "x": list(at),
             "y": [_short(value, degrees) for value in y],
-            "line": {"color": "@quiet", "width": 1.2, "shape": "hvh" if step and step["significant"] else "linear"},
+            "line": {"color": "@quiet", "width": 1.2, "shape": "hvh" if step and step.significant else "linear"},
             "yaxis": f"y{suffix}",
             "showlegend": False,
             "hoverinfo": "skip",
@@ -162,24 +157,24 @@ def _course(parameter: Numbers, at: Sequence[Any], degrees: float, suffix: str) 
     ]
 
 
-def _motors(drift: Numbers, name: str) -> Figure | None:
-    motors = drift["motors"]
-    if motors is None or not motors["points"]:
+def _motors(drift: Drift, name: str) -> Figure | None:
+    motors = drift.motors
+    if motors is None or not motors.points:
         return None
-    names = list(dict.fromkeys(motor for point in motors["points"] for motor in point["shares"]))
+    names = list(dict.fromkeys(motor for point in motors.points for motor in point.shares))
     data: list[Trace] = []
     for place, motor in enumerate(names):
-        points = [point for point in motors["points"] if motor in point["shares"]]
+        points = [point for point in motors.points if motor in point.shares]
         color = INPUT_COLORS[place % len(INPUT_COLORS)]
-        weak = motor == motors["weakening"]
+        weak = motor == motors.weakening
         data.append(
             {
                 "type": "scatter",
                 "mode": "lines+markers",
                 "x": [_place(drift, point) for point in points],
-                "y": [_short(point["shares"][motor][0]) for point in points],
+                "y": [_short(point.shares[motor][0]) for point in points],
                 "error_y": {
-                    "array": [_short(point["shares"][motor][1]) for point in points],
+                    "array": [_short(point.shares[motor][1]) for point in points],
                     "color": color,
                     "thickness": 1,
                     "width": 0,
@@ -188,7 +183,7 @@ def _motors(drift: Numbers, name: str) -> Figure | None:
                 "legendgroup": motor,
                 "line": {"color": color, "width": 3 if weak else 1.2, "dash": "solid" if place < 4 else "dash"},
                 "marker": {"color": color, "size": 8 if weak else 5},
-                "text": [plotly_text(point["flight"]) for point in points],
+                "text": [plotly_text(point.flight) for point in points],
                 "hovertemplate": f"%{{text}}: %{{y:.4f}}<extra>{plotly_text(motor)}</extra>",
             }
         )

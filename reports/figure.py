@@ -32,31 +32,16 @@ Trace = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One plot of the page.
+    """One plot of the page."""
 
-    Attributes
-    ----------
-    id : str
-        Of its element in the page.
-    caption : str
-        What to see in it.
-    data, layout : list and dict
-        As Plotly takes them.
-    height : int
-        Pixels.
-    time : bool
-        Whether its x axis is the time shared by the page.
-    place : str
-        Of several figures with one place the page shows one, as its reader chooses; its own when empty.
-    """
-
-    id: str
-    caption: str
+    id: str  #: Of its element in the page.
+    caption: str  #: What to see in it.
+    #: As Plotly takes them.
     data: list[Trace]
     layout: dict[str, Any]
-    height: int
-    time: bool = True
-    place: str = ""
+    height: int  #: Pixels.
+    time: bool = True  #: Whether its x axis is the time shared by the page.
+    place: str = ""  #: Of several figures with one place the page shows one, as its reader chooses; its own when empty.
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON can hold, long lines as differences (`reports.packing`)."""

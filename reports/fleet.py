@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any, Protocol
 
 from scipy.io import loadmat, savemat
 
+from logparse import Finding
+from logparse.serialization import as_json, cleaned, from_json
 from pipeline.fleet.result import FleetResult
 from pipeline.names import printable
 from pipeline.results.fleet import Failure
+from pipeline.results.model_report import ModelsFile
+from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
 from reports import html
-from reports.figure import Figure
 from reports.fleet_markdown import fleet_markdown
-from reports.fleet_numbers import fleet_numbers, flight_summary, rmse_rows
-from reports.fleet_page import fleet_page
-from reports.folder import SHARED_SCRIPT, as_json, page_or_excuse, rmse_table
-from reports.rows import Numbers
+from reports.fleet_page import Craft, fleet_page
+from reports.fleet_report import common_findings, in_short
+from reports.folder import SHARED_SCRIPT, CraftFigures, page_or_excuse, rmse_table
 
 
 class Products(Protocol):
@@ -35,15 +36,6 @@ class Products(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Craft:
-    """What the products of a craft hold: numbers, and plots that only its models could give."""
-
-    numbers: Numbers
-    responses: dict[str, dict[str, list[Figure]]] = field(default_factory=dict)
-    predictions: dict[str, Figure] = field(default_factory=dict)
-
-
 def write_fleet(fleet: FleetResult) -> None:
     """Compose the report on all flights in the store of a fleet.
 
@@ -56,41 +48,59 @@ def write_fleet(fleet: FleetResult) -> None:
         fleet.store,
         [f"flights/{entry.folder}" for entry in fleet.flights],
         [f"crafts/{entry.folder}" for entry in fleet.groups],
-        failures=_reasons(fleet.failures),
-        passed_over=_reasons(fleet.passed_over),
-        duplicates=_reasons(fleet.duplicates),
-        removed=_reasons(fleet.removed),
-        config={name: getattr(fleet.config, name) for name in fleet.config.__slots__},
-        timings_s=dict(fleet.timings),
+        FleetReport(
+            rotorid=version("rotorid"),
+            config=fleet.config,
+            groups=(),
+            flights=(),
+            findings=(),
+            failures=_reasons(fleet.failures),
+            passed_over=_reasons(fleet.passed_over),
+            duplicates=_reasons(fleet.duplicates),
+            removed=_reasons(fleet.removed),
+            timings_s=fleet.timings,
+        ),
     )
 
 
-def _reasons(failures: Iterable[Failure]) -> list[Numbers]:
-    return [{"file": printable(each.file), "reason": printable(each.reason)} for each in failures]
+def _reasons(failures: Iterable[Failure]) -> tuple[LeftOut, ...]:
+    return tuple(LeftOut(file=printable(each.file), reason=printable(each.reason)) for each in failures)
 
 
-def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], **facts: Any) -> Numbers:
-    """Compose the report on all flights from the folders of their products; give its numbers.
+def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], facts: FleetReport) -> FleetReport:
+    """Compose the report on all flights from the folders of their products.
 
     Parameters
     ----------
     store : Products
     flights, crafts : sequence of str
         Folders.
-    **facts
-        Whatever else `fleet_numbers` takes.
+    facts : FleetReport
+        With all that they do not tell.
     """
-    summaries, rows = [], []
-    for folder in flights:
-        numbers = json.loads(store.read(f"{folder}/report.json"))
-        summaries.append(flight_summary(numbers, folder))
-        rows += numbers["rmse"]
     found = [_craft(store, folder) for folder in crafts]
-    numbers = fleet_numbers([craft.numbers for craft in found], summaries, **facts)
-    joint = {name for craft in found for name in (*craft.numbers["training"], *craft.numbers["held_out"])}
-    alone = [folder for folder, summary in zip(flights, summaries, strict=True) if summary["name"] not in joint]
+    rows = [row for craft in found for row in craft.report.rmse]
+    short: list[FlightInShort] = []
+    findings: dict[str, tuple[Finding, ...]] = {}
+    for folder in flights:  # those of many flights would not fit into memory
+        report = from_json(store.read(f"{folder}/report.json"), FlightReport)
+        short.append(in_short(report, folder))
+        findings[report.name] = report.findings
+        rows += report.rmse
+    numbers = cleaned(
+        replace(
+            facts,
+            groups=tuple(craft.report for craft in found),
+            flights=tuple(short),
+            findings=common_findings(findings),
+        ),
+        FleetReport,
+        printable,
+    )
+    joint = {name for craft in numbers.groups for name in (*craft.training, *craft.held_out)}
+    alone = [flight.folder for flight in short if flight.name not in joint]
     store.write("report.json", as_json(numbers).encode())
-    store.write("rmse.csv", rmse_table([*rmse_rows(numbers["groups"], []), *rows]).encode())
+    store.write("rmse.csv", rmse_table(rows).encode())
     store.write("coefficients.csv", _joined(store, [*crafts, *flights], "coefficients.csv"))
     store.write("parameters.csv", _joined(store, [*crafts, *flights], "parameters.csv"))
     store.write("models.json", as_json(_models(store, [*crafts, *alone]), indent=None).encode())
@@ -103,23 +113,18 @@ def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], **fa
 
 
 def _craft(store: Products, folder: str) -> Craft:
-    numbers = json.loads(store.read(f"{folder}/report.json"))
-    drawn = json.loads(store.read(f"{folder}/figures.json"))
-    return Craft(
-        numbers | {"folder": folder},
-        {
-            key: {output: [Figure(**each) for each in figures] for output, figures in outputs.items()}
-            for key, outputs in drawn["responses"].items()
-        },
-        {flight: Figure(**each) for flight, each in drawn["predictions"].items()},
+    drawn = from_json(store.read(f"{folder}/figures.json"), CraftFigures)
+    report = from_json(store.read(f"{folder}/report.json"), CraftReport)
+    return Craft(replace(report, folder=folder), drawn.responses, drawn.predictions)
+
+
+def _models(store: Products, folders: Iterable[str]) -> ModelsFile:
+    every = [from_json(store.read(f"{folder}/models.json"), ModelsFile) for folder in folders]
+    return ModelsFile(
+        rotorid=version("rotorid"),
+        joint=tuple(owner for models in every for owner in models.joint),
+        flights=tuple(owner for models in every for owner in models.flights),
     )
-
-
-def _models(store: Products, folders: Iterable[str]) -> Numbers:
-    every = [json.loads(store.read(f"{folder}/models.json")) for folder in folders]
-    return {"rotorid": version("rotorid")} | {
-        kind: [owner for models in every for owner in models[kind]] for kind in ("joint", "flights")
-    }
 
 
 def _matlab(store: Products, crafts: Sequence[str], flights: Sequence[str]) -> bytes:

@@ -2,109 +2,87 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from logparse.quantity import counted, uncertain
+from pipeline.results.report import CraftReport, FleetReport
 from reports import fleet_views, summary
 from reports.craft_views import average_table
 from reports.drift_views import drift_sentences
-from reports.markdown import escaped, markdown_table
-from reports.rows import Numbers
+from reports.table import Row, Table, escaped
 
 _MARKS = {"yes": "✅", "limited": "⚠️", "no": "❌", "unknown": "❔"}
 #: Advice, findings and failures that are named.
 _MOST = 5
 
 
-def fleet_markdown(numbers: Numbers) -> str:
+def fleet_markdown(numbers: FleetReport) -> str:
     """Write the summary: what was analysed, each craft, and what went wrong."""
     lines = [f"## {escaped(fleet_views.title(numbers))}", "", escaped(fleet_views.facts(numbers)), ""]
-    for craft in numbers["groups"]:
-        lines += _craft(craft, len(numbers["groups"]) > 1)
-    if not numbers["groups"]:
+    for craft in numbers.groups:
+        lines += _craft(craft, len(numbers.groups) > 1)
+    if not numbers.groups:
         lines += [fleet_views.own_models(numbers), ""]
-        lines += [fleet_views.ALONE, "", *_flights(numbers), ""] if numbers["flights"] else []
-    worrying = [finding for finding in numbers["findings"] if finding["severity"] != "info"]
+        lines += [fleet_views.ALONE, "", *_flights(numbers), ""] if numbers.flights else []
+    worrying = [finding for finding in numbers.findings if finding.severity != "info"]
     if worrying:
         lines += ["**Health of the logs**", ""]
         lines += [
-            f"- {finding['severity']}, {counted(len(finding['flights']), 'log')}: "
-            + escaped(summary.sentence(finding["reason"]))
+            f"- {finding.severity}, {counted(len(finding.flights), 'log')}: "
+            + escaped(summary.sentence(finding.reason))
             for finding in worrying[:_MOST]
         ]
         lines += [*_more(worrying, "kinds of findings"), ""]
-    failures = numbers["failures"]
+    failures = numbers.failures
     if failures:
         lines += ["**Logs that gave nothing**", ""]
-        lines += [f"- `{each['file'].replace('`', '')}`: {escaped(each['reason'])}" for each in failures[:_MOST]]
+        lines += [f"- `{each.file.replace('`', '')}`: {escaped(each.reason)}" for each in failures[:_MOST]]
         lines += [*_more(failures, "logs"), ""]
-    lines.append(f"<sub>rotorid {numbers['rotorid']}; all numbers are in report.json, plots in report.html.</sub>")
+    lines.append(f"<sub>rotorid {numbers.rotorid}; all numbers are in report.json, plots in report.html.</sub>")
     return "\n".join(lines) + "\n"
 
 
-def _craft(craft: Numbers, titled: bool) -> Iterator[str]:
+def _craft(craft: CraftReport, titled: bool) -> Iterator[str]:
     if titled:
-        yield from (f"### {escaped(craft['name'])}", "")
-    yield from (f"{_MARKS[craft['verdict']['trust']]} **{escaped(craft['verdict']['sentence'])}**", "")
+        yield from (f"### {escaped(craft.name)}", "")
+    yield from (f"{_MARKS[craft.verdict.trust]} **{escaped(craft.verdict.sentence)}**", "")
     yield from (escaped(" ".join(summary.joint_sentences(craft))), "")
     table = average_table(craft)
     if table:
-        marks = {
-            model["title"]: [summary.predicts(model), _MARKS[model["verdict"]["trust"]]] for model in craft["models"]
-        }
+        marks = {model.title: [summary.predicts(model), _MARKS[model.verdict.trust]] for model in craft.models}
         rows = [
-            {
-                "kind": row["kind"],
-                "label": row["label"],
-                "cells": [*map(str.strip, row["cells"]), *marks.get(row["label"], ["", ""])],
-            }
-            for row in table["rows"]
+            Row(row.label, [*map(str.strip, row.cells), *marks.get(row.label, ["", ""])], row.kind)
+            for row in table.rows
         ]
-        heads = [*(f"RMSE {output} (m)" for output in table["outputs"]), "predicts", "free run"]
-        yield from (markdown_table({"caption": "", "label": table["label"], "heads": heads, "rows": rows}), "")
-        yield from (f"<sub>{escaped(table['caption'])}</sub>", "")
-    uses = [model for model in craft["models"] if model["model"] is not None]
+        yield from (Table(table.label, [*table.heads, "predicts", "free run"], rows).markdown(), "")
+        yield from (f"<sub>{escaped(table.caption)}</sub>", "")
+    uses = [model for model in craft.models if model.model is not None]
     if uses:
-        yield from (*(f"- {escaped(model['title'])}. {escaped(model['uses']['sentence'])}" for model in uses), "")
-    found = [row for row in craft["parameters"] or [] if row["value"] is not None]
+        yield from (*(f"- {escaped(model.title)}. {escaped(model.uses.sentence)}" for model in uses), "")
+    found = [row for row in craft.parameters or [] if row.value is not None]
     if found:
         yield from ("<details><summary>Parameters</summary>", "")
-        rows = [
-            {
-                "kind": "",
-                "label": row["parameter"],
-                "cells": [row["method"], uncertain(row["value"], row["sigma"]), row["unit"]],
-            }
-            for row in found
-        ]
-        heads = ["method", "value", "unit"]
-        yield from (
-            markdown_table({"caption": "", "label": "parameter", "heads": heads, "rows": rows}),
-            "",
-            "</details>",
-            "",
-        )
-    yield from (f"- {escaped(sentence)}" for sentence in drift_sentences(craft["drift"]))
-    yield from (f"- Next time: {escaped(summary.sentence(each['do']))}" for each in craft["advice"][:_MOST])
+        rows = [Row(row.parameter, [row.method, uncertain(row.value, row.sigma), row.unit]) for row in found]
+        yield from (Table("parameter", ["method", "value", "unit"], rows).markdown(), "", "</details>", "")
+    yield from (f"- {escaped(sentence)}" for sentence in drift_sentences(craft.drift))
+    yield from (f"- Next time: {escaped(summary.sentence(each.do))}" for each in craft.advice[:_MOST])
     yield ""
 
 
-def _flights(numbers: Numbers) -> Iterator[str]:
+def _flights(numbers: FleetReport) -> Iterator[str]:
     rows = [
-        {
-            "kind": "",
-            "label": row["name"],
-            "cells": [
-                row["airborne"],
-                *([cell.strip() for cell in row["cells"]] or ["–"] * 3),
-                f"{_MARKS[row['trust']]} {row['model'] or row['reason']}",
+        Row(
+            row.name,
+            [
+                row.airborne,
+                *([cell.strip() for cell in row.cells] or ["–"] * 3),
+                f"{_MARKS[row.trust]} {row.model or row.reason}",
             ],
-        }
-        for row in fleet_views.flight_rows(numbers, fleet_views.links(numbers["flights"]))[: 4 * _MOST]
+        )
+        for row in fleet_views.flight_rows(numbers, fleet_views.links(numbers.flights))[: 4 * _MOST]
     ]
-    heads = ["airborne", "RMSE x (m)", "y (m)", "z (m)", "best model"]
-    yield markdown_table({"caption": "", "label": "flight", "heads": heads, "rows": rows})
+    yield Table("flight", ["airborne", "RMSE x (m)", "y (m)", "z (m)", "best model"], rows).markdown()
 
 
-def _more(found: list[Numbers], what: str) -> list[str]:
+def _more(found: Sequence[object], what: str) -> list[str]:
     return [f"- and {len(found) - _MOST} more {what}"] if len(found) > _MOST else []

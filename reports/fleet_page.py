@@ -3,97 +3,115 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Protocol
+from dataclasses import dataclass, field, replace
 
-from reports import fleet_views, html, summary
+from pipeline.results.report import CraftReport, FleetReport
+from reports import fleet_views, html, summary, views
 from reports.coverage_figures import coverage_figures
-from reports.craft_views import craft
+from reports.coverage_views import coverage_table, outside
+from reports.craft_views import (
+    Choice,
+    CraftSection,
+    average_table,
+    residual_table,
+    validation_table,
+    vehicle_facts,
+)
+from reports.details import settings
 from reports.drift_figures import drift_figures
+from reports.drift_views import drift_sentences, drift_table
 from reports.figure import Figure
+from reports.fleet_views import FlightRow, ShownFinding
 from reports.model_figures import horizon_figure
-from reports.rows import Numbers
-
-View = dict[str, Any]
+from reports.model_views import identified, judgements, thrust_coefficients
+from reports.parameter_views import coherence, parameters
+from reports.table import Table
 
 #: Tables of more flights are folded.
 MOST_UNFOLDED = 24
 
 
-class Craft(Protocol):
-    """Numbers of a craft, and plots that only its models could give."""
+@dataclass(frozen=True, slots=True)
+class Craft:
+    """What the products of a craft hold: its report, and plots that only its models could give."""
 
-    @property
-    def numbers(self) -> Numbers:
-        """What its report.json holds."""
-        ...
-
-    @property
-    def responses(self) -> Mapping[str, Mapping[str, list[Figure]]]:
-        """Frequency responses, poles and zeros by kind of model and output."""
-        ...
-
-    @property
-    def predictions(self) -> Mapping[str, Figure]:
-        """Measured and predicted position by flight."""
-        ...
+    report: CraftReport
+    responses: Mapping[str, Mapping[str, list[Figure]]] = field(default_factory=dict)  #: By model and output.
+    predictions: Mapping[str, Figure] = field(default_factory=dict)  #: Measured and predicted position by flight.
 
 
-def fleet_page(numbers: Numbers, crafts: Sequence[Craft]) -> str:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetPage:
+    """What fleet.html shows."""
+
+    numbers: FleetReport
+    title: str
+    facts: str
+    crafts: Sequence[CraftSection]
+    alone: Sequence[str]  #: Said instead where no craft was fitted jointly.
+    endangered: Sequence[str]  #: Flights that were in danger, and why.
+    own_models: str
+    health: Table | None
+    flights: Sequence[FlightRow]
+    unfolded: bool  #: Whether the table of flights is short enough to stand open.
+    serious: Sequence[ShownFinding]
+    notes: Sequence[ShownFinding]
+    failures: Sequence[tuple[str, str]]
+    left_out: Sequence[str]
+    unused: Sequence[tuple[str, str]]
+    config: Sequence[tuple[str, str]]
+
+
+def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
     """Render the page.
 
     Parameters
     ----------
-    numbers : dict
-        Of the fleet.
+    numbers : FleetReport
     crafts : sequence of Craft
-        In the order of the numbers.
+        In the order of the report.
     """
-    pages = fleet_views.links(numbers["flights"])
+    pages = fleet_views.links(numbers.flights)
     figures: list[Figure] = []
-    views = []
+    sections = []
     for place, each in enumerate(crafts, start=1):
-        view = craft(each.numbers, pages) | {"id": f"craft-{place}"}
-        figures += _draw(view, each, f"{place}-", pages)
-        views.append(view)
+        section, drawn = _section(each, place, pages)
+        figures += drawn
+        sections.append(section)
     serious, notes = fleet_views.common_findings(numbers)
-    return html.render(
-        "fleet.html",
-        figures,
+    page = FleetPage(
         numbers=numbers,
         title=fleet_views.title(numbers),
         facts=fleet_views.facts(numbers),
-        crafts=views,
-        alone=([fleet_views.ALONE] if numbers["flights"] else []),
+        crafts=sections,
+        alone=[fleet_views.ALONE] if numbers.flights else [],
         endangered=fleet_views.endangered(numbers),
         own_models=fleet_views.own_models(numbers),
         health=fleet_views.health_table(numbers),
         flights=fleet_views.flight_rows(numbers, pages),
-        unfolded=len(numbers["flights"]) <= MOST_UNFOLDED,
+        unfolded=len(numbers.flights) <= MOST_UNFOLDED,
         serious=serious,
         notes=notes,
-        failures=[(each["file"], summary.sentence(each["reason"])) for each in numbers["failures"]],
+        failures=[(each.file, summary.sentence(each.reason)) for each in numbers.failures],
         left_out=summary.left_out(numbers),
-        unused=[(each["file"], summary.sentence(each["reason"])) for key in summary.LEFT_OUT for each in numbers[key]],
-        config=[
-            (name.replace("_", " "), "not given" if value is None else str(value))
-            for name, value in numbers["config"].items()
+        unused=[
+            (each.file, summary.sentence(each.reason)) for kind in summary.not_used(numbers).values() for each in kind
         ],
+        config=settings(numbers.config),
     )
+    return html.render("fleet.html", figures, page)
 
 
-def _draw(view: View, craft: Craft, prefix: str, pages: Mapping[str, str]) -> list[Figure]:
-    """Put every plot of a craft where it belongs, and give them all for the page."""
-    ahead = horizon_figure(craft.numbers["models"], f"{prefix}horizons")
-    covered = coverage_figures(craft.numbers["coverage"], prefix)
-    courses, folded = drift_figures(craft.numbers["drift"], prefix)
-    place = f"{prefix}prediction"
+def _section(craft: Craft, place: int, pages: Mapping[str, str]) -> tuple[CraftSection, list[Figure]]:
+    """Gather what is shown of a craft, and all its plots."""
+    report, prefix = craft.report, f"{place}-"
+    ahead = horizon_figure(report.models, f"{prefix}horizons")
+    covered = coverage_figures(report.coverage, prefix)
+    courses, folded = drift_figures(report.drift, prefix)
     flown = {
-        flight: replace(figure, id=f"{place}-{number}", place=place, time=False)
+        flight: replace(figure, id=f"{prefix}prediction-{number}", place=f"{prefix}prediction", time=False)
         for number, (flight, figure) in enumerate(craft.predictions.items())
     }
-    view |= {"ahead": ahead, "covered": covered, "courses": courses, "courses_folded": folded}
-    view["prediction"] = _choice(place, flown, craft.numbers, pages)
     responses = {
         key: {
             output: [replace(figure, id=prefix + figure.id) for figure in figures]
@@ -101,23 +119,59 @@ def _draw(view: View, craft: Craft, prefix: str, pages: Mapping[str, str]) -> li
         }
         for key, outputs in craft.responses.items()
     }
-    attached = html.attach(view["models"], responses)
-    return [*([ahead] if ahead else []), *flown.values(), *covered, *courses, *folded, *attached]
+    models = identified(report.models)
+    attached = html.attach(models, responses)
+    coverage_findings = () if report.coverage is None else report.coverage.findings
+    drift_findings = () if report.drift is None else report.drift.findings
+    told = [summary.sentence(finding.reason) for finding in drift_findings]
+    section = CraftSection(
+        id=f"craft-{place}",
+        name=report.name,
+        verdict=report.verdict,
+        verdicts=views.verdicts(report.models),
+        sentences=[*summary.joint_sentences(report), *drift_sentences(report.drift)[:1]],
+        split=summary.sentence(report.split),
+        missing=views.missing_stages(report),
+        average=average_table(report),
+        ahead=ahead,
+        horizons=views.horizons(report.models),
+        judgements=judgements(report.models),
+        residuals=residual_table(report.models),
+        coherence=coherence(report.models),
+        validation=validation_table(report, pages),
+        prediction=_choice(f"{prefix}prediction", flown, report, pages),
+        coverage=coverage_table(report.coverage),
+        coverage_findings=coverage_findings,
+        outside=outside(report.coverage),
+        covered=covered,
+        vehicle=vehicle_facts(report.vehicle),
+        thrust=thrust_coefficients(report.thrust, report.missing),
+        parameters=parameters(report.parameters),
+        drift=drift_table(report.drift),
+        drift_findings=drift_findings,
+        drift_sentences=[sentence for sentence in drift_sentences(report.drift) if sentence not in told],
+        courses=courses,
+        courses_folded=folded,
+        models=models,
+        findings=[finding for finding in report.findings if finding not in (*coverage_findings, *drift_findings)],
+        advice=report.advice,
+    )
+    return section, [*([ahead] if ahead else []), *flown.values(), *covered, *courses, *folded, *attached]
 
 
-def _choice(place: str, figures: Mapping[str, Figure], numbers: Numbers, pages: Mapping[str, str]) -> View | None:
+def _choice(place: str, figures: Mapping[str, Figure], report: CraftReport, pages: Mapping[str, str]) -> Choice | None:
     """Offer the flights to choose from, those that judge first."""
     if not figures:
         return None
     parts = [
-        (label, [(figures[name].id, name, pages.get(name, "")) for name in numbers[key] if name in figures])
-        for key, label in (("held_out", "judge the models"), ("training", "fitted"))
+        (label, [(figures[name].id, name, pages.get(name, "")) for name in names if name in figures])
+        for label, names in (("judge the models", report.held_out), ("fitted", report.training))
     ]
     first = next(iter(figures.values()))
-    return {
-        "place": place,
-        "parts": [(label, options) for label, options in parts if options],
-        "caption": first.caption,
-        "height": first.height,
-        "page": next(options[0][2] for _, options in parts if options),
-    }
+    return Choice(
+        place=place,
+        parts=[(label, options) for label, options in parts if options],
+        caption=first.caption,
+        height=first.height,
+        page=next(options[0][2] for _, options in parts if options),
+    )

@@ -146,9 +146,9 @@ def _happened(result: FlightResult, states: pd.DataFrame) -> list[Trace]:
 def _wind_arrow(result: FlightResult) -> list[dict[str, Any]]:
     """Draw where the wind goes, beside the map's corner; nothing where it is not known better than its error."""
     wind = None if result.coverage is None else result.coverage.wind
-    if wind is None:
+    if wind is None or wind.sigma is None:
         return []
-    speed = float(np.hypot(wind.north, wind.east))
+    speed = wind.speed
     if not np.isfinite(speed) or not speed > 2.0 * wind.sigma:
         return []
     east, north = wind.east / speed, wind.north / speed
@@ -274,11 +274,11 @@ def _modes(result: FlightResult) -> dict[str, Any]:
     """Draw flight modes as quiet bands, every other one tinted, with their names on top."""
     shapes, labels = [], []
     for number, mode in enumerate(mode_spans(result)):
-        span = Span(mode["start_s"], mode["stop_s"])
+        span = Span(mode.start_s, mode.stop_s)
         if number % 2 == 1:
             shapes.append(band(span, "@band", 1.0))
         if result.flight is not None and span.duration > 0.06 * result.flight.duration:
-            labels.append(band_label(span, str(mode["mode"])))
+            labels.append(band_label(span, mode.mode))
     return {"shapes": shapes, "annotations": labels}
 
 

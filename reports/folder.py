@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+from logparse.serialization import as_json
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
+from pipeline.results.model_report import RmseRow
+from pipeline.results.report import CraftReport, FlightReport
 from reports import html
 from reports.cells import as_cell
 from reports.exports import write_exports
+from reports.figure import Figure
 from reports.model_figures import response_figures
-from reports.numbers import flight_numbers, group_numbers, models
+from reports.numbers import craft_report, flight_report, models_file
 from reports.parameter_files import write_parameters
 from reports.prediction_figures import joint_predictions
-from reports.rows import Numbers
 from reports.track_files import write_track
 
 _LOG = logging.getLogger("rotorid.reports")
@@ -62,36 +65,38 @@ def write_for_fleet(result: FlightResult | GroupResult, folder: str | Path) -> P
 
 def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    numbers = flight_numbers(result) if isinstance(result, FlightResult) else group_numbers(result)
-    report = folder / "report.json"
-    report.write_text(as_json(numbers), encoding="utf-8")
-    (folder / "models.json").write_text(as_json(models(result)), encoding="utf-8")
-    (folder / "rmse.csv").write_text(rmse_table(numbers["rmse"]), encoding="utf-8", newline="")
+    report: FlightReport | CraftReport
+    if isinstance(result, FlightResult):
+        path = folder / "report.html"
+        report = own = flight_report(result)
+        back, script_file = (f"{_BACK}report.html", _BACK + SHARED_SCRIPT) if shared else (None, "")
+        write_page(path, lambda: html.flight_page(result, own, back, script_file))
+        write_track(result, folder)
+    else:
+        path = folder / "report.json"
+        report = craft_report(result)
+        (folder / "figures.json").write_text(as_json(_figures(result, report), indent=None), encoding="utf-8")
+    (folder / "report.json").write_text(as_json(report), encoding="utf-8")
+    (folder / "models.json").write_text(as_json(models_file(result)), encoding="utf-8")
+    (folder / "rmse.csv").write_text(rmse_table(report.rmse), encoding="utf-8", newline="")
     write_exports(result, folder)
     write_parameters(result, folder)
-    if isinstance(result, FlightResult):
-        write_track(result, folder)
-    if isinstance(result, GroupResult):
-        (folder / "figures.json").write_text(as_json(_figures(result, numbers), indent=None), encoding="utf-8")
-        return report
-    page = folder / "report.html"
-    back, script_file = (f"{_BACK}report.html", _BACK + SHARED_SCRIPT) if shared else (None, "")
-    write_page(page, lambda: html.flight_page(result, numbers, back, script_file))
-    return page
+    return path
 
 
-def _figures(group: GroupResult, numbers: Numbers) -> Numbers:
-    """Draw what needs the models and their free runs themselves; all else is drawn from numbers."""
-    trust = {model["key"]: model["verdict"]["trust"] for model in numbers["models"]}
-    return {
-        "responses": {
-            result.key: {
-                output: [figure.to_dict() for figure in figures] for output, figures in response_figures(result).items()
-            }
-            for result in group.models
-        },
-        "predictions": {flight: figure.to_dict() for flight, figure in joint_predictions(group, trust).items()},
-    }
+@dataclass(frozen=True, slots=True)
+class CraftFigures:
+    """The plots of a craft that need the models and their free runs themselves: by model and output, and by flight."""
+
+    responses: Mapping[str, Mapping[str, list[Figure]]]
+    predictions: Mapping[str, Figure]
+
+
+def _figures(group: GroupResult, report: CraftReport) -> CraftFigures:
+    trust = {model.key: str(model.verdict.trust) for model in report.models}
+    return CraftFigures(
+        {result.key: response_figures(result) for result in group.models}, joint_predictions(group, trust)
+    )
 
 
 def write_page(path: Path, render: Callable[[], str]) -> None:
@@ -108,22 +113,18 @@ def page_or_excuse(render: Callable[[], str], where: str) -> str:
         return html.failed_page(error)
 
 
-def as_json(value: object, indent: int | None = 1) -> str:
-    """Write strict JSON."""
-    return json.dumps(value, indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def rmse_table(rows: list[Numbers]) -> str:
+def rmse_table(rows: Sequence[RmseRow]) -> str:
     """Write CSV with a line per flight, part and model; an error that could not be computed is an empty cell."""
-    outputs = list(dict.fromkeys(output for row in rows for output in row["rmse_m"]))
+    outputs = list(dict.fromkeys(output for row in rows for output in row.rmse_m))
     kinds = {"rmse_m": "rmse_{}_m", "fit_percent": "fit_{}_percent", "rmse_mean_m": "rmse_mean_{}_m"}
     heads = [pattern.format(output) for pattern in kinds.values() for output in outputs]
     text = io.StringIO(newline="")
     table = csv.writer(text)
-    names = ("flight", "part", "scope", "model", "craft", "start_s", "duration_s")
-    table.writerow([*names, *heads])
+    table.writerow(["flight", "part", "scope", "model", "craft", "start_s", "duration_s", *heads])
     for row in rows:
-        cells = [row[kind].get(output) for kind in kinds for output in outputs]
-        facts = [as_cell(fact) if isinstance(fact := row[name], str) else fact for name in names]
-        table.writerow(["" if cell is None else cell for cell in (*facts, *cells)])
+        cells = [errors.get(output) for errors in (row.rmse_m, row.fit_percent, row.rmse_mean_m) for output in outputs]
+        names = (
+            None if name is None else as_cell(name) for name in (row.flight, row.part, row.scope, row.model, row.craft)
+        )
+        table.writerow(["" if cell is None else cell for cell in (*names, row.start_s, row.duration_s, *cells)])
     return text.getvalue()

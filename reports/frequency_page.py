@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
-from rich.table import Table
+from collections.abc import Sequence
+from dataclasses import dataclass
 
+from rich.console import RenderableType
+
+from logparse import Finding
 from pipeline.flight.rotation import turning_of
+from reports.figure import Figure
 from reports.frequency_figures import pole_figure
 from reports.html import render
-from reports.rotation_views import parameter_rows, parameter_table, rotation_figures
+from reports.rotation_views import parameter_table, rotation_figures
 from reports.rotation_views import sentences as sentences_of
+from reports.table import Table
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrequencyPage:
+    """What frequency.html shows."""
+
+    title: str
+    facts: str
+    sentences: Sequence[str]
+    table: Table
+    frequency_figures: Sequence[Figure]
+    findings: Sequence[Finding]
 
 
 def frequency_page(found: FrequencySurvey) -> str:
@@ -20,14 +38,12 @@ def frequency_page(found: FrequencySurvey) -> str:
     if poles is not None:
         figures.append(poles)
     findings = {
-        (finding.id, finding.reason): finding.to_dict()
+        (finding.id, finding.reason): finding
         for axis in found.axes
         if axis.response is not None
         for finding in axis.response.findings
     }
-    return render(
-        "frequency.html",
-        figures,
+    page = FrequencyPage(
         title="Frequency responses",
         facts=" · ".join(found.names),
         sentences=[sentence for axis in axes for sentence in sentences_of(axis)],
@@ -35,6 +51,7 @@ def frequency_page(found: FrequencySurvey) -> str:
         frequency_figures=figures,
         findings=list(findings.values()),
     )
+    return render("frequency.html", figures, page)
 
 
 def sentences(axis: AxisSurvey) -> list[str]:
@@ -42,13 +59,6 @@ def sentences(axis: AxisSurvey) -> list[str]:
     return sentences_of(turning_of(axis))
 
 
-def terminal_table(found: FrequencySurvey) -> Table:
+def terminal_table(found: FrequencySurvey) -> RenderableType:
     """Return the table of parameters for the terminal."""
-    heads, rows = parameter_rows([turning_of(axis) for axis in found.axes])
-    table = Table(title="Frequency responses")
-    table.add_column("axis")
-    for head in heads:
-        table.add_column(head, justify="right")
-    for label, cells in rows:
-        table.add_row(label, *cells)
-    return table
+    return parameter_table([turning_of(axis) for axis in found.axes]).terminal("Frequency responses")

@@ -7,15 +7,17 @@ import gzip
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, fields
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING
 
 import jinja2
 from markupsafe import Markup, escape
 
 from pipeline.results.flight import FlightResult
+from pipeline.results.report import FlightReport
 from reports import summary, views
 from reports.coverage_views import excitation, flight_coverage
 from reports.details import details
@@ -23,23 +25,58 @@ from reports.figure import Figure
 from reports.first_screen import first_figures
 from reports.flight_figures import flight_figures
 from reports.health_figures import health_figures
-from reports.health_views import timeline
-from reports.model_board import model_board
+from reports.health_views import Timeline, timeline
+from reports.model_board import Board, model_board
 from reports.model_figures import horizon_figure, off_by_default
-from reports.model_views import identified, judgements, thrust_coefficients
-from reports.parameter_views import coherence, parameters
-from reports.rotation_views import rotation_view
-from reports.rows import Numbers
+from reports.model_views import Judgement, ShownModel, ShownThrust, identified, judgements, thrust_coefficients
+from reports.parameter_views import ShownCoherence, ShownParameters, coherence, parameters
+from reports.rotation_views import Turning, rotation_view
+from reports.table import Table
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
-def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None, script_file: str = "") -> str:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightPage:
+    """What flight.html shows."""
+
+    numbers: FlightReport
+    back: str | None  #: Link to the page of the fleet.
+    withdrawn: str  #: Why there is no trajectory; empty where there is one.
+    facts: str
+    board: Board
+    answer: Sequence[summary.ShownAnswer]
+    first_figures: Sequence[Figure]
+    predicted: Sequence[Figure]
+    flight_figures: Sequence[Figure]
+    health_figures: Sequence[Figure]
+    timeline: Timeline | None
+    sentences: Sequence[str]
+    verdicts: Sequence[views.ShownVerdict]
+    missing: Sequence[tuple[str, str]]
+    rmse: Table | None
+    ahead: Figure | None
+    horizons: Table | None
+    judgements: Sequence[Judgement]
+    thrust: ShownThrust
+    parameters: ShownParameters | None
+    coherence: ShownCoherence | None
+    models: Sequence[ShownModel]
+    turning: Turning | None
+    covered: Table | None
+    excitation: Sequence[str]
+    details: Sequence[tuple[str, Sequence[tuple[str, str]]]]
+
+
+def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = None, script_file: str = "") -> str:
     """Render the page of one flight.
 
     Parameters
     ----------
     result : FlightResult
         For the plots.
-    numbers : dict
+    numbers : FlightReport
         Of the same result, for everything else.
     back : str, optional
         Link to the page of the fleet.
@@ -48,65 +85,55 @@ def flight_page(result: FlightResult, numbers: Numbers, back: str | None = None,
     """
     first = first_figures(result)
     shown = {figure.id for figure in first}
-    hidden = off_by_default(numbers["models"])
+    hidden = off_by_default(numbers.models)
     figures = [figure for figure in flight_figures(result, hidden) if figure.id not in shown]
     predicted = [figure for figure in figures if figure.id == "prediction"]
     figures = [figure for figure in figures if figure.id != "prediction"]
     healthy = health_figures(result)
-    ahead = horizon_figure(numbers["models"], hidden=hidden)
+    ahead = horizon_figure(numbers.models, hidden=hidden)
     board = model_board(result.models, hidden)
-    models = identified(numbers["models"])
     turning = rotation_view(result.rotation, result.log.path.name)
-    turned = [] if turning is None else turning["figures"]
-    return render(
-        "flight.html",
-        [
-            *first,
-            *predicted,
-            *figures,
-            *healthy,
-            *(each for each in (ahead, board.residuals) if each is not None),
-            *board.figures,
-            *turned,
-        ],
-        board=board,
-        answer=summary.answer_lines(numbers["answer"]),
-        first_figures=first,
-        predicted=predicted,
-        flight_figures=figures,
-        health_figures=healthy,
-        timeline=timeline(numbers["health"]),
-        ahead=ahead,
-        script_file=script_file,
+    turned = [] if turning is None else turning.figures
+    page = FlightPage(
         numbers=numbers,
         back=back,
         withdrawn=views.withdrawn(numbers),
         facts=summary.facts(numbers),
+        board=board,
+        answer=summary.answer_lines(numbers.answer),
+        first_figures=first,
+        predicted=predicted,
+        flight_figures=figures,
+        health_figures=healthy,
+        timeline=timeline(numbers.health),
         sentences=summary.sentences(numbers),
-        verdicts=views.verdicts(numbers["models"]),
+        verdicts=views.verdicts(numbers.models),
         missing=views.missing_stages(numbers),
-        rmse=views.flight_rmse(numbers["models"]),
-        horizons=views.horizons(numbers["models"]),
-        judgements=judgements(numbers["models"]),
-        thrust=thrust_coefficients(numbers["thrust"], numbers["missing"]),
-        parameters=parameters(numbers["parameters"]),
-        coherence=coherence(numbers["models"]),
-        models=models,
+        rmse=views.flight_rmse(numbers.models),
+        ahead=ahead,
+        horizons=views.horizons(numbers.models),
+        judgements=judgements(numbers.models),
+        thrust=thrust_coefficients(numbers.thrust, numbers.missing),
+        parameters=parameters(numbers.parameters),
+        coherence=coherence(numbers.models),
+        models=identified(numbers.models),
         turning=turning,
-        covered=flight_coverage(numbers["coverage"]),
-        excitation=excitation(numbers["coverage"]),
+        covered=flight_coverage(numbers.coverage),
+        excitation=excitation(numbers.coverage),
         details=details(numbers),
     )
+    models = [each for each in (ahead, board.residuals) if each is not None]
+    every = [*first, *predicted, *figures, *healthy, *models, *board.figures, *turned]
+    return render("flight.html", every, page, script_file)
 
 
-def attach(models: Sequence[views.View], responses: Mapping[str, Mapping[str, list[Figure]]]) -> list[Figure]:
+def attach(models: Sequence[ShownModel], responses: Mapping[str, Mapping[str, list[Figure]]]) -> list[Figure]:
     """Put the plots of each model's outputs, by key and output, beside their formulae; give them all for the page."""
     drawn = []
-    for view in models:
-        figures = responses.get(view["key"], {})
-        for output in view["outputs"]:
-            output["figures"] = figures.get(output["key"], [])
-            drawn += output["figures"]
+    for model in models:
+        for output in model.outputs:
+            output.figures = responses.get(model.key, {}).get(output.key, [])
+            drawn += output.figures
     return drawn
 
 
@@ -125,8 +152,8 @@ def plotly_script() -> bytes:
     return (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
 
 
-def render(template: str, figures: Sequence[Figure], script_file: str = "", **view: Any) -> str:
-    """Fill a template in, with the figures that it shows and whatever else it names."""
+def render(template: str, figures: Sequence[Figure], page: DataclassInstance, script_file: str = "") -> str:
+    """Fill a template in with the figures that it shows and the fields of its page."""
     return (
         _environment()
         .get_template(template)
@@ -138,7 +165,7 @@ def render(template: str, figures: Sequence[Figure], script_file: str = "", **vi
             script_file=script_file,
             style=Markup(_text("style.css")),
             script=Markup(_text("plots.js")) if figures else Markup(),
-            **view,
+            **{each.name: getattr(page, each.name) for each in fields(page)},
         )
     )
 

@@ -1,45 +1,49 @@
 """What ``rotorid inspect`` shows on a terminal: the log, what is in it, and what is wrong with it."""
 
+from collections.abc import Sequence
+from math import isfinite
+
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from logparse import Finding
+from logparse.inspection import Inspection, MessageSummary, TableSummary
 from logparse.quantity import duration, number
 from reports import summary
-from reports.rows import Numbers
 
 _STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
 _WORDS = {"error": "error", "warning": "warning", "info": "note"}
 
 
-def overview(log: Numbers) -> RenderableType:
-    """Lay out an inspection as `logparse.inspection.Inspection.to_dict` gives it.
+def overview(log: Inspection) -> RenderableType:
+    """Lay out an inspection of a log.
 
     Findings come first, worst on top: they are what a person must act on.
     """
     parts: list[RenderableType] = [_facts(log)]
-    parts += [Text(), Text("Findings", style="bold"), _findings(log["findings"])]
-    parts += [Text(), Text("Tables", style="bold"), _tables(log["tables"])]
-    parts += [Text(), Text("Messages", style="bold"), _messages(log["messages"])]
+    parts += [Text(), Text("Findings", style="bold"), _findings(log.findings)]
+    parts += [Text(), Text("Tables", style="bold"), _tables(log.tables)]
+    parts += [Text(), Text("Messages", style="bold"), _messages(log.messages)]
     return Group(*parts)
 
 
-def _facts(log: Numbers) -> Table:
+def _facts(log: Inspection) -> Table:
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim")
     table.add_column(overflow="fold")
-    start = f", from {log['start_utc'][:19].replace('T', ' ')} UTC" if log["start_utc"] else ""
-    boots = f", power-up {log['boot'] + 1} of {log['boots']}" if log["boots"] > 1 else ""
+    start = f", from {log.start_utc[:19].replace('T', ' ')} UTC" if log.start_utc else ""
+    boots = f", power-up {log.boot + 1} of {log.boots}" if log.boots > 1 else ""
     flights = ", ".join(
-        f"{number(flight['start'], 4)} to {number(flight['stop'], 4)} s ({duration(flight['duration'])})"
-        for flight in log["flights"]
+        f"{number(flight.start, 4)} to {number(flight.stop, 4)} s ({duration(flight.duration)})"
+        for flight in log.flights
     )
-    motors = len(log["vehicle"]["motors"])
+    motors = len(log.vehicle.motors)
     rows = {
-        "file": log["file"],
-        "format": summary.FORMATS.get(log["format"], log["format"]),
-        "length": f"{duration(log['duration'])}{start}{boots}",
-        "craft": summary.craft(log["vehicle"]) + (f", {motors} motors" if motors else ""),
+        "file": log.file,
+        "format": summary.FORMATS.get(log.format, log.format),
+        "length": f"{duration(log.duration)}{start}{boots}",
+        "craft": summary.craft(log.vehicle) + (f", {motors} motors" if motors else ""),
         "flights": flights or "none: the craft never left the ground as far as the log shows",
     }
     for label, value in rows.items():
@@ -47,22 +51,22 @@ def _facts(log: Numbers) -> Table:
     return table
 
 
-def _findings(findings: list[Numbers]) -> RenderableType:
+def _findings(findings: Sequence[Finding]) -> RenderableType:
     if not findings:
         return Text("nothing to complain about")
     table = Table.grid(padding=(0, 2))
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for finding in findings:
-        severity = finding["severity"]
-        text = Text(summary.sentence(finding["reason"]))
-        if finding["advice"]:
-            text.append(f" {summary.sentence(finding['advice'])}", style="italic")
+        severity = finding.severity
+        text = Text(summary.sentence(finding.reason))
+        if finding.advice:
+            text.append(f" {summary.sentence(finding.advice)}", style="italic")
         table.add_row(Text(_WORDS[severity], style=_STYLES[severity]), text)
     return table
 
 
-def _tables(tables: list[Numbers]) -> RenderableType:
+def _tables(tables: Sequence[TableSummary]) -> RenderableType:
     if not tables:
         return Text("none")
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
@@ -72,23 +76,23 @@ def _tables(tables: list[Numbers]) -> RenderableType:
     table.add_column("columns", overflow="fold", style="dim")
     for row in tables:
         table.add_row(
-            row["name"],
-            str(row["rows"]),
-            "–" if row["rate"] is None else number(row["rate"]),
-            *("–" if row[key] is None else f"{row[key]:.1f}" for key in ("start", "stop")),
-            str(row["gaps"] or "–"),
-            number(row["longest_gap"]) if row["gaps"] else "–",
-            Text(" ".join(row["columns"])),
+            row.name,
+            str(row.rows),
+            number(row.rate) if isfinite(row.rate) else "–",
+            *(f"{edge:.1f}" if isfinite(edge) else "–" for edge in (row.start, row.stop)),
+            str(row.gaps or "–"),
+            number(row.longest_gap) if row.gaps else "–",
+            Text(" ".join(row.columns)),
         )
     return table
 
 
-def _messages(messages: list[Numbers]) -> Text:
+def _messages(messages: Sequence[MessageSummary]) -> Text:
     """Run all message types on: name, rows and mean rate."""
     text = Text()
     for place, row in enumerate(messages):
-        rate = "" if row["rate"] is None else f", {number(row['rate'], 2)} Hz"
+        rate = f", {number(row.rate, 2)} Hz" if isfinite(row.rate) else ""
         text.append("   " if place else "")
-        text.append(f"{row['name']}\N{NO-BREAK SPACE}")
-        text.append(f"{row['rows']}{rate}".replace(" ", "\N{NO-BREAK SPACE}"), style="dim")
+        text.append(f"{row.name}\N{NO-BREAK SPACE}")
+        text.append(f"{row.rows}{rate}".replace(" ", "\N{NO-BREAK SPACE}"), style="dim")
     return text

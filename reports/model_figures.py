@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.results.flight import ModelResult
+from pipeline.results.model_report import HorizonRow, ModelReport
+from pipeline.results.verdict import Trust
 from reports.figure import Figure, Trace, layout_of, model_color, plotly_text, short
-from reports.rows import Numbers
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel
 from sysid.transfer_functions.frequency_response import frequency_response
 from sysid.transfer_functions.roots import Root
@@ -24,29 +25,30 @@ INPUT_COLORS = ("@c1", "@c2", "@c3", "@c4", "@c5", "@c6", "@c7", "@c8")
 Floats = NDArray[np.float64]
 
 
-def off_by_default(models: Sequence[Numbers]) -> set[str]:
+def off_by_default(models: Sequence[ModelReport]) -> set[str]:
     """Return the keys of models that cannot be trusted, where there are others."""
-    trust = {model["key"]: model["verdict"]["trust"] for model in models if model["model"] is not None}
-    poor = {key for key, word in trust.items() if word == "no"}
+    trust = {model.key: model.verdict.trust for model in models if model.kind}
+    poor = {key for key, word in trust.items() if word is Trust.NO}
     return poor if len(poor) < len(trust) else set()
 
 
-def horizon_figure(models: Sequence[Numbers], name: str = "horizons", hidden: Collection[str] = ()) -> Figure | None:
+def horizon_figure(
+    models: Sequence[ModelReport], name: str = "horizons", hidden: Collection[str] = ()
+) -> Figure | None:
     """Draw the error over the time ahead, for every model and the guesses without one.
 
     Parameters
     ----------
-    models : sequence of dict
-        Of the report's numbers.
+    models : sequence of ModelReport
     name : str
         Unique in the page.
     hidden : collection of str
         Keys of models that are off at first.
     """
-    judged = [result for result in models if result["horizons"]]
+    judged = [result for result in models if result.horizons]
     if not judged:
         return None
-    outputs = list(dict.fromkeys(row["output"] for row in judged[0]["horizons"]))
+    outputs = list(dict.fromkeys(row.output for row in judged[0].horizons))
     block = 1.0 / len(outputs)
     data: list[Trace] = []
     axes: dict[str, Any] = {}
@@ -56,14 +58,14 @@ def horizon_figure(models: Sequence[Numbers], name: str = "horizons", hidden: Co
             ("constant position", "constant_position_m", "dash"),
             ("constant velocity", "constant_velocity_m", "dot"),
         )
-        rows = [row for row in judged[0]["horizons"] if row["output"] == output]
+        rows = [row for row in judged[0].horizons if row.output == output]
         for label, key, dash in guesses:
             data.append(_curve(rows, key, label, "@quiet", dash, suffix, number == 0))
         for result in judged:
-            rows = [row for row in result["horizons"] if row["output"] == output]
-            label, color = short(result["title"]), model_color(result["key"])
+            rows = [row for row in result.horizons if row.output == output]
+            label, color = short(result.title), model_color(result.key)
             curve = _curve(rows, "rmse_m", label, color, "solid", suffix, number == 0)
-            data.append(curve | {"visible": "legendonly" if result["key"] in hidden else True})
+            data.append(curve | {"visible": "legendonly" if result.key in hidden else True})
         top = 1.0 - number * block
         axes[f"yaxis{suffix}"] = {
             "domain": [top - 0.84 * block, top],
@@ -72,7 +74,7 @@ def horizon_figure(models: Sequence[Numbers], name: str = "horizons", hidden: Co
             "tickformat": "~g",
             "nticks": 5,
         }
-    ticks = sorted({row["horizon_s"] for result in judged for row in result["horizons"]})
+    ticks = sorted({row.horizon_s for result in judged for row in result.horizons})
     axes["xaxis"] = {
         "type": "log",
         "title": {"text": "seconds ahead of the last measurement"},
@@ -89,12 +91,12 @@ def horizon_figure(models: Sequence[Numbers], name: str = "horizons", hidden: Co
     return Figure(name, caption, data, layout, 100 + 200 * len(outputs), time=False)
 
 
-def _curve(rows: Sequence[Numbers], key: str, label: str, color: str, dash: str, suffix: str, legend: bool) -> Trace:
+def _curve(rows: Sequence[HorizonRow], key: str, label: str, color: str, dash: str, suffix: str, legend: bool) -> Trace:
     return {
         "type": "scatter",
         "mode": "lines+markers",
-        "x": [row["horizon_s"] for row in rows],
-        "y": [None if row[key] is None else _short(row[key]) for row in rows],
+        "x": [row.horizon_s for row in rows],
+        "y": [None if (error := getattr(row, key)) is None else _short(error) for row in rows],
         "name": plotly_text(label),
         "legendgroup": label,
         "showlegend": legend,

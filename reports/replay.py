@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -9,10 +11,30 @@ import pandas as pd
 from pipeline.flight.replay import Replay
 from pipeline.names import printable
 from pipeline.results.flight import ModelResult
+from pipeline.results.verdict import Verdict
 from reports import html, summary, views
-from reports.model_views import judgements
-from reports.numbers import model_numbers, overall
+from reports.figure import Figure
+from reports.model_views import Judgement, judgements
+from reports.numbers import model_report, overall
 from reports.prediction_figures import compare
+from reports.table import Table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayPage:
+    """What replay.html shows."""
+
+    name: str
+    facts: str
+    verdict: Verdict | None
+    verdicts: Sequence[views.ShownVerdict]
+    sentences: Sequence[str]
+    missing: Sequence[tuple[str, str]]
+    rmse: Table | None
+    horizons: Table | None
+    ahead: Figure | None
+    judgements: Sequence[Judgement]
+    files: str
 
 
 def write_replay(replay: Replay, folder: str | Path) -> list[Path]:
@@ -58,21 +80,24 @@ def _table(result: ModelResult, measured: bool) -> pd.DataFrame:
 def _page(replay: Replay) -> str:
     ran = [result for result in replay.results if result.predictions]
     record = ran[0].predictions[0].experiment
-    numbers = [model_numbers(result, "replay", replay.name, flight=replay.name) for result in replay.results]
+    models = [model_report(result, "replay", replay.name, flight=replay.name) for result in replay.results]
     missing = [(summary.sentence(result.title)[:-1], result.missing) for result in replay.results if result.missing]
     titles = ", ".join(result.title for result in ran)
     return html.render(
         "replay.html",
         [compare(record, ran, measured=replay.measured)],
-        name=replay.name,
-        facts=f"models of {replay.owner} ({printable(str(replay.models))}), inputs of {printable(replay.inputs.name)}",
-        verdict=overall(numbers) if replay.measured else None,
-        verdicts=views.verdicts(numbers) if replay.measured else [],
-        sentences=[f"{record.duration:.0f} s of inputs, run through: {titles}.", *replay.notes],
-        missing=missing,
-        rmse=views.flight_rmse([], numbers),
-        horizons=views.horizons(numbers),
-        ahead=None,
-        judgements=judgements(numbers),
-        files=", ".join(f"simulation_{result.key}.csv" for result in ran),
+        ReplayPage(
+            name=replay.name,
+            facts=f"models of {replay.owner} ({printable(str(replay.models))}), "
+            f"inputs of {printable(replay.inputs.name)}",
+            verdict=overall(models) if replay.measured else None,
+            verdicts=views.verdicts(models) if replay.measured else [],
+            sentences=[f"{record.duration:.0f} s of inputs, run through: {titles}.", *replay.notes],
+            missing=missing,
+            rmse=views.flight_rmse([], models),
+            horizons=views.horizons(models),
+            ahead=None,
+            judgements=judgements(models),
+            files=", ".join(f"simulation_{result.key}.csv" for result in ran),
+        ),
     )

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from dataclasses import dataclass
 
-from logparse.quantity import uncertain
+from logparse import Finding
+from logparse.quantity import joined, uncertain
 from pipeline.results.rotation import AxisRotation, RotationResult
 from reports.figure import Figure
 from reports.frequency_figures import bode_figure
+from reports.table import Row, Table
 from sysid.loops.loop import MARGINS, Margins
 from sysid.statistics.parameter import Parameter
-
-View = dict[str, Any]
 
 #: Names of margins as people say them.
 TITLES = {
@@ -42,23 +42,34 @@ def rotation_figures(axes: Iterable[AxisRotation]) -> list[Figure]:
     return figures
 
 
-def rotation_view(found: RotationResult | None, file: str) -> View | None:
-    """Lay out the sections of a flight's page: how it turns, and its loops; None where nothing was looked at."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turning:
+    """The sections of a flight's page on how it turns, and on its loops."""
+
+    sentences: Sequence[str]
+    table: Table | None
+    figures: Sequence[Figure]
+    loops: Table | None
+    warnings: Sequence[Finding]
+    doubts: Sequence[str]  #: What the margins rest on too weakly.
+    reasons: Sequence[tuple[str, str]]  #: Why margins are not determined, by axes.
+
+
+def rotation_view(found: RotationResult | None, file: str) -> Turning | None:
+    """Lay out how a flight turns, and its loops; None where nothing was looked at."""
     if found is None:
         return None
     said = [sentence for axis in found.axes for sentence in sentences(axis)]
-    whys = _grouped(found, "loop_reason", file)
     doubts = [f"{remark[:1].upper()}{remark[1:]}." for loop in found.loops.values() for remark in loop.remarks]
-    warned = [each.to_dict() for each in found.findings if each.id in ("loop-unstable", "margins-thin")]
-    return {
-        "sentences": [sentence.replace(f"{file}: ", "") for sentence in said],
-        "table": parameter_table(found.axes) if found.determined else None,
-        "figures": rotation_figures(found.axes),
-        "loops": loop_table(found),
-        "warnings": warned,
-        "doubts": [doubt.replace(f"{file}: ", "").replace(f"{file} ", "The log ") for doubt in doubts],
-        "reasons": whys,
-    }
+    return Turning(
+        sentences=[sentence.replace(f"{file}: ", "") for sentence in said],
+        table=parameter_table(found.axes) if found.determined else None,
+        figures=rotation_figures(found.axes),
+        loops=loop_table(found),
+        warnings=[each for each in found.findings if each.id in ("loop-unstable", "margins-thin")],
+        doubts=[doubt.replace(f"{file}: ", "").replace(f"{file} ", "The log ") for doubt in doubts],
+        reasons=_grouped(found, "loop_reason", file),
+    )
 
 
 def sentences(axis: AxisRotation) -> list[str]:
@@ -91,27 +102,20 @@ def sentences(axis: AxisRotation) -> list[str]:
     return said
 
 
-def parameter_table(axes: Sequence[AxisRotation]) -> View:
-    """Return the table of parameters for a page."""
-    heads, rows = parameter_rows(axes)
-    return {
-        "caption": "Parameters with one standard deviation; in brackets Cramér-Rao's error and insensitivity in "
-        "percent. J up to 50 is excellent, up to 100 good.",
-        "label": "Axis",
-        "heads": heads,
-        "rows": [{"kind": "", "label": label, "cells": cells} for label, cells in rows],
-    }
-
-
-def parameter_rows(axes: Sequence[AxisRotation]) -> tuple[list[str], list[tuple[str, list[str]]]]:
-    """Return heads and rows of the table of parameters, without columns that say nothing of any axis."""
+def parameter_table(axes: Sequence[AxisRotation]) -> Table:
+    """Tabulate the parameters, without columns that say nothing of any axis."""
     rows = [_cells(axis) for axis in axes]
     shown = [k for k in range(len(_HEADS)) if any(row[k] != _NOTHING for row in rows)]
-    cells = [(axis.axis, [row[k] for k in shown]) for axis, row in zip(axes, rows, strict=True)]
-    return [_HEADS[k] for k in shown], cells
+    return Table(
+        label="axis",
+        heads=[_HEADS[k] for k in shown],
+        rows=[Row(axis.axis, [row[k] for k in shown]) for axis, row in zip(axes, rows, strict=True)],
+        caption="Parameters with one standard deviation; in brackets Cramér-Rao's error and insensitivity in "
+        "percent. J up to 50 is excellent, up to 100 good.",
+    )
 
 
-def loop_table(found: RotationResult) -> View | None:
+def loop_table(found: RotationResult) -> Table | None:
     """Tabulate the margins of the loops as flown, in both ways; None where none are known."""
     if not found.loops:
         return None
@@ -121,17 +125,14 @@ def loop_table(found: RotationResult) -> View | None:
         if loop.measured is not None:
             columns[f"{axis}, by the chirp"] = ["", *_margin_cells(loop.measured)]
     labels = ["State", *(f"{TITLES[name]}, {unit}" for name, (unit, _) in MARGINS.items())]
-    return {
-        "caption": "Margins of the loops broken at the mixer, with one standard error: computed from the craft’s "
+    return Table(
+        label="Margin",
+        heads=list(columns),
+        rows=[Row(label, [cells[k] for cells in columns.values()]) for k, label in enumerate(labels)],
+        caption="Margins of the loops broken at the mixer, with one standard error: computed from the craft’s "
         "response and the controller of the log’s parameters, and, where the log allows it, measured straight by the "
         "chirp. 6 dB and 45° are sound.",
-        "label": "Margin",
-        "heads": list(columns),
-        "rows": [
-            {"kind": "", "label": label, "cells": [cells[k] for cells in columns.values()]}
-            for k, label in enumerate(labels)
-        ],
-    }
+    )
 
 
 def _grouped(found: RotationResult, name: str, file: str) -> list[tuple[str, str]]:
@@ -141,7 +142,7 @@ def _grouped(found: RotationResult, name: str, file: str) -> list[tuple[str, str
         reason = str(getattr(axis, name)).replace(f"{file}: ", "").replace(f"{file} ", "the log ")
         if reason:
             reasons.setdefault(reason[:1].upper() + reason[1:] + ".", []).append(axis.axis)
-    return [(_and(axes).capitalize(), reason) for reason, axes in reasons.items()]
+    return [(joined(axes).capitalize(), reason) for reason, axes in reasons.items()]
 
 
 def _margin_cells(margins: Margins) -> list[str]:
@@ -187,7 +188,3 @@ def _milliseconds(known: Parameter) -> str:
     if known.value is None or known.sigma is None:
         return "not determined"
     return uncertain(1e3 * known.value, 1e3 * known.sigma, "ms")
-
-
-def _and(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,15 @@ from reports.figure import Figure, Trace, layout_of, line, plotly_text, time_axi
 #: Points of a line: smallest and largest value of each stretch.
 _MOST = 8000
 _COLORS = ("@c1", "@c2", "@c3", "@c4", "@c5", "@c6", "@c7", "@c8")
+
+
+@dataclass(frozen=True, slots=True)
+class SignalsPage:
+    """What signals.html shows."""
+
+    name: str
+    facts: str
+    titles: Sequence[str]
 
 
 def write_signal_plot(
@@ -40,7 +50,7 @@ def write_signal_plot(
     name = printable(log.path.name)
     facts = f"{log.vehicle.firmware or log.format} · {log.duration:.0f} s"
     file.write_text(
-        html.render("signals.html", [figure], name=name, facts=facts, titles=[signal.name for signal in signals]),
+        html.render("signals.html", [figure], SignalsPage(name, facts, [signal.name for signal in signals])),
         encoding="utf-8",
     )
     return file

@@ -6,8 +6,8 @@ Reports do not know the simulator; what a case gives is described here as far as
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.metadata import version
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Protocol
 
 import pandas as pd
 
@@ -65,6 +65,27 @@ class Table(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class ShownRows:
+    """A table whose columns are headed and told to hold numbers or text."""
+
+    caption: str
+    head: Sequence[tuple[str, bool]]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulationPage:
+    """What simulation.html shows."""
+
+    name: str
+    summary: str
+    facts: Sequence[tuple[str, str]]
+    tables: Sequence[ShownRows]
+    notes: Sequence[str]
+    beside: str  #: Files beside the page.
+
+
 def simulation_page(
     name: str,
     summary: str,
@@ -89,10 +110,7 @@ def simulation_page(
         Names of the files beside the page.
     """
     figures = [_figure(number, plot) for number, plot in enumerate(plots, start=1)]
-    return render(
-        "simulation.html",
-        figures,
-        numbers={"rotorid": version("rotorid")},
+    page = SimulationPage(
         name=name,
         summary=summary,
         facts=[(fact.name, fact.text) for fact in facts],
@@ -100,6 +118,7 @@ def simulation_page(
         notes=notes,
         beside=", ".join(files),
     )
+    return render("simulation.html", figures, page)
 
 
 def _figure(number: int, plot: Plot) -> Figure:
@@ -115,10 +134,10 @@ def _figure(number: int, plot: Plot) -> Figure:
     return Figure(f"simulated-{number}", plot.caption, data, layout, 320)
 
 
-def _table(table: Table) -> dict[str, Any]:
+def _table(table: Table) -> ShownRows:
     numeric = [pd.api.types.is_numeric_dtype(table.frame[column]) for column in table.frame.columns]
     rows = [
         [f"{value:.5g}" if number else str(value) for value, number in zip(row, numeric, strict=True)]
         for row in table.frame.itertuples(index=False)
     ]
-    return {"caption": table.caption, "head": list(zip(table.frame.columns, numeric, strict=True)), "rows": rows}
+    return ShownRows(table.caption, list(zip(map(str, table.frame.columns), numeric, strict=True)), rows)

@@ -1,9 +1,15 @@
 """The answer first: what a log is and what was identified from it, in sentences for the top of a report."""
 
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
 
-from logparse.quantity import duration, number, size, uncertain
-from reports.rows import Numbers, held_out
+from logparse import Vehicle
+from logparse.quantity import duration, joined, number, size, uncertain
+from pipeline.results.answer import Answer, AnswerLine
+from pipeline.results.model_report import FunctionsRecord, ModelInShort, ModelReport, ThrustReport
+from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
 
 FORMATS = {
     "dataflash": "DataFlash log",
@@ -16,31 +22,42 @@ FORMATS = {
 UNKNOWN = "unknown"
 #: Files of one reason that are named in a line.
 MOST_NAMED = 5
-TRUST_WORDS = {"yes": "trust", "limited": "with care", "no": "do not trust", "unknown": "not judged"}
+TRUST_WORDS: Mapping[str, str] = {"yes": "trust", "limited": "with care", "no": "do not trust", "unknown": "not judged"}
 
 
-def order(model: Numbers) -> str:
+def order(model: FunctionsRecord) -> str:
     """Name the order of a model's transfer functions: ``5 poles, 3 zeros``."""
-    return ", ".join(f"{model[kind]} {kind if model[kind] != 1 else kind[:-1]}" for kind in ("poles", "zeros"))
+    return ", ".join(
+        f"{count} {kind if count != 1 else kind[:-1]}"
+        for kind, count in (("poles", model.poles), ("zeros", model.zeros))
+    )
 
 
-def described(result: Numbers) -> str:
+def described(result: ModelReport) -> str:
     """Name a model with what it consists of: ``motor PWM → position (24 transfer functions, 5 poles, 3 zeros)``."""
-    model = result["model"]
-    if "transfer_functions" not in model:
-        return str(result["title"])
-    count = sum(any(function["num"]) for row in model["transfer_functions"].values() for function in row.values())
-    return f"{result['title']} ({count} transfer function{'s' if count != 1 else ''}, {order(model)})"
+    model = result.model
+    if not isinstance(model, FunctionsRecord):
+        return result.title
+    count = sum(any(function.num) for row in model.transfer_functions.values() for function in row.values())
+    return f"{result.title} ({count} transfer function{'s' if count != 1 else ''}, {order(model)})"
 
 
-def answer_lines(answer: Numbers | None) -> list[Numbers]:
+@dataclass(frozen=True, slots=True)
+class ShownAnswer:
+    """A line of the answer, with its number as people read it."""
+
+    line: AnswerLine
+    number: str
+
+
+def answer_lines(answer: Answer | None) -> list[ShownAnswer]:
     """Return word, number and text of each purpose as the page and the terminal show them."""
-    return [line | {"number": _number(line)} for line in (answer["lines"] if answer is not None else [])]
+    return [ShownAnswer(line, _number(line)) for line in (answer.lines if answer is not None else ())]
 
 
-def _number(line: Numbers) -> str:
+def _number(line: AnswerLine) -> str:
     """Write the number of a line: times to a tenth of a second, nothing beyond three digits without an error."""
-    value, sigma, unit = line["value"], line["sigma"], line["unit"]
+    value, sigma, unit = line.value, line.sigma, line.unit
     if value is None:
         return ""
     if sigma is not None:
@@ -49,149 +66,147 @@ def _number(line: Numbers) -> str:
     return f"{text}{'' if unit == '°' else ' '}{unit}".strip()
 
 
-def craft(vehicle: Numbers) -> str:
+def craft(vehicle: Vehicle) -> str:
     """Name a craft: ``ArduCopter 4.7.0, octa plus``, or ``ArduPlane 4.5, frame unknown``."""
     return ", ".join(
-        part for part in (firmware(vehicle), frame(vehicle) if vehicle["frame_class"] else "frame unknown") if part
+        part for part in (firmware(vehicle), frame(vehicle) if vehicle.frame_class else "frame unknown") if part
     )
 
 
-def firmware(vehicle: Numbers) -> str:
+def firmware(vehicle: Vehicle) -> str:
     """Name the firmware: ``ArduCopter 4.7.0``; empty when the log does not tell."""
-    return " ".join(part for part in (vehicle["firmware"] or vehicle["autopilot"], vehicle["version"]) if part)
+    return " ".join(part for part in (vehicle.firmware or vehicle.autopilot, vehicle.version) if part)
 
 
-def frame(vehicle: Numbers) -> str:
+def frame(vehicle: Vehicle) -> str:
     """Name the frame: ``octa plus``; ``unknown`` when the log does not tell."""
-    return " ".join(part for part in (vehicle["frame_class"] or UNKNOWN, vehicle["frame_type"]) if part)
+    return " ".join(part for part in (vehicle.frame_class or UNKNOWN, vehicle.frame_type) if part)
 
 
-def facts(numbers: Numbers) -> str:
+def facts(numbers: FlightReport) -> str:
     """One line under the title: file, format, size, craft, when."""
-    log = numbers["log"]
-    parts = [FORMATS.get(log["format"], log["format"]), size(log["bytes"]), craft(numbers["vehicle"])]
-    if log["flight_count"] > 1:
-        parts.insert(0, f"flight {log['flight_number']} of {log['flight_count']}")
-    if log["start_utc"]:
-        parts.append(log["start_utc"][:16].replace("T", " ") + " UTC")
+    log = numbers.log
+    parts = [FORMATS.get(log.format, log.format), size(log.bytes), craft(numbers.vehicle)]
+    if log.flight_count > 1:
+        parts.insert(0, f"flight {log.flight_number} of {log.flight_count}")
+    if log.start_utc:
+        parts.append(log.start_utc[:16].replace("T", " ") + " UTC")
     return " · ".join(part for part in parts if part)
 
 
-def sentences(numbers: Numbers) -> list[str]:
+def sentences(numbers: FlightReport) -> list[str]:
     """Report what the log is and what was identified; the verdict follows these."""
     return [part for part in (_what_it_is(numbers), _what_was_identified(numbers)) if part]
 
 
-def _what_it_is(numbers: Numbers) -> str:
-    log, flight, vehicle = numbers["log"], numbers["flight"], numbers["vehicle"]
-    motors = len(vehicle["motors"])
-    kind = FORMATS.get(log["format"], "log")
+def _what_it_is(numbers: FlightReport) -> str:
+    log, flight, vehicle = numbers.log, numbers.flight, numbers.vehicle
+    motors = len(vehicle.motors)
+    kind = FORMATS.get(log.format, "log")
     name = f"of a craft with {motors} motors" if motors else "of a craft whose motors it does not describe"
-    text = f"A {kind} {name}, {duration(log['duration_s'])} long."
+    text = f"A {kind} {name}, {duration(log.duration_s)} long."
     if flight is None:
         return text + " It holds no flight."
-    flown = f" The craft was in the air for {duration(flight['duration_s'])}"
-    if flight.get("height_m") is not None:
-        flown += f", up to {number(flight['height_m'], 2)} m above its start"
-    if flight.get("distance_m") is not None:
-        flown += f" and {number(flight['distance_m'], 2)} m away from it"
-    others = f"; this is flight {log['flight_number']} of {log['flight_count']}" if log["flight_count"] > 1 else ""
+    flown = f" The craft was in the air for {duration(flight.duration_s)}"
+    if flight.height_m is not None:
+        flown += f", up to {number(flight.height_m, 2)} m above its start"
+    if flight.distance_m is not None:
+        flown += f" and {number(flight.distance_m, 2)} m away from it"
+    others = f"; this is flight {log.flight_number} of {log.flight_count}" if log.flight_count > 1 else ""
     return text + flown + others + "."
 
 
-def _what_was_identified(numbers: Numbers) -> str:
-    fitted = next((row for row in numbers["rmse"] if row["part"] == "training"), None)
+def _what_was_identified(numbers: FlightReport) -> str:
+    fitted = next((row for row in numbers.rmse if row.part == "training"), None)
     text = _identified(numbers)
-    return f"{text[:-1]}, fitted to the first {duration(fitted['duration_s'])} of the flight." if fitted else text
+    return f"{text[:-1]}, fitted to the first {duration(fitted.duration_s)} of the flight." if fitted else text
 
 
-def _identified(numbers: Numbers) -> str:
-    parts = [described(result) for result in numbers["models"] if result["model"] is not None]
-    text = f"Identified: {_and(parts)}." if parts else ""
-    coefficient = thrust_coefficient(numbers["thrust"])
+def _identified(numbers: FlightReport | CraftReport) -> str:
+    parts = [described(result) for result in numbers.models if result.model is not None]
+    text = f"Identified: {joined(parts)}." if parts else ""
+    coefficient = thrust_coefficient(numbers.thrust)
     if coefficient:
         text = f"Thrust: {coefficient}. {text}".strip()
     return text or "Nothing could be identified."
 
 
-def joint_sentences(group: Numbers) -> list[str]:
+def joint_sentences(group: CraftReport) -> list[str]:
     """Report what was identified from several flights of one craft, and from which."""
-    count = len(group["training"]) + len(group["held_out"])
-    split = f"{len(group['training'])} to fit, {len(group['held_out'])} to judge"
-    text = f"{count} flights of one craft ({group['name']}): {split}."
-    if not any(result["model"] is not None for result in group["models"]):
-        reason = next((result["missing"] for result in group["models"] if result["missing"]), "not fitted")
+    count = len(group.training) + len(group.held_out)
+    split = f"{len(group.training)} to fit, {len(group.held_out)} to judge"
+    text = f"{count} flights of one craft ({group.name}): {split}."
+    if not any(result.model is not None for result in group.models):
+        reason = next((result.missing for result in group.models if result.missing), "not fitted")
         return [text, f"No joint model: {reason}."]
     return [text, _identified(group).replace("Identified:", "Identified jointly:")]
 
 
-def _and(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
-def thrust_coefficient(thrust: Numbers | None) -> str:
+def thrust_coefficient(thrust: ThrustReport | None) -> str:
     """Write the common thrust coefficient with its uncertainty; empty when there is none."""
-    if not thrust or not thrust["common"]["determined"]:
+    if not thrust or not thrust.common.determined:
         return ""
-    common = thrust["common"]
-    if common["newton"] is not None:
-        text = f"k = {uncertain(common['newton'], common['newton_sigma'], 'N')}"
+    common = thrust.common
+    if common.newton is not None:
+        text = f"k = {uncertain(common.newton, common.newton_sigma, 'N')}"
     else:
-        text = f"k/m = {uncertain(common['per_mass'], common['sigma'], 'm/s²')}"
+        text = f"k/m = {uncertain(common.per_mass, common.sigma, 'm/s²')}"
     return f"{text} per motor at full command {thrust_conditions(thrust)}"
 
 
-def thrust_conditions(thrust: Numbers) -> str:
+def thrust_conditions(thrust: ThrustReport) -> str:
     """Report at which voltage and in which air thrust coefficients hold."""
-    voltage = thrust["reference_voltage"]
+    voltage = thrust.reference_voltage
     at = "at the unknown voltage of the flight" if voltage is None else f"at {voltage:.1f} V"
     return f"{at}, in standard sea-level air"
 
 
-def first_reason(numbers: Numbers) -> str:
+def first_reason(numbers: FlightReport | FlightInShort) -> str:
     """Return the first reason why a flight has no validated model."""
-    reasons = [*numbers["missing"].values(), *(result["missing"] for result in numbers["models"])]
+    reasons = [*numbers.missing.values(), *(result.missing for result in numbers.models)]
     return next((str(reason) for reason in reasons if reason), "no model")
 
 
-def best(models: list[Numbers]) -> Numbers | None:
+Model = TypeVar("Model", bound=ModelInShort)
+
+
+def best(models: Sequence[Model]) -> Model | None:
     """Choose the model that can be trusted most, and of equals the one that errs least against the mean's error."""
 
-    def rank(result: Numbers) -> tuple[int, float]:
+    def rank(result: Model) -> tuple[int, float]:
         ratios = [
-            row["rmse_m"][output] / row["rmse_mean_m"][output]
-            if row["rmse_m"][output] is not None and row["rmse_mean_m"][output]
-            else math.inf
-            for row in held_out(result)
-            for output in row["rmse_m"]
+            error / mean if error is not None and (mean := row.rmse_mean_m[output]) else math.inf
+            for row in result.held_out
+            for output, error in row.rmse_m.items()
         ]
-        return list(TRUST_WORDS).index(result["verdict"]["trust"]), sum(ratios) / len(ratios) if ratios else math.inf
+        return list(TRUST_WORDS).index(result.verdict.trust), sum(ratios) / len(ratios) if ratios else math.inf
 
-    judged = [result for result in models if held_out(result)]
+    judged = [result for result in models if result.held_out]
     return min(judged, key=rank, default=None)
 
 
-def predicts(result: Numbers) -> str:
+def predicts(result: ModelInShort) -> str:
     """Write how far ahead a model's predictions are worth having in every axis: ``5 s``; a dash where nowhere."""
-    horizon = result["uses"]["prediction"]["horizon_s"]
+    horizon = result.uses.prediction.horizon_s
     return "–" if horizon is None else f"{horizon:g} s"
 
 
-#: What was found but not used, as a report's numbers have it, and what it is called.
-LEFT_OUT = {
-    "passed_over": "Passed over",
-    "duplicates": "Copies, analysed once",
-    "removed": "No longer there, but kept from earlier runs",
-}
+def not_used(numbers: FleetReport) -> dict[str, tuple[LeftOut, ...]]:
+    """Return what was found but not used, by what it is called."""
+    return {
+        "Passed over": numbers.passed_over,
+        "Copies, analysed once": numbers.duplicates,
+        "No longer there, but kept from earlier runs": numbers.removed,
+    }
 
 
-def left_out(numbers: Numbers) -> list[str]:
+def left_out(numbers: FleetReport) -> list[str]:
     """Name in a sentence for each kind what was found but not used, gathered by reason."""
     sentences = []
-    for key, words in LEFT_OUT.items():
+    for words, kind in not_used(numbers).items():
         by_reason: dict[str, list[str]] = {}
-        for unused in numbers.get(key, []):
-            by_reason.setdefault(unused["reason"], []).append(unused["file"])
+        for unused in kind:
+            by_reason.setdefault(unused.reason, []).append(unused.file)
         parts = [f"{_named(files)} ({reason})" for reason, files in by_reason.items()]
         if len(parts) > MOST_NAMED:  # every copy has a reason of its own
             parts = [*parts[:MOST_NAMED], f"and {len(parts) - MOST_NAMED} more"]

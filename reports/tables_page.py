@@ -2,34 +2,47 @@
 
 from __future__ import annotations
 
-from importlib.metadata import version
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from logparse import Finding
 from logparse.quantity import number, uncertain
 from pipeline.results.tables import TableResult
 from reports.figure import Figure, Trace, layout_of
 from reports.html import render
+from reports.table import Row, Table
 
 _UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "rates": "rad/s"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TablesPage:
+    """What tables.html shows."""
+
+    title: str
+    facts: str
+    verdicts: Sequence[str]
+    errors: Table
+    parameters: Table
+    findings: Sequence[Finding]
+    state_figures: Sequence[Figure]
 
 
 def tables_page(result: TableResult) -> str:
     """Render the page."""
     figures = [figure for state in _UNITS if (figure := _figure(result, state)) is not None]
-    return render(
-        "tables.html",
-        figures,
-        numbers={"rotorid": version("rotorid")},
+    page = TablesPage(
         title=result.title,
         facts=_facts(result),
-        verdicts=list(result.verdicts),
+        verdicts=result.verdicts,
         errors=_errors(result),
         parameters=_parameters(result),
-        findings=[finding.to_dict() for finding in result.findings],
+        findings=result.findings,
         state_figures=figures,
     )
+    return render("tables.html", figures, page)
 
 
 def _facts(result: TableResult) -> str:
@@ -52,25 +65,25 @@ def _horizons(result: TableResult) -> list[float]:
     return sorted({each.horizon for each in result.errors})
 
 
-def _errors(result: TableResult) -> dict[str, Any]:
-    rows: list[dict[str, Any]] = []
+def _errors(result: TableResult) -> Table:
+    rows: list[Row] = []
     for state, unit in _UNITS.items():
-        rows.append({"kind": "part", "label": f"{state} ({unit})"})
+        rows.append(Row(f"{state} ({unit})", kind="part"))
         for horizon in _horizons(result):
             cells = [
                 "–" if value is None else number(value)
                 for value in (_mean(result, state, horizon, which) for which in ("model", "held", "carried_on"))
             ]
-            rows.append({"kind": "", "label": f"{horizon:g} s", "cells": cells})
-    return {
-        "caption": "RMS of the error so far ahead, from every measured state, on what the model has not seen.",
-        "label": "Horizon",
-        "heads": ["model", "state stays", "constant velocity"],
-        "rows": rows,
-    }
+            rows.append(Row(f"{horizon:g} s", cells))
+    return Table(
+        label="Horizon",
+        heads=["model", "state stays", "constant velocity"],
+        rows=rows,
+        caption="RMS of the error so far ahead, from every measured state, on what the model has not seen.",
+    )
 
 
-def _parameters(result: TableResult) -> dict[str, Any]:
+def _parameters(result: TableResult) -> Table:
     rows = []
     for name, each in result.model.parameters.items():
         if each.reason == "not part of the model for these inputs":
@@ -82,13 +95,13 @@ def _parameters(result: TableResult) -> dict[str, Any]:
             if each.si_value is not None and each.si_sigma is not None:
                 si = f"{uncertain(each.si_value, each.si_sigma)} {each.si_unit}"
             cells = [uncertain(each.value, each.sigma), each.unit, si]
-        rows.append({"kind": "", "label": name.replace("_", " "), "cells": cells})
-    return {
-        "caption": "Thrust, drag, effectiveness and delays, with one standard error.",
-        "label": "Parameter",
-        "heads": ["value", "unit", "in units of the inputs"],
-        "rows": rows,
-    }
+        rows.append(Row(name.replace("_", " "), cells))
+    return Table(
+        label="Parameter",
+        heads=["value", "unit", "in units of the inputs"],
+        rows=rows,
+        caption="Thrust, drag, effectiveness and delays, with one standard error.",
+    )
 
 
 def _figure(result: TableResult, state: str) -> Figure | None:

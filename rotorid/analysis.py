@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
@@ -15,6 +14,7 @@ import pandas as pd
 import logparse
 import pipeline
 import reports
+from logparse.serialization import plain
 from logparse.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
@@ -25,9 +25,11 @@ from pipeline.names import is_url
 from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import Failure
 from pipeline.results.flight import FlightResult
+from pipeline.results.model_report import ParameterRow
 from pipeline.storage.sources import find
 from pipeline.storage.store import Store
 from reports.comparison import compare_reports
+from reports.reading import read_report
 from rotorid.workers import PRELOAD
 
 _PARAMETER_COLUMNS = ["value", "sigma", "unit", "method", "reason"]
@@ -178,18 +180,8 @@ def compare(before: str | Path, after: str | Path) -> pd.DataFrame:
         A row for each craft and parameter that both have: before, after, their difference, and whether that is more
         than flights differ anyway (``significant``).
     """
-    older, newer = (_report(Path(path)) for path in (before, after))
-    numbers = compare_reports(older, newer, (str(before), str(after)))
-    return pd.DataFrame([{"craft": pair["a"]["name"]} | row for pair in numbers["pairs"] for row in pair["parameters"]])
-
-
-def _report(path: Path) -> dict[str, Any]:
-    file = path / "report.json" if path.is_dir() else path
-    try:
-        report: dict[str, Any] = json.loads(file.read_text("utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{path} holds no report.json of rotorid; give a folder that analyze wrote") from error
-    return report
+    found = compare_reports(read_report(before), read_report(after), (str(before), str(after)))
+    return pd.DataFrame([{"craft": pair.a.name} | plain(row) for pair in found.pairs for row in pair.parameters])
 
 
 def _crafts(fleet: FleetResult) -> tuple[Craft, ...]:
@@ -206,8 +198,15 @@ def _crafts(fleet: FleetResult) -> tuple[Craft, ...]:
     return (*joint, *single)
 
 
+@dataclass(frozen=True, slots=True)
+class _Parameters:
+    parameters: tuple[ParameterRow, ...] | None
+
+
 def _craft(store: Store, folder: str, name: str, training: tuple[str, ...], held_out: tuple[str, ...]) -> Craft:
-    numbers = store.read_json(f"{folder}/report.json") or {}
-    rows = pd.DataFrame(numbers.get("parameters") or [], columns=["parameter", *_PARAMETER_COLUMNS[:4], "note"])
+    found = store.read_as(f"{folder}/report.json", _Parameters)
+    rows = pd.DataFrame(
+        plain(() if found is None else found.parameters or ()), columns=["parameter", *_PARAMETER_COLUMNS[:4], "note"]
+    )
     table = rows.rename(columns={"note": "reason"}).set_index("parameter")[_PARAMETER_COLUMNS]
     return Craft(name=name, training=training, held_out=held_out, parameters=table)

@@ -19,7 +19,7 @@ class FlightEvent:
     reason: str  #: What happened, in a sentence.
     advice: str = ""  #: What to do about it; empty when there is nothing to do.
     #: Numbers behind the reason, SI units unless the name says otherwise.
-    evidence: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+    evidence: Mapping[str, str | int | float | bool | None] = field(default_factory=dict)
     source: str = ""  #: Where the limit comes from; empty when no limit is involved.
 
     @property

@@ -25,7 +25,7 @@ from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
 from pipeline.fleet.current import Crafts, is_current, stored_flights
 from pipeline.fleet.result import FleetResult
-from pipeline.results.entry import FlightEntry, GroupEntry
+from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import Failure, Publish
 from pipeline.storage.inventory import READERS, index_sources
 from pipeline.storage.manifest import (
@@ -121,7 +121,7 @@ def analyze_fleet(
             pages=page_key(publish),
             logs=tuple(records),
             # Those that could not be stored are wanted still: the next run finds them missing.
-            crafts=tuple(entry.to_dict() for entry in (*crafts.entries, *crafts.unstored)),
+            crafts=(*crafts.entries, *crafts.unstored),
             passed_over=tuple((each.source, each.reason) for each in found.passed_over),
             left_out=crafts.left_out,
             removed=removed,
@@ -131,6 +131,7 @@ def analyze_fleet(
     return FleetResult(
         flights=flights,
         groups=crafts.entries,
+        fitted=crafts.fitted,
         failures=(*found.failures, *_in_state(records, "failed", "interrupted"), *crafts.failures, *unwritten),
         config=config,
         store=store,
@@ -311,7 +312,7 @@ def _crafts(
 ) -> Crafts:
     """Identify every craft of several flights jointly, unless that was done with these flights."""
     pages = page_key(publish)
-    before = tuple(replace(GroupEntry.from_dict(craft), pages=pages) for craft in former.crafts)
+    before = tuple(replace(craft, pages=pages) for craft in former.crafts)
     unchanged = (
         {record.key for record in former.logs if record.state == "analysed"} == {flight.key for flight in flights}
         and former.configuration == configuration(config)

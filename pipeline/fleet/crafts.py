@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
+from logparse.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
 from pipeline.fleet.current import Crafts, is_current
@@ -50,6 +51,7 @@ def identify_crafts(
     ]
     joint = sorted((craft for craft in crafts if len(craft) > 1), key=lambda craft: (-len(craft), craft[0].craft))
     entries, failures, unstored = [], [], []
+    fitted: dict[str, GroupResult] = {}
     for number, craft in enumerate(joint):
         first = craft[0]
         split = choose_split(craft, config)
@@ -85,8 +87,15 @@ def identify_crafts(
             failures.append(Failure(entry.name, reason))
             unstored.append(entry)
         else:
-            entries.append(replace(entry, result=result if publish is None else _light(result)))
-    return Crafts(entries=tuple(entries), left_out=tuple(left_out), failures=tuple(failures), unstored=tuple(unstored))
+            entries.append(entry)
+            fitted[entry.folder] = result if publish is None else _light(result)
+    return Crafts(
+        entries=tuple(entries),
+        left_out=tuple(left_out),
+        failures=tuple(failures),
+        unstored=tuple(unstored),
+        fitted=fitted,
+    )
 
 
 def _light(result: GroupResult) -> GroupResult:
@@ -111,5 +120,5 @@ def keep(result: GroupResult, entry: GroupEntry, store: Store, publish: Publish 
         if publish is not None:
             publish(result, product)
             write_result(result, product)
-        (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")
+        (product / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
         store.commit(product, f"{CRAFTS}/{entry.folder}")

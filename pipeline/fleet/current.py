@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from pipeline.names import flight_folder
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import Failure
+from pipeline.results.fleet import Failure, GroupResult
 from pipeline.storage.manifest import CRAFTS, FLIGHTS
 from pipeline.storage.store import ENTRY, Store
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crafts:
-    """Crafts of several flights, and what has no part in them.
+    """Crafts of several flights, and what has no part in them."""
 
-    Attributes
-    ----------
-    entries : tuple of GroupEntry
-        Those with most flights first.
-    left_out : tuple of (str, str)
-        Sources of flights that are in no joint model though they could be, with the reason.
-    failures : tuple of Failure
-        Crafts whose products could not be stored.
-    unstored : tuple of GroupEntry
-        Their entries.
-    """
-
-    entries: tuple[GroupEntry, ...] = ()
+    entries: tuple[GroupEntry, ...] = ()  #: Those with most flights first.
+    #: Sources of flights that are in no joint model though they could be, with the reason.
     left_out: tuple[tuple[str, str], ...] = ()
-    failures: tuple[Failure, ...] = ()
-    unstored: tuple[GroupEntry, ...] = ()
+    failures: tuple[Failure, ...] = ()  #: Crafts whose products could not be stored.
+    unstored: tuple[GroupEntry, ...] = ()  #: Their entries.
+    #: Those of this run by folder, as `pipeline.FleetResult` has them.
+    fitted: Mapping[str, GroupResult] = field(default_factory=dict)
 
 
 def is_current(store: Store, entry: GroupEntry) -> bool:
@@ -54,8 +46,8 @@ def stored_flights(store: Store, folder: str, key: str, source: str, pages: str 
     """
     entries: list[FlightEntry] = []
     while not entries or len(entries) < entries[0].of:
-        facts = store.read_json(f"{FLIGHTS}/{flight_folder(folder, len(entries) + 1)}/{ENTRY}")
-        if facts is None or facts.get("key") != key or (pages and facts.get("pages") != pages):
+        entry = store.read_as(f"{FLIGHTS}/{flight_folder(folder, len(entries) + 1)}/{ENTRY}", FlightEntry)
+        if entry is None or entry.key != key or (pages and entry.pages != pages):
             return None
-        entries.append(FlightEntry.from_dict({**facts, "source": source}))
+        entries.append(replace(entry, source=source))
     return tuple(entries)

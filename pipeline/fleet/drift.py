@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from logparse import Finding, Severity
 from pipeline.fleet.history import ALPHA, history, sentence_of
@@ -22,7 +22,7 @@ from pipeline.flight.flight_parameters import BATTERY, SHARES
 from pipeline.results.drift import Drift, History, Point, Trend
 
 if TYPE_CHECKING:
-    from pipeline.results.entry import FlightEntry
+    from pipeline.results.entry import FlightEntry, FlightParameter
 
 #: What may have changed when a parameter did.
 _CAUSES: Mapping[str, str] = {
@@ -55,10 +55,10 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
     series: dict[str, dict[str, list[Point]]] = defaultdict(lambda: defaultdict(list))
     units: dict[str, str] = {}
     for flight in flights:
-        rows = [row for row in flight.parameters if row["method"] not in (SHARES, BATTERY)]
+        rows = [row for row in flight.parameters if row.method not in (SHARES, BATTERY)]
         for row in (*rows, *trims(flight)):
-            series[row["parameter"]][row["method"]].append(_point(flight, number[flight.name], row))
-            units[row["parameter"]] = str(row["unit"])
+            series[row.parameter][row.method].append(_point(flight, number[flight.name], row))
+            units[row.parameter] = row.unit
     histories = [
         history(parameter, units[parameter], methods)
         for parameter, methods in series.items()
@@ -77,14 +77,14 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
     )
 
 
-def _point(flight: FlightEntry, number: int, row: Mapping[str, Any]) -> Point:
+def _point(flight: FlightEntry, number: int, row: FlightParameter) -> Point:
     start = took_off(flight)
     return Point(
         flight=flight.name,
         number=number,
         start_utc=None if start is None else start.isoformat(),
-        value=float(row["value"]),
-        sigma=float(row["sigma"]),
+        value=row.value,
+        sigma=row.sigma,
     )
 
 
@@ -117,7 +117,7 @@ def _findings(histories: Sequence[History]) -> list[Finding]:
                 Severity.WARNING,
                 each.sentence,
                 _CAUSES.get(each.parameter, ""),
-                {"parameter": each.parameter, "p": change.p_adjusted, "flights": len(each.points)},
+                {"parameter": each.parameter, "p": change.p_adjusted, "flights": len(each.flights)},
             )
         )
     return findings

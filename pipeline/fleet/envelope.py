@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
 
 from logparse import Finding, Severity
 from logparse.quantity import readable
 from pipeline.flight.training import excitation, position_good
-from pipeline.results.envelope import Envelope, Excursion, RangeFlown
-
-if TYPE_CHECKING:
-    from pipeline.results.entry import FlightEntry
+from pipeline.results.coverage import Cell, Coverage, Distribution
+from pipeline.results.entry import FlightEntry
+from pipeline.results.envelope import Envelope, EnvelopeMap, Excursion, FlightPlace, FlightWind, RangeFlown
 
 #: Part of the training time that the fitted range leaves out at either end: blips are not what a model was fitted to.
 MARGIN = 0.005
@@ -24,7 +22,8 @@ OUTSIDE = 0.05
 #: Quantities that one finding lists.
 _MOST_NAMED = 3
 
-Cells = list[list[float]]
+#: A flight with what it covered.
+Flown = tuple[FlightEntry, Coverage]
 
 
 def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: Iterable[str]) -> Envelope | None:
@@ -36,7 +35,7 @@ def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: 
     training, held_out : iterable of str
         Names of the flights fitted and of those that judge.
     """
-    by_name = {entry.name: entry for entry in entries if entry.coverage}
+    by_name = {entry.name: (entry, entry.coverage) for entry in entries if entry.coverage is not None}
     parts = {
         "training": [by_name[name] for name in training if name in by_name],
         "held-out": [by_name[name] for name in held_out if name in by_name],
@@ -44,54 +43,57 @@ def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: 
     if not any(parts.values()):
         return None
     fitted, judges = parts["training"], parts["held-out"]
-    names = list(dict.fromkeys(name for entry in (*fitted, *judges) for name in entry.coverage["quantities"]))
+    names = list(dict.fromkeys(name for _, flown in (*fitted, *judges) for name in flown.quantities))
     quantities = {name: _range(name, fitted, judges) for name in names}
     outside = tuple(
         sorted(
             (
                 found
-                for entry in judges
+                for entry, flown in judges
                 # Speeds and heights beyond the range are more likely errors of a poor position, or of an unknown one.
                 if position_good(entry)
                 for name in names
-                if (found := _excursion(entry, name, quantities[name]))
+                if (found := _excursion(entry.name, name, flown.quantities.get(name), quantities[name]))
             ),
             key=lambda each: (each.flight, -each.part),
         )
     )
-    grid = (*fitted, *judges)[0].coverage["map"]
     return Envelope(
-        training=tuple(entry.name for entry in fitted),
-        held_out=tuple(entry.name for entry in judges),
+        training=tuple(entry.name for entry, _ in fitted),
+        held_out=tuple(entry.name for entry, _ in judges),
         quantities=quantities,
-        map={name: grid[name] for name in ("x", "y", "x_step", "y_step")}
-        | {"training": _summed(fitted), "held_out": _summed(judges)},
+        map=EnvelopeMap(training=_summed(fitted), held_out=_summed(judges)),
         winds=tuple(
-            {"flight": entry.name, "part": part} | {name: wind[name] for name in ("speed", "from", "sigma")}
+            FlightWind(
+                flight=entry.name,
+                part=part,
+                speed=flown.wind.speed,
+                direction=flown.wind.direction,
+                sigma=flown.wind.sigma,
+            )
             for part, flights in parts.items()
-            for entry in flights
-            if (wind := entry.coverage.get("wind")) is not None
+            for entry, flown in flights
+            if flown.wind is not None
         ),
         outside=outside,
-        flights=tuple(_facts(entry, part) for part, flights in parts.items() for entry in flights),
+        flights=tuple(_facts(entry, flown, part) for part, flights in parts.items() for entry, flown in flights),
         findings=tuple(_findings(outside, quantities)),
     )
 
 
-def _range(name: str, fitted: Sequence[FlightEntry], judges: Sequence[FlightEntry]) -> RangeFlown:
-    first = min(c["first"] for c in _counts(name, (*fitted, *judges)))
-    last = max(c["first"] + len(c["seconds"]) for c in _counts(name, (*fitted, *judges)))
+def _range(name: str, fitted: Sequence[Flown], judges: Sequence[Flown]) -> RangeFlown:
+    counts = _counts(name, (*fitted, *judges))
+    first, last = min(c.first for c in counts), max(c.first + len(c.seconds) for c in counts)
 
-    def total(flights: Sequence[FlightEntry]) -> list[float]:
+    def total(flights: Sequence[Flown]) -> list[float]:
         seconds = [0.0] * (last - first)
         for count in _counts(name, flights):
-            for k, part in enumerate(count["seconds"], start=count["first"] - first):
+            for k, part in enumerate(count.seconds, start=count.first - first):
                 seconds[k] += part
         return seconds
 
     training = total(fitted)
-    some = next(iter(_counts(name, (*fitted, *judges))))
-    step, whole = float(some["step"]), sum(training)
+    step, whole = counts[0].step, sum(training)
     bounds = None
     if whole > 0.0:
         below, ends = 0.0, [first, last]
@@ -103,8 +105,8 @@ def _range(name: str, fitted: Sequence[FlightEntry], judges: Sequence[FlightEntr
             below += part
         bounds = ends[0] * step, ends[1] * step
     return RangeFlown(
-        title=some["title"],
-        unit=some["unit"],
+        title=counts[0].title,
+        unit=counts[0].unit,
         step=step,
         first=first,
         training=tuple(training),
@@ -113,48 +115,47 @@ def _range(name: str, fitted: Sequence[FlightEntry], judges: Sequence[FlightEntr
     )
 
 
-def _counts(name: str, flights: Iterable[FlightEntry]) -> list[Mapping[str, Any]]:
-    return [entry.coverage["quantities"][name] for entry in flights if name in entry.coverage["quantities"]]
+def _counts(name: str, flights: Iterable[Flown]) -> list[Distribution]:
+    return [flown.quantities[name] for _, flown in flights if name in flown.quantities]
 
 
-def _excursion(entry: FlightEntry, name: str, flown: RangeFlown) -> Excursion | None:
+def _excursion(flight: str, name: str, count: Distribution | None, flown: RangeFlown) -> Excursion | None:
     """Return how much of a flight lies more than a bin outside the fitted range; None where it is hardly any."""
-    count = entry.coverage["quantities"].get(name)
     if count is None or flown.fitted is None:
         return None
     low, high = (round(bound / flown.step) for bound in flown.fitted)
     below = above = 0.0
-    for k, seconds in enumerate(count["seconds"], start=count["first"]):
+    for k, seconds in enumerate(count.seconds, start=count.first):
         below += seconds if k < low - 1 else 0.0
         above += seconds if k > high else 0.0
-    part = (below + above) / max(sum(count["seconds"]), 1e-9)
+    part = (below + above) / max(sum(count.seconds), 1e-9)
     if part <= OUTSIDE:
         return None
     # A blip beyond the rest of the flight is not what it did: the 95 % quantile, where that is outside already.
     if above >= below:
-        reach = count["p95"] if count["p95"] > flown.fitted[1] else count["max"]
+        reach = count.p95 if count.p95 > flown.fitted[1] else count.max
     else:
-        reach = count["p05"] if count["p05"] < flown.fitted[0] else count["min"]
-    return Excursion(flight=entry.name, quantity=name, part=part, reach=float(reach), fitted=flown.fitted)
+        reach = count.p05 if count.p05 < flown.fitted[0] else count.min
+    return Excursion(flight=flight, quantity=name, part=part, reach=reach, fitted=flown.fitted)
 
 
-def _summed(flights: Sequence[FlightEntry]) -> Cells:
+def _summed(flights: Sequence[Flown]) -> tuple[Cell, ...]:
     cells: dict[tuple[int, int], float] = defaultdict(float)
-    for entry in flights:
-        for i, j, seconds in entry.coverage["map"]["cells"]:
-            cells[int(i), int(j)] += seconds
-    return [[i, j, seconds] for (i, j), seconds in sorted(cells.items())]
+    for _, flown in flights:
+        for i, j, seconds in flown.map.cells:
+            cells[i, j] += seconds
+    return tuple((i, j, seconds) for (i, j), seconds in sorted(cells.items()))
 
 
-def _facts(entry: FlightEntry, part: str) -> dict[str, Any]:
-    return {
-        "flight": entry.name,
-        "part": part,
-        "start_utc": None if entry.start_utc is None else entry.start_utc.isoformat(),
-        "place": None if entry.origin is None else [math.degrees(angle) for angle in entry.origin[:2]],
-        "seconds": entry.coverage["seconds"],
-        "acceleration_rms": excitation(entry),
-    }
+def _facts(entry: FlightEntry, flown: Coverage, part: str) -> FlightPlace:
+    return FlightPlace(
+        flight=entry.name,
+        part=part,
+        start_utc=None if entry.start_utc is None else entry.start_utc.isoformat(),
+        place=None if entry.origin is None else (math.degrees(entry.origin[0]), math.degrees(entry.origin[1])),
+        seconds=flown.seconds,
+        acceleration_rms=excitation(entry),
+    )
 
 
 def _findings(outside: Sequence[Excursion], quantities: Mapping[str, RangeFlown]) -> Iterable[Finding]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.fleet.meta_analysis import MetaRegression, meta_regression
-from pipeline.results.drift import History, Point, Step, Trend
+from pipeline.results.drift import Heterogeneity, History, Point, Step, Trend
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 Floats = NDArray[np.float64]
@@ -39,13 +39,11 @@ def history(parameter: str, unit: str, methods: Mapping[str, Sequence[Point]]) -
         parameter=parameter,
         unit=unit,
         method=method,
-        points=points,
+        flights=points,
         mean=mean,
         mean_sigma=mean_sigma,
         between=together.tau,
-        q=together.q,
-        q_p=together.q_p,
-        i2=together.i2,
+        heterogeneity=Heterogeneity(q=together.q, p=together.q_p, i2=together.i2),
         trend=_trend(points, values, sigmas),
         step=_step(points, values, sigmas, together),
         others={name: tuple(others) for name, others in methods.items() if name != method},
@@ -106,10 +104,10 @@ def _step(points: Sequence[Point], values: Floats, sigmas: Floats, together: Met
 def sentence_of(each: History, questions: int) -> str:
     """Report of one parameter what it is, how it scatters, and whether it changed."""
     unit = each.unit.split(",")[0]
-    n = len(each.points)
+    n = len(each.flights)
     text = f"{each.parameter}: {each.mean:.4g} ± {each.mean_sigma:.1g} {unit}".rstrip() + f" over {n} flights"
-    typical = float(np.median([point.sigma for point in each.points]))
-    if each.q_p < ALPHA and each.between > 0.0:
+    typical = float(np.median([point.sigma for point in each.flights]))
+    if each.heterogeneity.p < ALPHA and each.between > 0.0:
         text += f"; flights differ by {_of(each.between, each)} beyond their own errors of {_of(typical, each)}"
         if each.parameter == "thrust over mass" and each.between < AIR_SIGMA * abs(each.mean):
             text += f" (the temperature of the air, which no log tells, makes up to {100.0 * AIR_SIGMA:.1f} %)"
@@ -118,7 +116,7 @@ def sentence_of(each: History, questions: int) -> str:
     change = each.change
     if isinstance(change, Trend):
         way = "rises" if change.per_flight > 0.0 else "falls"
-        span = each.points[-1].number - each.points[0].number
+        span = each.flights[-1].number - each.flights[0].number
         text += (
             f"; it {way} by {_of(abs(change.per_flight), each)} ± {_of(change.per_flight_sigma, each)} per flight, "
             f"{_of(abs(change.per_flight) * span, each)} in all (p = {change.p_adjusted:.1g} after correction for "

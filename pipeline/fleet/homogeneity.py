@@ -45,22 +45,12 @@ _VAGUE = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unlike:
-    """A flight that is not like the others.
-
-    Attributes
-    ----------
-    flight : str
-    quantity : str
-    ratio : float
-        Its value over the mean of those that are alike.
-    sigmas : float
-        Departure in standard deviations.
-    """
+    """A flight that is not like the others."""
 
     flight: str
     quantity: str
-    ratio: float
-    sigmas: float
+    ratio: float  #: Its value over the mean of those that are alike.
+    sigmas: float  #: Departure in standard deviations.
 
     @property
     def reason(self) -> str:
@@ -114,26 +104,26 @@ def unlike_findings(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
 
 def _values(flights: Sequence[FlightEntry], quantity: str) -> tuple[list[str], Floats, Floats]:
     """Return names, logarithms and relative errors of a quantity by the method that most flights have."""
-    rows = [(flight, row) for flight in flights for row in flight.parameters if row["parameter"] == quantity]
-    sure = [(flight, row) for flight, row in rows if row["value"] > 0.0 and row["sigma"] < _VAGUE * row["value"]]
+    rows = [(flight, row) for flight in flights for row in flight.parameters if row.parameter == quantity]
+    sure = [(flight, row) for flight, row in rows if row.value > 0.0 and row.sigma < _VAGUE * row.value]
     counts: dict[str, int] = {}
     for _, row in sure:
-        counts[row["method"]] = counts.get(row["method"], 0) + 1
+        counts[row.method] = counts.get(row.method, 0) + 1
     method = max(counts, key=lambda name: counts[name], default="")
-    chosen = [(flight, row) for flight, row in sure if row["method"] == method]
+    chosen = [(flight, row) for flight, row in sure if row.method == method]
     volts = [_voltage(flight) for flight, _ in chosen]
     # Motors at full command give thrust with the square of the voltage, which is each flight's own.
     known = quantity == "thrust over mass" and all(volt is not None for volt in volts)
     values = [
-        np.log(row["value"]) - (2.0 * np.log(volt) if known and volt else 0.0)
+        np.log(row.value) - (2.0 * np.log(volt) if known and volt else 0.0)
         for (_, row), volt in zip(chosen, volts, strict=True)
     ]
-    errors = [row["sigma"] / row["value"] for _, row in chosen]
+    errors = [row.sigma / row.value for _, row in chosen]
     return [flight.name for flight, _ in chosen], np.array(values), np.array(errors)
 
 
 def _voltage(flight: FlightEntry) -> float | None:
-    return next((float(row["value"]) for row in flight.parameters if row["method"] == BATTERY), None)
+    return next((row.value for row in flight.parameters if row.method == BATTERY), None)
 
 
 def _largest(values: Floats, spread: Floats) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from logparse import LogError, RotoridError
+from logparse.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress
 from pipeline.fleet.current import stored_flights
@@ -34,32 +35,18 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """A log to analyse.
-
-    Attributes
-    ----------
-    source : Source
-    name, folder, key : str
-        As in `pipeline.results.entry.FlightEntry`.
-    config : AnalysisConfig
-    store : str
-        URL.
-    publish : callable or None
-    pages : str
-        `pipeline.storage.manifest.page_key` of it.
-    redo : bool
-        Analyse anew what the store has.
-    """
+    """A log to analyse."""
 
     source: Source
+    #: As in `pipeline.results.entry.FlightEntry`.
     name: str
     folder: str
     key: str
     config: AnalysisConfig
-    store: str
+    store: str  #: URL.
     publish: Publish | None
-    pages: str = ""
-    redo: bool = False
+    pages: str = ""  #: `pipeline.storage.manifest.page_key` of it.
+    redo: bool = False  #: Analyse anew what the store has.
 
 
 def run(job: Job, progress: Progress | None = None) -> tuple[FlightEntry, ...] | Failure | None:
@@ -119,7 +106,7 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
         if job.publish is not None:
             job.publish(result, product)
             write_result(result, product)
-        (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")
+        (product / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
         tables = write_tables(result, scratch / TABLES)
         experiments = write_experiments(result, scratch / EXPERIMENTS)
 
@@ -127,7 +114,7 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
         if former is not None:
             store.write_json(f"{place}/{ENTRY}", {**former, "key": ""})
             _remove_parts(store, former["vehicle"], folder)
-        store.write_json(f"{place}/{ENTRY}", {**entry.to_dict(), "key": ""})
+        store.write_json(f"{place}/{ENTRY}", replace(entry, key=""))
         for dataset, files in ((TABLES, tables), (EXPERIMENTS, experiments)):
             for name, file in files.items():
                 store.put(file, part(dataset, name, entry.vehicle, folder))
@@ -154,7 +141,7 @@ def _shown_anew(job: Job) -> tuple[FlightEntry, ...] | None:
             product.mkdir()
             job.publish(result, product)
             write_result(result, product)
-            (product / ENTRY).write_text(json.dumps(entry.to_dict(), allow_nan=False), encoding="utf-8")
+            (product / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
             store.commit(product, f"{FLIGHTS}/{entry.folder}")
     return shown
 

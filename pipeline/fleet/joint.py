@@ -36,17 +36,10 @@ MOST_ROWS = 200_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Records:
-    """Where the experiments of one kind are, of the flights that have it.
+    """Where the experiments of one kind are, of the flights that have it."""
 
-    Attributes
-    ----------
-    store : str
-        URL.
-    training, held_out : tuple of str
-        Paths in the store.
-    """
-
-    store: str
+    store: str  #: URL.
+    #: Paths in the store.
     training: tuple[str, ...]
     held_out: tuple[str, ...]
 

@@ -34,29 +34,15 @@ _FINEST = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MetaRegression:
-    """What values of several flights say together.
+    """What values of several flights say together."""
 
-    Attributes
-    ----------
-    beta : ndarray, shape (q,)
-        One coefficient for each column of the design.
-    covariance : ndarray, shape (q, q)
-    tau : float
-        Standard deviation between flights beyond their own standard errors.
-    df : int
-        Degrees of freedom; 0 where there are as many values as coefficients. Then tau cannot be told and is taken as 0.
-    q : float
-        Weighted sum of squares of the residuals without any scatter between flights (Cochran's Q).
-    weights : ndarray, shape (n,)
-        Of the values, ``1 / (sigma^2 + tau^2)``.
-    """
-
-    beta: Floats
-    covariance: Floats
-    tau: float
+    beta: Floats  #: shape (q,): One coefficient for each column of the design.
+    covariance: Floats  #: shape (q, q)
+    tau: float  #: Standard deviation between flights beyond their own standard errors.
+    #: Degrees of freedom; 0 where there are as many values as coefficients. Then tau cannot be told and is taken as 0.
     df: int
-    q: float
-    weights: Floats
+    q: float  #: Weighted sum of squares of the residuals without any scatter between flights (Cochran's Q).
+    weights: Floats  #: shape (n,): Of the values, ``1 / (sigma^2 + tau^2)``.
 
     @property
     def q_p(self) -> float:

@@ -10,7 +10,7 @@ shift of the centre of gravity leads to roll and pitch only; a twist of motors a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import chdtrc as chi2_sf
@@ -19,7 +19,8 @@ from logparse import Finding, Severity
 from pipeline.fleet.history import design_of
 from pipeline.fleet.meta_analysis import meta_regression
 from pipeline.flight.flight_parameters import SHARES
-from pipeline.results.drift import History, MotorDrift, Step, Trend
+from pipeline.results.drift import History, MotorDrift, MotorShares, Step, Trend
+from pipeline.results.entry import FlightParameter
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,7 +39,7 @@ STANDS = 0.05
 _NONE = 1e-6
 
 
-def trims(flight: FlightEntry) -> list[dict[str, Any]]:
+def trims(flight: FlightEntry) -> list[FlightParameter]:
     """Return roll, pitch and yaw trim of a flight's hover command as rows like those of `flight_parameters`.
 
     They have no unit: root of the sum of squares over the motors of the change in their shares.
@@ -50,13 +51,13 @@ def trims(flight: FlightEntry) -> list[dict[str, Any]]:
     names, basis = found
     values, sigmas = np.array(list(shares.values())).T
     return [
-        {
-            "parameter": name,
-            "method": SHARES,
-            "value": float(column @ values),
-            "sigma": float(np.sqrt(np.sum((column * sigmas) ** 2))),
-            "unit": "",
-        }
+        FlightParameter(
+            parameter=name,
+            method=SHARES,
+            value=float(column @ values),
+            sigma=float(np.sqrt(np.sum((column * sigmas) ** 2))),
+            unit="",
+        )
         for name, column in zip(names, basis.T, strict=True)
     ]
 
@@ -75,11 +76,11 @@ def motor_drift(flights: Sequence[FlightEntry], histories: Sequence[History]) ->
     if not told:
         return None
     points = tuple(
-        {
-            "flight": flight.name,
-            "start_utc": None if flight.start_utc is None else flight.start_utc.isoformat(),
-            "shares": {motor: list(share) for motor, share in _shares(flight).items()},
-        }
+        MotorShares(
+            flight=flight.name,
+            start_utc=None if flight.start_utc is None else flight.start_utc.isoformat(),
+            shares=_shares(flight),
+        )
         for flight in told
     )
     followed = [each for each in histories if each.method == SHARES]
@@ -96,7 +97,7 @@ def motor_drift(flights: Sequence[FlightEntry], histories: Sequence[History]) ->
 
 
 def _explained(
-    flights: Sequence[FlightEntry], points: tuple[Mapping[str, Any], ...], followed: Sequence[History], leading: History
+    flights: Sequence[FlightEntry], points: tuple[MotorShares, ...], followed: Sequence[History], leading: History
 ) -> MotorDrift:
     """Find what explains the change of all trims: one motor, the centre of gravity, a twist, or none alone."""
     change = leading.change
@@ -104,8 +105,8 @@ def _explained(
     steady = isinstance(change, Trend)
     estimates, sigmas = [], []
     for each in followed:
-        values, errors = ([getattr(point, name) for point in each.points] for name in ("value", "sigma"))
-        estimate, sigma, _ = meta_regression(values, errors, design_of(each.points, change)).test([0.0, 1.0])
+        values, errors = ([getattr(point, name) for point in each.flights] for name in ("value", "sigma"))
+        estimate, sigma, _ = meta_regression(values, errors, design_of(each.flights, change)).test([0.0, 1.0])
         estimates.append(estimate)
         sigmas.append(sigma)
     motors = tuple(_shares(flights[0]))
@@ -181,11 +182,7 @@ def _explained(
 
 
 def _shares(flight: FlightEntry) -> dict[str, tuple[float, float]]:
-    return {
-        row["parameter"]: (float(row["value"]), float(row["sigma"]))
-        for row in flight.parameters
-        if row["method"] == SHARES
-    }
+    return {row.parameter: (row.value, row.sigma) for row in flight.parameters if row.method == SHARES}
 
 
 def _basis(mixer: Mapping[str, Sequence[float]], motors: Sequence[str]) -> tuple[list[str], Floats] | None:

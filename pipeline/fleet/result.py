@@ -8,50 +8,30 @@ from dataclasses import dataclass, field, replace
 from logparse.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import Failure
+from pipeline.results.fleet import Failure, GroupResult
 from pipeline.storage.manifest import Manifest
 from pipeline.storage.store import Store
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class FleetResult(Summarised):
-    """Several logs: every flight for itself, every craft jointly, and the files that gave nothing.
+    """Several logs: every flight for itself, every craft jointly, and the files that gave nothing."""
 
-    Attributes
-    ----------
-    flights : tuple of FlightEntry
-        In the order in which the logs were found. Their products are in the store.
-    groups : tuple of GroupEntry
-        Crafts with several flights, those with most first.
-    failures : tuple of Failure
-        Logs that gave nothing.
-    config : AnalysisConfig
-    store : Store
-        What has all products.
-    passed_over : tuple of Failure
-        What was found but not used, such as files that are no logs and second recordings of a flight.
-    duplicates : tuple of Failure
-        Copies of logs that were analysed.
-    removed : tuple of Failure
-        Logs of earlier runs that are no longer there; their products are still in the store.
-    reused : int
-        Logs whose products, or whose reason to have none, were in the store already.
-    manifest : Manifest or None
-    timings : mapping of str to float
-        Seconds spent on logs and on crafts in this run.
-    """
-
-    flights: tuple[FlightEntry, ...]
-    groups: tuple[GroupEntry, ...]
-    failures: tuple[Failure, ...]
+    flights: tuple[FlightEntry, ...]  #: In the order in which the logs were found. Their products are in the store.
+    groups: tuple[GroupEntry, ...]  #: Crafts with several flights, those with most first.
+    failures: tuple[Failure, ...]  #: Logs that gave nothing.
     config: AnalysisConfig
-    store: Store
+    store: Store  #: What has all products.
+    #: What was found but not used, such as files that are no logs and second recordings of a flight.
     passed_over: tuple[Failure, ...] = ()
-    duplicates: tuple[Failure, ...] = ()
+    duplicates: tuple[Failure, ...] = ()  #: Copies of logs that were analysed.
+    #: Logs of earlier runs that are no longer there; their products are still in the store.
     removed: tuple[Failure, ...] = ()
-    reused: int = 0
+    reused: int = 0  #: Logs whose products, or whose reason to have none, were in the store already.
     manifest: Manifest | None = None
-    timings: Mapping[str, float] = field(default_factory=dict)
+    #: Crafts whose models were fitted in this run, by the folders of `groups`; those of others are in the store.
+    fitted: Mapping[str, GroupResult] = field(default_factory=dict)
+    timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds spent on logs and on crafts in this run.
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""

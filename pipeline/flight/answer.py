@@ -18,17 +18,17 @@ from logparse import MissingDataError
 from logparse.events.vibration import ACCEPTABLE
 from logparse.quantity import duration, number, uncertain
 from pipeline.flight.kinds import RIGID_BODY_KEY
-from pipeline.flight.purposes import Trust, uses_of
+from pipeline.flight.purposes import uses_of
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
 from pipeline.results.flight import FlightResult, ModelResult, Span
 from pipeline.results.rotation import LoopState
+from pipeline.results.verdict import PredictionUse, Trust
 from sysid.rigid_body.frame_json import frame_json
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.physical import HEADLINE
 
 if TYPE_CHECKING:
     from logparse import FlightEvent
-    from pipeline.flight.purposes import PredictionUse
     from pipeline.results.health import FlightHealth
     from pipeline.results.loops import FlightLoops
     from pipeline.results.rotation import LoopMargins
@@ -124,7 +124,7 @@ def _healthy(result: FlightResult) -> AnswerLine:
         more = f"; {others} more event{'s' if others > 1 else ''}" if others else ""
         loss = worst.evidence.get("thrust_loss")
         if isinstance(loss, float):
-            sigma = 100.0 * float(worst.evidence["thrust_loss_sigma"])
+            sigma = 100.0 * float(worst.evidence["thrust_loss_sigma"] or 0.0)
             text = f"of motor {worst.evidence['motor']}'s thrust lost from {worst.t:.1f} s{more}"
             return line(word, tone, text, 100.0 * loss, sigma=sigma, unit="%")
         where = "" if worst in _during(health, result.flight) or worst is health.cause else " in another flight"
@@ -162,14 +162,14 @@ def _loops(result: FlightResult) -> AnswerLine:
     if loops is None:
         reason = result.missing.get("loops") or result.missing.get("flight", "no flight")
         return AnswerLine(purpose="Loops", word="not known", tone=Tone.UNKNOWN, text=_brief(reason))
-    if loops.oscillations:
-        axis, hz = max(loops.oscillations.items(), key=lambda each: each[1])
-        named = " and ".join(loops.oscillations)
+    if loops.oscillations_hz:
+        axis, hz = max(loops.oscillations_hz.items(), key=lambda each: each[1])
+        named = " and ".join(loops.oscillations_hz)
         return AnswerLine(
             purpose="Loops",
             word="oscillate",
             tone=Tone.BAD,
-            text=f"oscillation in {named}: lower P and D of {'both' if len(loops.oscillations) > 1 else axis} by 25 %",
+            text=f"oscillation in {named}: lower P and D of {axis if named == axis else 'both'} by 25 %",
             value=hz,
             unit="Hz",
         )
@@ -232,9 +232,9 @@ def _unmeasured(result: FlightResult, loops: FlightLoops) -> AnswerLine:
             sigma=followed[axis].sigma,
             unit=followed[axis].unit,
         )
-    if not loops.tracking:
+    if not loops.tracking_rad:
         return AnswerLine(purpose="Loops", word="not measured", tone=Tone.UNKNOWN, text=fly)
-    axis, error = max(loops.tracking.items(), key=lambda each: each[1])
+    axis, error = max(loops.tracking_rad.items(), key=lambda each: each[1])
     return AnswerLine(
         purpose="Loops",
         word="not measured",
@@ -254,7 +254,7 @@ def _ahead(result: FlightResult) -> AnswerLine:
         return AnswerLine(purpose="Predict ahead", word="no model", tone=Tone.UNKNOWN, text=_brief(reason))
     uses = {each.key: uses_of(each.validation, each.model).prediction for each in fitted}
     names = {each.key: each.title.partition(" →")[0] for each in fitted}
-    able = {key: use for key, use in uses.items() if use.longest is not None}
+    able = {key: use for key, use in uses.items() if use.horizon_s is not None}
     if not able:
         judged = any(use.judged for use in uses.values())
         text = (
@@ -264,11 +264,11 @@ def _ahead(result: FlightResult) -> AnswerLine:
         )
         word, tone = ("no", Tone.BAD) if judged else ("not judged", Tone.UNKNOWN)
         return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text)
-    best = max(able, key=lambda key: able[key].longest or 0.0)
+    best = max(able, key=lambda key: able[key].horizon_s or 0.0)
     text = f"by {names[best]}, {_error(able[best])}"
-    second = sorted((key for key in able if key != best), key=lambda key: able[key].longest or 0.0)[-1:]
-    text += "".join(f"; {names[key]} {able[key].longest:g} s" for key in second)
-    longest = able[best].longest
+    second = sorted((key for key in able if key != best), key=lambda key: able[key].horizon_s or 0.0)[-1:]
+    text += "".join(f"; {names[key]} {able[key].horizon_s:g} s" for key in second)
+    longest = able[best].horizon_s
     # What predicts shorter than a person needs to react is of use to a filter only.
     word, tone = ("yes", Tone.GOOD) if longest is not None and longest >= 1.0 else ("briefly", Tone.CARE)
     return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text, value=longest, unit="s")
@@ -276,8 +276,8 @@ def _ahead(result: FlightResult) -> AnswerLine:
 
 def _error(use: PredictionUse) -> str:
     """Write the RMS error at the longest horizon, over all axes; from which horizon on where not from the shortest."""
-    error = math.sqrt(sum(each**2 for each in use.errors.values()))
-    since = f", from {use.horizons[0]:g} s" if use.horizons[0] > 0.1 and len(use.horizons) > 1 else ""
+    error = math.sqrt(sum(each**2 for each in use.rmse_m.values()))
+    since = f", from {use.horizons_s[0]:g} s" if use.horizons_s[0] > 0.1 and len(use.horizons_s) > 1 else ""
     return f"± {number(error, 2)} m{since}"
 
 

@@ -8,8 +8,7 @@ bin of grids that are the same for all flights, so that those of several flights
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +16,7 @@ import sysid
 from pipeline.flight.excitation import excitation_of
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.flight.log_health import log_health
-from pipeline.results.coverage import MAP, QUANTITIES, Coverage, Distribution, Wind
+from pipeline.results.coverage import MAP, QUANTITIES, Cell, Coverage, Distribution, LoggedRate, TimeMap, Wind
 from sysid.records.context import resample_frame, shared_context
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
     from estimation import Trajectory
     from logparse import FlightLog
-    from pipeline.results.flight import FlightResult, ModelResult, Span
+    from pipeline.results.flight import ModelResult, Span
 
     Floats = NDArray[np.float64]
 
@@ -45,7 +44,7 @@ def measure(
     models: Sequence[ModelResult] = (),
     *,
     experiments: Iterable[sysid.Experiment] = (),
-    rates: Mapping[str, Mapping[str, float]] | None = None,
+    rates: Mapping[str, LoggedRate] | None = None,
 ) -> Coverage:
     """Measure what a flight covered.
 
@@ -96,32 +95,16 @@ def measure(
     return Coverage(
         seconds=len(t) / RATE,
         quantities=known,
-        cells=_cells(*(series[name] for name in MAP)),
+        map=TimeMap(cells=_cells(*(series[name] for name in MAP))),
         wind=None
         if trim is None
-        else Wind(
-            north=float(trim.wind_n),
-            east=float(trim.wind_e),
-            sigma=float(trim.wind_sigma),
-            source="rigid body fitted to this flight",
+        else Wind.towards(
+            float(trim.wind_n), float(trim.wind_e), float(trim.wind_sigma), "rigid body fitted to this flight"
         ),
         excitation=excitation_of(log, trajectory, context, models),
         health=log_health(log, trajectory, flight, rates),
         missing=missing,
     )
-
-
-def summarise(result: FlightResult) -> dict[str, Any]:
-    """Return what an entry keeps of a flight's coverage, nothing of it rounded; empty when nothing was measured."""
-    return {} if result.coverage is None else dict(_finite(result.coverage.to_dict()))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _finite(each) for name, each in value.items()}
-    if isinstance(value, list):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def _thrust(log: FlightLog, t: Floats) -> Floats | None:
@@ -150,23 +133,26 @@ def _distribution(name: str, values: Floats) -> Distribution | None:
     values = values[np.isfinite(values)]
     if not len(values):
         return None
-    bins = _bins(name, values)
+    bins, quantity = _bins(name, values), QUANTITIES[name]
     first = int(bins.min())
     p05, median, p95 = (float(value) for value in np.percentile(values, [5.0, 50.0, 95.0]))
     return Distribution(
-        minimum=float(values.min()),
+        title=quantity.title,
+        unit=quantity.unit,
+        min=float(values.min()),
         p05=p05,
         median=median,
         p95=p95,
-        maximum=float(values.max()),
+        max=float(values.max()),
         mean=float(values.mean()),
         std=float(values.std()),
+        step=quantity.step,
         first=first,
         seconds=tuple(float(count) / RATE for count in np.bincount(bins - first)),
     )
 
 
-def _cells(x: Floats, y: Floats) -> tuple[tuple[int, int, float], ...]:
+def _cells(x: Floats, y: Floats) -> tuple[Cell, ...]:
     known = np.isfinite(x) & np.isfinite(y)
     cells, counts = np.unique(
         np.column_stack([_bins(MAP[0], x[known]), _bins(MAP[1], y[known])]), axis=0, return_counts=True

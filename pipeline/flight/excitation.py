@@ -10,7 +10,7 @@ import numpy as np
 from scipy.constants import g as standard_gravity
 
 from logparse import MissingDataError
-from pipeline.results.coverage import AxisExcitation, Excitation
+from pipeline.results.coverage import AxisExcitation, Excitation, Linearity
 from sysid.records.context import resample_frame
 from sysid.records.excitation import Coherence
 from sysid.records.mixer import project
@@ -124,20 +124,20 @@ def _word(multiple: float) -> str:
     return next(word for limit, word in _WORDS if multiple < limit or limit == float("inf"))
 
 
-def _coherence(models: Sequence[ModelResult]) -> dict[str, dict[str, float]] | None:
+def _coherence(models: Sequence[ModelResult]) -> dict[str, Linearity] | None:
     found = next((each.coherence for each in models if isinstance(each.coherence, Coherence)), None)
     return None if found is None else in_band(found)
 
 
-def in_band(found: Coherence) -> dict[str, dict[str, float]] | None:
+def in_band(found: Coherence) -> dict[str, Linearity] | None:
     """Sum a coherence up over the frequencies at which a multirotor answers; None where it has none of them."""
     band = (found.frequency >= BAND[0]) & (found.frequency <= BAND[1])
     if not band.any():
         return None
     return {
-        output: {
-            "multiple_median": float(np.median(multiple[band])),
-            "above_chance": float(np.mean(multiple[band] > found.threshold)),
-        }
+        output: Linearity(
+            multiple_median=float(np.median(multiple[band])),
+            above_chance=float(np.mean(multiple[band] > found.threshold)),
+        )
         for output, multiple in zip(found.output_names, found.multiple.T, strict=True)
     }

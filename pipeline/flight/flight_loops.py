@@ -28,7 +28,7 @@ def assess_loops(log: FlightLog, sound: Span) -> FlightLoops:
     # A broken craft swings for other reasons than its gains.
     found = {axis: find_oscillation(log, axis) for axis in AXES} if whole else {}
     oscillations = {axis: each.hz for axis, each in found.items() if each is not None}
-    return FlightLoops(oscillations=oscillations, tracking=_tracking(log, sound))
+    return FlightLoops(oscillations_hz=oscillations, tracking_rad=_tracking(log, sound))
 
 
 def _tracking(log: FlightLog, span: Span) -> dict[str, float]:

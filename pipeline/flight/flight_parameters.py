@@ -6,11 +6,12 @@ These rows are light; they are kept of every flight so that parameters can be fo
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.flight.kinds import THRUST_KEY
+from pipeline.results.entry import FlightParameter
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.physical import HEADLINE, METHODS
@@ -43,16 +44,16 @@ WIND_AS_DRAG = ("whole drag in still air over mass", METHODS[4])
 _WITH_AIR = METHODS[:2]
 
 
-def flight_parameters(result: FlightResult) -> list[dict[str, Any]]:
+def flight_parameters(result: FlightResult) -> list[FlightParameter]:
     """List what a flight says about its craft.
 
     Returns
     -------
-    list of dict
-        ``parameter method value sigma unit``. The standard error of thrust is without that of the air's density, which
+    list of FlightParameter
+        The standard error of thrust is without that of the air's density, which
         differs between flights only as far as the air's temperature does, so that scatter between flights holds it.
     """
-    rows: list[dict[str, Any]] = []
+    rows: list[FlightParameter] = []
     found = result.parameters
     if found is not None:
         air = found.thrust.air_sigma if found.thrust is not None else 0.0
@@ -67,14 +68,14 @@ def flight_parameters(result: FlightResult) -> list[dict[str, Any]]:
             if method in _WITH_AIR and parameter.startswith("thrust over mass"):
                 sigma = max(sigma**2 - (air * value) ** 2, (1e-4 * value) ** 2) ** 0.5
             rows.append(
-                {"parameter": parameter, "method": method, "value": value, "sigma": sigma, "unit": str(row["unit"])}
+                FlightParameter(parameter=parameter, method=method, value=value, sigma=sigma, unit=str(row["unit"]))
             )
     record = result.experiments.get(THRUST_KEY)
     if record is not None and (volts := reference_voltage([record])) is not None:
-        rows.append({"parameter": "voltage", "method": BATTERY, "value": volts, "sigma": 0.01 * volts, "unit": "V"})
+        rows.append(FlightParameter(parameter="voltage", method=BATTERY, value=volts, sigma=0.01 * volts, unit="V"))
     if record is not None:
         rows += [
-            {"parameter": motor, "method": SHARES, "value": share, "sigma": sigma, "unit": "mean of all motors"}
+            FlightParameter(parameter=motor, method=SHARES, value=share, sigma=sigma, unit="mean of all motors")
             for motor, (share, sigma) in motor_shares(record).items()
         ]
     return rows

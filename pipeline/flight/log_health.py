@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from logparse import health
-from pipeline.results.coverage import LogHealth
+from pipeline.results.coverage import BatteryUse, GpsQuality, LoggedRate, LogHealth, PositionSigma, Vibration
 
 if TYPE_CHECKING:
     from estimation import Trajectory
@@ -37,18 +37,18 @@ _SETTINGS = (
 
 
 def log_health(
-    log: FlightLog, trajectory: Trajectory, flight: Span, rates: Mapping[str, Mapping[str, float]] | None = None
+    log: FlightLog, trajectory: Trajectory, flight: Span, rates: Mapping[str, LoggedRate] | None = None
 ) -> LogHealth:
     """Measure how well a flight was logged; `rates` are those of `logged_rates` where they are known already."""
     sigma = trajectory.sigma.loc[flight.start : flight.stop]
     horizontal = (sigma["p_n"] ** 2 + sigma["p_e"] ** 2) ** 0.5
-    parameters = log.parameters
+    parameters, vibration = log.parameters, health.vibration(log, flight.start, flight.stop)
     return LogHealth(
         rates=logged_rates(log.tables, flight) if rates is None else rates,
         gps=_gps(log.tables, flight),
-        vibration=health.vibration(log, flight.start, flight.stop),
+        vibration=None if vibration is None else Vibration(**vibration),
         battery=_battery(log.tables, flight),
-        position_sigma={"median": float(horizontal.median()), "max": float(horizontal.max())},
+        position_sigma=PositionSigma(median=float(horizontal.median()), max=float(horizontal.max())),
         settings={
             name: float(parameters[name])
             for name in _SETTINGS
@@ -58,7 +58,7 @@ def log_health(
     )
 
 
-def logged_rates(tables: Tables, flight: Span) -> dict[str, dict[str, float]]:
+def logged_rates(tables: Tables, flight: Span) -> dict[str, LoggedRate]:
     """Measure how fast each table was logged in flight, and with which gaps."""
     rates = {}
     for name in _TABLES:
@@ -70,28 +70,28 @@ def logged_rates(tables: Tables, flight: Span) -> dict[str, dict[str, float]]:
             continue
         usual = float(np.median(np.diff(t)))
         gaps = np.diff(np.concatenate(([flight.start], t, [flight.stop])))
-        rates[name] = {
-            "rate": 1.0 / usual,
-            "gaps": int(np.count_nonzero(gaps > max(_GAP, _INTERVALS * usual))),
-            "longest_gap": float(gaps.max()),
-        }
+        rates[name] = LoggedRate(
+            rate=1.0 / usual,
+            gaps=int(np.count_nonzero(gaps > max(_GAP, _INTERVALS * usual))),
+            longest_gap=float(gaps.max()),
+        )
     return rates
 
 
-def _gps(tables: Tables, flight: Span) -> dict[str, float | None] | None:
+def _gps(tables: Tables, flight: Span) -> GpsQuality | None:
     if tables.gps is None:
         return None
     fixes = tables.gps.loc[flight.start : flight.stop]
     if not len(fixes):
         return None
-    quality: dict[str, float | None] = {"fix_part": float(((fixes["fix"] >= 3.0) & fixes["lat"].notna()).mean())}
-    for name in ("satellites", "hdop", "h_acc", "s_acc"):
-        values = fixes[name].dropna()
-        quality[name] = float(values.median()) if len(values) else None
-    return quality
+    known = {name: fixes[name].dropna() for name in ("satellites", "hdop", "h_acc", "s_acc")}
+    return GpsQuality(
+        fix_part=float(((fixes["fix"] >= 3.0) & fixes["lat"].notna()).mean()),
+        **{name: float(values.median()) for name, values in known.items() if len(values)},
+    )
 
 
-def _battery(tables: Tables, flight: Span) -> dict[str, float | None] | None:
+def _battery(tables: Tables, flight: Span) -> BatteryUse | None:
     if tables.battery is None:
         return None
     flown = tables.battery.loc[flight.start : flight.stop]
@@ -99,9 +99,9 @@ def _battery(tables: Tables, flight: Span) -> dict[str, float | None] | None:
     if not len(voltage):
         return None
     current = flown["current"].dropna()
-    return {
-        "first": float(voltage.iloc[0]),
-        "last": float(voltage.iloc[-1]),
-        "min": float(voltage.min()),
-        "mean_current": float(current.mean()) if len(current) else None,
-    }
+    return BatteryUse(
+        first=float(voltage.iloc[0]),
+        last=float(voltage.iloc[-1]),
+        min=float(voltage.min()),
+        mean_current=float(current.mean()) if len(current) else None,
+    )

@@ -38,12 +38,12 @@ def without_repetition(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 
 
 def _together(first: Finding, others: Sequence[Finding]) -> Finding:
-    last = max(others, key=lambda finding: float(finding.evidence["start"]))
+    last = max(others, key=lambda finding: float(finding.evidence["start"] or 0.0))
     evidence = {**first.evidence, "count": 1 + len(others), "last_start": last.evidence["start"]}
     if "stop" in last.evidence:
         evidence["last_stop"] = last.evidence["stop"]
     more = f"{len(others)} more such, the last from" if len(others) > 1 else "Another such from"
-    when = f"{more} t = {float(last.evidence['start']):.1f} s"
+    when = f"{more} t = {float(last.evidence['start'] or 0.0):.1f} s"
     if "stop" in last.evidence:
-        when += f" to {float(last.evidence['stop']):.1f} s"
+        when += f" to {float(last.evidence['stop'] or 0.0):.1f} s"
     return replace(first, reason=f"{first.reason.rstrip('.')}. {when}.", evidence=evidence)

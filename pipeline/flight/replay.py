@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,11 +14,19 @@ import estimation
 import logparse
 import sysid
 from logparse import MissingDataError, RotoridError, Vehicle
+from logparse.serialization import from_json, plain
 from pipeline.errors import ConfigError
 from pipeline.execution.stages import Progress, silent
 from pipeline.flight.kinds import KINDS
 from pipeline.names import printable
 from pipeline.results.flight import ModelResult, Prediction
+from pipeline.results.model_report import (
+    ClosedLoopRecord,
+    FunctionsRecord,
+    ModelRecord,
+    ModelsFile,
+    TransferFunctionsRecord,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +35,7 @@ class StoredModel:
 
     owner: str  #: Craft (joint models) or flight that it was fitted to.
     key: str  #: Its kind, as `pipeline.flight.kinds.KINDS` has it.
-    content: Mapping[str, Any]  #: What its `to_dict` gave.
+    record: ModelRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,15 +62,16 @@ def load_models(path: str | Path) -> list[StoredModel]:
     """
     path = Path(path)
     try:
-        content = json.loads(path.read_text("utf-8"))
-        entries = [*content.get("joint", []), *content.get("flights", [])]
-        stored = [
-            StoredModel(str(entry["name"]), str(key), values)
-            for entry in entries
-            for key, values in entry["models"].items()
-        ]
-    except (UnicodeDecodeError, ValueError, AttributeError, KeyError, TypeError) as error:
-        raise ConfigError(f"{path} is not a models.json as rotorid analyze writes it ({_what(error)})") from error
+        file = from_json(path.read_bytes(), ModelsFile)
+    except ValueError as error:
+        raise ConfigError(
+            f"{path} is not a models.json of this version of rotorid ({error}); analyze the logs again"
+        ) from error
+    stored = [
+        StoredModel(owner.name, key, record)
+        for owner in (*file.joint, *file.flights)
+        for key, record in owner.models.items()
+    ]
     if not stored:
         raise ConfigError(f"{path} holds no models")
     return stored
@@ -85,34 +92,27 @@ def choose(stored: Sequence[StoredModel], wanted: str | None = None) -> list[Sto
     return [model for model in fitting if model.owner == fitting[0].owner]
 
 
-def read_model(values: Mapping[str, Any], vehicle: Vehicle | None = None) -> sysid.Model:
-    """Make a model again from what its `to_dict` gave.
+def read_model(record: ModelRecord, vehicle: Vehicle | None = None) -> sysid.Model:
+    """Make a model again from its record.
 
     Parameters
     ----------
-    values : mapping
+    record : ModelRecord
     vehicle : Vehicle, optional
         The craft to run it for; physical models need its motors.
 
     Raises
     ------
     ConfigError
-        For a kind that cannot be run, or when something is missing.
+        Without a vehicle that it needs.
     """
-    try:
-        match values["kind"]:
-            case "transfer-functions":
-                return sysid.TransferFunctionModel.from_dict(values)
-            case "closed-loop":
-                return sysid.ClosedLoopModel.from_dict(values)
-            case "rigid_body" if vehicle is not None:
-                return sysid.RigidBodyModel.from_dict(values, vehicle)
-            case "rigid_body":
-                raise ConfigError("a rigid body needs the attitude of a log; give a log as --inputs")
-            case kind:
-                raise ConfigError(f"models of kind {kind!r} cannot be run")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ConfigError(f"a model of the file is not as rotorid analyze writes it ({_what(error)})") from error
+    if isinstance(record, TransferFunctionsRecord):
+        return sysid.TransferFunctionModel.from_dict(plain(record))
+    if isinstance(record, ClosedLoopRecord):
+        return sysid.ClosedLoopModel.from_dict(plain(record))
+    if vehicle is None:
+        raise ConfigError("a rigid body needs the attitude of a log; give a log as --inputs")
+    return sysid.RigidBodyModel.from_dict(plain(record), vehicle)
 
 
 class Trim(StrEnum):
@@ -191,13 +191,13 @@ def _from_log(
             record = sysid.Experiment.from_flight(
                 log,
                 trajectory,
-                rate=float(stored.content.get("rate_hz") or kind.rate or 10.0),
+                rate=stored.record.rate_hz if isinstance(stored.record, FunctionsRecord) else kind.rate or 10.0,
                 inputs=kind.inputs,
                 outputs="position",
                 frame=kind.frame,
                 name=printable(path.stem),
             )
-            model = read_model(stored.content, log.vehicle)
+            model = read_model(stored.record, log.vehicle)
             record, about = _about(record, model, trim or Trim.OWN, title)
             notes += about
             if any(name == record.name or name.startswith(f"{record.name} [") for name in model.training):
@@ -223,7 +223,7 @@ def _from_table(
     for number, stored in enumerate(chosen):
         progress(f"running {_title(stored)}", (number + 1) / len(chosen))
         try:
-            model = read_model(stored.content)
+            model = read_model(stored.record)
             record, known = _record(table, model, path)
             record, about = _about(record, model, trim or (Trim.OWN if known else Trim.TRAINING), _title(stored))
             notes += about

@@ -5,11 +5,9 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterator
 from dataclasses import fields
-from typing import Any
 
-from pipeline.flight.coverage import summarise
+from logparse import Finding
 from pipeline.flight.craft import build_of, craft_name
 from pipeline.flight.flight_parameters import flight_parameters
 from pipeline.results.entry import FlightEntry, FlightSummary
@@ -44,13 +42,13 @@ def summarise_flight(result: FlightResult) -> FlightSummary:
         experiments=tuple(result.experiments),
         modelled=result.thrust is not None or any(each.model is not None for each in result.models),
         missing={**models, **result.missing},
-        coverage=summarise(result),
+        coverage=result.coverage,
         board=log.board,
         build=build_of(log.vehicle),
         tune=dict(log.tune),
         mixer={f"m{motor.number}": [motor.roll, motor.pitch, motor.yaw] for motor in log.vehicle.motors},
         parameters=tuple(flight_parameters(result)),
-        findings=tuple(_findings(result)),
+        findings=_findings(result),
         timings=dict(result.timings),
     )
 
@@ -62,13 +60,10 @@ def flight_entry(result: FlightResult, *, folder: str, source: str, key: str) ->
     return FlightEntry(**kept, folder=folder, source=source, key=key)
 
 
-def _findings(result: FlightResult) -> Iterator[dict[str, Any]]:
+def _findings(result: FlightResult) -> tuple[Finding, ...]:
     """List what the log and the fits had to say, each once."""
     fits = (finding for model in result.models for finding in model.findings)
-    once = {(finding.id, finding.reason): finding for finding in (*result.findings, *fits)}
-    for finding in once.values():
-        told = finding.to_dict()
-        yield {name: told[name] for name in ("id", "severity", "evidence")}
+    return tuple({(finding.id, finding.reason): finding for finding in (*result.findings, *fits)}.values())
 
 
 def partition(craft: str, frame_class: str | None) -> str:

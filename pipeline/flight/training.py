@@ -17,12 +17,12 @@ LEAST_EXCITATION = 2.0
 
 def excitation(flight: FlightSummary) -> float | None:
     """Return the RMS of a flight's changes of velocity over a second, m/s^2; None where that was not measured."""
-    return _measured(flight.coverage.get("excitation", {}).get("acceleration_rms"))
+    return None if flight.coverage is None else _measured(flight.coverage.excitation.acceleration_rms)
 
 
 def position_sigma(flight: FlightSummary) -> float | None:
     """Return the largest horizontal 1-sigma of a flight's position, m; None where that was not measured."""
-    return _measured(flight.coverage.get("health", {}).get("position_sigma", {}).get("max"))
+    return None if flight.coverage is None else _measured(flight.coverage.health.position_sigma.max)
 
 
 def position_good(flight: FlightSummary) -> bool:
@@ -48,7 +48,7 @@ def exclusion_of(flight: FlightSummary) -> TrainingExclusion | None:
         return TrainingExclusion(
             Exclusion.POSITION_POOR, f"its position is poor: the horizontal 1-sigma grows to {sigma:.1f} m"
         )
-    noise = _measured(flight.coverage.get("excitation", {}).get("acceleration_noise"))
+    noise = None if flight.coverage is None else _measured(flight.coverage.excitation.acceleration_noise)
     if moved is None or noise is None:
         return TrainingExclusion(Exclusion.EXCITATION_UNKNOWN, "how much it moves was not determined")
     if moved < LEAST_EXCITATION * noise:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.flight.purposes import SHORTEST_JUDGE, PredictionUse, Trust, free_run_use
+from logparse.quantity import counted, joined
+from pipeline.flight.purposes import SHORTEST_JUDGE, free_run_use
+from pipeline.results.verdict import PredictionUse, Trust, Verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,14 +18,6 @@ if TYPE_CHECKING:
 
 #: An error of more than so many times that of always predicting the mean is called worse: a tie is not.
 WORSE = 1.05
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """A word for the eye, a sentence for the reader."""
-
-    trust: Trust
-    sentence: str
 
 
 def assess(
@@ -66,7 +59,7 @@ def assess(
     baseline = ", ".join(_metres(means[output]) for output in outputs)
     references = scored.groupby("output", sort=False)["rmse_reference"].mean()
     measured = (
-        f"its free run on {unseen}{_about(validation)} errs by {errors} m RMS in {_and(outputs)}, "
+        f"its free run on {unseen}{_about(validation)} errs by {errors} m RMS in {joined(outputs)}, "
         f"where always predicting the mean errs by {baseline} m"
     )
     if references.notna().all():
@@ -81,8 +74,8 @@ def assess(
             Trust.YES, f"The model can be trusted for flights like these: {measured}.{_target(use.as_good_as_target)}"
         )
     if not lost and use.trust is Trust.LIMITED:
-        if use.outside:
-            count = f"{use.within} held-out record{'s' if use.within != 1 else ''} within the fitted envelope"
+        if use.flights_outside:
+            count = f"{counted(use.flights_within, 'held-out record')} within the fitted envelope"
             return Verdict(
                 Trust.LIMITED, f"The model looks right, but {count} judged it: {measured}; judge it on other flights."
             )
@@ -92,17 +85,17 @@ def assess(
         )
     hardly = _hardly(validation, average, means, lost or outputs)
     if use.trust is Trust.LIMITED:
-        return Verdict(Trust.LIMITED, f"Trust the model in {_and(list(use.follows))} only: {measured}. {hardly}.")
+        return Verdict(Trust.LIMITED, f"Trust the model in {joined(list(use.follows))} only: {measured}. {hardly}.")
     apart = ""
     if use.follows and use.far:
-        apart = f" A free run is no better than its worst axis, however good it is in {_and(list(use.follows))}."
+        apart = f" A free run is no better than its worst axis, however good it is in {joined(list(use.follows))}."
     elif use.follows:
         apart = " A single record must hold in every axis."
     return Verdict(Trust.NO, f"Do not trust the model: {measured}. {hardly}.{apart}")
 
 
 def _target(outputs: tuple[str, ...]) -> str:
-    return f" In {_and(list(outputs))} taking the target itself is as good." if outputs else ""
+    return f" In {joined(list(outputs))} taking the target itself is as good." if outputs else ""
 
 
 def summarise(verdicts: Mapping[str, Verdict], predictions: Mapping[str, PredictionUse] | None = None) -> Verdict:
@@ -116,11 +109,11 @@ def summarise(verdicts: Mapping[str, Verdict], predictions: Mapping[str, Predict
         By the same: how far ahead a model predicts is said also of one whose free runs are not to be trusted.
     """
     verdict = _summed(verdicts)
-    ahead = {title: use for title, use in (predictions or {}).items() if use.longest is not None}
+    ahead = {title: use for title, use in (predictions or {}).items() if use.horizon_s is not None}
     if not ahead:
         return verdict
-    best = max(ahead, key=lambda title: ahead[title].longest or 0.0)
-    told = ahead[best].sentence().removeprefix("prediction: ")
+    best = max(ahead, key=lambda title: ahead[title].horizon_s or 0.0)
+    told = ahead[best].sentence.removeprefix("prediction: ")
     return Verdict(verdict.trust, f"{verdict.sentence} With measurements {best} predicts {told}.")
 
 
@@ -136,7 +129,7 @@ def _summed(verdicts: Mapping[str, Verdict]) -> Verdict:
         Trust.NO: "do not trust {}",
         Trust.UNKNOWN: "{} could not be judged",
     }
-    said = [phrases[trust].format(_and(titles)) for trust, titles in by_trust.items() if titles]
+    said = [phrases[trust].format(joined(titles)) for trust, titles in by_trust.items() if titles]
     sentence = "; ".join(said)
     best = next(trust for trust, titles in by_trust.items() if titles)
     # One good model among bad ones must not paint all of them green.
@@ -163,8 +156,8 @@ def _hardly(validation: Validation, average: Mapping[str, float], means: pd.Seri
             word = "no better than a guess without any model"
         words.setdefault(word, []).append(output)
     if len(words) == 1:
-        return f"In {_and(outputs)} that is {next(iter(words))}"
-    return "That is " + _and([f"{word} in {_and(where)}" for word, where in words.items()])
+        return f"In {joined(outputs)} that is {next(iter(words))}"
+    return "That is " + joined([f"{word} in {joined(where)}" for word, where in words.items()])
 
 
 def _about(validation: Validation) -> str:
@@ -179,7 +172,3 @@ def _closed_loop(validation: Validation) -> bool:
 
 def _metres(value: float) -> str:
     return f"{value:#.3g}".rstrip(".")
-
-
-def _and(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pipeline.results.entry import FlightSummary
@@ -15,46 +15,18 @@ _MOST_NAMED = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """What to do next time.
+    """What to do next time."""
 
-    Attributes
-    ----------
-    id : str
-        Stable kebab-case name.
-    rank : int
-        Lower is more useful: below 10 nothing can be identified without it, below 20 results are wrong or at risk,
-        below 30 a parameter or an axis stays unknown, above that it is better known.
-    do : str
-        In the imperative.
-    why : str
-        What these flights lacked, in numbers.
-    gain : str
-        What it brings.
-    settings : mapping of str to (int or float)
-        Parameters of the autopilot to set; those that hold bits are whole numbers.
-    flights : tuple of str
-        That it is about; empty when about all.
-    """
-
-    id: str
+    id: str  #: Stable kebab-case name.
+    #: Lower is more useful: below 10 nothing can be identified without it, below 20 results are wrong or at risk, below
+    #: 30 a parameter or an axis stays unknown, above that it is better known.
     rank: int
-    do: str
-    why: str
-    gain: str
+    do: str  #: In the imperative.
+    why: str  #: What these flights lacked, in numbers.
+    gain: str  #: What it brings.
+    #: Parameters of the autopilot to set; those that hold bits are whole numbers.
     settings: Mapping[str, int | float] = field(default_factory=dict)
-    flights: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "id": self.id,
-            "rank": self.rank,
-            "do": self.do,
-            "why": self.why,
-            "gain": self.gain,
-            "settings": dict(self.settings),
-            "flights": list(self.flights),
-        }
+    flights: tuple[str, ...] = ()  #: That it is about; empty when about all.
 
 
 def names_of(flights: Sequence[FlightSummary], total: int) -> str:
@@ -68,4 +40,4 @@ def names_of(flights: Sequence[FlightSummary], total: int) -> str:
 
 def having(flights: Sequence[FlightSummary], *findings: str) -> list[FlightSummary]:
     """Choose the flights with one of these findings."""
-    return [flight for flight in flights if any(finding["id"] in findings for finding in flight.findings)]
+    return [flight for flight in flights if any(finding.id in findings for finding in flight.findings)]

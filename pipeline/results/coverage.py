@@ -4,121 +4,105 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import atan2, pi
-from typing import Any
-
-import numpy as np
+from math import atan2, hypot, pi
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisExcitation:
-    """Movement in one axis.
+    """Movement in one axis."""
 
-    Attributes
-    ----------
-    rms : float
-        About the mean: of the angular rate [rad/s], or for thrust of the specific force along body z [m/s^2] in
-        one-second means.
-    unit : str
-    command_std : float or None
-        Standard deviation of the mixer's command, in parts of a motor's full thrust.
-    word : str
-        ``"none"``, ``"weak"``, ``"fair"`` or ``"strong"``; weak ends where identification begins to believe an axis
-        (`sysid.rigid_body.rotation.STILL`, `sysid.rotors.rotor.VARYING`).
-    """
-
+    #: About the mean: of the angular rate [rad/s], or for thrust of the specific force along body z [m/s^2] in
+    #: one-second means.
     rms: float
     unit: str
-    command_std: float | None
+    command_std: float | None  #: Standard deviation of the mixer's command, in parts of a motor's full thrust.
+    #: ``"none"``, ``"weak"``, ``"fair"`` or ``"strong"``; weak ends where identification begins to believe an axis
+    #: (`sysid.rigid_body.rotation.STILL`, `sysid.rotors.rotor.VARYING`).
     word: str
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Linearity:
+    """How much of an output is a linear answer to the inputs."""
+
+    multiple_median: float | None = None  #: Multiple coherence with the inputs, median over the band.
+    above_chance: float | None = None  #: Part of the band's frequencies at which it is above what chance gives.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Excitation:
-    """Movement of one flight.
+    """Movement of one flight."""
 
-    Attributes
-    ----------
-    acceleration_rms : float
-        Of changes of velocity over one second, m/s^2: the motion that models are to explain.
-    acceleration_noise : float or None
-        The same that the estimate's own uncertainty would make, m/s^2; None where that is not known.
-    speed_std : tuple of 2 float
-        Standard deviation of the velocity over the ground along and across the nose, about the flight's mean velocity,
-        m/s: what tells drag from wind.
-    headings : int
-        Sectors of 45 degrees in which the nose pointed for three seconds or more.
-    axes : mapping of str to AxisExcitation
-        ``roll pitch yaw thrust``.
-    coherence : mapping or None
-        By output: median multiple coherence with the inputs and the part of frequencies above chance.
-    """
-
-    acceleration_rms: float
+    #: Of changes of velocity over one second, m/s^2: the motion that models are to explain.
+    acceleration_rms: float | None
+    #: The same that the estimate's own uncertainty would make, m/s^2; None where that is not known.
     acceleration_noise: float | None
+    #: Standard deviation of the velocity over the ground along and across the nose, about the flight's mean velocity,
+    #: m/s: what tells drag from wind.
     speed_std: tuple[float, float]
-    headings: int
-    axes: Mapping[str, AxisExcitation]
-    coherence: Mapping[str, Mapping[str, float]] | None = None
+    headings: int  #: Sectors of 45 degrees in which the nose pointed for three seconds or more.
+    axes: Mapping[str, AxisExcitation]  #: ``roll pitch yaw thrust``.
+    coherence: Mapping[str, Linearity] | None = None  #: By output.
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "acceleration_rms": self.acceleration_rms,
-            "acceleration_noise": self.acceleration_noise,
-            "speed_std": list(self.speed_std),
-            "headings": self.headings,
-            "axes": {name: axis.to_dict() for name, axis in self.axes.items()},
-            "coherence": None if self.coherence is None else {name: dict(c) for name, c in self.coherence.items()},
-        }
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoggedRate:
+    """How fast a table was logged in flight [Hz], how many gaps it has, and the longest of them [s]."""
+
+    rate: float
+    gaps: int
+    longest_gap: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GpsQuality:
+    """Part of the flight with a 3-D fix; medians of satellites, dilution and accuracies [m, m/s], None if unknown."""
+
+    fix_part: float
+    satellites: float | None = None
+    hdop: float | None = None
+    h_acc: float | None = None
+    s_acc: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vibration:
+    """Vibration of the worst axis in flight."""
+
+    p95: float  #: Below it for 95 % of the time, m/s^2.
+    above: float  #: Part of the time above what calls for action.
+    clips: float  #: How often the accelerometer hit its range.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatteryUse:
+    """Voltage at take-off, at the end and at least [V], and the mean current [A]."""
+
+    first: float
+    last: float
+    min: float
+    mean_current: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PositionSigma:
+    """Horizontal 1-sigma of position over a flight, m; None where it is not known."""
+
+    median: float | None
+    max: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogHealth:
-    """How well a flight was logged.
+    """How well a flight was logged."""
 
-    Attributes
-    ----------
-    rates : mapping
-        By table: ``rate`` [Hz], ``gaps`` and ``longest_gap`` [s] in flight.
-    gps : mapping or None
-        ``fix_part`` of the flight with a 3-D fix; medians of ``satellites``, ``hdop``, ``h_acc`` [m], ``s_acc`` [m/s],
-        None where not reported.
-    vibration : mapping or None
-        ``p95`` of the worst axis [m/s^2], ``clips`` of the accelerometer.
-    battery : mapping or None
-        Voltage ``first``, ``last``, ``min`` [V], ``mean_current`` [A] or None.
-    position_sigma : mapping
-        ``median`` and ``max`` of the horizontal 1-sigma [m].
-    settings : mapping of str to float
-        Parameters of the autopilot that decide what is logged.
-    format : str
-        Of the log.
-    """
-
-    rates: Mapping[str, Mapping[str, float]]
-    gps: Mapping[str, float | None] | None
-    vibration: Mapping[str, float] | None
-    battery: Mapping[str, float | None] | None
-    position_sigma: Mapping[str, float]
-    settings: Mapping[str, float]
-    format: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "rates": {name: dict(rate) for name, rate in self.rates.items()},
-            "gps": None if self.gps is None else dict(self.gps),
-            "vibration": None if self.vibration is None else dict(self.vibration),
-            "battery": None if self.battery is None else dict(self.battery),
-            "position_sigma": dict(self.position_sigma),
-            "settings": dict(self.settings),
-            "format": self.format,
-        }
+    rates: Mapping[str, LoggedRate]  #: By table.
+    gps: GpsQuality | None
+    vibration: Vibration | None
+    battery: BatteryUse | None
+    position_sigma: PositionSigma
+    settings: Mapping[str, float]  #: Parameters of the autopilot that decide what is logged.
+    format: str  #: Of the log.
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,120 +130,71 @@ QUANTITIES: Mapping[str, Quantity] = {
 #: The two quantities of the map.
 MAP = ("ground_speed", "altitude")
 
+#: Bin of ground speed, bin of altitude, seconds.
+Cell = tuple[int, int, float]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distribution:
-    """How much time a flight spent at which values of a quantity.
+    """How much time a flight spent at which values of a quantity."""
 
-    Attributes
-    ----------
-    minimum, p05, median, p95, maximum, mean, std : float
-        In the quantity's unit.
-    first : int
-        Number of the first bin: it begins at ``first * step`` of the quantity.
-    seconds : tuple of float
-        Time in each bin from there on.
-    """
-
-    minimum: float
+    #: Of the quantity.
+    title: str
+    unit: str
+    #: In that unit.
+    min: float
     p05: float
     median: float
     p95: float
-    maximum: float
+    max: float
     mean: float
     std: float
-    first: int
-    seconds: tuple[float, ...]
+    step: float  #: Width of a bin.
+    first: int  #: Number of the first bin: it begins at ``first * step``.
+    seconds: tuple[float, ...]  #: Time in each bin from there on.
 
-    def to_dict(self, quantity: Quantity) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "title": quantity.title,
-            "unit": quantity.unit,
-            "min": self.minimum,
-            "p05": self.p05,
-            "median": self.median,
-            "p95": self.p95,
-            "max": self.maximum,
-            "mean": self.mean,
-            "std": self.std,
-            "step": quantity.step,
-            "first": self.first,
-            "seconds": list(self.seconds),
-        }
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimeMap:
+    """Time flown at each ground speed and altitude; cells without time are left out."""
+
+    cells: tuple[Cell, ...]  #: Bin of x, bin of y, seconds.
+    #: Quantities of the two bins.
+    x: str = MAP[0]
+    y: str = MAP[1]
+    #: Their widths.
+    x_step: float = QUANTITIES[MAP[0]].step
+    y_step: float = QUANTITIES[MAP[1]].step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wind:
-    """Mean wind of a flight as the rigid body found it.
+    """Mean wind of a flight as the rigid body found it."""
 
-    Attributes
-    ----------
-    north, east : float
-        Where the air goes, 10 m above the start, m/s.
-    sigma : float
-        Standard error of each, m/s.
-    source : str
-    """
-
+    #: Where the air goes, 10 m above the start, m/s.
     north: float
     east: float
-    sigma: float
+    #: The same as speed, m/s, and where the wind comes from, rad clockwise from north.
+    speed: float
+    direction: float
+    sigma: float | None  #: Standard error of north and east, m/s.
     source: str
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; ``from`` is where the wind comes from, rad clockwise from north."""
-        return {
-            "speed": float(np.hypot(self.north, self.east)),
-            "from": atan2(-self.east, -self.north) % (2.0 * pi),
-            "north": self.north,
-            "east": self.east,
-            "sigma": self.sigma,
-            "source": self.source,
-        }
+    @classmethod
+    def towards(cls, north: float, east: float, sigma: float | None, source: str) -> Wind:
+        """Return the wind whose air goes so fast to the north and to the east, m/s."""
+        direction = atan2(-east, -north) % (2.0 * pi)
+        return cls(north=north, east=east, speed=hypot(north, east), direction=direction, sigma=sigma, source=source)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """What one flight covered.
+    """What one flight covered."""
 
-    Attributes
-    ----------
-    seconds : float
-        Of flight that were counted.
-    quantities : mapping of str to Distribution
-        Of those of `QUANTITIES` that are known.
-    cells : tuple of (int, int, float)
-        Bin of ground speed, bin of altitude, seconds; cells without time are left out.
-    wind : Wind or None
-    excitation : Excitation
-    health : LogHealth
-    missing : mapping of str to str
-        Why a quantity, or the wind, is not known.
-    """
-
-    seconds: float
-    quantities: Mapping[str, Distribution]
-    cells: tuple[tuple[int, int, float], ...]
+    seconds: float  #: Of flight that were counted.
+    quantities: Mapping[str, Distribution]  #: Of those of `QUANTITIES` that are known.
+    map: TimeMap
     wind: Wind | None
     excitation: Excitation
     health: LogHealth
-    missing: Mapping[str, str] = field(default_factory=dict)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "seconds": self.seconds,
-            "quantities": {name: each.to_dict(QUANTITIES[name]) for name, each in self.quantities.items()},
-            "map": {
-                "x": MAP[0],
-                "y": MAP[1],
-                "x_step": QUANTITIES[MAP[0]].step,
-                "y_step": QUANTITIES[MAP[1]].step,
-                "cells": [list(cell) for cell in self.cells],
-            },
-            "wind": None if self.wind is None else self.wind.to_dict(),
-            "excitation": self.excitation.to_dict(),
-            "health": self.health.to_dict(),
-            "missing": dict(self.missing),
-        }
+    missing: Mapping[str, str] = field(default_factory=dict)  #: Why a quantity, or the wind, is not known.

@@ -21,23 +21,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A log that gave nothing, and why, in a sentence for the person who has the log.
+    """A log that gave nothing, and why, in a sentence for the person who has the log."""
 
-    Attributes
-    ----------
-    source : str
-        Path or URL.
-    reason : str
-    lasting : bool
-        It would be the same again with the same log, settings and software.
-    full : bool
-        Nothing more can be stored.
-    """
-
-    source: str
+    source: str  #: Path or URL.
     reason: str
-    lasting: bool = False
-    full: bool = False
+    lasting: bool = False  #: It would be the same again with the same log, settings and software.
+    full: bool = False  #: Nothing more can be stored.
 
     @property
     def file(self) -> str:
@@ -47,49 +36,25 @@ class Failure:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class GroupResult(Summarised):
-    """All flights of one craft, identified jointly.
+    """All flights of one craft, identified jointly."""
 
-    Attributes
-    ----------
-    name : str
-        The craft in words, such as ``"octa x, ArduCopter"``.
-    vehicle : Vehicle
-    training, held_out : tuple of str
-        Names of the flights fitted and of those kept to judge.
-    split : str
-        How the two were chosen, in a sentence.
-    models : tuple of ModelResult
-        Side by side, fitted to the training flights and judged on the others.
-    thrust : ThrustModel or None
-    parameters : PhysicalParameters or None
-        By every method, from the training flights.
-    findings : tuple of Finding
-    coverage : Envelope or None
-        What the flights covered, and where those that judge leave the range of those fitted.
-    drift : Drift or None
-        The craft's parameters from flight to flight.
-    advice : tuple of Advice
-        How to log and fly better next time, most useful first.
-    missing : mapping of str to str
-        Why there is no ``"thrust"`` and there are no ``"parameters"``.
-    timings : mapping of str to float
-        Seconds spent in each stage.
-    """
-
-    name: str
+    name: str  #: The craft in words, such as ``"octa x, ArduCopter"``.
     vehicle: Vehicle
+    #: Names of the flights fitted and of those kept to judge.
     training: tuple[str, ...]
     held_out: tuple[str, ...]
-    split: str
-    models: tuple[ModelResult, ...] = ()
+    split: str  #: How the two were chosen, in a sentence.
+    models: tuple[ModelResult, ...] = ()  #: Side by side, fitted to the training flights and judged on the others.
     thrust: ThrustModel | None = None
-    parameters: PhysicalParameters | None = None
+    parameters: PhysicalParameters | None = None  #: By every method, from the training flights.
+    #: What the flights covered, and where those that judge leave the range of those fitted.
     coverage: Envelope | None = None
-    drift: Drift | None = None
-    advice: tuple[Advice, ...] = ()
+    drift: Drift | None = None  #: The craft's parameters from flight to flight.
+    advice: tuple[Advice, ...] = ()  #: How to log and fly better next time, most useful first.
     findings: tuple[Finding, ...] = ()
+    #: Why there is no ``"thrust"`` and there are no ``"parameters"``.
     missing: Mapping[str, str] = field(default_factory=dict)
-    timings: Mapping[str, float] = field(default_factory=dict)
+    timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds spent in each stage.
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""

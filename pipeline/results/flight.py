@@ -49,68 +49,33 @@ class Span:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogFacts:
-    """What the file is, whether or not anything could be identified from it.
-
-    Attributes
-    ----------
-    path : Path
-    size : int
-        Bytes.
-    sha256 : str
-        Of the file's content; names the log whatever its file is called.
-    format : str
-        ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
-    duration : float
-        Seconds on the boot clock that the log covers.
-    start_utc : datetime or None
-        UTC at t = 0.
-    boots : int
-        Power-ups in the file.
-    vehicle : Vehicle
-    craft : str
-        Equal for logs of the same craft, see `pipeline.flight.craft.fingerprint`.
-    flights : tuple of Span
-        Airborne intervals of the power-up that was analysed.
-    tune : mapping
-        Gains and filters of the autopilot's loops and its firmware, see `pipeline.flight.craft.tune_of`.
-    board : str or None
-        The autopilot's own id; None where it was not logged, or made up by a simulator.
-    """
+    """What the file is, whether or not anything could be identified from it."""
 
     path: Path
-    size: int
-    sha256: str
-    format: str
-    duration: float
-    start_utc: datetime | None
-    boots: int
+    size: int  #: Bytes.
+    sha256: str  #: Of the file's content; names the log whatever its file is called.
+    format: str  #: ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
+    duration: float  #: Seconds on the boot clock that the log covers.
+    start_utc: datetime | None  #: UTC at t = 0.
+    boots: int  #: Power-ups in the file.
     vehicle: Vehicle
-    craft: str
-    flights: tuple[Span, ...]
+    craft: str  #: Equal for logs of the same craft, see `pipeline.flight.craft.fingerprint`.
+    flights: tuple[Span, ...]  #: Airborne intervals of the power-up that was analysed.
+    #: Gains and filters of the autopilot's loops and its firmware, see `pipeline.flight.craft.tune_of`.
     tune: Mapping[str, str | float] = field(default_factory=dict)
-    board: str | None = None
+    board: str | None = None  #: The autopilot's own id; None where it was not logged, or made up by a simulator.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prediction:
-    """A free-run simulation beside the data it should reproduce.
+    """A free-run simulation beside the data it should reproduce."""
 
-    Attributes
-    ----------
-    experiment : Experiment
-        The stretch of flight: time, motor commands and measured position.
-    y_hat : ndarray, shape (N, p)
-        Position predicted from the motor commands and the initial state only, m.
-    training : bool
-        True where the model was fitted to this stretch.
-    drift : ndarray, shape (N, p), or None
-        Half the width of the band that should hold nine tenths of the errors, m, NaN where the run is not free; None
-        for models that do not know.
-    """
-
-    experiment: Experiment
+    experiment: Experiment  #: The stretch of flight: time, motor commands and measured position.
+    #: shape (N, p): Position predicted from the motor commands and the initial state only, m.
     y_hat: NDArray[np.float64]
-    training: bool
+    training: bool  #: True where the model was fitted to this stretch.
+    #: shape (N, p): Half the width of the band that should hold nine tenths of the errors, m, NaN where the run is not
+    #: free; None for models that do not know.
     drift: NDArray[np.float64] | None = None
 
     @property
@@ -121,39 +86,20 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class ModelResult(Summarised):
-    """One of several models of the same motion, and what it is worth.
+    """One of several models of the same motion, and what it is worth."""
 
-    Attributes
-    ----------
-    key : str
-        Which kind of model, as `pipeline.flight.kinds.KINDS` has it, such as ``"motors"``.
-    title : str
-        The kind in words, such as ``"motor PWM → position"``.
-    note : str
-        What the model describes, and what it cannot tell.
-    model : Model or None
-    validation : Validation or None
-        On the data fitted and on those held out; the column ``trained`` of its table tells them apart.
-    predictions : tuple of Prediction
-        Free runs over the same stretches.
-    orders : OrderScan or None
-        What other numbers of poles and zeros achieve, when that was asked for.
-    coherence : Coherence, str or None
-        How much of the outputs is a linear answer to the inputs, in the records fitted; or why that cannot be told.
-        None for models that are not linear.
-    missing : str
-        Why there is no model, or no validation of it; empty when both are there.
-    """
-
-    key: str
-    title: str
-    note: str = ""
+    key: str  #: Which kind of model, as `pipeline.flight.kinds.KINDS` has it, such as ``"motors"``.
+    title: str  #: The kind in words, such as ``"motor PWM → position"``.
+    note: str = ""  #: What the model describes, and what it cannot tell.
     model: Model | None = None
+    #: On the data fitted and on those held out; the column ``trained`` of its table tells them apart.
     validation: Validation | None = None
-    predictions: tuple[Prediction, ...] = ()
-    orders: OrderScan | None = None
+    predictions: tuple[Prediction, ...] = ()  #: Free runs over the same stretches.
+    orders: OrderScan | None = None  #: What other numbers of poles and zeros achieve, when that was asked for.
+    #: How much of the outputs is a linear answer to the inputs, in the records fitted; or why that cannot be told. None
+    #: for models that are not linear.
     coherence: Coherence | str | None = None
-    missing: str = ""
+    missing: str = ""  #: Why there is no model, or no validation of it; empty when both are there.
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
@@ -190,78 +136,43 @@ class FlightResult(Summarised):
     A stage that could not be done leaves None here and its reason in `missing` under the stage's name:
     ``"flight"``, ``"rotation"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``, ``"parameters"``, ``"coverage"``; a
     model says itself why it is not there.
-
-    Attributes
-    ----------
-    name : str
-        File name without its extension and, of several flights of a log, the number; unique within a fleet.
-    log : LogFacts
-    number, of : int
-        Which flight of its log it is, 1 for the first, and how many the log has; both 1 where only the longest was
-        asked for.
-    flight : Span or None
-        The analysed airborne interval.
-    motors, modes, gps, baro : DataFrame or None
-        Canonical tables as logged, for plots.
-    tables : Tables or None
-        All canonical tables, for the datasets.
-    trajectory : Trajectory or None
-    experiments : mapping of str to Experiment
-        The airborne segment at `AnalysisConfig.rate`, by the key of the kind of model that it serves.
-    models : tuple of ModelResult
-        Side by side, fitted to the first part of the flight and judged on the rest; empty without an experiment.
-    thrust : ThrustModel or None
-        Fitted to the first part of the flight.
-    parameters : PhysicalParameters or None
-        By every method, from the first part of the flight.
-    coverage : Coverage or None
-        How fast, how high, in which wind it flew, how it moved and how well that was logged.
-    motor_order : MotorOrder or None
-        Whether motor outputs are those that the mixer asked for; None where the log does not tell.
-    health : FlightHealth or None
-        What happened, by time, and which part of the flight serves models.
-    rotation : RotationResult or None
-        How the craft turns: frequency responses, attitude following, margins of the loops; axis by axis.
-    loops : FlightLoops or None
-        Oscillations, and how closely the attitude followed what was asked; None without a flight.
-    answer : Answer or None
-        What all of it comes to, by purpose; None only while the rest is not complete.
-    advice : tuple of Advice
-        How to log and fly better next time, most useful first.
-    findings : tuple of Finding
-        Of every stage, in the order of the work.
-    missing : mapping of str to str
-    timings : mapping of str to float
-        Seconds spent in each stage.
-    config : AnalysisConfig
     """
 
-    name: str
+    name: str  #: File name without its extension and, of several flights of a log, the number; unique within a fleet.
     log: LogFacts
     config: AnalysisConfig
+    #: Which flight of its log it is, 1 for the first, and how many the log has; both 1 where only the longest was asked
+    #: for.
     number: int = 1
     of: int = 1
-    flight: Span | None = None
+    flight: Span | None = None  #: The analysed airborne interval.
+    #: Canonical tables as logged, for plots.
     motors: pd.DataFrame | None = None
     modes: pd.DataFrame | None = None
     gps: pd.DataFrame | None = None
     baro: pd.DataFrame | None = None
-    tables: Tables | None = None
+    tables: Tables | None = None  #: All canonical tables, for the datasets.
     trajectory: Trajectory | None = None
+    #: The airborne segment at `AnalysisConfig.rate`, by the key of the kind of model that it serves.
     experiments: Mapping[str, Experiment] = field(default_factory=dict)
+    #: Side by side, fitted to the first part of the flight and judged on the rest; empty without an experiment.
     models: tuple[ModelResult, ...] = ()
-    thrust: ThrustModel | None = None
-    parameters: PhysicalParameters | None = None
+    thrust: ThrustModel | None = None  #: Fitted to the first part of the flight.
+    parameters: PhysicalParameters | None = None  #: By every method, from the first part of the flight.
+    #: How fast, how high, in which wind it flew, how it moved and how well that was logged.
     coverage: Coverage | None = None
+    #: Whether motor outputs are those that the mixer asked for; None where the log does not tell.
     motor_order: MotorOrder | None = None
-    health: FlightHealth | None = None
+    health: FlightHealth | None = None  #: What happened, by time, and which part of the flight serves models.
+    #: How the craft turns: frequency responses, attitude following, margins of the loops; axis by axis.
     rotation: RotationResult | None = None
+    #: Oscillations, and how closely the attitude followed what was asked; None without a flight.
     loops: FlightLoops | None = None
-    answer: Answer | None = None
-    advice: tuple[Advice, ...] = ()
-    findings: tuple[Finding, ...] = ()
+    answer: Answer | None = None  #: What all of it comes to, by purpose; None only while the rest is not complete.
+    advice: tuple[Advice, ...] = ()  #: How to log and fly better next time, most useful first.
+    findings: tuple[Finding, ...] = ()  #: Of every stage, in the order of the work.
     missing: Mapping[str, str] = field(default_factory=dict)
-    timings: Mapping[str, float] = field(default_factory=dict)
+    timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds spent in each stage.
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""

@@ -16,61 +16,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signal:
-    """One line over time, thinned such that no peak is lost.
+    """One line over time, thinned such that no peak is lost."""
 
-    Attributes
-    ----------
-    name : str
-        For the legend, such as ``"asked"``, ``"flown"``.
-    t, y : ndarray, shape (n,)
-        s on the log's boot clock, and the value in the unit of its panel.
-    """
-
-    name: str
+    name: str  #: For the legend, such as ``"asked"``, ``"flown"``.
+    #: shape (n,): s on the log's boot clock, and the value in the unit of its panel.
     t: NDArray[np.float64]
     y: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Panel:
-    """Signals of one quantity, drawn over each other.
+    """Signals of one quantity, drawn over each other."""
 
-    Attributes
-    ----------
-    title, unit : str
-        Of the axis; SI, angles in radians.
-    signals : tuple of Signal
-    limits : mapping of str to float
-        Published limits by name, same unit.
-    """
-
+    #: Of the axis; SI, angles in radians.
     title: str
     unit: str
     signals: tuple[Signal, ...]
-    limits: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)  #: Published limits by name, same unit.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spectrum:
-    """Amplitude of vibration by frequency.
+    """Amplitude of vibration by frequency."""
 
-    Attributes
-    ----------
-    source : str
-        What was transformed, such as ``"gyro, 400 Hz"``.
-    unit : str
-        Of the amplitude of a line.
-    hz : ndarray, shape (n,)
-    amplitudes : mapping of str to ndarray, shape (n,)
-        By axis.
-    filters : mapping of str to float
-        Frequencies of the autopilot's filters and notches, Hz, by what they are.
-    """
-
-    source: str
-    unit: str
-    hz: NDArray[np.float64]
-    amplitudes: Mapping[str, NDArray[np.float64]]
+    source: str  #: What was transformed, such as ``"gyro, 400 Hz"``.
+    unit: str  #: Of the amplitude of a line.
+    hz: NDArray[np.float64]  #: shape (n,)
+    amplitudes: Mapping[str, NDArray[np.float64]]  #: mapping of str to ndarray, shape (n,): By axis.
+    #: Frequencies of the autopilot's filters and notches, Hz, by what they are.
     filters: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -91,28 +64,15 @@ class HealthSignals:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightHealth:
-    """Timeline of a flight, with the part of it that trains and judges models.
+    """Timeline of a flight, with the part of it that trains and judges models."""
 
-    Attributes
-    ----------
-    events : tuple of FlightEvent
-        In the order of time, those on the ground before and after the flight included.
-    sound : Span or None
-        The part of the analysed flight before a motor failed or control was lost for good; the whole flight where
-        nothing of the kind happened, None without a flight.
-    cause : FlightEvent or None
-        Why the rest is left out; None where nothing is.
-    motors_missing : str
-        Why failing motors could not be looked for; empty where they were.
-    signals : HealthSignals or None
-        Lines of the analysed flight for plots; None without a flight.
-    """
-
-    events: tuple[FlightEvent, ...]
+    events: tuple[FlightEvent, ...]  #: In the order of time, those on the ground before and after the flight included.
+    #: The part of the analysed flight before a motor failed or control was lost for good; the whole flight where
+    #: nothing of the kind happened, None without a flight.
     sound: Span | None
-    cause: FlightEvent | None = None
-    motors_missing: str = ""
-    signals: HealthSignals | None = None
+    cause: FlightEvent | None = None  #: Why the rest is left out; None where nothing is.
+    motors_missing: str = ""  #: Why failing motors could not be looked for; empty where they were.
+    signals: HealthSignals | None = None  #: Lines of the analysed flight for plots; None without a flight.
 
     @property
     def notable(self) -> tuple[FlightEvent, ...]:

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+from pipeline.results.rotation_report import (
+    AxisReport,
+    Estimate,
+    FollowingReport,
+    LoopReport,
+    MarginsReport,
+    ResponseReport,
+    RotationReport,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,32 +45,19 @@ class LoopState(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FittedResponse:
-    """A measured frequency response, and the model fitted to it.
-
-    Attributes
-    ----------
-    measured : FrequencyResponse
-    model : ndarray of complex, shape (n,), or None
-        The model at the frequencies of `measured`, with the filter of the measurement; None where none could be fitted.
-    structure : str
-        Family of the model; empty without one.
-    parameters : mapping of str to Parameter
-        By name, such as ``"gain"``, ``"damping"``, ``"delay"``.
-    insensitivity : mapping of str to float
-        Smallest change of a parameter that shows, in parts of its value.
-    cost : float or None
-        J; up to 50 is excellent, up to 100 good (Tischler and Remple 2012, section 11.2).
-    verdict : str
-        What the fit is good for, in words; empty without one.
-    """
+    """A measured frequency response, and the model fitted to it."""
 
     measured: FrequencyResponse
+    #: shape (n,): The model at the frequencies of `measured`, with the filter of the measurement; None where none could
+    #: be fitted.
     model: NDArray[np.complex128] | None = None
-    structure: str = ""
+    structure: str = ""  #: Family of the model; empty without one.
+    #: By name, such as ``"gain"``, ``"damping"``, ``"delay"``.
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    #: Smallest change of a parameter that shows, in parts of its value.
     insensitivity: Mapping[str, float] = field(default_factory=dict)
-    cost: float | None = None
-    verdict: str = ""
+    cost: float | None = None  #: J; up to 50 is excellent, up to 100 good (Tischler and Remple 2012, section 11.2).
+    verdict: str = ""  #: What the fit is good for, in words; empty without one.
 
     @property
     def band(self) -> tuple[float, float] | None:
@@ -68,50 +65,39 @@ class FittedResponse:
         hz = self.measured.hz[self.measured.usable]
         return (float(hz[0]), float(hz[-1])) if len(hz) else None
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+    def report(self) -> ResponseReport:
+        """Return what a report says of it."""
         frf = self.measured
-        return {
-            "input": frf.input,
-            "output": frf.output,
-            "unit": frf.unit,
-            "method": frf.method,
-            "instrument": frf.instrument,
-            "seconds": frf.duration,
-            "band_hz": None if self.band is None else list(self.band),
-            "structure": self.structure,
-            "parameters": {
-                name: known.to_dict() | {"insensitivity": self.insensitivity.get(name)}
+        return ResponseReport(
+            input=frf.input,
+            output=frf.output,
+            unit=frf.unit,
+            method=frf.method,
+            instrument=frf.instrument,
+            seconds=frf.duration,
+            band_hz=self.band,
+            structure=self.structure,
+            parameters={
+                name: _estimate(known, insensitivity=self.insensitivity.get(name))
                 for name, known in self.parameters.items()
             },
-            "cost": self.cost,
-            "verdict": self.verdict,
-            "hz": frf.hz.tolist(),
-            "gain_db": frf.gain_db.tolist(),
-            "phase_deg": np.degrees(frf.phase).tolist(),
-            "coherence": frf.coherence.tolist(),
-            "sigma": frf.sigma.tolist(),
-        }
+            cost=self.cost,
+            verdict=self.verdict,
+            hz=tuple(frf.hz.tolist()),
+            gain_db=tuple(frf.gain_db.tolist()),
+            phase_deg=tuple(np.degrees(frf.phase).tolist()),
+            coherence=tuple(frf.coherence.tolist()),
+            sigma=tuple(frf.sigma.tolist()),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttitudeFollowing:
-    """How an axis follows its attitude target (ADS-33E-PRF, figure 5).
+    """How an axis follows its attitude target (ADS-33E-PRF, figure 5)."""
 
-    Attributes
-    ----------
-    bandwidth : Parameter
-        rad/s.
-    phase_delay : Parameter
-        s.
-    peak : Parameter
-        Largest gain over that at low frequency, dB.
-    response : FittedResponse
-    """
-
-    bandwidth: Parameter
-    phase_delay: Parameter
-    peak: Parameter
+    bandwidth: Parameter  #: rad/s.
+    phase_delay: Parameter  #: s.
+    peak: Parameter  #: Largest gain over that at low frequency, dB.
     response: FittedResponse
 
     @property
@@ -119,39 +105,27 @@ class AttitudeFollowing:
         """Return whether bandwidth and delay are known."""
         return self.bandwidth.value is not None and self.phase_delay.value is not None
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "bandwidth": self.bandwidth.to_dict(),
-            "phase_delay": self.phase_delay.to_dict(),
-            "peak": self.peak.to_dict(),
-            "response": self.response.to_dict(),
-        }
+    def report(self) -> FollowingReport:
+        """Return what a report says of it."""
+        return FollowingReport(
+            bandwidth=_estimate(self.bandwidth),
+            phase_delay=_estimate(self.phase_delay),
+            peak=_estimate(self.peak),
+            response=self.response.report(),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoopMargins:
-    """Margins of one axis' rate and angle loop, with the gains flown.
+    """Margins of one axis' rate and angle loop, with the gains flown."""
 
-    Attributes
-    ----------
-    gains : mapping of str to float
-        Gains and filters by the names of the autopilot's parameters.
-    computed : Margins
-        From the craft's response and the controller of the log's parameters.
-    measured : Margins or None
-        Straight from the chirp: the second way; None where the log does not part the two.
-    remarks : tuple of str
-        What the margins rest on too weakly: limits reached, weak coherence, two ways that disagree.
-    ordinary : bool
-        Whether they come from flying without chirps: then only what the whole 95 % interval says is said.
-    """
-
-    gains: Mapping[str, float]
-    computed: Margins
+    gains: Mapping[str, float]  #: Gains and filters by the names of the autopilot's parameters.
+    computed: Margins  #: From the craft's response and the controller of the log's parameters.
+    #: Straight from the chirp: the second way; None where the log does not part the two.
     measured: Margins | None = None
+    #: What the margins rest on too weakly: limits reached, weak coherence, two ways that disagree.
     remarks: tuple[str, ...] = ()
-    ordinary: bool = False
+    ordinary: bool = False  #: From flying without chirps: then only what the whole 95 % interval says is said.
 
     @property
     def state(self) -> LoopState:
@@ -182,57 +156,50 @@ class LoopMargins:
             else LoopState.UNKNOWN
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "state": str(self.state),
-            "gains": dict(self.gains),
-            "computed": _margins(self.computed),
-            "measured": None if self.measured is None else _margins(self.measured),
-            "remarks": list(self.remarks),
-        }
+    def report(self) -> LoopReport:
+        """Return what a report says of it."""
+        return LoopReport(
+            state=str(self.state),
+            gains=self.gains,
+            computed=_margins(self.computed),
+            measured=None if self.measured is None else _margins(self.measured),
+            remarks=self.remarks,
+        )
 
 
-def _margins(margins: Margins) -> dict[str, Any]:
-    names = ("gain_db", "phase_deg", "crossover_hz", "rejection_hz", "peak_db")
-    return {
-        "stable": margins.stable,
-        "unstable_part": margins.unstable,
+#: Margins by name, as `Margins` has them.
+_MARGINS = ("gain_db", "phase_deg", "crossover_hz", "rejection_hz", "peak_db")
+
+
+def _estimate(known: Parameter, insensitivity: float | None = None) -> Estimate:
+    return Estimate(
+        value=known.value, sigma=known.sigma, unit=known.unit, reason=known.reason, insensitivity=insensitivity
+    )
+
+
+def _margins(margins: Margins) -> MarginsReport:
+    return MarginsReport(
+        stable=margins.stable,
+        unstable_part=margins.unstable,
         **{
-            name: getattr(margins, name).to_dict()
-            | {"interval95": list(margins.intervals[name]) if name in margins.intervals else None}
-            for name in names
+            name: replace(_estimate(getattr(margins, name)), interval95=margins.intervals.get(name))
+            for name in _MARGINS
         },
-    }
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisRotation:
-    """What a flight tells of one axis.
+    """What a flight tells of one axis."""
 
-    Attributes
-    ----------
-    axis : str
-        ``"roll"``, ``"pitch"`` or ``"yaw"``.
-    rate : FittedResponse or None
-        From the rate controller's output to the body rate.
-    reason : str
-        Why there is no response or no model of it, with what to fly or log; empty where there are both.
-    attitude : AttitudeFollowing or None
-    attitude_reason : str
-        Why not; empty where there is.
-    loop : LoopMargins or None
-    loop_reason : str
-        Why not, with what to fly or log; empty where there are.
-    """
-
-    axis: str
-    rate: FittedResponse | None = None
+    axis: str  #: ``"roll"``, ``"pitch"`` or ``"yaw"``.
+    rate: FittedResponse | None = None  #: From the rate controller's output to the body rate.
+    #: Why there is no response or no model of it, with what to fly or log; empty where there are both.
     reason: str = ""
     attitude: AttitudeFollowing | None = None
-    attitude_reason: str = ""
+    attitude_reason: str = ""  #: Why not; empty where there is.
     loop: LoopMargins | None = None
-    loop_reason: str = ""
+    loop_reason: str = ""  #: Why not, with what to fly or log; empty where there are.
 
     @property
     def rate_determined(self) -> bool:
@@ -244,32 +211,25 @@ class AxisRotation:
         """Return whether the answer to the controller, or to the attitude target, is known."""
         return self.rate_determined or (self.attitude is not None and self.attitude.determined)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "axis": self.axis,
-            "determined": self.determined,
-            "rate": None if self.rate is None else self.rate.to_dict(),
-            "reason": self.reason,
-            "attitude": None if self.attitude is None else self.attitude.to_dict(),
-            "attitude_reason": self.attitude_reason,
-            "loop": None if self.loop is None else self.loop.to_dict(),
-            "loop_reason": self.loop_reason,
-        }
+    def report(self) -> AxisReport:
+        """Return what a report says of it."""
+        return AxisReport(
+            axis=self.axis,
+            determined=self.determined,
+            rate=None if self.rate is None else self.rate.report(),
+            reason=self.reason,
+            attitude=None if self.attitude is None else self.attitude.report(),
+            attitude_reason=self.attitude_reason,
+            loop=None if self.loop is None else self.loop.report(),
+            loop_reason=self.loop_reason,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RotationResult:
-    """What a flight tells of how its craft turns, axis by axis.
+    """What a flight tells of how its craft turns, axis by axis."""
 
-    Attributes
-    ----------
-    axes : tuple of AxisRotation
-        Roll, pitch and yaw.
-    findings : tuple of Finding
-    """
-
-    axes: tuple[AxisRotation, ...]
+    axes: tuple[AxisRotation, ...]  #: Roll, pitch and yaw.
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -282,6 +242,6 @@ class RotationResult:
         """Return the margins that are known, by axis."""
         return {axis.axis: axis.loop for axis in self.axes if axis.loop is not None}
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {"determined": self.determined, "axes": [axis.to_dict() for axis in self.axes]}
+    def report(self) -> RotationReport:
+        """Return what a report says of it."""
+        return RotationReport(determined=self.determined, axes=tuple(axis.report() for axis in self.axes))

@@ -26,21 +26,10 @@ class TrainingExclusion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Split:
-    """Names of flights that train and that judge, in order of name.
-
-    Attributes
-    ----------
-    training, held_out : tuple of str
-    unused : mapping of str to str
-        Flights that do neither, and why.
-    never_train : mapping of str to TrainingExclusion
-        Flights that judge only, and why.
-    sentence : str
-        How the two were chosen, with the numbers.
-    """
+    """Names of flights that train and that judge, in order of name."""
 
     training: tuple[str, ...]
     held_out: tuple[str, ...]
-    unused: Mapping[str, str] = field(default_factory=dict)
-    never_train: Mapping[str, TrainingExclusion] = field(default_factory=dict)
-    sentence: str = ""
+    unused: Mapping[str, str] = field(default_factory=dict)  #: Flights that do neither, and why.
+    never_train: Mapping[str, TrainingExclusion] = field(default_factory=dict)  #: Flights that judge only, and why.
+    sentence: str = ""  #: How the two were chosen, with the numbers.

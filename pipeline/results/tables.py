@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Literal
 
 from logparse import Finding
 from sysid.rigid_body.six_dof.model import SixDofModel
@@ -12,43 +13,41 @@ from sysid.validation.states import StateErrors
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableResult:
-    """Analysis of one or several tables of one craft.
+    """Analysis of one or several tables of one craft."""
 
-    Attributes
-    ----------
-    title : str
-    records : tuple of str
-    judged : tuple of str
-        Records, or parts of one, that the model has not seen.
-    duration : float
-        Of all records, s.
-    model : SixDofModel
-    errors : tuple of StateErrors
-        On what the model has not seen.
-    verdicts : tuple of str
-        One sentence for each state.
-    findings : tuple of Finding
-    """
+    title: str
+    records: tuple[str, ...]
+    judged: tuple[str, ...]  #: Records, or parts of one, that the model has not seen.
+    duration: float  #: Of all records, s.
+    model: SixDofModel
+    errors: tuple[StateErrors, ...]  #: On what the model has not seen.
+    verdicts: tuple[str, ...]  #: One sentence for each state.
+    findings: tuple[Finding, ...]
 
+    def report(self) -> TablesReport:
+        """Return what report.json holds."""
+        return TablesReport(
+            title=self.title,
+            records=self.records,
+            judged=self.judged,
+            duration=self.duration,
+            verdicts=self.verdicts,
+            errors=self.errors,
+            model=self.model.to_dict(),
+            findings=self.findings,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TablesReport:
+    """What report.json holds of an analysis of tables, see `TableResult`."""
+
+    kind: Literal["tables"] = "tables"
     title: str
     records: tuple[str, ...]
     judged: tuple[str, ...]
     duration: float
-    model: SixDofModel
-    errors: tuple[StateErrors, ...]
     verdicts: tuple[str, ...]
+    errors: tuple[StateErrors, ...]
+    model: Mapping[str, object]
     findings: tuple[Finding, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return numbers and text for JSON."""
-        return {
-            "kind": "tables",
-            "title": self.title,
-            "records": list(self.records),
-            "judged": list(self.judged),
-            "duration": self.duration,
-            "verdicts": list(self.verdicts),
-            "errors": [each.to_dict() for each in self.errors],
-            "model": self.model.to_dict(),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }

@@ -9,14 +9,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from logparse.serialization import plain
 from pipeline.config import AnalysisConfig
+from pipeline.results.entry import GroupEntry
 from pipeline.results.fleet import Failure
 from pipeline.storage.store import Store
 
@@ -41,37 +43,19 @@ _LIBRARIES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pymap3d", "pygeom
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogRecord:
-    """What became of one file.
+    """What became of one file."""
 
-    Attributes
-    ----------
-    url, size, modified
-        As in `pipeline.storage.sources.Source`.
-    sha256 : str
-        Of its content; empty where it could not be read.
-    name : str
-        Of the flight.
-    key : str
-        See `flight_key`.
-    folder : str
-        Below ``flights/``, of a log that was analysed.
-    reason : str
-        Why it gave nothing.
-    original : str
-        Of a copy, the URL of the file that stands for both.
-    state : str
-        ``"analysed"``; ``"failed"``, for good; ``"interrupted"``, to be tried again; ``"no log"``; ``"duplicate"``.
-    """
-
+    #: As in `pipeline.storage.sources.Source`.
     url: str
     size: int
     modified: int | str
-    sha256: str = ""
-    name: str = ""
-    key: str = ""
-    folder: str = ""
-    reason: str = ""
-    original: str = ""
+    sha256: str = ""  #: Of its content; empty where it could not be read.
+    name: str = ""  #: Of the flight.
+    key: str = ""  #: See `flight_key`.
+    folder: str = ""  #: Below ``flights/``, of a log that was analysed.
+    reason: str = ""  #: Why it gave nothing.
+    original: str = ""  #: Of a copy, the URL of the file that stands for both.
+    #: ``"analysed"``; ``"failed"``, for good; ``"interrupted"``, to be tried again; ``"no log"``; ``"duplicate"``.
     state: str = "interrupted"
 
     def as_failure(self) -> Failure:
@@ -81,66 +65,35 @@ class LogRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """One run over a folder of logs.
-
-    Attributes
-    ----------
-    software, configuration : mapping
-    pages : str
-        `page_key` of what shows the results.
-    logs : tuple of LogRecord
-        Every file that was found, in the order of the report.
-    crafts : tuple of mapping
-        Entries of the crafts, see `pipeline.results.entry.GroupEntry`.
-    passed_over : tuple of (str, str)
-        Whatever else was found and not used, with its reason.
-    left_out : tuple of (str, str)
-        Logs that were analysed but have no part in the joint models, with the reason.
-    removed : tuple of LogRecord
-        Logs of earlier runs that are no longer among the inputs; their products are kept.
-    reported : str
-        `identity` of the run that the report in the store is of; empty before it is written.
-    """
+    """One run over a folder of logs."""
 
     software: Mapping[str, Any] = field(default_factory=dict)
     configuration: Mapping[str, Any] = field(default_factory=dict)
-    pages: str = ""
-    logs: tuple[LogRecord, ...] = ()
-    crafts: tuple[Mapping[str, Any], ...] = ()
-    passed_over: tuple[tuple[str, str], ...] = ()
+    pages: str = ""  #: `page_key` of what shows the results.
+    logs: tuple[LogRecord, ...] = ()  #: Every file that was found, in the order of the report.
+    crafts: tuple[GroupEntry, ...] = ()
+    passed_over: tuple[tuple[str, str], ...] = ()  #: Whatever else was found and not used, with its reason.
+    #: Logs that were analysed but have no part in the joint models, with the reason.
     left_out: tuple[tuple[str, str], ...] = ()
+    #: Logs of earlier runs that are no longer among the inputs; their products are kept.
     removed: tuple[LogRecord, ...] = ()
-    reported: str = ""
+    reported: str = ""  #: `identity` of the run that the report in the store is of; empty before it is written.
 
     @property
     def identity(self) -> str:
         """Equal for runs that found the same and so have the same report."""
         logs = tuple(replace(record, modified=0) for record in self.logs)
-        return _digest(asdict(replace(self, logs=logs, reported="")))
+        return _digest(plain(replace(self, logs=logs, reported="")))
 
     def write(self, store: Store) -> None:
         """Write ``manifest.json``, unless it says the same already."""
         if read_manifest(store) != self:
-            store.write_json(MANIFEST, asdict(self))
+            store.write_json(MANIFEST, self)
 
 
 def read_manifest(store: Store) -> Manifest:
     """Read ``manifest.json``; an empty manifest where there is none, or one that this software cannot read."""
-    try:
-        facts = store.read_json(MANIFEST)
-        return Manifest(
-            software=facts["software"],
-            configuration=facts["configuration"],
-            pages=facts["pages"],
-            logs=tuple(LogRecord(**record) for record in facts["logs"]),
-            crafts=tuple(facts["crafts"]),
-            passed_over=tuple((place, reason) for place, reason in facts["passed_over"]),
-            left_out=tuple((place, reason) for place, reason in facts["left_out"]),
-            removed=tuple(LogRecord(**record) for record in facts["removed"]),
-            reported=facts["reported"],
-        )
-    except (KeyError, TypeError, ValueError):
-        return Manifest()
+    return store.read_as(MANIFEST, Manifest) or Manifest()
 
 
 @cache
@@ -195,7 +148,7 @@ def _version(name: str) -> str | None:
 
 def configuration(config: AnalysisConfig) -> dict[str, Any]:
     """Return settings as JSON has them."""
-    facts: dict[str, Any] = json.loads(json.dumps(asdict(config)))
+    facts: dict[str, Any] = plain(config)
     return facts
 
 
@@ -218,7 +171,7 @@ def craft_key(
     """Name the result of a craft, from the keys of its flights and what was found of them together."""
     keys = {flight.name: flight.key for flight in flights}
     # The choice counts, and not the pattern that made it.
-    made_of = [keys, split.training, split.held_out, split.sentence, [finding.to_dict() for finding in findings]]
+    made_of = [keys, split.training, split.held_out, split.sentence, plain(tuple(findings))]
     return _digest([made_of, configuration(of_one_flight(config)), software()])
 
 

@@ -34,24 +34,13 @@ _CHUNK = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A file that may be a log.
+    """A file that may be a log."""
 
-    Attributes
-    ----------
-    url : str
-        Absolute path, or URL.
-    named : bool
-        Named by the user; not merely found in a folder.
-    size : int
-        Bytes.
-    modified : int or str
-        When it was written last, ns, or what else its storage marks versions with: with the size it tells, without
-        reading the file, that it is the one of last time.
-    """
-
-    url: str
-    named: bool
-    size: int
+    url: str  #: Absolute path, or URL.
+    named: bool  #: Named by the user; not merely found in a folder.
+    size: int  #: Bytes.
+    #: When it was written last, ns, or what else its storage marks versions with: with the size it tells, without
+    #: reading the file, that it is the one of last time.
     modified: int | str
 
     @property

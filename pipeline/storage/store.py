@@ -19,10 +19,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
 from logparse.lazy import lazy
+from logparse.serialization import plain, restored
 
 if TYPE_CHECKING:
     import fcntl
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     import fsspec
 else:
     fcntl, fsspec, request = lazy("fcntl"), lazy("fsspec"), lazy("urllib.request")  # Windows has no fcntl
+
+T = TypeVar("T")
 
 #: The file that makes a product whole.
 ENTRY = "entry.json"
@@ -50,17 +53,10 @@ class Store(ABC):
 
     Every method raises OSError when the storage fails, whatever its library calls that; FileNotFoundError where there
     is no such product.
-
-    Attributes
-    ----------
-    url : str
-        Opens the same store in another process, see `open_store`.
-    folder : Path or None
-        Where it is on a disk of this computer.
     """
 
-    url: str
-    folder: Path | None = None
+    url: str  #: Opens the same store in another process, see `open_store`.
+    folder: Path | None = None  #: Where it is on a disk of this computer.
 
     @abstractmethod
     def read(self, path: str) -> bytes:
@@ -109,9 +105,17 @@ class Store(ABC):
         except (FileNotFoundError, NotADirectoryError, ValueError):
             return None
 
+    def read_as(self, path: str, kind: type[T]) -> T | None:
+        """Read JSON as a type; None where there is none, or of another version: whoever needs it makes it anew."""
+        facts = self.read_json(path)
+        try:
+            return None if facts is None else restored(facts, kind)
+        except ValueError:
+            return None
+
     def write_json(self, path: str, value: object) -> None:
         r"""Write JSON, see `write`; names of files that are not UTF-8 come back as they were, by way of ``\udcff``."""
-        self.write(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())
+        self.write(path, (json.dumps(plain(value), indent=1) + "\n").encode())
 
 
 def open_store(where: str | Path) -> Store:

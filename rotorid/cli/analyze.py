@@ -1,6 +1,5 @@
 """``rotorid analyze``: logs to models and a report."""
 
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from pipeline.results.fleet import Failure
+    from pipeline.results.report import FleetReport, FlightReport
     from pipeline.storage.sources import Found, Source
-    from reports.rows import Numbers
 
 _DEFAULT = AnalysisConfig()
 
@@ -162,6 +161,7 @@ def analyze(
 def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfig, as_json: bool) -> None:
     """Analyse tables of other origin and write their report."""
     from logparse.foreign.files import is_table
+    from logparse.serialization import as_json as to_text
     from pipeline.errors import ConfigError
     from pipeline.flight.table_analysis import analyze_tables
     from reports.tables_page import tables_page
@@ -173,11 +173,11 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
         raise ConfigError(f"no tables (CSV, Parquet, .mat) in {', '.join(paths)}")
     prepare(out)
     result = analyze_tables(files, columns, config)
-    text = json.dumps(result.to_dict(), indent=1, allow_nan=False, ensure_ascii=False)
+    text = to_text(result.report())
     (Path(out) / "report.json").write_text(text, encoding="utf-8")
     (Path(out) / "report.html").write_text(tables_page(result), encoding="utf-8")
     if as_json:
-        sys.stdout.write(text + "\n")
+        sys.stdout.write(text)
         return
     for verdict in result.verdicts:
         console().print(verdict, markup=False, soft_wrap=True)
@@ -234,12 +234,14 @@ def _one_flight(
 
                 write_plots(result, out, plots.value)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
-            from reports.numbers import flight_numbers
+            from reports.numbers import flight_report
 
-            _show(flight_numbers(result), "", as_json)
+            _show(flight_report(result), "", as_json)
             fail(f"the report could not be written: {error.filename or out}: {error.strerror}", SOME_FAILED)
+    from reports.reading import read_report
+
     # What was written need not be gathered again.
-    numbers = json.loads((out / "report.json").read_text("utf-8"))
+    numbers = read_report(out)
     _show(numbers, str(report), as_json)
     _end(numbers, ())
 
@@ -294,20 +296,23 @@ def _several_logs(
             _list_failures(fleet.failures)
             kept = "what is done is kept; make room and run the same command again"
             fail(f"the report could not be written: {error.strerror or error}; {kept}", SOME_FAILED)
-    numbers = json.loads(fleet.store.read("report.json"))
+    from reports.reading import parse_report
+
+    numbers = parse_report(fleet.store.read("report.json"))
     _show(numbers, f"{out.rstrip('/')}/report.html", as_json)
     if not as_json and fleet.reused:
         console().print(f"{fleet.reused} of {len(found.sources)} files were unchanged and not read again.", style="dim")
     _end(numbers, fleet.failures)
 
 
-def _show(numbers: "Numbers", report: str, as_json: bool) -> None:
+def _show(numbers: "FlightReport | FleetReport", report: str, as_json: bool) -> None:
     """Print what was found."""
+    from logparse.serialization import as_json as to_text
     from pipeline.names import printable
     from reports import terminal
 
     if as_json:
-        sys.stdout.write(json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+        sys.stdout.write(to_text(numbers))
         return
     stdout = console()
     stdout.print(terminal.overview(numbers, stdout.width))
@@ -315,7 +320,7 @@ def _show(numbers: "Numbers", report: str, as_json: bool) -> None:
         stdout.print(f"\nReport: {printable(report)}", markup=False, soft_wrap=True)
 
 
-def _end(numbers: "Numbers", failures: "Sequence[Failure]") -> NoReturn:
+def _end(numbers: "FlightReport | FleetReport", failures: "Sequence[Failure]") -> NoReturn:
     """End with the status that the findings deserve."""
     from reports import terminal
 

@@ -1,16 +1,11 @@
 """``rotorid compare``: two reports against each other."""
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from pipeline.errors import ConfigError
 from rotorid.cli.output import prepare
-
-if TYPE_CHECKING:
-    from reports.rows import Numbers
 
 
 def compare(
@@ -33,15 +28,17 @@ def compare(
 
     Example: rotorid analyze march --out before; rotorid analyze april --out after; rotorid compare before after
     """
+    from logparse.serialization import as_json as to_text
     from reports.comparison import compare_reports
     from reports.comparison_page import comparison_markdown, comparison_overview, comparison_page
+    from reports.reading import read_report
     from rotorid.cli.output import console
 
-    older, newer = _report(before), _report(after)
+    older, newer = read_report(before), read_report(after)
     if out is not None:
         prepare(out)
     numbers = compare_reports(older, newer, (_name(before), _name(after)))
-    text = json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = to_text(numbers)
     if out is not None:
         (out / "comparison.html").write_text(comparison_page(numbers), encoding="utf-8")
         (out / "comparison.md").write_text(comparison_markdown(numbers), encoding="utf-8")
@@ -52,21 +49,6 @@ def compare(
     console().print(comparison_overview(numbers))
     if out is not None:
         typer.echo(out / "comparison.html")
-
-
-def _report(path: Path) -> "Numbers":
-    """Read what `rotorid analyze` wrote."""
-    file = path / "report.json" if path.is_dir() else path
-    try:
-        report: Numbers = json.loads(file.read_text("utf-8"))
-        kind = report["kind"]
-    except FileNotFoundError as error:
-        raise ConfigError(f"{path} holds no report.json; give a folder that `rotorid analyze` wrote") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{file} is not a report of rotorid; give the report.json of `rotorid analyze`") from error
-    if kind not in ("flight", "fleet"):
-        raise ConfigError(f"{file} is not the report of a flight or a folder of flights, but of kind {kind!r}")
-    return report
 
 
 def _name(path: Path) -> str:

@@ -1,6 +1,5 @@
 """``rotorid inspect``: what is in a log."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -21,11 +20,12 @@ def inspect(
     """
     import logparse
     from logparse.inspection import inspect as look_into
+    from logparse.serialization import as_json as to_text
 
-    numbers = look_into(logparse.read_log(log, power_up(boot))).to_dict()
+    found = look_into(logparse.read_log(log, power_up(boot)))
     if as_json:
-        typer.echo(json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False))
+        typer.echo(to_text(found), nl=False)
         return
     from reports import inspection
 
-    console().print(inspection.overview(numbers))
+    console().print(inspection.overview(found))

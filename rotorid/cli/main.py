@@ -26,6 +26,7 @@ from rotorid.cli.inspect import inspect
 from rotorid.cli.plot import plot
 from rotorid.cli.prove import prove
 from rotorid.cli.report import report
+from rotorid.cli.schema import schema
 from rotorid.cli.serve import serve
 from rotorid.cli.simulate import simulate
 from rotorid.cli.token import tokens
@@ -86,6 +87,7 @@ for _command, _summary in (
     (design, "What to fly next, as files for the autopilot."),
     (prove, "Predicted against measured after a change of gains."),
     (simulate, "Fly a case of the papers, or run models.json."),
+    (schema, "JSON Schema of report.json or models.json."),
     (serve, "Start the web service."),
 ):
     app.command(short_help=_summary)(_command)

@@ -1,6 +1,5 @@
 """``rotorid report``: the report of a folder that ``rotorid analyze`` made, again."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -20,17 +19,11 @@ def report(
     """
     from pipeline.errors import ConfigError
     from reports import terminal
+    from reports.reading import read_report
 
-    file, page = out / "report.json", out / "report.html"
-    if not file.is_file():
-        raise ConfigError(f"{out} holds no report.json; make one with rotorid analyze LOG --out {out}")
-    text = file.read_text("utf-8")
-    try:
-        numbers = json.loads(text)
-    except ValueError as error:
-        raise ConfigError(f"{file} is damaged ({error}); analyze the logs again") from error
+    page, numbers = out / "report.html", read_report(out)
     if as_json:
-        typer.echo(text, nl=False)
+        typer.echo((out / "report.json").read_text("utf-8"), nl=False)
     else:
         stdout = console()
         stdout.print(terminal.overview(numbers, stdout.width))

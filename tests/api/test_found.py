@@ -1,28 +1,31 @@
 """The line that the list shows of an analysis, read from its report."""
 
-import json
 from pathlib import Path
 
 import pytest
 
 from api.found import Found, read_found
+from logparse.serialization import as_json
+from pipeline.results.report import FleetReport
+from tests.reports.made import made
 
 
 def flight(word: str, tone: str, day: str | None = "2026-03-14T09:00:00+00:00") -> dict[str, object]:
     return {
-        "kind": "flight",
         "vehicle": {"firmware": "ArduCopter", "autopilot": "ArduPilot", "frame_class": "octa", "frame_type": "plus"},
         "log": {"start_utc": day},
-        "answer": [
-            {"purpose": "Loops", "word": "slow", "tone": "bad"},
-            {"purpose": "Healthy", "word": word, "tone": tone},
-        ],
+        "answer": {
+            "lines": [
+                {"purpose": "Loops", "word": "slow", "tone": "bad"},
+                {"purpose": "Healthy", "word": word, "tone": tone},
+            ]
+        },
     }
 
 
 def test_of_several_flights_the_worst_counts(tmp_path: Path) -> None:
     flights = [flight("yes", "good"), flight("no", "bad", "2026-01-02T00:00:00+00:00"), flight("mostly", "care", None)]
-    (tmp_path / "report.json").write_text(json.dumps({"kind": "fleet", "flights": flights}))
+    (tmp_path / "report.json").write_text(as_json(made(FleetReport, flights=flights)))
     found = read_found(tmp_path / "report.json")
     assert found == Found(craft="ArduCopter octa plus", flown="2026-01-02", health="no", tone="bad")
 

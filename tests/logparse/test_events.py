@@ -4,8 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse import Severity
-from logparse.events import FlightEvent, flight_events
+from logparse import FlightEvent, Severity, flight_events
 from logparse.flights import Flight
 from logparse.tables import Tables
 

@@ -13,6 +13,7 @@ from logparse import read_log
 from logparse.canonical import build_tables
 from logparse.flights import find_flights
 from logparse.inspection import inspect
+from logparse.serialization import plain
 from logparse.source import Boot
 from logparse.vehicle import describe
 
@@ -95,10 +96,10 @@ def test_extent_rate_and_gaps_of_tables_and_messages():
 
 
 def test_plain_types_for_json():
-    result = inspect(log_of(flight_messages())).to_dict()
+    result = plain(inspect(log_of(flight_messages())))
     again = json.loads(json.dumps(result, allow_nan=False))
     assert again == result
-    assert again["flights"][0]["duration"] == pytest.approx(50.0, abs=1.0)
+    assert again["flights"][0]["stop"] - again["flights"][0]["start"] == pytest.approx(50.0, abs=1.0)
     assert again["vehicle"]["motors"][0]["number"] == 1
     assert again["findings"][0]["severity"] in ("error", "warning", "info")
 
@@ -196,4 +197,4 @@ def test_shared_logs(name, expected, not_expected):
     found = set(by_id(inspection))
     assert expected <= found
     assert not (not_expected & found)
-    json.dumps(inspection.to_dict(), allow_nan=False)
+    json.dumps(plain(inspection), allow_nan=False)

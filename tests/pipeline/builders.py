@@ -11,13 +11,13 @@ from logparse.frames import motor_table
 from pipeline.flight.coverage import _distribution
 from pipeline.flight.craft import build_of
 from pipeline.flight.flight_parameters import SHARES
-from pipeline.results.coverage import MAP, QUANTITIES
-from pipeline.results.entry import FlightEntry
+from pipeline.results.entry import FlightEntry, FlightParameter
 from pipeline.results.flight import Span
 from pipeline.results.rotation import AxisRotation, FittedResponse, LoopMargins, RotationResult
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.loop import Margins
 from sysid.statistics.parameter import Parameter
+from tests.pipeline.coverages import coverage_of
 
 OCTA = Vehicle(autopilot="ArduPilot", frame_class="octa", frame_type="plus")
 
@@ -72,28 +72,26 @@ def flight(name, moves=1.0, *, day=0, place=0, sigma=0.5, noise=0.05, hour=0):
     entry = flown(name, start=DAY + timedelta(days=day, hours=hour), lat=0.8 + 0.01 * place)
     return dataclasses.replace(
         entry,
-        coverage={
-            "excitation": {"acceleration_rms": moves, "acceleration_noise": noise},
-            "health": {"position_sigma": {"median": sigma, "max": sigma}},
-        },
+        coverage=coverage_of(
+            excitation={"acceleration_rms": moves, "acceleration_noise": noise},
+            health={"position_sigma": {"median": sigma, "max": sigma}},
+        ),
     )
 
 
 def covering(name, **values):
     """Make a flight of given values, ten a second; a place and height for the map."""
-    quantities = {key: _distribution(key, np.asarray(v, float)).to_dict(QUANTITIES[key]) for key, v in values.items()}
+    quantities = {key: _distribution(key, np.asarray(v, float)) for key, v in values.items()}
     seconds = len(next(iter(values.values()))) / 10.0
-    grid = {"x": MAP[0], "y": MAP[1], "x_step": 1.0, "y_step": 5.0, "cells": [[0, 1, seconds]]}
     return dataclasses.replace(
         flown(name),
-        coverage={
-            "seconds": seconds,
-            "quantities": quantities,
-            "map": grid,
-            "wind": {"speed": 2.0, "from": pi / 2, "sigma": 0.2},
-            "excitation": {"acceleration_rms": 1.0},
-            "health": {"position_sigma": {"median": 0.5, "max": 1.0}},
-        },
+        coverage=coverage_of(
+            seconds=seconds,
+            quantities=quantities,
+            map={"cells": [[0, 1, seconds]]},
+            wind={"speed": 2.0, "direction": pi / 2, "sigma": 0.2},
+            health={"position_sigma": {"median": 0.5, "max": 1.0}},
+        ),
     )
 
 
@@ -120,7 +118,7 @@ def hovering(random, frame, count, *, weak=None, loss=0.0, shift=0.0, scatter=0.
         trim[1] += np.sign(basis[:, 1] @ factors[:, 1]) * shift * k
         shares = 1.0 + basis @ trim + sigma * random.standard_normal(len(motors))
         rows = [
-            {"parameter": f"m{m.number}", "method": SHARES, "value": float(s), "sigma": sigma, "unit": "mean"}
+            FlightParameter(parameter=f"m{m.number}", method=SHARES, value=float(s), sigma=sigma, unit="mean")
             for m, s in zip(motors, shares, strict=True)
         ]
         flights.append(

@@ -6,13 +6,17 @@ import json
 import numpy as np
 import pytest
 
+from logparse import Finding, Severity
 from logparse.log_settings import Need, bits_of, log_setting
+from logparse.serialization import plain
 from logparse.vehicle import Vehicle
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.log_settings import _BRINGS
 from pipeline.flight.advice.next_flights import MOST, for_craft
+from pipeline.results.entry import FlightParameter
 from tests.pipeline.builders import covering, flown, hovering
+from tests.pipeline.coverages import coverage_of
 
 COPTER = Vehicle(autopilot="ArduPilot", firmware="ArduCopter", version="4.5.7")
 PX4 = Vehicle(autopilot="PX4", firmware="PX4")
@@ -41,37 +45,17 @@ TOLD = (
 
 def good(name="good", *, told=TOLD, findings=(), form="dataflash", mask=176127.0, known=True, **parts):
     """Make a flight that lacks nothing but what is taken from it."""
-    axis = {"rms": 0.3, "unit": "rad/s", "command_std": 0.02, "word": "strong"}
-    coverage = {
-        "seconds": 180.0,
-        "quantities": {},
-        "wind": {"speed": 1.0, "from": 0.0, "sigma": 0.1},
-        "excitation": {
-            "acceleration_rms": 1.0,
-            "acceleration_noise": 0.05,
-            "speed_std": [3.0, 3.0],
-            "headings": 6,
-            "axes": {"roll": axis, "pitch": axis, "yaw": axis, "thrust": axis | {"unit": "m/s^2"}},
-        },
-        "health": {
-            "rates": {"attitude": {"rate": 10.0, "gaps": 0, "longest_gap": 0.1}},
-            "gps": {"hdop": 0.8},
-            "vibration": {"p95": 12.0, "clips": 0.0},
-            "position_sigma": {"median": 0.4, "max": 0.6},
-            "settings": {} if mask is None else {"LOG_BITMASK": mask},
-        },
-    }
-    for part, values in parts.items():
-        coverage[part] = coverage[part] | values if coverage[part] is not None and values is not None else values
+    settings = {} if mask is None else {"LOG_BITMASK": mask}
+    parts["health"] = {"settings": settings} | parts.get("health", {})
     return dataclasses.replace(
         flown(name),
         format=form,
         position_known=known,
-        coverage=coverage,
+        coverage=coverage_of(**parts),
         parameters=tuple(
-            {"parameter": each, "method": "rigid body", "value": 1.0, "sigma": 0.01, "unit": ""} for each in told
+            FlightParameter(parameter=each, method="rigid body", value=1.0, sigma=0.01, unit="") for each in told
         ),
-        findings=tuple(finding if isinstance(finding, dict) else found(finding) for finding in findings),
+        findings=tuple(finding if isinstance(finding, Finding) else found(finding) for finding in findings),
     )
 
 
@@ -87,7 +71,7 @@ def lacking(name, need, mask=176127.0, vehicle=COPTER, kind="dataflash"):
 
 
 def found(name, /, severity="warning", **evidence):
-    return {"id": name, "severity": severity, "reason": "", "advice": "", "evidence": evidence}
+    return Finding(name, Severity(severity), "", "", evidence)
 
 
 def only(*flights, **more):
@@ -133,7 +117,7 @@ def test_the_latest_flight_s_mask_counts_for_several():
 
 def test_the_mask_is_known_where_coverage_failed():
     flight = good("a", told=(), findings=[lacking("no-gps", Need.GPS, 176122.0)])
-    (advice,) = (each for each in for_craft([dataclasses.replace(flight, coverage={})]) if each.id == "log-bitmask")
+    (advice,) = (each for each in for_craft([dataclasses.replace(flight, coverage=None)]) if each.id == "log-bitmask")
     assert advice.settings == {"LOG_BITMASK": 176126}
 
 
@@ -180,7 +164,7 @@ def test_the_speed_of_legs_follows_from_the_gusts():
 
 def test_quiet_axes_are_named_with_the_chirp_that_moves_them():
     quiet = {"rms": 0.02, "unit": "rad/s", "command_std": 0.0, "word": "weak"}
-    axes = good().coverage["excitation"]["axes"] | {"roll": quiet, "yaw": quiet}
+    axes = plain(good().coverage.excitation.axes) | {"roll": quiet, "yaw": quiet}
     told = tuple(each for each in TOLD if "roll" not in each)
     advice = only(good(told=told, excitation={"axes": axes}))
     assert advice.id == "excite-axes"
@@ -192,7 +176,7 @@ def test_quiet_axes_are_named_with_the_chirp_that_moves_them():
 
 def test_firmware_without_chirps_is_asked_for_sticks():
     quiet = {"rms": 0.02, "unit": "rad/s", "command_std": 0.0, "word": "weak"}
-    axes = good().coverage["excitation"]["axes"] | {"yaw": quiet}
+    axes = plain(good().coverage.excitation.axes) | {"yaw": quiet}
     flight = good(told=tuple(each for each in TOLD if "yaw" not in each), excitation={"axes": axes})
     for old in ({"tune": {"firmware": "ArduCopter V3.6.12"}}, {"format": "ulog"}):
         advice = only(dataclasses.replace(flight, **old))
@@ -231,7 +215,7 @@ def test_judging_flights_that_leave_the_range_are_advised_to_train():
     flights = [covering("a", ground_speed=np.full(900, 3.0)), covering("b", ground_speed=np.full(900, 12.5))]
     flights = [
         dataclasses.replace(
-            good(f.name), coverage=good().coverage | f.coverage | {"excitation": good().coverage["excitation"]}
+            good(f.name), coverage=dataclasses.replace(f.coverage, excitation=good().coverage.excitation)
         )
         for f in flights
     ]
@@ -271,7 +255,7 @@ def test_the_list_is_short_sorted_and_json():
     advice = for_craft([everything, slow])
     assert len(advice) == MOST
     assert [each.rank for each in advice] == sorted(each.rank for each in advice)
-    for each in json.loads(json.dumps([each.to_dict() for each in advice], allow_nan=False)):
+    for each in json.loads(json.dumps(plain(advice), allow_nan=False)):
         assert each["do"]
         assert each["why"]
         assert each["gain"]

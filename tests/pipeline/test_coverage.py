@@ -9,10 +9,11 @@ import pytest
 
 import estimation
 import logparse
-from pipeline.flight.coverage import measure, summarise
+from logparse.serialization import plain, restored
+from pipeline.flight.coverage import measure
 from pipeline.flight.excitation import _word
-from pipeline.results.coverage import QUANTITIES
-from pipeline.results.flight import FlightResult, Span
+from pipeline.results.coverage import QUANTITIES, Coverage
+from pipeline.results.flight import Span
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
 from simulation.papers import elhesasy2024
@@ -65,7 +66,7 @@ def test_distributions_are_those_of_the_truth(flight):
             assert getattr(known, part) == pytest.approx(values.quantile(quantile), abs=0.35 * step + 0.1)
         assert sum(known.seconds) == pytest.approx(found.seconds, abs=0.15)
     assert found.quantities["density"].median == pytest.approx(sample.setup.place.atmosphere.density_at(8.0), rel=0.01)
-    assert sum(seconds for *_, seconds in found.cells) == pytest.approx(found.seconds, abs=0.3)
+    assert sum(seconds for *_, seconds in found.map.cells) == pytest.approx(found.seconds, abs=0.3)
 
 
 def test_movement_is_told_axis_by_axis(flight):
@@ -83,15 +84,13 @@ def test_movement_is_told_axis_by_axis(flight):
 
 def test_the_log_is_judged(flight):
     health = measure(*flight[:3]).health
-    assert health.rates["motors"]["rate"] == pytest.approx(10.0, rel=0.01)
-    assert health.rates["gps"] == {
-        "rate": pytest.approx(5.0, rel=0.01),
-        "gaps": 0,
-        "longest_gap": pytest.approx(0.2, abs=0.05),
-    }
-    assert health.gps["fix_part"] == 1.0
-    assert 0.1 < health.position_sigma["median"] < 1.5
-    assert health.battery["first"] > health.battery["last"] > 10.0
+    assert health.rates["motors"].rate == pytest.approx(10.0, rel=0.01)
+    gps = health.rates["gps"]
+    assert (gps.rate, gps.gaps) == (pytest.approx(5.0, rel=0.01), 0)
+    assert gps.longest_gap == pytest.approx(0.2, abs=0.05)
+    assert health.gps.fix_part == 1.0
+    assert 0.1 < health.position_sigma.median < 1.5
+    assert health.battery.first > health.battery.last > 10.0
 
 
 def test_without_a_rigid_body_the_wind_is_unknown_and_said_so(flight):
@@ -103,15 +102,15 @@ def test_without_a_rigid_body_the_wind_is_unknown_and_said_so(flight):
 
 def test_an_entry_keeps_it_as_small_json(flight):
     log, trajectory, span, *_ = flight
-    result = FlightResult(name="x", log=None, config=None, coverage=measure(log, trajectory, span))
-    text = json.dumps(summarise(result), allow_nan=False)
-    assert len(text) < 6000
-    assert summarise(FlightResult(name="x", log=None, config=None)) == {}
+    found = measure(log, trajectory, span)
+    text = json.dumps(plain(found), allow_nan=False)
+    assert len(text) < 7000
+    assert restored(json.loads(text), Coverage) == found
 
 
 def test_where_the_wind_comes_from():
     from pipeline.results.coverage import Wind as Found
 
-    assert Found(north=-1.0, east=0.0, sigma=0.1, source="").to_dict()["from"] == 0.0
-    assert Found(north=0.0, east=-2.0, sigma=0.1, source="").to_dict()["from"] == pytest.approx(math.pi / 2)
+    assert Found.towards(-1.0, 0.0, 0.1, "").direction == 0.0
+    assert Found.towards(0.0, -2.0, 0.1, "").direction == pytest.approx(math.pi / 2)
     assert [_word(x) for x in (0.1, 0.7, 2.0, 9.0)] == ["none", "weak", "fair", "strong"]

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from logparse.frames import motor_table
+from logparse.serialization import plain
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import ALPHA
 from pipeline.results.drift import Step, Trend
+from pipeline.results.entry import FlightParameter
 from tests.pipeline.builders import FRAMES, START, flown, hovering
 
 #: Parameters with a typical value, standard error of one flight and true scatter between flights.
@@ -29,7 +31,7 @@ def flights_of(values, unit="u", days=1.0):
         dataclasses.replace(
             flown(f"f{k:02d}", start=START + timedelta(days=days * k)),
             parameters=tuple(
-                {"parameter": name, "method": "rigid body", "value": v[k][0], "sigma": v[k][1], "unit": unit}
+                FlightParameter(parameter=name, method="rigid body", value=v[k][0], sigma=v[k][1], unit=unit)
                 for name, v in values.items()
             ),
         )
@@ -100,7 +102,7 @@ def test_scatter_between_flights_is_told_from_their_own_errors():
     drift = follow(flights_of(series(random, 30)))
     thrust, lag = history_of(drift, "thrust over mass"), history_of(drift, "motor lag")
     assert thrust.between == pytest.approx(0.10, rel=0.35)
-    assert thrust.q_p < 0.001
+    assert thrust.heterogeneity.p < 0.001
     assert "beyond their own errors" in thrust.sentence
     assert lag.between < 0.003
     assert "no more than their own errors" in lag.sentence
@@ -125,7 +127,7 @@ def test_dates_order_the_flights_and_make_the_slope_per_day():
 
 def test_the_method_that_most_flights_have_is_followed_and_others_are_kept():
     flights = flights_of({"motor lag": [(0.05, 0.001)] * 5})
-    other = {"parameter": "motor lag", "method": "rotor", "value": 0.06, "sigma": 0.0001, "unit": "s"}
+    other = FlightParameter(parameter="motor lag", method="rotor", value=0.06, sigma=0.0001, unit="s")
     flights = [dataclasses.replace(f, parameters=(*f.parameters, other)) if k < 3 else f for k, f in enumerate(flights)]
     (history,) = follow(flights).parameters
     assert history.method == "rigid body"
@@ -144,7 +146,7 @@ def test_few_flights_say_what_they_can():
 
 def test_it_is_json():
     drift = follow(flights_of(series(np.random.default_rng(8), 6)))
-    numbers = json.loads(json.dumps(drift.to_dict(), allow_nan=False))
+    numbers = json.loads(json.dumps(plain(drift), allow_nan=False))
     assert [each["parameter"] for each in numbers["parameters"]] == list(CRAFT)
     assert len(numbers["parameters"][0]["flights"]) == 6
 
@@ -183,4 +185,4 @@ def test_a_moving_centre_of_gravity_is_no_weak_motor():
 def test_two_flights_do_not_tell_of_motors_but_show_their_shares():
     motors = follow(hovering(np.random.default_rng(14), "quad", 2)).motors
     assert "cannot be told" in motors.sentence
-    assert set(motors.points[0]["shares"]) == {"m1", "m2", "m3", "m4"}
+    assert set(motors.points[0].shares) == {"m1", "m2", "m3", "m4"}

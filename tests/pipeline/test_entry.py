@@ -4,7 +4,10 @@ import dataclasses
 import json
 
 import numpy as np
+import pytest
 
+from logparse import Finding, Severity
+from logparse.serialization import plain, restored
 from pipeline.flight.summary import TRACK_ROWS, flight_entry, partition
 from pipeline.results.entry import FlightEntry, GroupEntry
 from tests.reports.conftest import made_flight
@@ -14,7 +17,7 @@ FLIGHT = made_flight("day 1/flight01", fit=False)
 
 def test_a_flight_survives_json():
     entry = flight_entry(FLIGHT, folder="day_1_flight01", source="s3://logs/flight01.BIN", key="k")
-    assert FlightEntry.from_dict(json.loads(json.dumps(entry.to_dict(), allow_nan=False))) == entry
+    assert restored(json.loads(json.dumps(plain(entry), allow_nan=False)), FlightEntry) == entry
     assert entry.start_utc == FLIGHT.log.start_utc
     assert entry.flight == FLIGHT.flight
     assert entry.experiments == ("motors",)
@@ -24,17 +27,24 @@ def test_a_flight_survives_json():
 
 
 def test_what_is_not_finite_is_none_and_costs_nothing():
-    entry = dataclasses.replace(
-        flight_entry(FLIGHT, folder="a", source="a.bin", key="k"),
-        coverage={"x": [float("nan"), np.float64(1.5), 2]},
-    )
-    assert json.loads(json.dumps(entry.to_dict(), allow_nan=False))["coverage"] == {"x": [None, 1.5, 2]}
+    numbers = np.array([float("nan"), 1.5, float("-inf")])
+    values = {"x": numbers, "y": numbers[1], "n": np.int64(2), "b": np.True_}
+    finding = Finding("a", Severity.INFO, "b", "c", {"not-finite": float("nan")})
+    assert json.dumps(plain(values), allow_nan=False) == '{"x": [null, 1.5, null], "y": 1.5, "n": 2, "b": true}'
+    assert restored(plain(finding), Finding).evidence == {"not-finite": None}
+
+
+def test_an_entry_of_another_version_is_refused_and_not_half_read():
+    facts = plain(flight_entry(FLIGHT, folder="a", source="a.bin", key="k"))
+    for old in (facts | {"coverage": {}}, facts | {"flight": [1.0, 2.0]}, {"key": "k"}, [], "x"):
+        with pytest.raises(ValueError, match=r"\$|Expected|Object"):
+            restored(old, FlightEntry)
 
 
 def test_a_log_without_a_flight_survives_json():
     bare = dataclasses.replace(FLIGHT, flight=None, trajectory=None, experiments={}, models=())
     entry = flight_entry(bare, folder="a", source="a.bin", key="k")
-    assert FlightEntry.from_dict(json.loads(json.dumps(entry.to_dict(), allow_nan=False))) == entry
+    assert restored(json.loads(json.dumps(plain(entry), allow_nan=False)), FlightEntry) == entry
     assert entry.track == ()
     assert not entry.position_known
 
@@ -53,7 +63,7 @@ def test_a_craft_survives_json():
     entry = GroupEntry(
         name="octa", folder="octa", key="k", craft="c", vehicle="v", training=("a",), held_out=("b",), split="so"
     )
-    assert GroupEntry.from_dict(json.loads(json.dumps(entry.to_dict()))) == entry
+    assert restored(json.loads(json.dumps(plain(entry))), GroupEntry) == entry
 
 
 def test_partitions_tell_crafts_apart_and_suit_folders():

@@ -7,8 +7,10 @@ from math import pi
 import numpy as np
 
 from logparse.quantity import readable
+from logparse.serialization import plain
 from pipeline.fleet.envelope import envelope
 from tests.pipeline.builders import covering, flown
+from tests.pipeline.coverages import coverage_of
 
 SLOW = np.linspace(0.0, 6.9, 1000)
 
@@ -24,8 +26,8 @@ def test_time_adds_up_over_flights():
     assert sum(speed.training) == 200.0
     assert sum(speed.held_out) == 100.0
     assert speed.first == 0
-    assert found.map["training"] == [[0, 1, 200.0]]
-    assert [wind["part"] for wind in found.winds] == ["training", "training", "held-out"]
+    assert found.map.training == ((0, 1, 200.0),)
+    assert [wind.part for wind in found.winds] == ["training", "training", "held-out"]
     edges = speed.step * (speed.first + np.arange(len(speed.training)))
     counts = np.histogram(np.concatenate([SLOW, SLOW + 2.0]), np.append(edges, edges[-1] + speed.step))[0]
     assert np.allclose(speed.training, counts / 10.0, atol=0.06)
@@ -74,7 +76,7 @@ def test_ranges_below_are_left_too_and_angles_are_told_in_degrees():
 
 def test_where_the_position_is_poor_nothing_is_called_extrapolation():
     lost = covering("b", ground_speed=np.full(900, 25.0))
-    lost = dataclasses.replace(lost, coverage={**lost.coverage, "health": {"position_sigma": {"max": 18.0}}})
+    lost = dataclasses.replace(lost, coverage=coverage_of(lost.coverage, health={"position_sigma": {"max": 18.0}}))
     assert not envelope([covering("a", ground_speed=SLOW), lost], ["a"], ["b"]).outside
 
 
@@ -92,4 +94,4 @@ def test_flights_without_coverage_leave_no_trace_and_no_error():
     assert found.held_out == ("a",)
     assert found.quantities["ground_speed"].fitted is None
     assert not found.outside
-    json.dumps(found.to_dict(), allow_nan=False)
+    json.dumps(plain(found), allow_nan=False)

@@ -54,7 +54,7 @@ def run(folder, out, config=CONFIG, **named):
 
 
 def fitted(fleet):
-    return [group.name for group in fleet.groups if group.result is not None]
+    return [group.name for group in fleet.groups if group.folder in fleet.fitted]
 
 
 def test_a_second_run_does_nothing_and_finds_the_same(logs, tmp_path):

@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.fleet.homogeneity import unlike_findings, unlike_flights
 from pipeline.flight.flight_parameters import BATTERY
+from pipeline.results.entry import FlightParameter
 
 
 def fleet(seed, count=8, payload=None, voltage=16.0, changes=None):
@@ -17,15 +18,18 @@ def fleet(seed, count=8, payload=None, voltage=16.0, changes=None):
         mass = 1.0 if payload is None else payload.get(k, 1.0)
         volts = voltage * float(np.exp(0.03 * rng.standard_normal())) * (changes or {}).get(k, 1.0)
         thrust = 8.0 * (volts / 16.0) ** 2 / mass * float(np.exp(0.035 * rng.standard_normal()))
-        rows = [{"parameter": "voltage", "method": BATTERY, "value": volts, "sigma": 0.1, "unit": "V"}]
+        rows = [FlightParameter(parameter="voltage", method=BATTERY, value=volts, sigma=0.1, unit="V")]
         for parameter, value, part in (
             ("thrust over mass", thrust, float(rng.uniform(0.003, 0.05))),
             ("roll inertia over mass and arm", 0.03 / mass, float(rng.uniform(0.01, 0.1))),
             ("yaw torque over inertia", 12.0, float(rng.uniform(0.02, 0.2))),
         ):
             measured = value * float(np.exp(part * rng.standard_normal()))
-            row = {"parameter": parameter, "method": "rigid body", "value": measured, "sigma": part * measured}
-            rows.append(row | {"unit": "m/s^2"})
+            rows.append(
+                FlightParameter(
+                    parameter=parameter, method="rigid body", value=measured, sigma=part * measured, unit="m/s^2"
+                )
+            )
         flights.append(SimpleNamespace(name=f"flight {k}", parameters=tuple(rows)))
     return flights
 

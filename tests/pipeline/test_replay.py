@@ -149,7 +149,7 @@ def test_a_damaged_model_is_a_sentence(models, table, tmp_path):
     content = json.loads(models.read_text())
     del content["flights"][0]["models"]["motors"]["hold"]
     (tmp_path / "models.json").write_text(json.dumps(content))
-    with pytest.raises(RotoridError, match="KeyError: 'hold'"):
+    with pytest.raises(RotoridError, match="missing required field `hold`"):
         replay(tmp_path / "models.json", table)
 
 

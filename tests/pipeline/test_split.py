@@ -13,6 +13,7 @@ from pipeline.fleet.split import MOST_TRAINING, choose_split, day_of, places_of
 from pipeline.flight.training import excitation, position_sigma
 from pipeline.results.split import Exclusion
 from tests.pipeline.builders import flight, flown
+from tests.pipeline.coverages import coverage_of
 
 CONFIG = AnalysisConfig()
 
@@ -92,13 +93,14 @@ def test_poor_position_and_standing_still_never_train_and_say_why():
 
 def test_what_was_not_measured_is_not_taken_for_perfect():
     """A flight whose coverage failed had a position sigma of 0 and trained."""
-    failed = dataclasses.replace(flight("a", 9.0), coverage={}, missing={"coverage": "the log has a hole"})
+    failed = dataclasses.replace(flight("a", 9.0), coverage=None, missing={"coverage": "the log has a hole"})
     unsure = dataclasses.replace(
-        flight("b", 9.0), coverage=flight("b").coverage | {"health": {"position_sigma": {"median": None, "max": None}}}
+        flight("b", 9.0),
+        coverage=coverage_of(flight("b").coverage, health={"position_sigma": {"median": None, "max": None}}),
     )
     loud = dataclasses.replace(
         flight("c"),
-        coverage=flight("c").coverage | {"excitation": {"acceleration_rms": 9.0, "acceleration_noise": None}},
+        coverage=coverage_of(flight("c").coverage, excitation={"acceleration_rms": 9.0, "acceleration_noise": None}),
     )
     split = choose_split([failed, unsure, loud, flight("d"), flight("e", 2.0)], CONFIG)
     assert split.training == ("e",)

@@ -5,6 +5,7 @@ import json
 import pytest
 import yaml
 
+from logparse.serialization import as_json
 from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
 from pipeline.flight.table_analysis import analyze_tables
@@ -46,7 +47,7 @@ def test_a_table_is_fitted_on_its_first_part_and_judged_on_the_rest(table):
     assert result.judged[0].startswith("flight.parquet [")
     half = {each.state: each for each in result.errors if each.horizon == 0.5}
     assert all(each.model < 0.2 * each.held for each in half.values()), half
-    numbers = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    numbers = json.loads(as_json(result.report()))
     assert numbers["model"]["parameters"]["thrust"]["si_value"] == pytest.approx(flown.THRUST, rel=0.02)
     page = tables_page(result)
     assert "What can be predicted" in page

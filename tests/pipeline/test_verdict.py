@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from pipeline.flight.purposes import Trust, uses_of
-from pipeline.flight.verdict import Verdict, assess, summarise
+from pipeline.flight.purposes import uses_of
+from pipeline.flight.verdict import assess, summarise
+from pipeline.results.verdict import Trust, Verdict
 from sysid import Validation
 
 
@@ -144,7 +145,7 @@ def test_one_axis_far_beyond_the_mean_is_no_for_free_runs():
     found = errors((64.0, 59.0, 2.7), (64.0, 59.0, 2.7))
     run = uses_of(found, None).free_run
     assert (run.trust, run.follows, run.far) == (Trust.NO, ("z",), ("x", "y"))
-    assert "x 4.6 times and y 3.5 times the error of always predicting the mean" in run.sentence()
+    assert "x 4.6 times and y 3.5 times the error of always predicting the mean" in run.sentence
     verdict = assess(found)
     assert verdict.trust is Trust.NO
     assert "no better than its worst axis" in verdict.sentence
@@ -162,7 +163,7 @@ def test_flights_outside_the_envelope_are_counted_apart():
     good, bad, away = (1.4, 1.7, 0.7), (10.0, 1.7, 0.7), (90.0, 90.0, 90.0)
     found = errors(good, good, good, good, bad, away)
     run = uses_of(found, None, outside={"f"}).free_run
-    assert (run.within, run.followed, run.outside, run.followed_outside) == (5, 4, 1, 0)
+    assert (run.flights_within, run.followed_within, run.flights_outside, run.followed_outside) == (5, 4, 1, 0)
     assert run.flights() == (
         "4 of 5 flights within the envelope are followed in every axis to 90–90 %; 0 of 1 outside it"
     )
@@ -193,21 +194,21 @@ GOOD, FAIR = (0.1, 1.0, 0.5), (0.3, 1.0, 0.5)
 def test_the_horizon_is_the_longest_at_which_every_axis_halves_both_guesses():
     curves = {0.1: {"x": GOOD, "z": GOOD}, 1.0: {"x": GOOD, "z": GOOD}, 5.0: {"x": GOOD, "z": FAIR}}
     use = uses_of(ahead(curves), None).prediction
-    assert (use.horizons, use.longest, use.errors) == ((0.1, 1.0), 1.0, {"x": 0.1, "z": 0.1})
-    assert use.sentence() == "prediction: up to 1 s ahead (there 0.100, 0.100 m in x and z)"
+    assert (use.horizons_s, use.horizon_s, use.rmse_m) == ((0.1, 1.0), 1.0, {"x": 0.1, "z": 0.1})
+    assert use.sentence == "prediction: up to 1 s ahead (there 0.100, 0.100 m in x and z)"
     # A good horizon behind a bad one is chance, and is not the answer.
     curves[10.0] = {"x": GOOD, "z": GOOD}
-    assert uses_of(ahead(curves), None).prediction.longest == 1.0
+    assert uses_of(ahead(curves), None).prediction.horizon_s == 1.0
     late = {0.1: {"x": FAIR, "z": GOOD}, 0.5: {"x": GOOD, "z": GOOD}, 1.0: {"x": GOOD, "z": GOOD}}
-    assert "prediction: 0.5 to 1 s ahead" in uses_of(ahead(late), None).prediction.sentence()
+    assert "prediction: 0.5 to 1 s ahead" in uses_of(ahead(late), None).prediction.sentence
     never = uses_of(ahead({1.0: {"x": FAIR, "z": GOOD}}), None).prediction
-    assert (never.longest, never.sentence().startswith("prediction: no")) == (None, True)
+    assert (never.horizon_s, never.sentence.startswith("prediction: no")) == (None, True)
 
 
 def test_what_is_not_finite_predicts_nothing():
     nan = (float("nan"), 1.0, 0.5)
-    assert uses_of(ahead({1.0: {"x": nan, "z": GOOD}}), None).prediction.longest is None
-    assert uses_of(ahead({1.0: {"x": (0.1, float("nan"), float("nan")), "z": GOOD}}), None).prediction.longest is None
+    assert uses_of(ahead({1.0: {"x": nan, "z": GOOD}}), None).prediction.horizon_s is None
+    assert uses_of(ahead({1.0: {"x": (0.1, float("nan"), float("nan")), "z": GOOD}}), None).prediction.horizon_s is None
 
 
 def test_parameters_count_and_need_a_prediction_that_confirms_them():
@@ -219,9 +220,9 @@ def test_parameters_count_and_need_a_prediction_that_confirms_them():
     assert uses_of(ahead(good), model).parameters.trust is Trust.YES
     alone = uses_of(ahead({0.1: {"x": FAIR, "z": GOOD}}), model).parameters
     assert alone.trust is Trust.LIMITED
-    assert "no prediction confirms them" in alone.sentence()
+    assert "no prediction confirms them" in alone.sentence
     assert uses_of(None, None).parameters.trust is Trust.UNKNOWN
-    assert uses_of(None, None).sentence() == (
+    assert uses_of(None, None).sentence == (
         "Prediction: not judged; free simulation: not judged; parameters: not judged."
     )
 

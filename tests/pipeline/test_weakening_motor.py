@@ -11,7 +11,7 @@ import logparse
 import sysid
 from pipeline.fleet.drift import follow
 from pipeline.flight.flight_parameters import SHARES, motor_shares
-from pipeline.results.entry import FlightEntry
+from pipeline.results.entry import FlightEntry, FlightParameter
 from pipeline.results.flight import Span
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
@@ -78,7 +78,7 @@ def fly(folder, number, weak, loss, random):
         flight=Span(log.flight.start, log.flight.stop),
         mixer={f"m{m.number}": [m.roll, m.pitch, m.yaw] for m in log.vehicle.motors},
         parameters=tuple(
-            {"parameter": motor, "method": SHARES, "value": share, "sigma": sigma, "unit": ""}
+            FlightParameter(parameter=motor, method=SHARES, value=share, sigma=sigma, unit="")
             for motor, (share, sigma) in motor_shares(record).items()
         ),
     )

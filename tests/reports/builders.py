@@ -2,18 +2,19 @@
 
 import json
 import re
-from importlib.resources import files
 
 import jsonschema
 
 from reports.packing import unpack
+from reports.schema import schema
 
 
 def schema_of(kind: str) -> dict:
     """Return the schema of one kind: of three that fail, an error would not name the one that matters."""
-    schema = json.loads((files("reports") / "report.schema.json").read_text("utf-8"))
-    jsonschema.Draft202012Validator.check_schema(schema)
-    return {name: value for name, value in schema.items() if name != "oneOf"} | {"$ref": f"#/$defs/{kind}"}
+    whole = schema("report")
+    jsonschema.Draft202012Validator.check_schema(whole)
+    kinds = {"flight": "FlightReport", "craft": "CraftReport", "fleet": "FleetReport"}
+    return {name: value for name, value in whole.items() if name != "oneOf"} | {"$ref": f"#/$defs/{kinds[kind]}"}
 
 
 def strict(text: str) -> object:

@@ -15,9 +15,11 @@ from logparse import Finding, Geodetic, Motor, Severity, Vehicle
 from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFacts, ModelResult, Prediction, Span
 from pipeline.flight.answer import compose_answer
 from pipeline.names import folder_names
+from pipeline.results.report import FleetReport
 from pipeline.storage.store import open_store
 from reports import publish
 from reports.fleet import compose
+from tests.reports.made import made
 
 #: A kind of model that the log could not give.
 WITHOUT_REFERENCE = ModelResult(
@@ -191,15 +193,11 @@ def composed(folder: Path, flights: Sequence[FlightResult], crafts: Sequence[Gro
         publish(flight, folder / "flights" / names[flight.name])
     for number, group in enumerate(crafts):
         publish(group, folder / "crafts" / f"craft{number}")
-    config = {
-        name: getattr(flights[0].config if flights else AnalysisConfig(), name) for name in AnalysisConfig.__slots__
-    }
-    facts = {"failures": FAILURES, "config": config} | facts
     compose(
         open_store(folder),
         [f"flights/{name}" for name in names.values()],
         [f"crafts/craft{number}" for number in range(len(crafts))],
-        **facts,
+        made(FleetReport, config=flights[0].config if flights else AnalysisConfig(), **{"failures": FAILURES} | facts),
     )
     return folder / "report.html"
 

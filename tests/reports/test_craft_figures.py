@@ -10,13 +10,15 @@ import pytest
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.flight_parameters import SHARES
-from pipeline.results.coverage import MAP, QUANTITIES
-from pipeline.results.entry import FlightEntry
+from pipeline.results.coverage import QUANTITIES
+from pipeline.results.drift import Drift
+from pipeline.results.entry import FlightEntry, FlightParameter
+from pipeline.results.envelope import Envelope
 from reports.coverage_figures import coverage_figures
 from reports.coverage_views import coverage_table, outside
-from reports.drift_figures import changes, drift_figures
+from reports.drift_figures import drift_figures
 from reports.drift_views import drift_sentences, drift_table
-from reports.numbers import plain
+from tests.pipeline.coverages import coverage_of
 from tests.reports.builders import themed
 
 FLIGHTS = 8
@@ -26,9 +28,9 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
     """Make up a flight at one speed, of a craft with one thrust."""
     rng = np.random.default_rng(number)
     bins = {name: int(1.05 / QUANTITIES[name].step) for name in ("density", "altitude")} | {"ground_speed": int(speed)}
-    coverage = {
-        "seconds": 60.0,
-        "quantities": {
+    coverage = coverage_of(
+        seconds=60.0,
+        quantities={
             name: {
                 "title": QUANTITIES[name].title,
                 "unit": QUANTITIES[name].unit,
@@ -40,18 +42,11 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
             | {"std": 0.1}
             for name, first in bins.items()
         },
-        "map": {
-            "x": MAP[0],
-            "y": MAP[1],
-            "x_step": QUANTITIES[MAP[0]].step,
-            "y_step": QUANTITIES[MAP[1]].step,
-            "cells": [[int(speed), 1, 30.0], [int(speed) + 1, 1, 30.0]],
-        },
-        "wind": {"speed": 3.0, "from": 0.5 * np.pi, "north": 0.0, "east": -3.0, "sigma": 0.4, "source": "rigid body"},
-        "excitation": {"acceleration_rms": 0.6},
-        "health": {"position_sigma": {"median": 0.5, "max": 1.0}},
-        "missing": {},
-    }
+        map={"cells": [[int(speed), 1, 30.0], [int(speed) + 1, 1, 30.0]]},
+        wind={"speed": 3.0, "direction": 0.5 * np.pi, "north": 0.0, "east": -3.0, "sigma": 0.4},
+        excitation={"acceleration_rms": 0.6},
+        health={"position_sigma": {"median": 0.5, "max": 1.0}},
+    )
     rows = [
         ("thrust over mass", "rotor", thrust + rng.normal(0.0, 0.004), 0.004, "m/s^2, one motor at full command"),
         ("motor lag", "rotor", 0.05 + rng.normal(0.0, 0.002), 0.002, "s"),
@@ -74,7 +69,8 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
         vehicle="quad-1",
         coverage=coverage,
         parameters=tuple(
-            dict(zip(("parameter", "method", "value", "sigma", "unit"), row, strict=True)) for row in rows
+            FlightParameter(**dict(zip(("parameter", "method", "value", "sigma", "unit"), row, strict=True)))
+            for row in rows
         ),
     )
 
@@ -86,18 +82,18 @@ def entries() -> list[FlightEntry]:
 
 
 @pytest.fixture(scope="module")
-def covered(entries) -> dict:
+def covered(entries) -> Envelope:
     names = [each.name for each in entries]
     found = envelope(entries, names[:-2], names[-2:])
     assert found is not None
-    return plain(found.to_dict())
+    return found
 
 
 @pytest.fixture(scope="module")
-def drift(entries) -> dict:
+def drift(entries) -> Drift:
     found = follow(entries)
     assert found is not None
-    return plain(found.to_dict())
+    return found
 
 
 def test_plotly_accepts_the_figures_of_a_craft(covered, drift):
@@ -115,8 +111,8 @@ def test_flying_beyond_what_was_fitted_is_seen_and_said(covered):
     assert max(heat["x"]) < 4.0
     (sentence,) = [each for each in outside(covered) if "ground speed" in each]
     assert sentence.startswith(f"flight{FLIGHTS - 1:02d}: ")
-    (speed,) = [row for row in coverage_table(covered)["rows"] if row["label"].startswith("Ground speed")]
-    assert speed["cells"][1:] == ["2 to 4", "2 to 10"]
+    (speed,) = [row for row in coverage_table(covered).rows if row.label.startswith("Ground speed")]
+    assert speed.cells[1:] == ["2 to 4", "2 to 10"]
 
 
 def test_the_wind_is_drawn_where_it_comes_from(covered):
@@ -128,13 +124,12 @@ def test_the_wind_is_drawn_where_it_comes_from(covered):
 
 def test_what_changes_over_flights_comes_first(drift):
     thrust, lag = (
-        next(each for each in drift["parameters"] if each["parameter"] == name)
-        for name in ("thrust over mass", "motor lag")
+        next(each for each in drift.parameters if each.parameter == name) for name in ("thrust over mass", "motor lag")
     )
-    assert changes(thrust)
-    assert not changes(lag)
+    assert thrust.change is not None
+    assert lag.change is None
     assert drift_sentences(drift)[0].startswith("Thrust over mass")
-    assert drift_table(drift)["rows"][0]["label"] == "Thrust over mass, rotor (m/s²)"
+    assert drift_table(drift).rows[0].label == "Thrust over mass, rotor (m/s²)"
     courses = next(figure for figure in drift_figures(drift, "")[0] if "course" in figure.id)
     points, line = courses.data[:2]
     assert points["marker"]["color"] == "@bad"
@@ -143,7 +138,7 @@ def test_what_changes_over_flights_comes_first(drift):
 
 
 def test_flights_without_a_date_stand_in_order_of_name(entries):
-    numbers = plain(follow([replace(each, start_utc=None) for each in entries]).to_dict())
+    numbers = follow([replace(each, start_utc=None) for each in entries])
     axis = drift_figures(numbers, "")[0][-1].layout["xaxis"]
     assert axis["type"] == "category"
     assert axis["categoryarray"] == [each.name for each in entries]

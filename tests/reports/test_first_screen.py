@@ -15,14 +15,17 @@ from pipeline.results.answer import Picture, Tone
 from pipeline.results.flight import FlightResult, Span
 from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal
 from pipeline.results.loops import FlightLoops
+from pipeline.results.report import FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
 from reports.first_screen import first_figures
+from reports.fleet_report import in_short
 from reports.html import flight_page
-from reports.numbers import flight_numbers
+from reports.numbers import flight_report
 from reports.summary import answer_lines
 from reports.terminal import overview
 from sysid.loops.loop import Margins
 from sysid.statistics.parameter import Parameter
+from tests.reports.made import made
 
 #: Issue of this page: the first screen has below so many words in all.
 MOST_WORDS = 120
@@ -76,7 +79,7 @@ def kinds(flight, other) -> dict[str, FlightResult]:
     return {
         "good": answered(flight, health=health(), loops=FlightLoops(), rotation=loops(loop("roll", 52.0))),
         "lost motor": answered(flight, health=health(LOST, event("crash", 72.0), cause=LOST)),
-        "crash": answered(flight, health=health(event("crash", 72.0)), loops=FlightLoops(tracking={"roll": 0.05})),
+        "crash": answered(flight, health=health(event("crash", 72.0)), loops=FlightLoops(tracking_rad={"roll": 0.05})),
         "without models": answered(other, health=health(event("low-thrust-reserve", 50.0, Severity.WARNING))),
         "no position": answered(flight, health=health(), **nothing, missing={"trajectory": "no GPS; log it"}),
         "no flight": answered(flight, flight=None, motors=None, modes=None, **nothing, missing={"flight": "no flight"}),
@@ -92,13 +95,13 @@ def words(page: str) -> int:
 
 def test_the_first_screen_has_few_words(kinds):
     for name, result in kinds.items():
-        assert words(flight_page(result, flight_numbers(result))) < MOST_WORDS, name
+        assert words(flight_page(result, flight_report(result))) < MOST_WORDS, name
 
 
 def test_every_line_has_a_number_or_a_reason(kinds):
     for name, result in kinds.items():
-        lines = answer_lines(flight_numbers(result)["answer"])
-        assert [line["purpose"] for line in lines] == [
+        lines = answer_lines(flight_report(result).answer)
+        assert [shown.line.purpose for shown in lines] == [
             "Flown",
             "Healthy",
             "Loops",
@@ -106,10 +109,10 @@ def test_every_line_has_a_number_or_a_reason(kinds):
             "Parameters",
             "Simulate",
         ]
-        for line in lines:
-            assert line["word"], name
-            assert line["number"] or len(line["text"].split()) >= 2, (name, line)
-            assert "nan" not in f"{line['number']} {line['text']}", (name, line)
+        for shown in lines:
+            assert shown.line.word, name
+            assert shown.number or len(shown.line.text.split()) >= 2, (name, shown)
+            assert "nan" not in f"{shown.number} {shown.line.text}", (name, shown)
 
 
 def line_of(result: FlightResult, purpose: str):
@@ -172,7 +175,7 @@ def test_an_axis_without_margins_is_not_covered_by_those_of_others(flight):
 
 
 def test_an_oscillation_is_said_before_any_margin(flight):
-    swinging = FlightLoops(oscillations={"roll": 8.0})
+    swinging = FlightLoops(oscillations_hz={"roll": 8.0})
     line = line_of(answered(flight, loops=swinging, rotation=loops(loop("roll", 60.0))), "Loops")
     assert (line.word, line.value, line.unit) == ("oscillate", 8.0, "Hz")
 
@@ -180,7 +183,7 @@ def test_an_oscillation_is_said_before_any_margin(flight):
 def test_a_prediction_is_as_long_as_the_model_was_judged(flight):
     """The word comes from the horizon: none gives no, and a model that nobody judged gives no number."""
     line = line_of(answered(flight), "Predict ahead")
-    horizon = flight_numbers(flight)["models"][0]["uses"]["prediction"]["horizon_s"]
+    horizon = flight_report(flight).models[0].uses.prediction.horizon_s
     assert line.value == horizon
     assert (line.word in ("yes", "briefly")) == (horizon is not None)
     unjudged = dataclasses.replace(flight.models[0], validation=None, missing="too short to judge")
@@ -198,9 +201,10 @@ def test_the_track_shows_height_events_and_no_legend(kinds):
 def test_long_reasons_of_a_folder_become_numbered_notes(flight):
     """A folder of old logs filled the terminal with one column of broken words."""
     reason = "the horizontal position is not known because no receiver had a fix for more than a second"
-    flights = [flight_numbers(flight) | {"models": [], "missing": {"trajectory": reason}} for _ in range(3)]
+    bare = dataclasses.replace(flight_report(flight), models=(), missing={"trajectory": reason})
+    flights = [in_short(bare, f"flights/{k}") for k in range(3)]
     console = Console(width=110, record=True, file=io.StringIO())
-    console.print(overview({"kind": "fleet", "flights": flights, "groups": []}, 110))
+    console.print(overview(made(FleetReport, flights=flights), 110))
     text = console.export_text()
     assert text.count("no model [1]") == 3
     assert " ".join(text.split()).count(f"[1] {reason}") == 1
@@ -208,7 +212,7 @@ def test_long_reasons_of_a_folder_become_numbered_notes(flight):
 
 def test_the_terminal_shows_the_same_lines(kinds):
     console = Console(width=110, record=True, file=io.StringIO())
-    console.print(overview(flight_numbers(kinds["lost motor"]), 110))
+    console.print(overview(flight_report(kinds["lost motor"]), 110))
     text = console.export_text()
     assert "99.0 ± 1.0 % of motor 2's thrust lost from 70.0 s" in text
 
@@ -226,7 +230,7 @@ def test_a_phone_need_not_scroll_sideways(kinds, tmp_path):
             page.on("pageerror", lambda error, faults=faults: faults.append(str(error)))
             for name in ("lost motor", "no flight"):
                 path = tmp_path / "page.html"
-                path.write_text(flight_page(kinds[name], flight_numbers(kinds[name])), encoding="utf-8")
+                path.write_text(flight_page(kinds[name], flight_report(kinds[name])), encoding="utf-8")
                 page.goto(path.as_uri())
                 assert page.evaluate("document.documentElement.scrollWidth") <= width
                 if width == 1280:

@@ -8,10 +8,12 @@ from dataclasses import replace
 import pytest
 
 from pipeline.names import folder_names
+from pipeline.results.report import FleetReport
 from pipeline.storage.store import open_store
 from reports.fleet import compose
 from tests.reports.builders import drawn, strict
 from tests.reports.conftest import composed
+from tests.reports.made import made
 
 FLIGHTS = 200
 
@@ -26,7 +28,7 @@ def test_two_hundred_flights_fold_and_stay_small(fleet, tmp_path):
         shutil.copytree(fleet / "flights" / "flight01", folder)
         (folder / "report.json").write_text(json.dumps(numbers | {"name": folder.name}), encoding="utf-8")
         folders.append(f"flights/{folder.name}")
-    compose(open_store(tmp_path), folders, ["crafts/craft0"])
+    compose(open_store(tmp_path), folders, ["crafts/craft0"], made(FleetReport))
     page = (tmp_path / "report.html").read_text("utf-8")
     assert f"<details><summary>Table of {FLIGHTS} flights</summary>" in page
     assert len(page) < 4_000_000

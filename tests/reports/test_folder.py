@@ -3,12 +3,10 @@
 import csv
 import dataclasses
 import io
-import json
 import math
 import re
 from html import unescape
 from html.parser import HTMLParser
-from importlib.resources import files
 from pathlib import Path
 
 import jsonschema
@@ -21,18 +19,23 @@ from scipy.io import loadmat
 import reports
 from logparse import Finding, Severity
 from logparse.quantity import column
+from logparse.serialization import plain
 from pipeline.names import folder_names
+from pipeline.results.model_report import RmseRow
 from reports import html, summary
 from reports.folder import rmse_table
-from reports.numbers import flight_numbers, plain
+from reports.numbers import flight_report
+from reports.reading import read_report
+from reports.schema import schema
 from tests.reports.builders import drawn, strict
 from tests.reports.conftest import composed
+from tests.reports.made import made
 
 
 @pytest.mark.parametrize("name", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "plain", "a=b"])
 def test_names_are_no_formulas_of_a_spreadsheet(name):
-    row = {"flight": name, "craft": name} | dict.fromkeys(("part", "scope", "model", "start_s", "duration_s"), -1.5)
-    text = rmse_table([row | {kind: {"x": -0.5} for kind in ("rmse_m", "fit_percent", "rmse_mean_m")}])
+    errors = {kind: {"x": -0.5} for kind in ("rmse_m", "fit_percent", "rmse_mean_m")}
+    text = rmse_table([made(RmseRow, flight=name, craft=name, start_s=-1.5, duration_s=-1.5, **errors)])
     (read,) = csv.DictReader(io.StringIO(text))
     assert read["flight"] == read["craft"] == (name if name[0].isalpha() else f"'{name}")
     assert read["rmse_x_m"] == "-0.5"  # numbers stay numbers
@@ -169,6 +172,7 @@ def test_what_is_not_finite_becomes_null(flight, tmp_path):
     assert numbers["rmse"][0]["rmse_m"]["x"] is None
     assert rows_of(tmp_path / "rmse.csv")[0]["rmse_x_m"] == ""
     text = unescape("".join(Page(page.read_text("utf-8")).text)).lower()
+    assert math.isnan(read_report(tmp_path).timings_s["read"])
     assert not re.search(r"\b(nan|inf)\b", text[: text.index("figures") if "figures" in text else None][:20_000])
 
 
@@ -245,7 +249,7 @@ def test_a_flight_without_anything_says_why(flight, tmp_path):
     assert "What could not be done" in page
     assert "set bit 2 of LOG_BITMASK" in page
     assert "Nothing could be identified." in page
-    assert flight_numbers(bare)["verdict"]["trust"] == "unknown"
+    assert flight_report(bare).verdict.trust == "unknown"
 
 
 @pytest.mark.parametrize(
@@ -292,23 +296,22 @@ def test_what_was_passed_over_is_named_everywhere(flight, tmp_path):
     assert line in page
     numbers = strict((tmp_path / "report.json").read_text("utf-8"))
     assert numbers["passed_over"][6] == {"file": "6.txt", "reason": "no flight log"}
-    assert summary.left_out(numbers) == [line, "Copies, analysed once: again.bin (a copy of flight01.BIN)."]
+    assert summary.left_out(read_report(tmp_path)) == [
+        line,
+        "Copies, analysed once: again.bin (a copy of flight01.BIN).",
+    ]
     assert unescape(page).count("6.txt") == 1, "each is named, where nobody must read it"
 
 
-def schema() -> dict:
-    return json.loads((files("reports") / "models.schema.json").read_text("utf-8"))
-
-
 def test_models_are_as_their_schema_says(flight, fleet, tmp_path):
-    jsonschema.Draft202012Validator.check_schema(schema())
+    jsonschema.Draft202012Validator.check_schema(schema("models"))
     reports.write(flight, tmp_path)
     for folder in (fleet, fleet / "crafts" / "craft0", tmp_path):
         models = strict((folder / "models.json").read_text("utf-8"))
-        jsonschema.validate(models, schema())
+        jsonschema.validate(models, schema("models"))
     broken = models | {"flights": [models["flights"][0] | {"models": {"motors": {"kind": "transfer-functions"}}}]}
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(broken, schema())
+        jsonschema.validate(broken, schema("models"))
 
 
 def test_matlab_and_spreadsheets_get_the_same_coefficients(flight, fleet, tmp_path):

@@ -12,7 +12,7 @@ from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal, 
 from reports.health_figures import health_figures
 from reports.health_views import sentence, timeline
 from reports.html import flight_page
-from reports.numbers import flight_numbers
+from reports.numbers import flight_report
 
 
 def event(identity, t, severity=Severity.WARNING, reason="It happened.", **more):
@@ -67,26 +67,24 @@ def test_plots_are_drawn_of_what_was_logged_in_degrees(flight, health):
 
 def test_the_page_shows_the_timeline_escaped(flight, health):
     with_health = dataclasses.replace(flight, health=health)
-    numbers = flight_numbers(with_health)
+    numbers = flight_report(with_health)
     page = flight_page(with_health, numbers)
     assert "What happened" in page
     assert "Hit &lt;b&gt;hard&lt;/b&gt;." in page
     assert "Hit <b>" not in page
-    view = timeline(numbers["health"])
-    assert [row["t"] for row in view["rows"]] == ["55.0", "60.0"]
-    assert view["quiet_count"] == 1
-    assert sentence(numbers["health"]).startswith("Happened in flight: crash at 60.0 s")
+    view = timeline(numbers.health)
+    assert [row.t for row in view.rows] == ["55.0", "60.0"]
+    assert view.quiet_count == 1
+    assert sentence(numbers.health).startswith("Happened in flight: crash at 60.0 s")
 
 
 def test_a_million_events_do_not_fill_the_page(flight, health):
     many = dataclasses.replace(health, events=tuple(event("gps-glitch", 40.0 + 1e-4 * k) for k in range(20_000)))
-    view = timeline(flight_numbers(dataclasses.replace(flight, health=many))["health"])
-    (row,) = view["rows"]
-    assert row["reason"].startswith("20000 times until 42.0 s")
+    crowded = flight_report(dataclasses.replace(flight, health=many)).health
+    (row,) = timeline(crowded).rows
+    assert row.reason.startswith("20000 times until 42.0 s")
     kinds = tuple(event(f"kind-{k}", 40.0 + 1e-4 * k) for k in range(20_000))
-    view = timeline(
-        flight_numbers(dataclasses.replace(flight, health=dataclasses.replace(health, events=kinds)))["health"]
-    )
-    assert len(view["rows"]) == 40
-    assert view["more"] == 20_000 - 40
-    assert len(sentence(flight_numbers(dataclasses.replace(flight, health=many))["health"])) < 200
+    view = timeline(flight_report(dataclasses.replace(flight, health=dataclasses.replace(health, events=kinds))).health)
+    assert len(view.rows) == 40
+    assert view.more == 20_000 - 40
+    assert len(sentence(crowded)) < 200

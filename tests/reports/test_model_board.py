@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from pipeline.results.model_report import ModelReport
+from pipeline.results.report import HealthReport
 from reports.health_views import timeline
 from reports.model_board import model_board, step_response, step_sigma
 from reports.model_figures import off_by_default
 from sysid import TransferFunction
 from tests.reports.conftest import made_flight
+from tests.reports.made import made
 
 T = np.linspace(0.0, 5.0, 101)
 
@@ -58,7 +61,7 @@ def test_the_board_offers_every_model_and_axis_once_in_each_place():
 
 def test_only_models_beside_better_ones_are_off_at_first():
     def model(key, trust, model=True):
-        return {"key": key, "verdict": {"trust": trust}, "model": {} if model else None}
+        return made(ModelReport, key=key, verdict={"trust": trust}, kind="rigid_body" if model else "")
 
     assert off_by_default([model("a", "no"), model("b", "limited")]) == {"a"}
     assert off_by_default([model("a", "no"), model("b", "no")]) == set()
@@ -67,17 +70,10 @@ def test_only_models_beside_better_ones_are_off_at_first():
 
 def test_many_events_of_a_kind_are_one_row():
     def event(t, kind, severity="warning", lasted=0.5):
-        return {
-            "id": kind,
-            "t_s": t,
-            "end_s": t + lasted,
-            "severity": severity,
-            "reason": f"{kind} {t}",
-            "advice": "",
-        } | {"source": ""}
+        return {"id": kind, "t": t, "end": t + lasted, "severity": severity, "reason": f"{kind} {t}"}
 
     many = [event(float(t), "motor-saturation", lasted=0.1 * t) for t in range(10, 30)]
-    view = timeline({"events": [*many, event(15.5, "crash", "error")], "motors_missing": ""})
-    assert [row["name"] for row in view["rows"]] == ["motor saturation", "crash"]
-    assert view["rows"][0]["reason"] == "20 times until 29.0 s; the worst, at 29.0 s: motor-saturation 29.0"
-    assert view["more"] == 0
+    view = timeline(made(HealthReport, events=[*many, event(15.5, "crash", "error")]))
+    assert [row.name for row in view.rows] == ["motor saturation", "crash"]
+    assert view.rows[0].reason == "20 times until 29.0 s; the worst, at 29.0 s: motor-saturation 29.0"
+    assert view.more == 0

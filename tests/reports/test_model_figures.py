@@ -6,13 +6,13 @@ import numpy as np
 import plotly.graph_objects as go
 
 from reports.model_figures import horizon_figure, response_figures
-from reports.numbers import flight_numbers
+from reports.numbers import flight_report
 from tests.reports.builders import themed
 
 
 def test_plotly_accepts_every_figure_and_ids_are_unique(flight):
     figures = [figure for some in response_figures(flight.models[0], "7-").values() for figure in some]
-    figures.append(horizon_figure(flight_numbers(flight)["models"]))
+    figures.append(horizon_figure(flight_report(flight).models))
     for figure in figures:
         go.Figure(data=themed(figure.data), layout=themed(figure.layout))  # raises on unknown attributes
         assert not figure.time
@@ -45,7 +45,7 @@ def test_what_is_not_determined_has_no_band_and_no_ellipse(flight):
 
 
 def test_the_horizon_plot_shows_the_guesses_beside_the_models(flight):
-    figure = horizon_figure(flight_numbers(flight)["models"])
+    figure = horizon_figure(flight_report(flight).models)
     names = [trace["name"] for trace in figure.data if trace["showlegend"]]
     assert names == ["constant position", "constant velocity", "motor PWM"]
     assert horizon_figure([]) is None

@@ -8,19 +8,27 @@ import pytest
 
 import reports
 import sysid
-from reports.numbers import flight_numbers
+from pipeline.results.model_report import ModelReport, ParameterRow
+from reports.numbers import flight_report
 from reports.parameter_views import EMPTY, coherence, parameters
+from tests.reports.made import made
 
 UNIT = "m/s^2, one motor at full command in sea-level air"
 
 
 def row(parameter, method, value, sigma, *, unit=UNIT, si=None, note=""):
     si_value, si_sigma, si_unit = si or (None, None, "")
-    return {"parameter": parameter, "method": method, "value": value, "sigma": sigma, "unit": unit, "note": note} | {
-        "si_value": si_value,
-        "si_sigma": si_sigma,
-        "si_unit": si_unit,
-    }
+    return ParameterRow(
+        parameter=parameter,
+        method=method,
+        value=value,
+        sigma=sigma,
+        unit=unit,
+        si_value=si_value,
+        si_sigma=si_sigma,
+        si_unit=si_unit,
+        note=note,
+    )
 
 
 def test_a_line_for_each_parameter_and_a_column_for_each_method():
@@ -31,19 +39,19 @@ def test_a_line_for_each_parameter_and_a_column_for_each_method():
             row("motor lag", "rigid body", 0.0381, 0.004, unit="s"),
         ]
     )
-    assert view["methods"] == ["rotor", "rigid body"]
-    assert [line["label"] for line in view["rows"]] == [
+    assert view.methods == ["rotor", "rigid body"]
+    assert [line.label for line in view.rows] == [
         "Thrust over mass, m/s²",
         "… in N at full command",
         "Motor lag, s",
     ]
-    assert [line["cells"] for line in view["rows"]] == [
+    assert [line.cells for line in view.rows] == [
         ["2.61 ± 0.02", EMPTY],
         ["10.45 ± 0.08", EMPTY],
         [EMPTY, "0.038 ± 0.004"],
     ]
-    assert all(line["known"] for line in view["rows"])
-    assert view["notes"] == [("Thrust over mass: rigid body", "The motors were not logged.")]
+    assert all(line.known for line in view.rows)
+    assert view.notes == [("Thrust over mass: rigid body", "The motors were not logged.")]
     assert parameters(None) is None
 
 
@@ -57,22 +65,24 @@ def test_a_line_for_each_parameter_and_a_column_for_each_method():
 )
 def test_one_sentence_says_what_the_coherence_says(above, says):
     told = {
-        "band_rad_s": [0.5, 5.0],
+        "band_rad_s": (0.5, 5.0),
         "inputs": ["m1"],
         "averages": 30.0,
         "chance": 0.4,
         "outputs": {name: {"multiple_median": 0.5, "above_chance": part} for name, part in above.items()},
     }
-    view = coherence([{"title": "motor PWM → position", "coherence": told}])
-    assert says in view["sentences"][0]
-    assert view["table"]["heads"] == ["x", "z", "chance"]
+    view = coherence([made(ModelReport, title="motor PWM → position", coherence=told)])
+    assert says in view.sentences[0]
+    assert view.table.heads == ["x", "z", "chance"]
 
 
 def test_reasons_stand_where_there_is_no_coherence():
-    view = coherence([{"title": "motor PWM → position", "coherence": {"missing": "9 s of 8 inputs are too short"}}])
-    assert view["table"] is None
-    assert view["sentences"] == ["Motor PWM → position: 9 s of 8 inputs are too short."]
-    assert coherence([{"title": "rigid body", "coherence": None}]) is None
+    view = coherence(
+        [made(ModelReport, title="motor PWM → position", coherence={"missing": "9 s of 8 inputs are too short"})]
+    )
+    assert view.table is None
+    assert view.sentences == ["Motor PWM → position: 9 s of 8 inputs are too short."]
+    assert coherence([made(ModelReport, title="rigid body")]) is None
 
 
 def test_page_json_and_models_have_both(flight, tmp_path):
@@ -101,9 +111,9 @@ def test_page_json_and_models_have_both(flight, tmp_path):
     assert "Logs are too slow." in page
     assert "not determined by any method" in page
     assert "How much the inputs can tell" in page
-    numbers = flight_numbers(result)
-    assert [each["value"] for each in numbers["parameters"]] == [2.6136, None]
+    numbers = flight_report(result)
+    assert [each.value for each in numbers.parameters] == [2.6136, None]
     band = (spectra.frequency >= 0.5) & (spectra.frequency <= 5.0)
-    told = numbers["models"][0]["coherence"]
-    assert told["outputs"]["x"]["multiple_median"] == pytest.approx(np.median(spectra.multiple[band, 0]))
-    assert reports.numbers.models(result)["flights"][0]["parameters"] == numbers["parameters"]
+    told = numbers.models[0].coherence
+    assert told.outputs["x"].multiple_median == pytest.approx(np.median(spectra.multiple[band, 0]))
+    assert reports.numbers.models_file(result).flights[0].parameters == numbers.parameters

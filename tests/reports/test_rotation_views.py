@@ -15,18 +15,18 @@ from tests.reports.conftest import made_flight
 
 def test_the_view_has_margins_and_reasons():
     view = rotation_view(turning(margins(5.0, None)), "flight.bin")
-    rows = {row["label"]: row["cells"] for row in view["loops"]["rows"]}
+    rows = {row.label: row.cells for row in view.loops.rows}
     assert rows["State"] == ["thin"]
     assert rows["Gain margin, dB"] == ["5.00 ± 0.10"]
     assert rows["Phase margin, deg"] == ["–"]
-    assert view["reasons"] == [("Pitch and yaw", "No chirp.")]
-    assert [figure.id for figure in view["figures"]] == ["bode-roll"]
-    assert any("nothing moved" in sentence for sentence in view["sentences"])
+    assert view.reasons == [("Pitch and yaw", "No chirp.")]
+    assert [figure.id for figure in view.figures] == ["bode-roll"]
+    assert any("nothing moved" in sentence for sentence in view.sentences)
     assert rotation_view(None, "flight.bin") is None
 
 
 def test_the_terminal_has_a_line():
-    line = rotation_line(turning(margins(5.0, None)).to_dict())
+    line = rotation_line(turning(margins(5.0, None)).report())
     assert line == "How it turns: determined in roll; roll loop thin (gain margin 5.00 ± 0.10 dB)."
     assert rotation_line(None) == ""
 

@@ -6,9 +6,9 @@ import math
 import re
 import statistics
 from collections.abc import Collection, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from logparse.quantity import readable
+from logparse.quantity import joined, readable
 from pipeline.flight.training import exclusion_of, position_good, position_sigma
 from pipeline.results.advice import Advice, having, names_of
 from pipeline.results.split import Exclusion
@@ -84,7 +84,11 @@ def _repeat(flights: Sequence[FlightSummary], lost: Sequence[FlightSummary]) -> 
     """Name the flights that gave no position or hardly moved."""
     if lost:
         sigmas = [sigma for flight in lost if (sigma := position_sigma(flight)) is not None]
-        hdop = [value for flight in lost if (value := _health(flight, "gps", "hdop")) is not None]
+        hdop = [
+            gps.hdop
+            for flight in lost
+            if flight.coverage is not None and (gps := flight.coverage.health.gps) is not None and gps.hdop is not None
+        ]
         yield Advice(
             id="repeat-with-gps",
             rank=2,
@@ -120,7 +124,11 @@ def _conditions(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     shaken = having(flights, "vibration", "accelerometer-clipping")
     shaken = [f for f in shaken if _severity(f, "vibration", "accelerometer-clipping") != "info"]
     if shaken:
-        levels = [level for flight in shaken if (level := _health(flight, "vibration", "p95")) is not None]
+        levels = [
+            vibration.p95
+            for flight in shaken
+            if flight.coverage is not None and (vibration := flight.coverage.health.vibration) is not None
+        ]
         reached = f"vibration reaches {max(levels):.0f} m/s² (95 %), or " if levels else ""
         yield Advice(
             id="soften-mount",
@@ -147,13 +155,15 @@ def _drag(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -
     """Recommend a speed at which drag stands out from unmeasured wind."""
     if not flights or _DRAG & set(told):
         return
-    windy = [flight for flight in flights if flight.coverage.get("wind") is not None]
+    windy = {
+        flight.name: known for flight in flights if (known := flight.coverage) is not None and known.wind is not None
+    }
     if not windy:
         return
-    speeds = [[float(s) for s in flight.coverage["excitation"]["speed_std"]] for flight in windy]
+    speeds = [known.excitation.speed_std for known in windy.values()]
     least = min(math.sqrt(sum(s[axis] ** 2 for s in speeds) / len(speeds)) for axis in (0, 1))
     # Legs to and fro tell the mean wind from drag; what passes for drag then is what the wind does meanwhile.
-    wind = statistics.median(float(flight.coverage["wind"]["speed"]) for flight in windy)
+    wind = statistics.median(known.wind.speed for known in windy.values() if known.wind is not None)
     gusts = TURBULENCE * max(wind, LIGHT)
     needed = min(max(math.ceil(gusts / math.sqrt(DRAG_ERROR)), SLOW_LEG), FAST_LEG)
     if needed <= least:
@@ -166,7 +176,7 @@ def _drag(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -
         why=f"drag is not determined: along one axis of the craft the speed varied by {least:.2g} m/s only, in a wind "
         f"of about {wind:.2g} m/s that nobody measured",
         gain=f"drag to about {100.0 * DRAG_ERROR:.0f} %, and free runs that hold at speed",
-        flights=tuple(flight.name for flight in windy) if len(windy) < total else (),
+        flights=tuple(windy) if len(windy) < total else (),
     )
 
 
@@ -177,19 +187,24 @@ def _turns(flights: Sequence[FlightSummary], total: int, told: Collection[str]) 
     held = [
         flight
         for flight in flights
-        if flight.coverage["excitation"]["headings"] < FEW_HEADINGS
-        and (wind := flight.coverage.get("wind")) is not None
-        and (wind.get("sigma") is None or wind["sigma"] > WIND_ERROR)
+        if (known := flight.coverage) is not None
+        and known.excitation.headings < FEW_HEADINGS
+        and known.wind is not None
+        and (known.wind.sigma is None or known.wind.sigma > WIND_ERROR)
     ]
     if not held or len(held) <= total // 2:
         return
-    sigmas = [float(sigma) for flight in held if (sigma := flight.coverage["wind"].get("sigma")) is not None]
-    known = f"the wind is known to {statistics.median(sigmas):.2g} m/s only" if sigmas else "the wind is not determined"
+    sigmas = [
+        wind.sigma
+        for flight in held
+        if flight.coverage is not None and (wind := flight.coverage.wind) is not None and wind.sigma is not None
+    ]
+    known_to = f"known to {statistics.median(sigmas):.2g} m/s only" if sigmas else "not determined"
     yield Advice(
         id="turn-on-the-spot",
         rank=24,
         do="Turn on the spot by 90° twice in every flight, a few seconds' hover in each direction",
-        why=f"in {names_of(held, total)} the nose pointed one way or two; {known}",
+        why=f"in {names_of(held, total)} the nose pointed one way or two; the wind is {known_to}",
         gain="the lean of the thrust is told from the wind: 0.1° of it passes for 0.07 m/s",
         flights=tuple(flight.name for flight in held),
     )
@@ -197,34 +212,34 @@ def _turns(flights: Sequence[FlightSummary], total: int, told: Collection[str]) 
 
 def _axes(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -> Iterator[Advice]:
     """Name axes that no flight moves enough for what they tell."""
-    if not flights:
+    flown = [flight.coverage.excitation.axes for flight in flights if flight.coverage is not None]
+    if not flown:
         return
     quiet = [
         axis
         for axis in _SID_AXIS
-        if all(flight.coverage["excitation"]["axes"][axis]["word"] in ("none", "weak") for flight in flights)
-        and _TELLS[axis] not in told
+        if all(axes[axis].word in ("none", "weak") for axes in flown) and _TELLS[axis] not in told
     ]
     if not quiet:
         return
-    moved = {axis: max(f.coverage["excitation"]["axes"][axis]["rms"] for f in flights) for axis in quiet}
-    units = {axis: flights[0].coverage["excitation"]["axes"][axis]["unit"] for axis in quiet}
+    moved = {axis: max(axes[axis].rms for axes in flown) for axis in quiet}
+    units = {axis: flown[0][axis].unit for axis in quiet}
     chirps = all(_has_chirps(flight) for flight in flights)
     yield Advice(
         id="excite-axes",
         rank=23,
-        do=f"Excite {_and(quiet)}: "
+        do=f"Excite {joined(quiet)}: "
         + (
             "quick stick doublets in each direction, from slow to fast, for half a minute"
             if not chirps
             else "a chirp at the mixer in SYSTEMID mode, one axis at a time (SID_AXIS "
-            + _and([f"{_SID_AXIS[axis]:.0f} for {axis}" for axis in quiet])
+            + joined([f"{_SID_AXIS[axis]:.0f} for {axis}" for axis in quiet])
             + "), or quick stick doublets for half a minute"
         ),
         why="the craft hardly moves there: at most "
-        + _and([f"{readable(units[axis], moved[axis])} RMS in {axis}" for axis in quiet])
+        + joined([f"{readable(units[axis], moved[axis])} RMS in {axis}" for axis in quiet])
         + f" in {'this flight' if total == 1 else f'{len(flights)} flights'}",
-        gain=f"{_and([_TELLS[axis] for axis in quiet])}, not determined now",
+        gain=f"{joined([_TELLS[axis] for axis in quiet])}, not determined now",
         settings={} if not chirps else {"SID_AXIS": _SID_AXIS[quiet[0]]} | _CHIRP,
     )
 
@@ -278,19 +293,10 @@ def _more(envelope: Envelope) -> Iterator[Advice]:
     )
 
 
-def _and(parts: Sequence[str]) -> str:
-    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + f" and {parts[-1]}"
-
-
-def _health(flight: FlightSummary, part: str, name: str) -> float | None:
-    value: Any = (flight.coverage.get("health", {}).get(part) or {}).get(name)
-    return None if value is None else float(value)
-
-
 def _severity(flight: FlightSummary, *names: str) -> str:
-    found = {str(finding["severity"]) for finding in flight.findings if finding["id"] in names}
+    found = {str(finding.severity) for finding in flight.findings if finding.id in names}
     return next((each for each in ("error", "warning", "info") if each in found), "")
 
 
 def _evidence(flight: FlightSummary, name: str, key: str) -> float:
-    return max((float(f["evidence"].get(key) or 0.0) for f in flight.findings if f["id"] == name), default=0.0)
+    return max((float(f.evidence.get(key) or 0.0) for f in flight.findings if f.id == name), default=0.0)

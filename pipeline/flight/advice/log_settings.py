@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from logparse.log_settings import TELEMETRY, Bit, LogSetting, mask
 from pipeline.results.advice import Advice, having, names_of
 
 if TYPE_CHECKING:
-    from pipeline.results.entry import FlightSummary
+    from pipeline.results.coverage import LoggedRate
+from pipeline.results.entry import FlightSummary
 
 #: What log findings with a setting as their cure cost a flight.
 _BRINGS = {
@@ -83,12 +84,12 @@ def _settings(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterat
     asked: dict[str, dict[int, tuple[Bit, list[tuple[str, FlightSummary]]]]] = {}
     for flight in flights:
         for finding in flight.findings:
-            evidence = finding["evidence"]
-            if finding["id"] not in _BRINGS or evidence.get("parameter") is None:
+            evidence = finding.evidence
+            if finding.id not in _BRINGS or evidence.get("parameter") is None:
                 continue
-            bit = Bit(int(evidence["bit"]), str(evidence["name"]), "")
+            bit = Bit(int(evidence["bit"] or 0), str(evidence["name"]), "")
             _, lacking = asked.setdefault(str(evidence["parameter"]), {}).setdefault(bit.number, (bit, []))
-            lacking.append((str(finding["id"]), flight))
+            lacking.append((finding.id, flight))
     for parameter, bits in asked.items():
         ordered = tuple(bits[number][0] for number in sorted(bits))
         setting = LogSetting(parameter, _present(flights, parameter), ordered)
@@ -116,8 +117,9 @@ def _present(flights: Sequence[FlightSummary], parameter: str) -> int | None:
         if value is not None:
             return value
         for finding in flight.findings:
-            if finding["evidence"].get("parameter") == parameter and finding["evidence"].get("present") is not None:
-                return int(finding["evidence"]["present"])
+            present = finding.evidence.get("present")
+            if finding.evidence.get("parameter") == parameter and present is not None:
+                return int(present)
     return None
 
 
@@ -129,10 +131,10 @@ def _lost(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     px4 = all(flight.format == "ulog" for flight in gaps)
     longest = max(
         (
-            float(finding["evidence"].get("longest") or 0.0)
+            float(finding.evidence.get("longest") or 0.0)
             for flight in gaps
             for finding in flight.findings
-            if finding["id"] in _GAPS
+            if finding.id in _GAPS
         ),
         default=0.0,
     )
@@ -167,14 +169,14 @@ def _esc(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     )
 
 
-def _rates(flight: FlightSummary) -> dict[str, dict[str, float]]:
-    return dict(flight.coverage.get("health", {}).get("rates", {}))
+def _rates(flight: FlightSummary) -> Mapping[str, LoggedRate]:
+    return {} if flight.coverage is None else flight.coverage.health.rates
 
 
 def _rate(flight: FlightSummary, table: str) -> float | None:
-    return _rates(flight).get(table, {}).get("rate")
+    known = _rates(flight).get(table)
+    return None if known is None else known.rate
 
 
 def _setting(flight: FlightSummary, name: str) -> float | None:
-    value = flight.coverage.get("health", {}).get("settings", {}).get(name)
-    return None if value is None else float(value)
+    return None if flight.coverage is None else flight.coverage.health.settings.get(name)

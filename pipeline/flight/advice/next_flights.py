@@ -53,7 +53,7 @@ def for_craft(
         Most useful first, at most `MOST`.
     """
     flights = in_order(entries)
-    told = {str(row["parameter"]) for flight in flights for row in flight.parameters}
+    told = {row.parameter for flight in flights for row in flight.parameters}
     if parameters is not None:
         told |= _determined(parameters)
     found = [*logging(flights, told), *flying(flights, envelope, told), *_craft(flights, drift)]

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING
 
 from logparse.log_settings import TELEMETRY, Need, bits_of
+from logparse.quantity import joined
 from pipeline.results.advice import Advice
 from sysid.frequency.axes import SID_AXES
 
@@ -30,7 +31,7 @@ def turning(result: FlightResult, given: Collection[str]) -> Iterator[Advice]:
         return
     unknown = [axis for axis in result.rotation.axes if not axis.rate_determined]
     if unknown and _ALIKE not in given:
-        names = _and([axis.axis for axis in unknown])
+        names = joined([axis.axis for axis in unknown])
         yield Advice(
             id="fly-sticks",
             rank=25,
@@ -47,7 +48,7 @@ def turning(result: FlightResult, given: Collection[str]) -> Iterator[Advice]:
             do="Fly mode SYSTEMID for two minutes with a chirp at the mixer on one axis after the other "
             f"(SID_AXIS {_chirps(loopless)}; rotorid design --for rates writes the parameters)"
             + _logged(result, Need.FAST_RATES, Need.PID),
-            why=f"margins of the {_and([axis.axis for axis in loopless])} loop{'s' if len(loopless) > 1 else ''} "
+            why=f"margins of the {joined([axis.axis for axis in loopless])} loop{'s' if len(loopless) > 1 else ''} "
             "are not measured: ordinary flying shows them through the craft's model at most",
             gain="gain and phase margins with errors, from which rotorid tune proposes gains",
         )
@@ -55,7 +56,7 @@ def turning(result: FlightResult, given: Collection[str]) -> Iterator[Advice]:
 
 def _chirps(axes: list[AxisRotation]) -> str:
     at_mixer = {name: number for number, (name, mixer) in SID_AXES.items() if mixer}
-    return _and([f"{at_mixer[axis.axis]} for {axis.axis}" for axis in axes])
+    return joined([f"{at_mixer[axis.axis]} for {axis.axis}" for axis in axes])
 
 
 def _logged(result: FlightResult, *needs: Need) -> str:
@@ -65,7 +66,7 @@ def _logged(result: FlightResult, *needs: Need) -> str:
     if result.log.format in TELEMETRY or not bits:
         return ""
     parameter = "SDLOG_PROFILE" if result.log.vehicle.autopilot == "PX4" else "LOG_BITMASK"
-    return f", with {_and(list(dict.fromkeys(bits)))} of {parameter} set"
+    return f", with {joined(list(dict.fromkeys(bits)))} of {parameter} set"
 
 
 def _has_systemid(result: FlightResult) -> bool:
@@ -73,7 +74,3 @@ def _has_systemid(result: FlightResult) -> bool:
     vehicle = result.log.vehicle
     major = (vehicle.version or "4").partition(".")[0]
     return vehicle.firmware == "ArduCopter" and (not major.isdecimal() or int(major) >= 4)
-
-
-def _and(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

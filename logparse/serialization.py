@@ -1,0 +1,106 @@
+"""Results as JSON and back: dataclasses by msgspec, arrays as lists, null for what is not finite."""
+
+from __future__ import annotations
+
+import json
+import math
+import typing
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+T = TypeVar("T")
+
+
+def plain(value: object, text: Callable[[str], str] = str) -> Any:
+    """Return what JSON can hold.
+
+    Parameters
+    ----------
+    value : object
+        Dataclasses, mappings, sequences, arrays, enums, times, paths and what they are made of.
+    text : callable
+        Applied to every text.
+
+    Returns
+    -------
+    dict, list, str, float, int, bool or None
+        None for what is not finite.
+    """
+    return _finite(msgspec.to_builtins(value, str_keys=True, enc_hook=_unpacked), text)
+
+
+def restored(value: object, kind: type[T]) -> T:
+    """Return what `plain` made plain as the type that it was; ValueError where it is of another.
+
+    None where the type wants a number becomes NaN: it was not finite, which JSON cannot say.
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        return msgspec.convert(_with_nan(value, kind), kind)
+
+
+def cleaned(value: object, kind: type[T], text: Callable[[str], str] = str) -> T:
+    """Return a value as its type, of what JSON can hold alone: what is written is what is shown."""
+    return restored(plain(value, text), kind)
+
+
+def lessened(value: object, kind: type[T]) -> T:
+    """Return the part of a value that another type has, by the names of its fields."""
+    return msgspec.convert(value, kind, from_attributes=True)
+
+
+def as_json(value: object, indent: int | None = 1) -> str:
+    """Write strict JSON."""
+    return json.dumps(plain(value), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def from_json(content: str | bytes, kind: type[T]) -> T:
+    """Read JSON as a type; ValueError where it is none, or of another."""
+    try:
+        return msgspec.json.decode(content, type=kind)
+    except msgspec.ValidationError:
+        return restored(msgspec.json.decode(content), kind)
+
+
+def _unpacked(value: Any) -> Any:
+    """Return what arrays, their numbers, and paths are made of."""
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is no part of a result")
+
+
+def _finite(value: Any, text: Callable[[str], str]) -> Any:
+    if isinstance(value, dict):
+        return {text(key): _finite(item, text) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item, text) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return text(value) if isinstance(value, str) else value
+
+
+def _with_nan(value: Any, kind: Any) -> Any:
+    """Return plain values with NaN where the type has a number and there is none."""
+    if value is None:
+        return math.nan if kind is float else None
+    arguments = typing.get_args(kind)
+    if isinstance(value, dict) and not arguments and isinstance(kind, type):
+        fields = typing.get_type_hints(kind)
+        return {name: _with_nan(item, fields.get(name)) for name, item in value.items()}
+    if isinstance(value, dict) and typing.get_origin(kind) is Mapping:
+        return {key: _with_nan(item, arguments[1]) for key, item in value.items()}
+    if isinstance(value, list) and typing.get_origin(kind) is tuple:
+        kinds = arguments[:1] * len(value) if Ellipsis in arguments else arguments
+        return [_with_nan(item, part) for item, part in zip(value, kinds, strict=True)]
+    parts = [part for part in arguments if part is not type(None)]
+    if isinstance(value, dict) and "kind" in value:  # several kinds of models
+        parts = [part for part in parts if part.__struct_config__.tag == value["kind"]]
+    return _with_nan(value, parts[0]) if len(parts) == 1 else value

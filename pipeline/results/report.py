@@ -1,0 +1,267 @@
+"""What report.json holds: of one flight, of one craft from several flights, or of a folder of logs.
+
+SI units, time in seconds on the log's boot clock, angles in radians unless a name ends in ``_deg``; outputs x north,
+y east, z up, in metres from the first sample. What could not be determined is None.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from logparse import Finding, FlightEvent, Severity, Vehicle
+from pipeline.config import AnalysisConfig
+from pipeline.results.advice import Advice
+from pipeline.results.answer import Answer, Tone
+from pipeline.results.coverage import Coverage, Excitation, LogHealth, Wind
+from pipeline.results.drift import Drift
+from pipeline.results.envelope import Envelope
+from pipeline.results.flight import Span
+from pipeline.results.loops import FlightLoops
+from pipeline.results.model_report import (
+    ModelInShort,
+    ModelReport,
+    ParameterRow,
+    RmseRow,
+    ThrustCoefficientReport,
+    ThrustReport,
+)
+from pipeline.results.rotation_report import RotationReport
+from pipeline.results.verdict import Verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogReport:
+    """The file: name, size, content, format, length, UTC at t = 0 (ISO 8601) and power-ups."""
+
+    file: str
+    bytes: int
+    sha256: str
+    format: str
+    duration_s: float | None
+    start_utc: str | None
+    boots: int
+    flights: tuple[Span, ...]  #: Airborne intervals of the power-up that the flight is of.
+    #: Which flight of the file this is, 1 for the first, and how many it has.
+    flight_number: int
+    flight_count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeSpan:
+    """A flight mode, and when it was in force."""
+
+    mode: str
+    start_s: float
+    stop_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlownReport:
+    """The analysed airborne interval: its modes, how high, how far and how fast it went."""
+
+    start_s: float
+    stop_s: float
+    duration_s: float
+    modes: tuple[ModeSpan, ...] = ()
+    height_m: float | None = None
+    distance_m: float | None = None
+    speed_max_m_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OriginReport:
+    """Where the trajectory is counted from; None where the log does not tell."""
+
+    latitude_deg: float | None
+    longitude_deg: float | None
+    altitude_m: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrajectoryReport:
+    """How the trajectory was estimated, and the median 1-sigma of its states in flight."""
+
+    method: str
+    origin: OriginReport
+    sigma_median: Mapping[str, float | None]
+    diagnostics: Mapping[str, object]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HealthReport:
+    """Events in the order of time, the part of the flight that serves models, and why motors were not looked at."""
+
+    events: tuple[FlightEvent, ...]
+    sound: Span | None
+    motors_missing: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightReport:
+    """One log, analysed as far as its content allows; `missing` says why a stage gave nothing."""
+
+    kind: Literal["flight"] = "flight"
+    rotorid: str
+    name: str
+    log: LogReport
+    vehicle: Vehicle
+    flight: FlownReport | None
+    config: AnalysisConfig
+    verdict: Verdict
+    rmse: tuple[RmseRow, ...]  #: Of all models.
+    models: tuple[ModelReport, ...]
+    thrust: ThrustReport | None
+    parameters: tuple[ParameterRow, ...] | None
+    trajectory: TrajectoryReport | None
+    coverage: Coverage | None
+    health: HealthReport | None
+    rotation: RotationReport | None
+    loops: FlightLoops | None
+    answer: Answer | None
+    advice: tuple[Advice, ...]
+    findings: tuple[Finding, ...]
+    missing: Mapping[str, str]
+    timings_s: Mapping[str, float]  #: Seconds that each stage took.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CraftReport:
+    """Several flights of one craft, identified jointly from some and judged on the others."""
+
+    kind: Literal["craft"] = "craft"
+    rotorid: str
+    name: str
+    vehicle: Vehicle
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    split: str  #: How the flights to fit and those to judge were chosen.
+    verdict: Verdict
+    rmse: tuple[RmseRow, ...]
+    models: tuple[ModelReport, ...]
+    thrust: ThrustReport | None
+    parameters: tuple[ParameterRow, ...] | None
+    coverage: Envelope | None
+    drift: Drift | None
+    advice: tuple[Advice, ...]
+    findings: tuple[Finding, ...]
+    missing: Mapping[str, str]
+    timings_s: Mapping[str, float]
+    folder: str = ""  #: Of its products, in the report of a folder of logs.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Percentiles:
+    """How a quantity was spread over a flight."""
+
+    title: str
+    unit: str
+    min: float
+    p05: float
+    median: float
+    p95: float
+    max: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoverageInShort:
+    """What one flight covered, without how it came about."""
+
+    seconds: float
+    quantities: Mapping[str, Percentiles]
+    wind: Wind | None
+    excitation: Excitation
+    health: LogHealth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThrustInShort:
+    """Common thrust coefficient, and the mean command that carries the weight."""
+
+    common: ThrustCoefficientReport
+    hover_command: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnswerLineInShort:
+    """The answer for one purpose, in words."""
+
+    purpose: str
+    word: str
+    tone: Tone
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnswerInShort:
+    """The first screen of a flight's page in short."""
+
+    lines: tuple[AnswerLineInShort, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FindingInShort:
+    """Which finding, without its words."""
+
+    id: str
+    severity: Severity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightInShort:
+    """A flight as tables over all flights show it, without its motors; its report.json, in `folder`, has the rest."""
+
+    name: str
+    folder: str = ""
+    log: LogReport
+    vehicle: Vehicle
+    motor_count: int = 0
+    flight: FlownReport | None
+    verdict: Verdict
+    models: tuple[ModelInShort, ...]
+    thrust: ThrustInShort | None
+    coverage: CoverageInShort | None
+    answer: AnswerInShort | None
+    findings: tuple[FindingInShort, ...]
+    missing: Mapping[str, str]
+    timings_s: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommonFinding:
+    """A finding with the flights that it holds for; its words are those of the flight `example`."""
+
+    id: str
+    severity: Severity
+    reason: str
+    advice: str
+    example: str
+    flights: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOut:
+    """A file, and why it gave nothing or was not used."""
+
+    file: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetReport:
+    """A folder of logs: crafts in full, flights in short."""
+
+    kind: Literal["fleet"] = "fleet"
+    rotorid: str
+    config: AnalysisConfig
+    groups: tuple[CraftReport, ...]
+    flights: tuple[FlightInShort, ...]
+    findings: tuple[CommonFinding, ...]
+    #: Logs that gave nothing, files that were not used, copies, and logs that an earlier run knew and this did not
+    #: find.
+    failures: tuple[LeftOut, ...] = ()
+    passed_over: tuple[LeftOut, ...] = ()
+    duplicates: tuple[LeftOut, ...] = ()
+    removed: tuple[LeftOut, ...] = ()
+    timings_s: Mapping[str, float]
