@@ -15,15 +15,9 @@ from sysid.validation.assessment import validate as validate_model
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Comparison(Summarised):
-    """What several models are worth on the same records.
+    """What several models are worth on the same records."""
 
-    Attributes
-    ----------
-    validations : tuple of Validation
-        One for each model, in the order given.
-    """
-
-    validations: tuple[Validation, ...]
+    validations: tuple[Validation, ...]  #: One for each model, in the order given.
 
     @property
     def table(self) -> pd.DataFrame:
