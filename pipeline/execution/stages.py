@@ -87,29 +87,14 @@ def silent(stage: str, fraction: float) -> None:
 
 @dataclass(slots=True)
 class Stages:
-    """Runs stages in order and keeps what they had to say.
+    """Runs stages in order and keeps what they had to say."""
 
-    Attributes
-    ----------
-    progress : callable
-        Told the stage's name and how much of it is done, 0 to 1.
-    time_limit : float
-        Seconds that one stage may take, as far as it reports progress.
-    missing : dict of str to str
-        Reason, by stage, why it gave nothing.
-    timings : dict of str to float
-        Seconds, by stage.
-    findings : list of Finding
-    unforeseen : dict of str to Exception
-        Bug met, by stage.
-    """
-
-    progress: Progress
-    time_limit: float
-    missing: dict[str, str] = field(default_factory=dict)
-    timings: dict[str, float] = field(default_factory=dict)
+    progress: Progress  #: Told the stage's name and how much of it is done, 0 to 1.
+    time_limit: float  #: Seconds that one stage may take, as far as it reports progress.
+    missing: dict[str, str] = field(default_factory=dict)  #: Reason, by stage, why it gave nothing.
+    timings: dict[str, float] = field(default_factory=dict)  #: Seconds, by stage.
     findings: list[Finding] = field(default_factory=list)
-    unforeseen: dict[str, Exception] = field(default_factory=dict)
+    unforeseen: dict[str, Exception] = field(default_factory=dict)  #: Bug met, by stage.
 
     def take(self, other: "Stages") -> None:
         """Add times and findings of stages that ran in another process."""
