@@ -91,7 +91,9 @@ def read_motion(
     values, t = values[keep], t[keep]
     values, spikes = without_spikes(values, names)
     at = {each: k for k, each in enumerate(names)}
-    moving = (*declared.position.columns, *declared.attitude.columns, *declared.motors.columns)
+    # Commands are round numbers, which stand still in a calm hover; measured speeds do not.
+    measured = () if declared.motors.quantity in {"pwm", "command"} else declared.motors.columns
+    moving = (*declared.position.columns, *declared.attitude.columns, *measured)
     table = _Converter(values, at, declared, label)
     quaternion, remarks = table.quaternion()
     clock = uniform(t)

@@ -279,6 +279,16 @@ def test_a_column_that_a_recorder_repeats_is_named():
     assert not [each for each in read_motion(table(), columns()).findings if each.id == "table-held"]
 
 
+def test_commands_that_stand_still_are_no_held_telemetry():
+    """PWM is a whole number of microseconds: in a calm hover it stays for half a second."""
+    frame = table()
+    names = ["a", "b", "c", "d"]
+    frame[names] = np.round(1000.0 + 500.0 * frame[names] / frame[names].mean())
+    frame.loc[500:620, "a"] = frame["a"][500]
+    described = columns(motors={"columns": names, "quantity": "pwm", "frame": "quad/x"})
+    assert not [each for each in read_motion(frame, described).findings if each.id == "table-held"]
+
+
 def test_a_column_that_is_mostly_missing_is_not_made_up():
     """`fill` closes gaps; a motor that is known for the first tenth of a record only would be a constant after it."""
     frame = table()
