@@ -22,7 +22,7 @@ def fleet_markdown(numbers: FleetReport) -> str:
     for craft in numbers.groups:
         lines += _craft(craft, len(numbers.groups) > 1)
     if not numbers.groups:
-        lines += [fleet_views.own_models(numbers), ""]
+        lines += [fleet_views.told(numbers), ""]
         lines += [fleet_views.ALONE, "", *_flights(numbers), ""] if numbers.flights else []
     worrying = [finding for finding in numbers.findings if finding.severity != "info"]
     if worrying:

@@ -28,7 +28,7 @@ from reports.parameter_views import coherence, parameters
 from reports.table import Table
 
 #: Tables of more flights are folded.
-MOST_UNFOLDED = 24
+MOST_UNFOLDED = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class FleetPage:
     crafts: Sequence[CraftSection]
     alone: Sequence[str]  #: Said instead where no craft was fitted jointly.
     endangered: Sequence[str]  #: Flights that were in danger, and why.
-    own_models: str
+    told: str  #: How many flights were healthy, and what they tell.
     health: Table | None
     flights: Sequence[FlightRow]
     unfolded: bool  #: Whether the table of flights is short enough to stand open.
@@ -86,7 +86,7 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
         crafts=sections,
         alone=[fleet_views.ALONE] if numbers.flights else [],
         endangered=fleet_views.endangered(numbers),
-        own_models=fleet_views.own_models(numbers),
+        told=fleet_views.told(numbers),
         health=fleet_views.health_table(numbers),
         flights=fleet_views.flight_rows(numbers, pages),
         unfolded=len(numbers.flights) <= MOST_UNFOLDED,

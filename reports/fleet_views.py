@@ -10,9 +10,10 @@ from logparse import Severity
 from logparse.quantity import counted, duration, number
 from pipeline.results.answer import Tone
 from pipeline.results.model_report import ModelInShort
-from pipeline.results.report import AnswerLineInShort, FleetReport, FlightInShort
+from pipeline.results.report import FleetReport, FlightInShort
 from pipeline.results.verdict import Trust
 from reports import summary
+from reports.summary import BriefAnswer
 from reports.table import Row, Table
 from reports.views import rmse_lines
 
@@ -66,16 +67,12 @@ def _logs(numbers: FleetReport) -> int:
     return len({flight.log.sha256 for flight in numbers.flights})
 
 
-def _answers(flight: FlightInShort) -> dict[str, AnswerLineInShort]:
-    return {} if flight.answer is None else {line.purpose: line for line in flight.answer.lines}
-
-
 def endangered(numbers: FleetReport) -> list[str]:
     """Name the flights that were in danger, and why; most are counted."""
     bad = [
-        f"{flight.name}: {line.word}, {line.text}"
+        f"{flight.name}: {shown.number} {shown.line.text}"
         for flight in numbers.flights
-        if (line := _answers(flight).get("Healthy")) is not None and line.tone is Tone.BAD
+        if (shown := summary.answers(flight.answer).get("Healthy")) is not None and shown.line.tone is Tone.BAD
     ]
     more = [f"and {len(bad) - MOST_ENDANGERED} more"] if len(bad) > MOST_ENDANGERED else []
     return [*(summary.sentence(each) for each in bad[:MOST_ENDANGERED]), *more]
@@ -93,8 +90,8 @@ class FlightRow:
     height: str
     speed: str
     wind: str
-    healthy: AnswerLineInShort | None
-    loops: AnswerLineInShort | None
+    said: BriefAnswer
+    thrust: str  #: Per motor and mass, m/s².
     model: str
     trust: str
     word: str
@@ -123,7 +120,7 @@ def flight_rows(numbers: FleetReport, pages: Mapping[str, str]) -> list[FlightRo
 def _flight_row(
     flight: FlightInShort, page: str, part: str, result: ModelInShort | None, cells: Sequence[str]
 ) -> FlightRow:
-    flown, answers = flight.flight, _answers(flight)
+    flown = flight.flight
     trust = Trust.UNKNOWN if result is None else result.verdict.trust
     wind = None if flight.coverage is None else flight.coverage.wind
     return FlightRow(
@@ -135,8 +132,8 @@ def _flight_row(
         height="–" if flown is None else _digits(flown.height_m),
         speed="–" if flown is None else _digits(flown.speed_max_m_s),
         wind="–" if wind is None else _digits(wind.speed),
-        healthy=answers.get("Healthy"),
-        loops=answers.get("Loops"),
+        said=summary.brief(flight.answer),
+        thrust="–" if flight.thrust is None else _digits(flight.thrust.common.per_mass),
         model="" if result is None else result.title,
         trust=trust,
         word=summary.TRUST_WORDS[trust],
@@ -149,19 +146,32 @@ def _digits(value: float | None) -> str:
     return "–" if value is None else number(value, 2)
 
 
-def own_models(numbers: FleetReport) -> str:
-    """Report how many flights have a model of their own, and how far it can be trusted."""
-    chosen = [summary.best(flight.models) for flight in numbers.flights]
-    words = {
-        "yes": "a model that can be trusted for flights like it",
-        "limited": "a model to be taken with care",
-        "no": "no model that can be trusted",
+def told(numbers: FleetReport) -> str:
+    """Report how many flights were healthy, and how many tell something of the craft."""
+    if not numbers.flights:
+        return "No log gave a flight."
+    said = [summary.answers(flight.answer) for flight in numbers.flights]
+
+    def count(purpose: str, *tones: Tone) -> int:
+        return sum(purpose in each and (each[purpose].line.tone in tones if tones else True) for each in said)
+
+    healthy = [
+        f"{many} {word}"
+        for many, word in (
+            (count("Healthy", Tone.GOOD), "healthy"),
+            (count("Healthy", Tone.CARE), "to look into"),
+            (count("Healthy", Tone.BAD), "in danger"),
+        )
+        if many
+    ]
+    known = {
+        "thrust": sum(flight.thrust is not None for flight in numbers.flights),
+        "how the attitude follows": sum("Loops" in each and each["Loops"].line.value is not None for each in said),
+        "a model that predicts some time ahead": count("Predict ahead", Tone.GOOD, Tone.CARE),
     }
-    counts = {trust: sum(each is not None and each.verdict.trust == trust for each in chosen) for trust in words}
-    without = len(chosen) - sum(counts.values())
-    parts = [f"{count} {'has' if count == 1 else 'have'} {words[trust]}" for trust, count in counts.items() if count]
-    parts += [f"{without} {'has' if without == 1 else 'have'} no model that was judged"] if without else []
-    return f"Of {counted(len(chosen), 'flight')}, {', '.join(parts)}." if chosen else "No log gave a flight."
+    tells = [f"{what} by {many}" for what, many in known.items() if many]
+    text = f"Of {counted(len(said), 'flight')}: {', '.join(healthy) or 'the health of none is known'}."
+    return text + (f" Told: {', '.join(tells)}." if tells else "")
 
 
 def health_table(numbers: FleetReport) -> Table | None:
@@ -219,7 +229,7 @@ def common_findings(numbers: FleetReport) -> tuple[list[ShownFinding], list[Show
         ShownFinding(
             finding.example
             if len(finding.flights) == 1
-            else f"{len(finding.flights)} of {total} logs; of {finding.example}, for one",
+            else f"{len(finding.flights)} of {total} flights, such as {finding.example}",
             finding.severity,
             finding.reason,
             finding.advice,

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from logparse import Vehicle
 from logparse.quantity import duration, joined, number, size, uncertain
-from pipeline.results.answer import Answer, AnswerLine
+from pipeline.results.answer import Answer, AnswerLine, Tone
 from pipeline.results.model_report import FunctionsRecord, ModelInShort, ModelReport, ThrustReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
 
@@ -53,6 +53,50 @@ class ShownAnswer:
 def answer_lines(answer: Answer | None) -> list[ShownAnswer]:
     """Return word, number and text of each purpose as the page and the terminal show them."""
     return [ShownAnswer(line, _number(line)) for line in (answer.lines if answer is not None else ())]
+
+
+def answers(answer: Answer | None) -> Mapping[str, ShownAnswer]:
+    """Return the same by purpose."""
+    return {shown.line.purpose: shown for shown in answer_lines(answer)}
+
+
+@dataclass(frozen=True, slots=True)
+class Brief:
+    """An answer in the cell of a table."""
+
+    text: str = "–"
+    tone: Tone = Tone.UNKNOWN
+
+
+@dataclass(frozen=True, slots=True)
+class BriefAnswer:
+    """The answers of a flight in a table of flights."""
+
+    healthy: Brief  #: Whether it was, and if not, what happened.
+    loops: Brief  #: The least phase margin with its word where it was measured, else how well the attitude followed.
+    ahead: Brief  #: How far ahead a model predicts.
+
+
+def brief(answer: Answer | None) -> BriefAnswer:
+    """Return the answers of a flight in as few words as a table of flights has room for."""
+    said = answers(answer)
+    healthy, loops, ahead = (said.get(purpose) for purpose in ("Healthy", "Loops", "Predict ahead"))
+    return BriefAnswer(
+        healthy=Brief() if healthy is None else _happened(healthy),
+        loops=Brief() if loops is None or not loops.number else _followed(loops),
+        ahead=Brief() if ahead is None or ahead.line.value is None else Brief(ahead.number, ahead.line.tone),
+    )
+
+
+def _happened(shown: ShownAnswer) -> Brief:
+    line = shown.line
+    named = line.tone in (Tone.BAD, Tone.CARE)
+    return Brief(f"{shown.number} {line.text}".split(";")[0].strip() if named else line.word, line.tone)
+
+
+def _followed(shown: ShownAnswer) -> Brief:
+    measured = shown.line.tone is not Tone.UNKNOWN
+    return Brief(f"{shown.line.word} {shown.number}" if measured else shown.number, shown.line.tone)
 
 
 def _number(line: AnswerLine) -> str:

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
+from textwrap import shorten
 
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -18,14 +19,19 @@ from reports.health_views import sentence
 from reports.rotation_line import rotation_line
 from reports.rows import average
 
-#: Longest reason that stands in a cell.
-_LONGEST_CELL = 24
+#: Longest text of a cell, and of what happened to a craft on a wide terminal.
+_LONGEST_CELL, _LONGEST_HEALTH = 24, 36
+#: What the columns of the table of flights hold.
+_HEADS = (
+    "predicts: how far ahead, better than half of what constant velocity errs. loops: phase margin where chirps "
+    "measured it, else bandwidth (rad/s) or RMS error (°) of the attitude."
+)
 _TONES: Mapping[str, str] = {"good": "green", "care": "yellow", "bad": "red", "unknown": "dim"}
 _STYLES: Mapping[str, str] = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
 
 
 def overview(numbers: FlightReport | FleetReport, width: int = 120) -> RenderableType:
-    """Tabulate flights with what their own models achieve, then each craft with what its joint model does.
+    """Answer what one flight tells, or tabulate what many do, then each craft with what its joint model does.
 
     Parameters
     ----------
@@ -33,24 +39,26 @@ def overview(numbers: FlightReport | FleetReport, width: int = 120) -> Renderabl
     width : int
         Columns of the terminal; on a narrow one names are shortened and the craft is left out.
     """
-    flights = [numbers] if isinstance(numbers, FlightReport) else numbers.flights
+    return _one_flight(numbers) if isinstance(numbers, FlightReport) else _many_flights(numbers, width)
+
+
+def _one_flight(numbers: FlightReport) -> Group:
+    parts: list[RenderableType] = [Text(numbers.name, style="bold"), *_answer(numbers.answer)]
+    if numbers.health is not None and any(event.notable for event in numbers.health.events):
+        parts += [Text(sentence(numbers.health), style="yellow"), Text()]
+    if line := rotation_line(numbers.rotation):
+        parts += [Text(line), Text()]
+    models = _models(numbers.models)
+    if not models and (reason := summary.first_reason(numbers)):
+        parts.append(Text(f"No model: {reason}", style="dim"))
+    return Group(*parts, *models, _sentence(numbers.verdict))
+
+
+def _many_flights(numbers: FleetReport, width: int) -> Group:
     parts: list[RenderableType] = []
-    if flights:
-        what = (
-            "The best model of each flight: free-run RMSE on the last part of the flight, which the fit has not seen."
-        )
-        table, notes = _flights(flights, narrow=width < 100)
-        parts += [Text(what, style="dim"), table]
-        parts += [Text(f"[{number}] {reason}", style="dim") for reason, number in notes.items()]
-    if isinstance(numbers, FlightReport):
-        parts = [*_answer(numbers.answer), *parts]
-        if numbers.health is not None and any(event.notable for event in numbers.health.events):
-            parts += [Text(), Text(sentence(numbers.health), style="yellow")]
-        if line := rotation_line(numbers.rotation):
-            parts += [Text(), Text(line)]
-        if sum(result.model is not None for result in numbers.models) > 1:
-            parts += [Text(), *_models(numbers.models)]
-        return Group(*parts, _sentence(numbers.verdict))
+    if numbers.flights:
+        parts += [_flights(numbers.flights, narrow=width < 100), Text(_HEADS, style="dim")]
+        parts += [Text(reason, style="dim") for reason in _reasons(numbers.flights)]
     for group in numbers.groups:
         parts += [Text(), Text(" ".join(summary.joint_sentences(group))), *_models(group.models)]
         parts.append(_sentence(group.verdict))
@@ -77,40 +85,48 @@ def _sentence(verdict: Verdict) -> Text:
     return Text(verdict.sentence, style=_STYLES[verdict.trust])
 
 
-def _flights(flights: Sequence[FlightReport | FlightInShort], narrow: bool) -> tuple[Table, dict[str, int]]:
-    """Tabulate flights; reasons too long for a cell become notes, each named once by its number."""
+def _flights(flights: Sequence[FlightInShort], narrow: bool) -> Table:
+    """Tabulate what each flight tells, by purpose."""
     table = _table()
-    notes: dict[str, int] = {}
-    table.add_column("log", no_wrap=True)
+    table.add_column("flight", no_wrap=True)
     if not narrow:
         table.add_column("craft", no_wrap=True)
-    table.add_column("airborne", justify="right", no_wrap=True)
+    table.add_column("flown", justify="right", no_wrap=True)
+    table.add_column("healthy", no_wrap=True)
+    table.add_column("loops", no_wrap=True)
+    table.add_column("predicts", justify="right", no_wrap=True)
     table.add_column("k/m" if narrow else "k/m (m/s²)", justify="right", no_wrap=True)
-    for output in "xyz":
-        table.add_column(f"{output} (m)", justify="right", no_wrap=True)
-    table.add_column("model")
-    table.add_column("verdict")
-    chosen: list[ModelInShort | None] = [summary.best(list[ModelInShort](flight.models)) for flight in flights]
-    held = [None if result is None else result.held_out[0] for result in chosen]
-    errors = [column([row.rmse_m.get(output) if row else None for row in held]) for output in "xyz"]
-    for place, (flight, result) in enumerate(zip(flights, chosen, strict=True)):
+    longest = _LONGEST_CELL if narrow else _LONGEST_HEALTH
+    for flight in flights:
+        said = summary.brief(flight.answer)
+        answers = [
+            Text(shorten(each.text, longest, placeholder=" …"), _TONES[each.tone])
+            for each in (said.healthy, said.loops, said.ahead)
+        ]
         table.add_row(
             Text(_shortened(flight.name, 18 if narrow else 28)),
             *([] if narrow else [Text(summary.frame(flight.vehicle))]),
             f"{flight.flight.duration_s:.0f} s" if flight.flight else "–",
+            *answers,
             "–" if flight.thrust is None else _per_mass(flight.thrust.common),
-            *(cells[place] for cells in errors),
-            Text("–" if result is None else result.key.replace("_", " ")),
-            _why(_first_clause(summary.first_reason(flight), flight.name), notes) if result is None else _word(result),
         )
-    return table, notes
+    return table
 
 
-def _why(reason: str, notes: dict[str, int]) -> Text:
-    """Write a reason where it is short; else the number of the note that holds it, which is added where it is new."""
-    if len(reason) <= _LONGEST_CELL:
-        return Text(reason, style="dim")
-    return Text(f"no model [{notes.setdefault(reason, len(notes) + 1)}]", style="dim")
+def _reasons(flights: Sequence[FlightInShort]) -> list[str]:
+    """Say why flights have no model, each reason once, numbers aside: ``No model: no GPS (march1 and 4 more)``."""
+    names: dict[str, list[str]] = {}
+    said: dict[str, str] = {}
+    for flight in flights:
+        if summary.best(flight.models) is None:
+            reason = _first_clause(summary.first_reason(flight), flight.name)
+            kind = re.sub(r"[0-9][0-9.]*", "0", reason)
+            said.setdefault(kind, reason)
+            names.setdefault(kind, []).append(flight.name)
+    return [
+        f"No model: {said[kind]} ({each[0]}{f' and {len(each) - 1} more' if len(each) > 1 else ''})"
+        for kind, each in sorted(names.items(), key=lambda pair: -len(pair[1]))
+    ]
 
 
 def _models(models: Sequence[ModelReport]) -> list[RenderableType]:

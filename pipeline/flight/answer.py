@@ -128,8 +128,7 @@ def _healthy(result: FlightResult) -> AnswerLine:
             text = f"of motor {worst.evidence['motor']}'s thrust lost from {worst.t:.1f} s{more}"
             return line(word, tone, text, 100.0 * loss, sigma=sigma, unit="%")
         where = "" if worst in _during(health, result.flight) or worst is health.cause else " in another flight"
-        text = f"on the log's clock: {worst.id.replace('-', ' ')}{where}{more}"
-        return line(word, tone, text, worst.t, unit="s")
+        return line(word, tone, f"{worst.id.replace('-', ' ')}{where} at {worst.t:.1f} s{more}")
     unchecked = "; motors not checked" if health.motors_missing else ""
     tone = Tone.UNKNOWN if unchecked else Tone.GOOD
     word = "nothing seen" if unchecked else "yes"

@@ -13,7 +13,7 @@ from typing import Literal
 from logparse import Finding, FlightEvent, Severity, Vehicle
 from pipeline.config import AnalysisConfig
 from pipeline.results.advice import Advice
-from pipeline.results.answer import Answer, Tone
+from pipeline.results.answer import Answer
 from pipeline.results.coverage import Coverage, Excitation, LogHealth, Wind
 from pipeline.results.drift import Drift
 from pipeline.results.envelope import Envelope
@@ -184,23 +184,6 @@ class ThrustInShort:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AnswerLineInShort:
-    """The answer for one purpose, in words."""
-
-    purpose: str
-    word: str
-    tone: Tone
-    text: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AnswerInShort:
-    """The first screen of a flight's page in short."""
-
-    lines: tuple[AnswerLineInShort, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class FindingInShort:
     """Which finding, without its words."""
 
@@ -222,7 +205,7 @@ class FlightInShort:
     models: tuple[ModelInShort, ...]
     thrust: ThrustInShort | None
     coverage: CoverageInShort | None
-    answer: AnswerInShort | None
+    answer: Answer | None
     findings: tuple[FindingInShort, ...]
     missing: Mapping[str, str]
     timings_s: Mapping[str, float]

@@ -19,6 +19,7 @@ from pipeline.results.report import FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
 from reports.first_screen import first_figures
 from reports.fleet_report import in_short
+from reports.fleet_views import told
 from reports.html import flight_page
 from reports.numbers import flight_report
 from reports.summary import answer_lines
@@ -198,7 +199,7 @@ def test_the_track_shows_height_events_and_no_legend(kinds):
     assert track.layout["showlegend"] is False
 
 
-def test_long_reasons_of_a_folder_become_numbered_notes(flight):
+def test_a_reason_that_many_flights_share_is_said_once(flight):
     """A folder of old logs filled the terminal with one column of broken words."""
     reason = "the horizontal position is not known because no receiver had a fix for more than a second"
     bare = dataclasses.replace(flight_report(flight), models=(), missing={"trajectory": reason})
@@ -206,8 +207,20 @@ def test_long_reasons_of_a_folder_become_numbered_notes(flight):
     console = Console(width=110, record=True, file=io.StringIO())
     console.print(overview(made(FleetReport, flights=flights), 110))
     text = console.export_text()
-    assert text.count("no model [1]") == 3
-    assert " ".join(text.split()).count(f"[1] {reason}") == 1
+    assert " ".join(text.split()).count(reason) == 1
+    assert "(flight01 and 2 more)" in " ".join(text.split())
+
+
+def test_a_folder_tells_first_what_its_flights_tell(kinds):
+    flights = [dataclasses.replace(in_short(flight_report(each), name), name=name) for name, each in kinds.items()]
+    numbers = made(FleetReport, flights=flights)
+    console = Console(width=140, record=True, file=io.StringIO())
+    console.print(overview(numbers, 140))
+    rows = {line.split("  ")[0]: line for line in console.export_text().splitlines()}
+    assert "99.0 ± 1.0 % of motor 2's thrust" in rows["lost motor"]
+    assert "crash at 72.0 s" in rows["crash"]
+    assert " yes " in rows["good"]
+    assert told(numbers).startswith("Of 6 flights: 2 healthy, 1 to look into, 2 in danger.")
 
 
 def test_the_terminal_shows_the_same_lines(kinds):

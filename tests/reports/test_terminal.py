@@ -1,6 +1,7 @@
 """The tables on a terminal."""
 
 import math
+import re
 from dataclasses import replace
 
 import pytest
@@ -24,19 +25,18 @@ def shown(renderable, width: int) -> str:
     return capture.get()
 
 
-def test_one_flight_reads_in_one_table_and_one_verdict(flight):
+def test_one_flight_is_answered_with_one_verdict(flight):
     text = shown(terminal.overview(flight_report(flight)), 120)
-    assert "flight01" in text
-    assert "60 s" in text
+    assert text.startswith("flight01")
     assert "free run" in text
 
 
 def test_narrow_terminals_keep_every_number(fleet):
     numbers = read_report(fleet)
     wide, narrow = (shown(terminal.overview(numbers, width), width) for width in (120, 80))
-    errors = [cell for line in wide.splitlines() if line.startswith("flight01") for cell in line.split() if "." in cell]
-    assert errors
-    assert all(cell in narrow for cell in errors)
+    cells = [cell for line in wide.splitlines() for cell in line.split() if re.fullmatch(r"[0-9]+[.][0-9]+", cell)]
+    assert len(cells) > 5
+    assert all(cell in narrow for cell in cells)
     assert max(map(len, narrow.splitlines())) <= 80
 
 
@@ -46,15 +46,16 @@ def test_narrow_terminals_keep_every_number(fleet):
 )
 def test_coefficients_in_a_cell_have_no_more_than_four_digits(flight, value, sigma, cell):
     thrust = made(ThrustReport, common={"determined": value is not None, "per_mass": value, "sigma": sigma})
-    numbers = replace(flight_report(flight), thrust=thrust, answer=None)
-    row = shown(terminal.overview(numbers), 120).splitlines()[2]
-    assert row.split()[5] == cell
+    entry = replace(in_short(flight_report(flight), ""), thrust=thrust, answer=None)
+    row = shown(terminal.overview(made(FleetReport, flights=[entry])), 120).splitlines()[1]
+    assert row.split()[-1] == cell
 
 
 def test_a_reason_that_begins_with_the_flights_name_is_a_reason(flight):
     missing = {"experiment": "flight01: no motor outputs; set RCOUT"}
-    numbers = replace(flight_report(flight), models=(), answer=None, missing=missing)
-    assert shown(terminal.overview(numbers), 120).splitlines()[2].rstrip().endswith("no motor outputs")
+    numbers = replace(in_short(flight_report(flight), ""), models=(), answer=None, missing=missing)
+    text = shown(terminal.overview(made(FleetReport, flights=[numbers, numbers])), 120)
+    assert "No model: no motor outputs (flight01 and 1 more)" in text
 
 
 def test_markup_in_names_is_text(flight):
