@@ -32,6 +32,9 @@ _TARGETS = {"roll": ("DesRoll", "RollIn"), "pitch": ("DesPitch", "PitchIn"), "ya
 #: A standard deviation beyond this part of the bandwidth, or this many seconds of delay, leaves it undetermined.
 _BANDWIDTH_KNOWN, _DELAY_KNOWN = 0.3, 0.065
 
+#: Bandwidth of yaw [rad/s] that no multirotor has: the drag of rotors turns it, with a few rad/s^2.
+_FASTEST_YAW = 30.0
+
 #: Errors by Cramer and Rao are too small where modes, wind and pilot change. Tischler and Remple (2012, 11.3.2)
 #: double them; halves of eleven real flights differ by 1.8 of them.
 _REAL_FLIGHT = 1.5
@@ -92,10 +95,14 @@ def attitude_response(
         raise FrequencyError("; ".join(reasons) or "no logs given")
     frf = response_of_records(records, _following(which))
     found = fit(frf)
+    bandwidth = _possible(
+        _known(found, _bandwidth, "rad/s", lambda value, sigma: sigma < _BANDWIDTH_KNOWN * value), axis
+    )
+    delay = _known(found, _phase_delay, "s", lambda _, sigma: sigma < _DELAY_KNOWN)
     return AttitudeResponse(
         axis=axis,
-        bandwidth=_known(found, _bandwidth, "rad/s", lambda value, sigma: sigma < _BANDWIDTH_KNOWN * value),
-        phase_delay=_known(found, _phase_delay, "s", lambda _, sigma: sigma < _DELAY_KNOWN),
+        bandwidth=bandwidth,
+        phase_delay=delay,
         peak=_known(found, _peak, "dB", lambda _, sigma: sigma < 3.0),
         frf=frf,
         fit=found,
@@ -191,6 +198,14 @@ def _phase_delay(found: FrequencyFit) -> float:
 def _peak(found: FrequencyFit) -> float:
     gain = np.abs(found.response(np.geomspace(0.02, 20.0, 300)))
     return float(20.0 * np.log10(np.max(gain) / gain[0]))
+
+
+def _possible(bandwidth: Parameter, axis: str) -> Parameter:
+    """Return a bandwidth, or why it is none: firmware lets the yaw target follow the heading while nobody turns."""
+    if axis != "yaw" or bandwidth.value is None or bandwidth.value < _FASTEST_YAW:
+        return bandwidth
+    reason = f"{bandwidth.value:.3g} {bandwidth.unit}: no multirotor yaws so fast; its target follows the heading here"
+    return Parameter(None, None, bandwidth.unit, reason)
 
 
 def _known(

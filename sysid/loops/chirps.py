@@ -26,6 +26,9 @@ _USED_LEAN, _USED = 0.7, 0.85
 #: or three times the crossover]: frames bend there, and a fit without their modes errs by more than it gains.
 _STARTS, _STOPS, _RIGID = (0.1, 0.15, 0.2, 0.3, 0.4), (1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0), (8.0, 3.0)
 
+#: Factor of the least product of both errors up to which a chirp that starts lower is taken.
+_AS_GOOD = 1.5
+
 #: Standard deviation of ln G beyond which a frequency will not be coherent.
 _INCOHERENT = 0.4
 
@@ -187,7 +190,9 @@ def expected_motion(loop: RateLoop, low: float, high: float) -> tuple[float, flo
 
 
 def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> ChirpDesign:
-    """Choose band and magnitude: smallest product of the errors of gain and delay within the limits.
+    """Choose band and magnitude: small errors of gain and delay within the limits, starting as low as they allow.
+
+    Low frequencies tell of the rejection of disturbances, which gains that `tune` tries move down.
 
     Raises
     ------
@@ -201,8 +206,7 @@ def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> Chirp
         raise LoopError(f"{loop.axis}: the crossover is not known, so that no chirp can be designed around it")
     found = fit(loop.frf)
     highest = min(_BELOW_RATE / loop.frf.step, loop.hz[-1], max(_RIGID[0], _RIGID[1] * crossover))
-    best: ChirpDesign | None = None
-    least = np.inf
+    found_designs: list[tuple[float, ChirpDesign]] = []
     for start in _STARTS:
         for stop in _STOPS:
             low = float(f"{max(start * crossover, loop.hz[0]):.2g}")
@@ -231,12 +235,11 @@ def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> Chirp
                 float(np.degrees(magnitude * rate)),
                 magnitude * mixer,
             )
-            badness = errors[0].random * _delay_error(errors)
-            if badness < least:
-                best, least = design, badness
-    if best is None:
+            found_designs.append((errors[0].random * _delay_error(errors), design))
+    if not found_designs:
         raise LoopError(f"{loop.axis}: RATE is logged too seldom for a chirp around {crossover:.1f} Hz")
-    return best
+    least = min(badness for badness, _ in found_designs)
+    return min((one for badness, one in found_designs if badness <= _AS_GOOD * least), key=lambda one: one.low)
 
 
 def first_chirp(settings: LoopSettings, limits: Limits, seconds: float = 20.0) -> ChirpDesign:
