@@ -26,10 +26,10 @@ from estimation.trust import contradicted_receiver, doubtful_sensors, only_one_w
 from logparse import Finding, Geodetic, MissingDataError, Severity, Tables
 
 GRAVITY = 9.80665
-#: Acceleration that attitude does not tell: 1-sigma [m/s^2] and correlation time [s], horizontally (drag and gusts) and
-#: vertically (climbs).
-DISTURBANCE_H, TIME_H = 0.7, 3.0
-DISTURBANCE_V, TIME_V = 1.0, 1.0
+#: Acceleration that attitude does not tell: 1-sigma at least [m/s^2] and correlation time [s], horizontally (drag and
+#: gusts, twice) and vertically (climbs); and over what the log sets it, s.
+DISTURBANCE = np.array([0.7, 0.7, 1.0])
+TIMES, SPAN = (3.0, 3.0, 1.0), 20.0
 #: 1-sigma of an autopilot's attitude, rad: tilt and yaw.
 TILT_SIGMA, YAW_SIGMA = np.radians(0.7), np.radians(3.0)
 #: White 1-sigma of the autopilot's own position and velocity estimate, m and m/s.
@@ -48,16 +48,16 @@ TOLERANCE = 0.5
 LATENESS = 0.2
 #: Passes over a stretch of telemetry at most, each leaving out what disagrees with all the rest.
 PASSES = 6
-#: A sensor's variance is raised by this at most, if so many of its rows are fused.
-LARGEST_FACTOR, FEWEST_ROWS = 25.0, 20
+#: A sensor's variance is raised by this at most, if so many of its rows are fused; for how long its errors last, s.
+LARGEST_FACTOR, FEWEST_ROWS, LASTING = 100.0, 20, 3.0
 #: The gate of a sensor narrows from its farthest reading over this. Nothing bounds the pull of a spike on the first
 #: pass, so that the readings between are moved with it, and come back later.
 NARROWING = 3.0
 #: Readings of the barometer whose median is its height at the start: any one may be a spike.
 FIRST_HEIGHTS = 9
-#: The autopilot's vertical speed is left out if its height follows it to less than this share, that is, goes the other
-#: way, as old firmware sends it; judged where the r.m.s. of the speed is above this, m/s.
-FOLLOWS, CLIMBS = 0.0, 0.3
+#: Old firmware sends the vertical speed with the wrong sign: it is turned round if the autopilot's height goes against it
+#: with this correlation, and left out with less; judged where the r.m.s. of the speed is above this, m/s.
+OPPOSITE, CLIMBS = 0.8, 0.3
 #: States: position, velocity, disturbance, GPS error (three each), baro offset.
 SIZE = 13
 
@@ -163,7 +163,9 @@ def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_M
         variance = np.repeat([EKF_POSITION**2, EKF_VELOCITY**2], 3)
         # The autopilot's positions hold the GPS already, later and smoothed: they only fill where fixes are missing.
         lonely = _distance(t, fixed) > FILL_AFTER
-        last = 6 if _height_follows(ekf) else 5
+        sign = _climb_sign(ekf)
+        z = z * np.array([1.0, 1.0, 1.0, 1.0, 1.0, sign])
+        last = 5 if sign == 0.0 else 6
         for when, row, alone in zip(t, z, lonely, strict=True):
             part = slice(0 if alone else 3, last)
             rows.append(_Measured(when, "autopilot", selector[part], row[part], variance[part]))
@@ -187,29 +189,34 @@ def _other_height(fixes: pd.DataFrame | None, ekf: pd.DataFrame | None) -> pd.Se
     return -ekf["p_d"] if ekf is not None else pd.Series(dtype=float)
 
 
-def _height_follows(ekf: pd.DataFrame) -> bool:
-    """Return whether the autopilot's height changes the way its vertical speed says."""
+def _climb_sign(ekf: pd.DataFrame) -> float:
+    """Return 1 if the autopilot's height changes as its vertical speed says, -1 if as its opposite, else 0."""
     t = ekf.index.to_numpy(float)
     step = np.diff(t)
     speed = ekf["v_d"].to_numpy(float)
     mean = 0.5 * (speed[1:] + speed[:-1])
     close = (step > 0.0) & (step < FILL_AFTER)
     if not close.any() or np.sqrt(np.mean(mean[close] ** 2)) < CLIMBS:
-        return True
+        return 1.0
     moved = np.diff(ekf["p_d"].to_numpy(float))[close] / step[close]
-    return bool(moved @ mean[close] > FOLLOWS * mean[close] @ mean[close])
+    together = float(moved @ mean[close])
+    if together > 0.0:
+        return 1.0
+    return -1.0 if together < -OPPOSITE * np.linalg.norm(moved) * np.linalg.norm(mean[close]) else 0.0
 
 
 def _reversed_climb(tables: Tables) -> tuple[Finding, ...]:
     """Return a finding if the autopilot's vertical speed has the wrong sign."""
     ekf = usable(tables.ekf, ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"])
-    if ekf is None or _height_follows(ekf):
+    sign = 1.0 if ekf is None else _climb_sign(ekf)
+    if sign == 1.0:
         return ()
+    used = "is used with its sign reversed" if sign < 0.0 else "is not used"
     return (
         Finding(
             "autopilot-climb-wrong",
             Severity.WARNING,
-            "The autopilot's height changes against its vertical speed, which is therefore not used; firmware of 2013 "
+            f"The autopilot's height changes against its vertical speed, which therefore {used}; firmware of 2013 "
             "sends it with the wrong sign.",
             "Analyse the .bin log of the same flight, or update the firmware.",
         ),
@@ -252,15 +259,18 @@ def _estimate_segment(
         )
     )
     node_t = nodes * TICK
+    disturbance = np.tile(DISTURBANCE, (len(node_t), 1))
     for _ in range(PASSES if smoothed else 1):
-        x, P = _filter(node_t, thrust, measured, gps_sigma, noise, smoothed=smoothed)
+        x, P = _filter(node_t, thrust, measured, gps_sigma, noise, disturbance, smoothed=smoothed)
         judged = _judged(measured, node_t, x, P, noise.gate) if smoothed else measured
         if all(a.admitted == b.admitted for a, b in zip(measured, judged, strict=True)):
             break
         measured = judged
     if smoothed:
+        disturbance = _disturbance(node_t, x, P)
+        x, P = _filter(node_t, thrust, measured, gps_sigma, noise, disturbance)
         # Sigma only: weighed anew, states of clean logs would move by more than their sigma, for better or worse.
-        _, P = _filter(node_t, thrust, _rescaled(measured, node_t, x, P), gps_sigma, noise)
+        _, P = _filter(node_t, thrust, _rescaled(measured, node_t, x, P), gps_sigma, noise, disturbance)
     t_in = np.clip(t, node_t[0], node_t[-1])
     position = CubicHermiteSpline(node_t, x[:, :3], x[:, 3:6])(t_in)
     at_node = thrust(np.clip(node_t, when[0], when[-1]))
@@ -306,6 +316,19 @@ def _judged(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarr
     return [replace(m, admitted=bool(w <= most)) for m, w, most in zip(measured, worst, limit, strict=True)]
 
 
+def _disturbance(t: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return the 1-sigma of the acceleration that attitude does not tell about each node, shape (n, 3), m/s^2.
+
+    Root of the mean square of what was found and of its variance, as in the expectation-maximisation algorithm
+    (Shumway & Stoffer 1982), over `SPAN`: who flies hard in a part of the log may have done so where a sensor is missing.
+    """
+    found = x[:, 6:9] ** 2 + np.diagonal(P, axis1=1, axis2=2)[:, 6:9]
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(found, axis=0)])
+    first, last = np.searchsorted(t, t - SPAN / 2), np.searchsorted(t, t + SPAN / 2, side="right")
+    mean = (total[last] - total[first]) / (last - first)[:, None]
+    return np.maximum(np.sqrt(mean), DISTURBANCE)
+
+
 def _rescaled(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarray) -> list[_Measured]:
     """Return rows whose variances are raised to what their residuals show (variance factors: Koch 1999, 3.6).
 
@@ -313,27 +336,38 @@ def _rescaled(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.nda
     out: states then move by more than it. No variance is lowered: errors that last do not show in residuals.
     """
     node = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
-    found: dict[tuple[str, int], tuple[list[float], list[float]]] = {}
+    found: dict[tuple[str, int], tuple[list[float], list[float], list[float]]] = {}
     keys = []
     for m, at in zip(measured, node, strict=True):
         keys.append([(m.sensor, int(np.flatnonzero(row)[0])) for row in m.H])
         if not m.admitted:
             continue
-        residual = (m.z - m.H @ x[at]) ** 2
+        residual = m.z - m.H @ x[at]
         expected = m.variance - np.einsum("ij,jk,ik->i", m.H, P[at], m.H)
-        for key, square, variance in zip(keys[-1], residual, expected, strict=True):
-            squares, variances = found.setdefault(key, ([], []))
-            squares.append(float(square))
+        for key, one, variance in zip(keys[-1], residual, expected, strict=True):
+            when, residuals, variances = found.setdefault(key, ([], [], []))
+            when.append(m.t)
+            residuals.append(float(one))
             variances.append(float(variance))
-    factor = {
-        key: min(max(1.0, sum(squares) / max(sum(variances), 1e-12)), LARGEST_FACTOR)
-        for key, (squares, variances) in found.items()
-        if len(squares) >= FEWEST_ROWS
-    }
+    factor = {key: _factor(*map(np.array, rows)) for key, rows in found.items() if len(rows[0]) >= FEWEST_ROWS}
     return [
         replace(m, variance=m.variance * np.array([factor.get(key, 1.0) for key in mine]))
         for m, mine in zip(measured, keys, strict=True)
     ]
+
+
+def _factor(t: np.ndarray, residuals: np.ndarray, expected: np.ndarray) -> float:
+    """Factor on a sensor's variance by its residuals and the variance that they should have.
+
+    What contradicts other sensors does so for a while (lags, propeller wash), which averaging does not take away: the
+    variance is that of white noise as strong at low frequencies as the residuals (Newey & West 1987).
+    """
+    squares = float(residuals @ residuals)
+    total = squares
+    lags = min(int(LASTING / np.median(np.diff(t))), len(t) - 1)
+    for lag in range(1, lags + 1):
+        total += 2.0 * (1.0 - lag / (lags + 1)) * float(residuals[lag:] @ residuals[:-lag])
+    return min(max(1.0, max(squares, total) / max(float(expected.sum()), 1e-12)), LARGEST_FACTOR)
 
 
 def _measured_speed(measured: list[_Measured]) -> np.ndarray:
@@ -360,6 +394,7 @@ def _filter(
     measured: list[_Measured],
     gps_sigma: np.ndarray,
     noise: SensorNoise,
+    disturbance: np.ndarray,
     *,
     smoothed: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -371,8 +406,7 @@ def _filter(
     offsets = [m for m in measured if len(m.z) == 1 and m.admitted]
     if offsets:
         kf.x[12, 0] = np.median([m.z[0] for m in offsets[:FIRST_HEIGHTS]]) + first.z[2]
-    disturbance = np.array([DISTURBANCE_H, DISTURBANCE_H, DISTURBANCE_V])
-    kf.P = np.diag(np.concatenate([np.full(3, 10.0), np.full(3, 10.0), disturbance, gps_sigma, [10.0]]) ** 2)
+    kf.P = np.diag(np.concatenate([np.full(3, 10.0), np.full(3, 10.0), disturbance[0], gps_sigma, [10.0]]) ** 2)
     nodes = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
     x, P = np.empty((len(t), SIZE)), np.empty((len(t), SIZE, SIZE))
     prior_x, prior_P, F = np.empty_like(x), np.empty_like(P), np.empty_like(P)
@@ -384,7 +418,7 @@ def _filter(
     for k in range(len(t)):
         if k:
             step = t[k] - t[k - 1]
-            kf.F, kf.B, kf.Q = _transition(step, disturbance, gps_sigma, noise)
+            kf.F, kf.B, kf.Q = _transition(step, disturbance[k], gps_sigma, noise)
             kf.predict(u=mean_push[k - 1][:, None])
         F[k], prior_x[k], prior_P[k] = kf.F, kf.x[:, 0], kf.P
         while done < len(measured) and nodes[done] == k:
@@ -407,7 +441,7 @@ def _transition(
     """F, B and Q over one step: the disturbance and the GPS error are Gauss-Markov, the rest follows."""
     F, B, Q = np.eye(SIZE), np.zeros((SIZE, 3)), np.zeros((SIZE, SIZE))
     stay = np.exp(-step / GPS_ERROR_TIME)
-    for axis, time in enumerate((TIME_H, TIME_H, TIME_V)):
+    for axis, time in enumerate(TIMES):
         p, v, d, e = axis, 3 + axis, 6 + axis, 9 + axis
         a = np.exp(-step / time)
         # Exact integrals of a disturbance that decays with a.

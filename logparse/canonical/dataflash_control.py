@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 import pandas as pd
+from scipy.interpolate import CubicSpline
 import pymap3d
 
 from logparse.canonical.deferred import SomeFields
@@ -304,7 +305,9 @@ def truth(messages: Messages) -> pd.DataFrame | None:
     # Neighbouring quaternions on the same side of the sphere, so that interpolation takes the short way.
     flips = np.cumsum(np.append(False, np.sum(values[1:] * values[:-1], axis=1) < 0.0)) % 2
     values[flips == 1] *= -1.0
-    at = sample(pd.DataFrame(values, index=turned.index, columns=names), result.index.to_numpy(), gap=0.2)
+    when = result.index.to_numpy()
+    at = CubicSpline(turned.index.to_numpy(), values)(when)
+    at[np.isnan(sample(turned, when, gap=0.2))] = np.nan
     with np.errstate(invalid="ignore", divide="ignore"):  # a damaged quaternion of zeros has no direction: NaN
         result[names] = at / np.linalg.norm(at, axis=1, keepdims=True)
     return result

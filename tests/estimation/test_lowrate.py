@@ -11,7 +11,7 @@ from scipy.interpolate import Akima1DInterpolator
 
 from estimation import Trajectory, compare, errors, estimate
 from estimation.height_spikes import steady_heights
-from estimation.lowrate import SIZE, _filter, _Measured, _transition
+from estimation.lowrate import DISTURBANCE, SIZE, _factor, _filter, _Measured, _transition
 from estimation.states import SensorNoise
 from logparse import read_log
 from tests.estimation.simulated_flight import Sensors, fly
@@ -83,8 +83,10 @@ def test_a_burst_of_spikes_leaves_nothing(telemetry):
         # The same as if they had not been logged. Refused rows are steps of the filter: interpolation is finer there.
         same = (spiked.states[column] - without.states[column]).abs()
         assert (same < 0.1 * spiked.sigma[column]).all(), column
-    assert ((spiked.states["p_d"] - clean.states["p_d"]).abs() < spiked.sigma["p_d"]).all()
-    assert spiked.sigma["v_d"].max() > clean.sigma["v_d"].max()
+    for column in ("p_d", "v_d"):
+        assert ((spiked.states[column] - clean.states[column]).abs() < spiked.sigma[column]).all(), column
+    lost = slice(old.baro.index[60], old.baro.index[67])
+    assert spiked.sigma["v_d"].loc[lost].median() > clean.sigma["v_d"].loc[lost].median()
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -128,7 +130,7 @@ def test_bursts_in_a_telemetry_log_change_less_than_a_sigma():
         assert (change < clean.sigma[column]).all(), column
 
 
-def test_vertical_speed_of_the_wrong_sign_is_not_used(flight, telemetry):
+def test_vertical_speed_of_the_wrong_sign_is_turned_round(flight, telemetry):
     """Old firmware sends it so: GPS height and barometer were refused, and a dive at 10 m/s became 29 m/s."""
     truth = flight.truth[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]]
     ekf = thinned(truth, 0.25).assign(roll=np.nan, pitch=np.nan, yaw=np.nan)
@@ -138,6 +140,19 @@ def test_vertical_speed_of_the_wrong_sign_is_not_used(flight, telemetry):
     assert error["v_d"].abs().max() < 5.0 * result.sigma["v_d"].max()
     right = estimate(replace(telemetry, ekf=ekf), rate=20.0)
     assert [f.id for f in right.findings] == ["low-rate-trajectory"]
+    pd.testing.assert_frame_equal(result.states, right.states)
+    noise = np.random.default_rng(0).normal(0.0, 3.0, len(ekf))
+    unrelated = estimate(replace(telemetry, ekf=ekf.assign(v_d=noise - 0.2 * ekf["v_d"])), rate=20.0)
+    assert "not used" in next(f.reason for f in unrelated.findings if f.id == "autopilot-climb-wrong")
+
+
+@pytest.mark.parametrize("hold", [1, 4])
+def test_errors_that_last_weigh_as_much_as_they_do(hold):
+    """Of errors that are the same four times in a row, four tell as much as one: their variance counts fourfold."""
+    rng = np.random.default_rng(hold)
+    t = 0.5 * np.arange(8000)
+    residuals = np.repeat(rng.normal(0.0, 2.0, 8000 // hold), hold)
+    assert _factor(t, residuals, np.ones(8000)) == pytest.approx(4.0 * {1: 1.0, 4: 3.0}[hold], rel=0.15)
 
 
 def test_the_autopilots_velocities_are_used_and_its_positions_fill_holes(flight, telemetry):
@@ -165,11 +180,9 @@ def test_smoother_agrees_with_filterpy_where_there_is_no_input():
     nodes = np.array([m.t for m in measured[:-1]])
     idle = Akima1DInterpolator(nodes, np.zeros((len(nodes), 3)))
     gps_sigma = np.array([1.0, 1.0, 1.5])
-    x, P = _filter(nodes, idle, measured, gps_sigma, SensorNoise())
+    x, P = _filter(nodes, idle, measured, gps_sigma, SensorNoise(), np.tile(DISTURBANCE, (len(nodes), 1)))
 
-    from estimation import lowrate
-
-    disturbance = np.array([lowrate.DISTURBANCE_H, lowrate.DISTURBANCE_H, lowrate.DISTURBANCE_V])
+    disturbance = DISTURBANCE
     kf = KalmanFilter(dim_x=SIZE, dim_z=3)
     kf.x = np.zeros((SIZE, 1))
     kf.x[:3, 0] = measured[0].z
