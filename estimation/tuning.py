@@ -59,11 +59,13 @@ TILT_KNOWN, BIAS_KNOWN = 0.2, 0.5
 WIDE_GYRO_BIAS, WIDE_ACCEL_BIAS = 0.1, 3.0
 PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
-GPS_ERROR_SHARES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
+GPS_ERROR_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
-GPS_WHITE_SCALES = (0.04, 0.1, 0.25, 1.0, 4.0, 16.0)
-#: Ladder of the factor on the IMU's noise as `timing.noise_density` sees it.
-IMU_SCALES = (0.25, 0.5, 1.0, 2.0, 4.0)
+#: No fix is believed to half of its class: receivers filter, so that errors of neighbouring fixes are alike, which
+#: innovations do not show and which averages do not take away.
+GPS_WHITE_SCALES = (0.25, 1.0, 4.0, 16.0)
+#: Ladder of the factor on the IMU's noise as `timing.noise_density` sees it: what its own samples show is there.
+IMU_SCALES = (1.0, 2.0, 4.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,14 +122,15 @@ def tune(
         if max(map(abs, found.values()), default=0.0) < LAG_LARGE:
             break
     problem = lay_out(observations)
+    # Before the GPS: a gyro that is noisier than it looks would make the likeliest receiver a perfect one.
+    imu_scale = np.ones(2)
+    for column in range(2):
+        imu_scale[column], problem = _scale_imu(problem, column)
     for setting, ladder in LADDERS.items():
         problem = _set_noise(problem, start.aligned, setting, ladder)
     if np.any(problem.observations.kind == _kernels.GPS_POSITION):
         problem = _set_noise(problem, start.aligned, "gps_error_share", GPS_ERROR_SHARES)
         problem = _split_gps_error(problem)
-    imu_scale = np.ones(2)
-    for column in range(2):
-        imu_scale[column], problem = _scale_imu(problem, column)
     matched = matched_scale(problem, run(problem, keep=False))
     matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
     return Tuned(problem.noise, matched, imu_scale, lags)
@@ -264,10 +267,7 @@ def _scale_imu(problem: Problem, column: int) -> tuple[float, Problem]:
         return replace(problem, sub_noise=problem.sub_noise * factors)
 
     likelihoods, likeliest = _climb(at, IMU_SCALES, 1.0)
-    best = max(likelihoods, key=likelihoods.__getitem__)
-    if best < 1.0 and likelihoods[best] - likelihoods[1.0] < STRONG:
-        return 1.0, at(1.0)
-    return best, likeliest
+    return max(likelihoods, key=likelihoods.__getitem__), likeliest
 
 
 def _nearest(ladder: Sequence[float], value: float) -> float:
