@@ -34,6 +34,9 @@ TIMES, SPAN = (3.0, 3.0, 1.0), 20.0
 TILT_SIGMA, YAW_SIGMA = np.radians(0.7), np.radians(3.0)
 #: White 1-sigma of the autopilot's own position and velocity estimate, m and m/s.
 EKF_POSITION, EKF_VELOCITY = 0.05, 0.1
+#: What lasts of its velocity's error: 1-sigma at least, m/s, and for how long, s. Taken for white, an error of 0.1 m/s
+#: over minutes outvoted a receiver by 80 m.
+EKF_LASTING, EKF_TIME = 0.2, 30.0
 #: Correlation time of the GPS error here, s. Velocities at telemetry rate are too coarse to tell a wander of the GPS
 #: over minutes from a wander of the craft, so it is held to be nearly constant: known in size, not in course.
 GPS_ERROR_TIME = 1000.0
@@ -58,8 +61,8 @@ FIRST_HEIGHTS = 9
 #: Old firmware sends the vertical speed with the wrong sign: it is turned round if the autopilot's height goes against it
 #: with this correlation, and left out with less; judged where the r.m.s. of the speed is above this, m/s.
 OPPOSITE, CLIMBS = 0.8, 0.3
-#: States: position, velocity, disturbance, GPS error (three each), baro offset.
-SIZE = 13
+#: States: position, velocity, disturbance, GPS error (three each), baro offset, error of the autopilot's velocity (three).
+SIZE = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,9 +169,11 @@ def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_M
         sign = _climb_sign(ekf)
         z = z * np.array([1.0, 1.0, 1.0, 1.0, 1.0, sign])
         last = 5 if sign == 0.0 else 6
+        seen = selector.copy()
+        seen[3:, 13:16] = np.eye(3)
         for when, row, alone in zip(t, z, lonely, strict=True):
             part = slice(0 if alone else 3, last)
-            rows.append(_Measured(when, "autopilot", selector[part], row[part], variance[part]))
+            rows.append(_Measured(when, "autopilot", seen[part], row[part], variance[part]))
         sources.append("the autopilot's " + ("positions" if lonely.any() else "velocities"))
     baro = usable(tables.baro, ["alt"])
     if baro is not None:
@@ -259,18 +264,18 @@ def _estimate_segment(
         )
     )
     node_t = nodes * TICK
-    disturbance = np.tile(DISTURBANCE, (len(node_t), 1))
+    driven = np.tile(np.append(DISTURBANCE, np.full(3, EKF_LASTING)), (len(node_t), 1))
     for _ in range(PASSES if smoothed else 1):
-        x, P = _filter(node_t, thrust, measured, gps_sigma, noise, disturbance, smoothed=smoothed)
+        x, P = _filter(node_t, thrust, measured, gps_sigma, noise, driven, smoothed=smoothed)
         judged = _judged(measured, node_t, x, P, noise.gate) if smoothed else measured
         if all(a.admitted == b.admitted for a, b in zip(measured, judged, strict=True)):
             break
         measured = judged
     if smoothed:
-        disturbance = _disturbance(node_t, x, P)
-        x, P = _filter(node_t, thrust, measured, gps_sigma, noise, disturbance)
+        driven = _driven(node_t, x, P)
+        x, P = _filter(node_t, thrust, measured, gps_sigma, noise, driven)
         # Sigma only: weighed anew, states of clean logs would move by more than their sigma, for better or worse.
-        _, P = _filter(node_t, thrust, _rescaled(measured, node_t, x, P), gps_sigma, noise, disturbance)
+        _, P = _filter(node_t, thrust, _rescaled(measured, node_t, x, P), gps_sigma, noise, driven)
     t_in = np.clip(t, node_t[0], node_t[-1])
     position = CubicHermiteSpline(node_t, x[:, :3], x[:, 3:6])(t_in)
     at_node = thrust(np.clip(node_t, when[0], when[-1]))
@@ -316,17 +321,20 @@ def _judged(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarr
     return [replace(m, admitted=bool(w <= most)) for m, w, most in zip(measured, worst, limit, strict=True)]
 
 
-def _disturbance(t: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return the 1-sigma of the acceleration that attitude does not tell about each node, shape (n, 3), m/s^2.
+def _driven(t: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return 1-sigma about each node of the acceleration that attitude does not tell, and of the autopilot's velocity.
 
     Root of the mean square of what was found and of its variance, as in the expectation-maximisation algorithm
-    (Shumway & Stoffer 1982), over `SPAN`: who flies hard in a part of the log may have done so where a sensor is missing.
+    (Shumway & Stoffer 1982): of accelerations over `SPAN`, for who flies hard in a part of the log may have done so
+    where a sensor is missing; of what lasts in the autopilot's velocity over all. Shape (n, 6), m/s^2 and m/s.
     """
-    found = x[:, 6:9] ** 2 + np.diagonal(P, axis1=1, axis2=2)[:, 6:9]
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(found, axis=0)])
+    found = x**2 + np.diagonal(P, axis1=1, axis2=2)
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(found[:, 6:9], axis=0)])
     first, last = np.searchsorted(t, t - SPAN / 2), np.searchsorted(t, t + SPAN / 2, side="right")
     mean = (total[last] - total[first]) / (last - first)[:, None]
-    return np.maximum(np.sqrt(mean), DISTURBANCE)
+    lasting = np.tile(found[:, 13:16].mean(axis=0), (len(t), 1))
+    least = np.append(DISTURBANCE, np.full(3, EKF_LASTING))
+    return np.asarray(np.maximum(np.sqrt(np.hstack([mean, lasting])), least))
 
 
 def _rescaled(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarray) -> list[_Measured]:
@@ -342,7 +350,9 @@ def _rescaled(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.nda
         keys.append([(m.sensor, int(np.flatnonzero(row)[0])) for row in m.H])
         if not m.admitted:
             continue
-        residual = m.z - m.H @ x[at]
+        # What lasts in the autopilot's velocity counts, though it is a state: where another sensor is lost nothing tells
+        # it from a climb.
+        residual = m.z - m.H[:, :13] @ x[at, :13]
         expected = m.variance - np.einsum("ij,jk,ik->i", m.H, P[at], m.H)
         for key, one, variance in zip(keys[-1], residual, expected, strict=True):
             when, residuals, variances = found.setdefault(key, ([], [], []))
@@ -394,11 +404,11 @@ def _filter(
     measured: list[_Measured],
     gps_sigma: np.ndarray,
     noise: SensorNoise,
-    disturbance: np.ndarray,
+    driven: np.ndarray,
     *,
     smoothed: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Run filterpy's filter over the nodes, to smooth Rauch-Tung-Striebel back; give x (n, 13) and P (n, 13, 13)."""
+    """Run filterpy's filter over the nodes, to smooth Rauch-Tung-Striebel back; give x (n, 16) and P (n, 16, 16)."""
     kf = KalmanFilter(dim_x=SIZE, dim_z=1, dim_u=3)
     kf.x = np.zeros((SIZE, 1))
     first = next((m for m in measured if len(m.z) >= 5), measured[0])
@@ -406,7 +416,9 @@ def _filter(
     offsets = [m for m in measured if len(m.z) == 1 and m.admitted]
     if offsets:
         kf.x[12, 0] = np.median([m.z[0] for m in offsets[:FIRST_HEIGHTS]]) + first.z[2]
-    kf.P = np.diag(np.concatenate([np.full(3, 10.0), np.full(3, 10.0), disturbance[0], gps_sigma, [10.0]]) ** 2)
+    kf.P = np.diag(
+        np.concatenate([np.full(3, 10.0), np.full(3, 10.0), driven[0, :3], gps_sigma, [10.0], driven[0, 3:]]) ** 2
+    )
     nodes = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
     x, P = np.empty((len(t), SIZE)), np.empty((len(t), SIZE, SIZE))
     prior_x, prior_P, F = np.empty_like(x), np.empty_like(P), np.empty_like(P)
@@ -418,7 +430,7 @@ def _filter(
     for k in range(len(t)):
         if k:
             step = t[k] - t[k - 1]
-            kf.F, kf.B, kf.Q = _transition(step, disturbance[k], gps_sigma, noise)
+            kf.F, kf.B, kf.Q = _transition(step, driven[k], gps_sigma, noise)
             kf.predict(u=mean_push[k - 1][:, None])
         F[k], prior_x[k], prior_P[k] = kf.F, kf.x[:, 0], kf.P
         while done < len(measured) and nodes[done] == k:
@@ -436,11 +448,11 @@ def _filter(
 
 
 def _transition(
-    step: float, disturbance: np.ndarray, gps_sigma: np.ndarray, noise: SensorNoise
+    step: float, driven: np.ndarray, gps_sigma: np.ndarray, noise: SensorNoise
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """F, B and Q over one step: the disturbance and the GPS error are Gauss-Markov, the rest follows."""
+    """F, B and Q over one step: disturbance, GPS error and autopilot's velocity error are Gauss-Markov, the rest follows."""
     F, B, Q = np.eye(SIZE), np.zeros((SIZE, 3)), np.zeros((SIZE, SIZE))
-    stay = np.exp(-step / GPS_ERROR_TIME)
+    stay, lasts = np.exp(-step / GPS_ERROR_TIME), np.exp(-step / EKF_TIME)
     for axis, time in enumerate(TIMES):
         p, v, d, e = axis, 3 + axis, 6 + axis, 9 + axis
         a = np.exp(-step / time)
@@ -450,7 +462,7 @@ def _transition(
         F[p, v], F[p, d], F[v, d], F[d, d], F[e, e] = step, to_p, to_v, a, stay
         B[p, axis], B[v, axis] = 0.5 * step**2, step
         # White noise of density q drives d; steps are short against the correlation time, so the leading terms do.
-        q = 2.0 * disturbance[axis] ** 2 / time
+        q = 2.0 * driven[axis] ** 2 / time
         Q[np.ix_([p, v, d], [p, v, d])] = q * np.array(
             [
                 [step**5 / 20.0, step**4 / 8.0, step**3 / 6.0],
@@ -459,5 +471,6 @@ def _transition(
             ]
         )
         Q[e, e] = (1.0 - stay**2) * gps_sigma[axis] ** 2
+        F[13 + axis, 13 + axis], Q[13 + axis, 13 + axis] = lasts, (1.0 - lasts**2) * driven[3 + axis] ** 2
     Q[12, 12] = noise.baro_walk**2 * step
     return F, B, Q

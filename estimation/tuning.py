@@ -61,9 +61,10 @@ PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
 GPS_ERROR_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
-#: No fix is believed to half of its class: receivers filter, so that errors of neighbouring fixes are alike, which
-#: innovations do not show and which averages do not take away.
-GPS_WHITE_SCALES = (0.25, 1.0, 4.0, 16.0)
+GPS_WHITE_SCALES = (0.04, 0.1, 0.25, 1.0, 4.0, 16.0)
+#: White noise of a fix is no less than this, m: rows are rounded to 1e-7 degrees, and an antenna 0.1 m away from the IMU
+#: is 3 cm elsewhere in a tilt of 0.3 rad. Innovations do not show it, since it is not white, nor do averages end it.
+BEST_FIX = 0.03
 #: Ladder of the factor on the IMU's noise as `timing.noise_density` sees it: what its own samples show is there.
 IMU_SCALES = (1.0, 2.0, 4.0)
 
@@ -244,6 +245,10 @@ def _split_gps_error(problem: Problem) -> Problem:
     Both fill the same innovations, so each correlation time is judged with the white noise that suits it.
     """
     kind = _kernels.GPS_POSITION
+    observations = problem.observations
+    variance = float(np.median(observations.variance[observations.scalar_kind == kind]))
+    ladder = tuple(scale for scale in GPS_WHITE_SCALES[:-1] if scale * variance > 0.99 * BEST_FIX**2)
+    ladder += GPS_WHITE_SCALES[-1:]
 
     def with_white(problem: Problem, factor: float) -> Problem:
         scale = problem.white_scale.copy()
@@ -252,8 +257,8 @@ def _split_gps_error(problem: Problem) -> Problem:
 
     def at(time: float) -> Problem:
         wandering = replace(problem, noise=replace(problem.noise, gps_error_time=time))
-        start = _nearest(GPS_WHITE_SCALES, problem.white_scale[kind])
-        return _climb(lambda factor: with_white(wandering, factor), GPS_WHITE_SCALES, start)[1]
+        start = _nearest(ladder, problem.white_scale[kind])
+        return _climb(lambda factor: with_white(wandering, factor), ladder, start)[1]
 
     return _climb(at, GPS_ERROR_TIMES, _nearest(GPS_ERROR_TIMES, problem.noise.gps_error_time))[1]
 

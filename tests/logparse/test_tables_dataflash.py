@@ -462,6 +462,18 @@ def test_truth_of_the_simulator():
     assert build({"SIM2": place, "SIM": broken})[0].truth["p_d"].tolist() == [3.0] * 11
 
 
+def test_attitude_of_the_simulator_between_its_rows():
+    """Rows of 10 Hz joined by lines erred by 0.2 degrees where a craft began to turn: more than the estimate."""
+    t, slow = np.arange(0.0, 4.0, 0.02), np.arange(0.0, 4.01, 0.1)
+    place = message(t, **{name: np.zeros(len(t)) for name in ("PN", "PE", "PD", "VN", "VE", "VD")})
+    half = 0.1 * np.sin(2.0 * np.pi * slow)
+    zero = np.zeros(len(slow))
+    turned = message(slow, Roll=zero, Pitch=zero, Yaw=zero, Q1=np.cos(half), Q2=np.sin(half), Q3=zero, Q4=zero)
+    truth = build({"SIM2": place, "SIM": turned})[0].truth
+    roll = 2.0 * np.arctan2(truth["q_x"], truth["q_w"])
+    assert np.abs(roll - 0.2 * np.sin(2.0 * np.pi * t)).loc[0.3:3.7].max() < np.radians(0.03)
+
+
 def test_origin_is_logged_or_found_from_fixes():
     logged = message([1, 2], Type=[1, 0], Lat=[47.1, 47.0], Lng=[8.0, 8.0], Alt=[490.0, 488.0])
     tables, _ = build({"ORGN": logged, "GPS": gps([1.0, 1.2])})
