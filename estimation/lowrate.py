@@ -58,10 +58,10 @@ LARGEST_FACTOR, FEWEST_ROWS, LASTING = 100.0, 20, 3.0
 NARROWING = 3.0
 #: Readings of the barometer whose median is its height at the start: any one may be a spike.
 FIRST_HEIGHTS = 9
-#: Old firmware sends the vertical speed with the wrong sign: it is turned round if the autopilot's height goes against it
-#: with this correlation, and left out with less; judged where the r.m.s. of the speed is above this, m/s.
+#: Old firmware sends the vertical speed with the wrong sign: it is turned round if the autopilot's height goes against
+#: it with this correlation, and left out with less; judged where the r.m.s. of the speed is above this, m/s.
 OPPOSITE, CLIMBS = 0.8, 0.3
-#: States: position, velocity, disturbance, GPS error (three each), baro offset, error of the autopilot's velocity (three).
+#: States: position, velocity, disturbance, GPS error (three each), baro offset, autopilot's velocity error (three).
 SIZE = 16
 
 
@@ -350,8 +350,8 @@ def _rescaled(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.nda
         keys.append([(m.sensor, int(np.flatnonzero(row)[0])) for row in m.H])
         if not m.admitted:
             continue
-        # What lasts in the autopilot's velocity counts, though it is a state: where another sensor is lost nothing tells
-        # it from a climb.
+        # What lasts in the autopilot's velocity counts, though it is a state: where another sensor is lost nothing
+        # tells it from a climb.
         residual = m.z - m.H[:, :13] @ x[at, :13]
         expected = m.variance - np.einsum("ij,jk,ik->i", m.H, P[at], m.H)
         for key, one, variance in zip(keys[-1], residual, expected, strict=True):
@@ -450,7 +450,7 @@ def _filter(
 def _transition(
     step: float, driven: np.ndarray, gps_sigma: np.ndarray, noise: SensorNoise
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """F, B and Q over one step: disturbance, GPS error and autopilot's velocity error are Gauss-Markov, the rest follows."""
+    """F, B and Q over one step: disturbance and errors of GPS and autopilot are Gauss-Markov, the rest follows."""
     F, B, Q = np.eye(SIZE), np.zeros((SIZE, 3)), np.zeros((SIZE, SIZE))
     stay, lasts = np.exp(-step / GPS_ERROR_TIME), np.exp(-step / EKF_TIME)
     for axis, time in enumerate(TIMES):

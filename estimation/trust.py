@@ -131,8 +131,8 @@ def contradicted_receiver(
             unit = "m" if what == "positions" else "m/s"
             found.append(
                 inconsistent(
-                    f"{share:.0%} of the GPS {what} lie more than {CONTRADICTION:g} times their accuracy (as stated, or "
-                    f"that of their class) from it, up to {distance.max():.0f} {unit}",
+                    f"{share:.0%} of the GPS {what} lie more than {CONTRADICTION:g} times their accuracy (as stated, "
+                    f"or that of their class) from it, up to {distance.max():.0f} {unit}",
                     {"contradicted_share": share, "largest": float(distance.max())},
                 )
             )

@@ -62,7 +62,7 @@ PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
 GPS_ERROR_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
 GPS_WHITE_SCALES = (0.04, 0.1, 0.25, 1.0, 4.0, 16.0)
-#: White noise of a fix is no less than this, m: rows are rounded to 1e-7 degrees, and an antenna 0.1 m away from the IMU
+#: White noise of a fix is no less than this, m: rows are rounded to 1e-7 degrees, and an antenna 0.1 m beside the IMU
 #: is 3 cm elsewhere in a tilt of 0.3 rad. Innovations do not show it, since it is not white, nor do averages end it.
 BEST_FIX = 0.03
 #: Ladder of the factor on the IMU's noise as `timing.noise_density` sees it: what its own samples show is there.

@@ -4,8 +4,8 @@ from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import CubicSpline
 import pymap3d
+from scipy.interpolate import CubicSpline
 
 from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances
