@@ -1,8 +1,8 @@
 """Identification: experiments to models, and models to honest verdicts.
 
 Inputs and outputs come as an `Experiment`. Every model offers ``simulate(experiment)`` (free run from the initial
-state), ``predict(experiment, horizon)`` (restarted at every sample), ``to_dict()`` for JSON, ``findings`` and
-``training`` (names of the records it was fitted to); `validate` judges it on records it has not seen.
+state), ``predict(experiment, horizon)`` (restarted at every sample), ``findings`` and ``training`` (names of the
+records it was fitted to); `validate` judges it on records it has not seen.
 """
 
 from sysid.bench.pendulum import bifilar, check_thread

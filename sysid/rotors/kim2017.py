@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -175,37 +174,6 @@ class Kim2017Model(Summarised):
             for name in simulated.columns
         }
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("output")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the model as numbers and text for JSON."""
-        torque = self.torque
-        return {
-            "kind": "kim2017",
-            "name": self.name,
-            "law": str(self.law),
-            "units": {
-                "per_mass": self.law.specific_unit,
-                "newton": self.law.thrust_unit,
-                "torque": self.law.torque_unit,
-                "lever": "1/m (arm times mass over inertia)",
-            },
-            "common": self.common.to_dict(),
-            "per_motor": {name: value.to_dict() for name, value in self.per_motor.items()},
-            "lever": list(self.lever),
-            "lever_sigma": list(self.lever_sigma),
-            "torque_per_inertia": self.torque_per_inertia,
-            "torque_per_inertia_sigma": self.torque_sigma,
-            "torque": None if torque is None else {"value": torque[0], "sigma": torque[1]},
-            "bench": dict(self.bench),
-            "mass": self.mass,
-            "inertia": None if self.inertia is None else list(self.inertia),
-            "reference_voltage": self.reference_voltage,
-            "rotation": self.rotation,
-            "rmse": dict(self.rmse),
-            "explained": dict(self.explained),
-            "training": list(self.training),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
 
     def _specific(self) -> Floats:
         """Return k_i / m for the simulation: each motor's own where determined, the common one elsewhere."""

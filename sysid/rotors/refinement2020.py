@@ -28,7 +28,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from logparse import Finding, Severity
 from logparse.quantity import uncertain
@@ -90,22 +89,6 @@ class Refinement2020Model(Summarised):
             **dict.fromkeys(("Jx", "Jy", "Jz"), "m"),
             "b": torque,
             "b/Jz": "rad/s^2" + (per or " at full command"),
-        }
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the model as numbers and text for JSON."""
-        return {
-            "kind": "refinement2020",
-            "name": self.name,
-            "law": str(self.law),
-            "units": self.units,
-            "instants": {name: value.to_dict() for name, value in self.instants.items()},
-            "stacked": {name: value.to_dict() for name, value in self.stacked.items()},
-            "mass": self.mass,
-            "reference_voltage": self.reference_voltage,
-            "time_constant": self.time_constant,
-            "training": list(self.training),
-            "findings": [finding.to_dict() for finding in self.findings],
         }
 
 

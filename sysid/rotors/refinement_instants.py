@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,10 +68,6 @@ class InstantMean:
         """Return the same without its numbers, where there is a reason not to believe them."""
         return replace(self, mean=None, spread=None, median=None, event_spread=None, reason=reason) if reason else self
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
 
 @dataclass(frozen=True, slots=True)
 class StackedEstimate:
@@ -83,15 +78,6 @@ class StackedEstimate:
     sigma: float | None
     interval: tuple[float, float] | None  #: 95 % confidence interval.
     reason: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "value": self.value,
-            "sigma": self.sigma,
-            "interval": None if self.interval is None else list(self.interval),
-            "reason": self.reason,
-        }
 
 
 @dataclass(frozen=True, slots=True)

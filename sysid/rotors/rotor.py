@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
@@ -93,26 +92,6 @@ class RotorModel(Summarised):
             "motor lag": str(self.time_constant),
             "training": listed(self.training),
             "findings": listed([finding.id for finding in self.findings]) or "none",
-        }
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the model as numbers and text for JSON."""
-        return {
-            "kind": "rotor",
-            "name": self.name,
-            "law": str(self.law),
-            "units": {"per_mass": self.law.specific_unit, "newton": self.law.thrust_unit},
-            "common": self.common.to_dict(),
-            "per_motor": {name: value.to_dict() for name, value in self.per_motor.items()},
-            "thrust_expo": self.thrust_expo,
-            "expo": self.expo.to_dict(),
-            "time_constant": self.time_constant.to_dict(),
-            "damping": self.damping,
-            "mass": self.mass,
-            "reference_voltage": self.reference_voltage,
-            "rmse": dict(self.rmse),
-            "training": list(self.training),
-            "findings": [finding.to_dict() for finding in self.findings],
         }
 
 
