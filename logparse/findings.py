@@ -1,10 +1,8 @@
 """Verdicts on a log, a trajectory or a fit, as values: never a print, never a silent drop."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
 
 
 class Severity(StrEnum):
@@ -29,16 +27,3 @@ class Finding:
     advice: str = ""  #: What to do about it; empty when there is nothing to do.
     #: The numbers behind the reason (byte offsets, counts, seconds).
     evidence: Mapping[str, str | int | float | bool | None] = field(default_factory=dict)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as text and numbers for JSON; None for evidence that is not finite."""
-        return {
-            "id": self.id,
-            "severity": str(self.severity),
-            "reason": self.reason,
-            "advice": self.advice,
-            "evidence": {
-                name: None if isinstance(value, float) and not math.isfinite(value) else value
-                for name, value in self.evidence.items()
-            },
-        }

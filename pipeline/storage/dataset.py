@@ -22,6 +22,7 @@ import sysid
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS
 from logparse import COLUMNS, Finding, Motor, Severity, Vehicle
 from logparse.export import unit
+from logparse.serialization import plain
 from pipeline.results.flight import FlightResult, around
 
 #: The names of both datasets, which are folders of the store.
@@ -108,7 +109,7 @@ def write_experiment(experiment: sysid.Experiment, path: Path) -> None:
         "input_trim": experiment.input_trim.tolist(),
         "output_trim": experiment.output_trim.tolist(),
         "vehicle": None if experiment.vehicle is None else asdict(experiment.vehicle),
-        "findings": [finding.to_dict() for finding in experiment.findings],
+        "findings": plain(experiment.findings),
     }
     table = pa.table({name: pa.array(np.ascontiguousarray(column)) for name, column in columns.items()})
     pq.write_table(table.replace_schema_metadata({_METADATA: json.dumps(metadata, default=float)}), path)

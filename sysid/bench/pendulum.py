@@ -17,6 +17,7 @@ import numpy as np
 from scipy.constants import g as standard_gravity
 
 from logparse import Finding, Severity
+from logparse.serialization import plain
 from sysid.bench.table import BenchError
 
 #: Difference between g by the simple pendulum and true g that asks for a look at the thread length.
@@ -59,13 +60,13 @@ class BifilarResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        plain = {name: getattr(self, name) for name in self.__slots__ if name != "findings"}
+        numbers = {name: getattr(self, name) for name in self.__slots__ if name != "findings"}
         return {
             "kind": "bifilar",
-            **plain,
+            **numbers,
             "determined": self.determined,
             "unit": "kg m^2",
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": plain(self.findings),
         }
 
 
@@ -188,7 +189,7 @@ class ThreadCheck:
             "kind": "thread-check",
             "gravity": self.gravity,
             "length": self.length,
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": plain(self.findings),
         }
 
 

@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding, Severity, Vehicle
+from logparse.serialization import plain
 from sysid.bench.levels import (
     Coefficients,
     CommandCurve,
@@ -249,15 +250,15 @@ class Bench:
                 {
                     "motor": motor,
                     "voltage": volt,
-                    "thrust": found.thrust.to_dict(),
-                    "torque": found.torque.to_dict(),
+                    "thrust": plain(found.thrust),
+                    "torque": plain(found.torque),
                 }
                 for motor in self.motors
                 for volt in volts
                 for found in [self.coefficients(motor, volt)]
             ],
             "trim": [],
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": plain(self.findings),
         }
         if weight is not None:
             for motor in self.motors:

@@ -12,6 +12,7 @@ import pandas as pd
 from scipy.io import savemat
 
 from logparse.lazy import lazy
+from logparse.serialization import plain
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.rational import RationalModel
@@ -66,7 +67,7 @@ def axis_numbers(axis: AxisSurvey) -> dict[str, Any]:
             "duration": frf.duration,
             "records": list(frf.records),
             "gyro_filter_hz": frf.gyro_filter_hz,
-            "findings": [finding.to_dict() for finding in frf.findings],
+            "findings": plain(frf.findings),
             "hz": frf.hz.tolist(),
         } | {
             name: _finite(values)
@@ -83,9 +84,9 @@ def axis_numbers(axis: AxisSurvey) -> dict[str, Any]:
         numbers["fit"] = fit_numbers(axis.fit)
     if axis.attitude is not None:
         numbers["attitude"] = {
-            "bandwidth": axis.attitude.bandwidth.to_dict(),
-            "phase_delay": axis.attitude.phase_delay.to_dict(),
-            "peak": axis.attitude.peak.to_dict(),
+            "bandwidth": plain(axis.attitude.bandwidth),
+            "phase_delay": plain(axis.attitude.phase_delay),
+            "peak": plain(axis.attitude.peak),
             "fit": fit_numbers(axis.attitude.fit),
         }
     return numbers
@@ -99,7 +100,7 @@ def fit_numbers(fit: FrequencyFit) -> dict[str, Any]:
         "structure": [structure.name for structure in fit.structure],
         "cost": fit.cost,
         "verdict": fit.verdict,
-        "parameters": {name: known.to_dict() for name, known in fit.parameters.items()},
+        "parameters": plain(fit.parameters),
         "insensitivity": dict(zip(fit.names, _finite(fit.insensitivity), strict=True)),
         "correlation": [_finite(row) for row in fit.correlation],
         "num": model.num.tolist(),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from logparse.serialization import plain
 from sysid.loops.loop import MARGINS, Margins, RateLoop
 from sysid.loops.proof import Proof
 from sysid.loops.responses import attitude_bandwidth
@@ -24,7 +25,7 @@ def margins_numbers(margins: Margins) -> Numbers:
     for name in MARGINS:
         estimate = getattr(margins, name)
         interval = margins.intervals.get(name)
-        result[name] = estimate.to_dict() | {"interval95": list(interval) if interval else None}
+        result[name] = plain(estimate) | {"interval95": list(interval) if interval else None}
     return result
 
 

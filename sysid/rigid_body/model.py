@@ -29,6 +29,7 @@ import numpy as np
 
 from logparse import Finding, MissingDataError, Vehicle
 from logparse.quantity import uncertain
+from logparse.serialization import plain
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
@@ -95,10 +96,6 @@ class BodyParameter:
     si_value: float | None = None
     si_sigma: float | None = None
     si_unit: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -379,7 +376,7 @@ class RigidBodyModel(Summarised):
         return {
             "kind": "rigid_body",
             "name": self.name,
-            "parameters": {name: parameter.to_dict() for name, parameter in self.parameters.items()},
+            "parameters": plain(self.parameters),
             "estimated": list(self.estimated),
             "covariance": self.covariance.tolist(),
             "correlation": self.correlation.tolist(),
@@ -390,12 +387,12 @@ class RigidBodyModel(Summarised):
             "reference_density": self.reference_density,
             "reference_voltage": self.reference_voltage,
             "wind_height": WIND_HEIGHT,
-            "flights": {name: trim.to_dict() for name, trim in self.flights.items()},
+            "flights": plain(self.flights),
             "rotation_fit": dict(self.rotation_fit),
             "rmse": self.rmse,
-            "motors": {name: effect.to_dict() for name, effect in self.motors.items()},
+            "motors": plain(self.motors),
             "training": list(self.training),
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": plain(self.findings),
         }
 
     @classmethod

@@ -46,10 +46,6 @@ class MotorEffect:
     torque_sigma: float | None
     reason: str = ""  #: Why not, empty when determined.
 
-    def to_dict(self) -> dict[str, float | str | None]:
-        """Return plain values for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
 
 def fit_motor_effects(
     records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, turning: RotationFit

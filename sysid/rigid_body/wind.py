@@ -7,7 +7,6 @@ the exponent is near 0.1, in the evening 0.4.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -56,10 +55,6 @@ class FlightTrim:
             return mean
         knots, *parts = np.array(self.variation).T
         return np.asarray(mean + np.column_stack([np.interp(t, knots, part) for part in parts]))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
 
 
 def wind_knots(t: Floats, spacing: float | None) -> Floats:

@@ -22,6 +22,7 @@ from scipy.constants import g as standard_gravity
 
 from logparse import Finding, Severity
 from logparse.quantity import uncertain
+from logparse.serialization import plain
 from logparse.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
@@ -88,7 +89,7 @@ class ThrustModel(Summarised):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the model as numbers and text for JSON."""
-        plain = {
+        numbers = {
             name: getattr(self, name)
             for name in [
                 "name",
@@ -107,13 +108,13 @@ class ThrustModel(Summarised):
         }
         return {
             "kind": "thrust",
-            **plain,
+            **numbers,
             "units": {"per_mass": "m/s^2 at full command", "newton": "N at full command"},
-            "common": self.common.to_dict(),
+            "common": plain(self.common),
             "effort": dict(self.effort),
-            "per_motor": {name: value.to_dict() for name, value in self.per_motor.items()},
+            "per_motor": plain(self.per_motor),
             "training": list(self.training),
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": plain(self.findings),
         }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from logparse.quantity import NOT_DETERMINED, uncertain
 
@@ -27,7 +26,3 @@ class Parameter:
         if self.value is None:
             return f"{NOT_DETERMINED} ({self.reason})" if self.reason else NOT_DETERMINED
         return uncertain(self.value, self.sigma, self.unit)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}

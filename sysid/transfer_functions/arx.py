@@ -17,6 +17,7 @@ import scipy
 from scipy.linalg import lstsq
 
 from logparse import Finding, Severity
+from logparse.serialization import plain
 from logparse.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import (
@@ -149,7 +150,7 @@ class ArxModel(Summarised):
             "units": dict(self.units),
             "training": list(self.training),
             "differences": {output: difference.to_dict() for output, difference in self.differences.items()},
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": plain(self.findings),
         }
 
     def _drive(self, experiment: Experiment, output: str) -> Floats:

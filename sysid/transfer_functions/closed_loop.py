@@ -31,6 +31,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from logparse import Finding, Severity
+from logparse.serialization import plain
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import (
     Experiment,
@@ -135,8 +136,8 @@ class ClosedLoopModel(Summarised):
             "offset_trust": dict(self.offset_trust),
             "following_rms": dict(self.following),
             "disturbance": {name: value.to_dict() for name, value in self.disturbance.items()},
-            "fits": {name: report.to_dict() for name, report in self.reports.items()},
-            "findings": [finding.to_dict() for finding in self.findings],
+            "fits": plain(self.reports),
+            "findings": plain(self.findings),
         }
 
     @classmethod

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from logparse import Finding
+from logparse.serialization import plain
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps, require_signals
 from sysid.transfer_functions.disturbance import Disturbance
@@ -152,10 +153,6 @@ class FitReport:
     parameters: int  #: Numerator and denominator coefficients.
     undetermined: int  #: Of these, how many have a standard deviation above half their value.
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TransferFunctionModel(Summarised):
@@ -296,8 +293,8 @@ class TransferFunctionModel(Summarised):
             },
             "disturbance": {output: value.to_dict() for output, value in self.disturbance.items()},
             "initial_energy": dict(self.initial_energy),
-            "fits": {output: report.to_dict() for output, report in self.reports.items()},
-            "findings": [finding.to_dict() for finding in self.findings],
+            "fits": plain(self.reports),
+            "findings": plain(self.findings),
         }
 
     @classmethod

@@ -9,6 +9,8 @@ import pytest
 
 from logparse import MissingDataError
 from logparse.frames import motor_table
+from logparse.serialization import cleaned
+from pipeline.results.model_report import ThrustReport
 from reports import summary
 from reports.model_views import thrust_coefficients
 from sysid import Experiment, ExperimentError, fit_thrust
@@ -124,9 +126,9 @@ def test_unknown_air_widens_the_standard_error():
     ("voltage", "words"), [(48.12, "at 48.1 V, "), (np.nan, "at the unknown voltage of the flight, ")]
 )
 def test_reports_say_at_which_voltage_and_in_which_air(voltage, words):
-    thrust = fit_thrust([flight(13, voltage=voltage)]).to_dict()
+    thrust = cleaned(fit_thrust([flight(13, voltage=voltage)]).to_dict(), ThrustReport)
     assert words + "in standard sea-level air" in summary.thrust_coefficient(thrust)
-    caption = thrust_coefficients(thrust, {})["caption"]
+    caption = thrust_coefficients(thrust, {}).table.caption
     assert words + "in standard sea-level air" in caption
     assert "3.5 % for the density of the air" in caption
 

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from logparse import Finding, MissingDataError
+from logparse.serialization import plain
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.model import BodyParameter
@@ -214,7 +215,7 @@ class SixDofModel(Summarised):
         return {
             "kind": "six_dof",
             "name": self.name,
-            "parameters": {name: each.to_dict() for name, each in self.parameters.items()},
+            "parameters": plain(self.parameters),
             "estimated": list(self.estimated),
             "covariance": self.covariance.tolist(),
             "winds": {name: [float(v) for v in wind] for name, wind in self.winds.items()},
@@ -228,7 +229,7 @@ class SixDofModel(Summarised):
             "mass": self.mass,
             "correction": None if self.correction is None else self.correction.to_dict(),
             "training": list(self.training),
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": plain(self.findings),
         }
 
 
