@@ -21,6 +21,12 @@ class Line(msgspec.Struct, frozen=True, tag_field="kind", tag="line"):
 
 
 @dataclasses.dataclass(frozen=True)
+class Part:
+    kind: str
+    size: float
+
+
+@dataclasses.dataclass(frozen=True)
 class Result:
     name: str
     value: float
@@ -28,11 +34,12 @@ class Result:
     pair: tuple[float, str]
     table: Mapping[str, tuple[float, ...]]
     model: Curve | Line | None = None
+    part: Part | None = None
 
 
 @pytest.mark.parametrize("model", [None, Line(math.nan), Curve((1.0, math.inf))])
 def test_what_is_not_finite_is_null_and_a_number_again(model):
-    result = Result("a", math.nan, math.inf, (-math.inf, "x"), {"t": (1.0, math.nan)}, model)
+    result = Result("a", math.nan, math.inf, (-math.inf, "x"), {"t": (1.0, math.nan)}, model, Part("p", math.nan))
     text = as_json(result)
     assert json.loads(text)["value"] is None
     for again in (from_json(text, Result), restored(plain(result), Result), cleaned(result, Result)):
@@ -42,6 +49,8 @@ def test_what_is_not_finite_is_null_and_a_number_again(model):
         assert again.table["t"][0] == 1.0
         assert math.isnan(again.table["t"][1])
         assert type(again.model) is type(model)
+        assert again.part is not None
+        assert math.isnan(again.part.size)
 
 
 def test_arrays_and_their_numbers_are_lists_and_numbers():
