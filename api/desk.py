@@ -83,7 +83,7 @@ class Desk:
                 return
             detail = f"{error.problem.detail.rstrip('.')}."
             status = HTTPStatus.UNPROCESSABLE_ENTITY
-            raise ProblemError(Problem.named("not-a-log", "Not a flight log", status, detail)) from error
+            raise ProblemError(Problem.named("unusable-log", "Not a flight log", status, detail)) from error
 
     def close(self) -> None:
         """End the process."""
