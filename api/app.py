@@ -9,7 +9,7 @@ from pathlib import Path
 from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 
-from api import openapi, problems
+from api import openapi, problem_responses
 from api.access import Shares, Tokens
 from api.bodies import SmallBodies
 from api.catalog import Catalog, Quota
@@ -91,7 +91,7 @@ def create_app(
     )
     app.state.parts = parts
     app.add_middleware(SmallBodies, uploads=("/", "/api/v1/logs"), stall=settings.upload_stall)
-    problems.install(app)
+    problem_responses.install(app)
     openapi.install(app)
     if local_only:
         app.add_middleware(KnownHosts)

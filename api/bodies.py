@@ -8,7 +8,8 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api import sizes
-from api.problems import Problem, respond
+from api.problem_responses import respond
+from api.problems import Problem
 
 #: Most bytes of a JSON document or a form without files.
 _LIMIT = 1 << 20

@@ -10,7 +10,8 @@ from http import HTTPStatus
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from api.problems import Problem, respond
+from api.problem_responses import respond
+from api.problems import Problem
 
 #: Names of this computer for itself.
 LOOPBACK = ("127.0.0.1", "::1", "localhost")

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from pipeline.fleet.result import FleetResult
     from pipeline.flight.analysis import analyze, analyze_flights
     from pipeline.results.fleet import Failure, GroupResult
-    from pipeline.results.flight import FlightResult, LogFacts, ModelResult, Prediction, Span
+    from pipeline.results.flight import FlightResult, LogFacts, ModelResult, Prediction
+    from pipeline.results.span import Span
 
 __all__ = [
     "AnalysisConfig",
@@ -34,13 +35,14 @@ __all__ = [
 
 __getattr__, __dir__ = exports(
     __name__,
-    dict.fromkeys(("FlightResult", "LogFacts", "ModelResult", "Prediction", "Span"), "pipeline.results.flight")
+    dict.fromkeys(("FlightResult", "LogFacts", "ModelResult", "Prediction"), "pipeline.results.flight")
     | {
         "AnalysisConfig": "pipeline.config",
         "ConfigError": "pipeline.errors",
         "Failure": "pipeline.results.fleet",
         "FleetResult": "pipeline.fleet.result",
         "GroupResult": "pipeline.results.fleet",
+        "Span": "pipeline.results.span",
         "analyze": "pipeline.flight.analysis",
         "analyze_fleet": "pipeline.fleet.analysis",
         "analyze_flights": "pipeline.flight.analysis",

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.flight.health_signals import thin
-from pipeline.results.flight import Span
+from pipeline.results.span import Span
 from reports.packing import compact, pack
 
 #: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.

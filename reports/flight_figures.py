@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from logparse import Geodetic
 from logparse.quantity import uncertain
-from pipeline.results.flight import FlightResult, Span
+from pipeline.results.flight import FlightResult
+from pipeline.results.span import Span
 from reports.figure import (
     Figure,
     Trace,

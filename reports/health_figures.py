@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.results.flight import FlightResult, Span
+from pipeline.results.flight import FlightResult
 from pipeline.results.health import FlightHealth, Panel, Spectrum
+from pipeline.results.span import Span
 from reports.figure import Figure, Trace, layout_of, limit_line, line, margin, plotly_text, time_axis
 
 #: Unit shown and factor, by the unit kept.

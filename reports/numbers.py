@@ -19,7 +19,7 @@ from pipeline.flight.verdict import assess, summarise
 from pipeline.names import printable
 from pipeline.results.coverage import Linearity
 from pipeline.results.fleet import GroupResult
-from pipeline.results.flight import FlightResult, ModelResult, Span
+from pipeline.results.flight import FlightResult, ModelResult
 from pipeline.results.model_report import (
     ClosedLoopRecord,
     CoherenceReport,
@@ -46,6 +46,7 @@ from pipeline.results.report import (
     OriginReport,
     TrajectoryReport,
 )
+from pipeline.results.span import Span
 from reports.rows import average
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.results.fleet import GroupResult
-from pipeline.results.flight import FlightResult, ModelResult, Prediction, Span
+from pipeline.results.flight import FlightResult, ModelResult, Prediction
+from pipeline.results.span import Span
 from reports.figure import (
     MOST_POINTS,
     Figure,

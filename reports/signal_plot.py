@@ -12,7 +12,7 @@ import numpy as np
 from logparse import FlightLog
 from logparse.signals import LoggedSignal
 from pipeline.names import printable
-from pipeline.results.flight import Span
+from pipeline.results.span import Span
 from reports import html
 from reports.figure import Figure, Trace, layout_of, line, plotly_text, time_axis
 

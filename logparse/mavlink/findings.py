@@ -1,15 +1,17 @@
 """What the scan of a telemetry log had to say, as findings: one per kind, however long the list behind it."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from logparse.findings import Finding, Severity
 from logparse.mavlink import _decode
+from logparse.mavlink.clock import BootClock
+from logparse.mavlink.scan import Scan
+from logparse.source import Boot
 from logparse.tail import erased_tail
-
-if TYPE_CHECKING:
-    from logparse.mavlink.tlog import TlogSource
 
 _NAMED = 8
 #: So many frames of a message with a wrong checksum, and hardly one with a right one, come from another definition.
@@ -22,7 +24,41 @@ _DAMAGED = 0.01
 _UNCOUNTED = 50
 
 
-def scan_findings(source: "TlogSource") -> list[Finding]:
+class Scanned(Protocol):
+    """What the findings are about: a telemetry log after its scan (`logparse.mavlink.tlog.TlogSource`)."""
+
+    has_boot_time: bool
+
+    @property
+    def data(self) -> npt.NDArray[np.uint8]:
+        """Bytes of the file."""
+
+    @property
+    def format(self) -> str:
+        """``"tlog"``, or ``"mavlink-raw"`` without time stamps."""
+
+    @property
+    def boots(self) -> Sequence[Boot]:
+        """Power-ups of the autopilot."""
+
+    @property
+    def autopilot(self) -> tuple[int, int]:
+        """System and component of the autopilot."""
+
+    @property
+    def clock(self) -> BootClock:
+        """How boot time follows the logger's."""
+
+    @property
+    def message_names(self) -> list[str]:
+        """Names of all messages of the dialect by slot."""
+
+    @property
+    def scan(self) -> Scan:
+        """The walk over the stream."""
+
+
+def scan_findings(source: Scanned) -> list[Finding]:
     """Damage, unknown messages, frames lost on the way, clocks, several boots and several vehicles."""
     return [
         *_damage(source),
@@ -33,7 +69,7 @@ def scan_findings(source: "TlogSource") -> list[Finding]:
     ]
 
 
-def _damage(source: "TlogSource") -> list[Finding]:
+def _damage(source: Scanned) -> list[Finding]:
     state = source.scan.state
     findings = []
     tail = int(state[_decode.TAIL])
@@ -72,7 +108,7 @@ def _damage(source: "TlogSource") -> list[Finding]:
     return findings
 
 
-def _tail(source: "TlogSource", start: int) -> Finding:
+def _tail(source: Scanned, start: int) -> Finding:
     size = len(source.data)
     evidence = {"first_byte": start, "bytes": size - start}
     erased = erased_tail(source.data, start)
@@ -95,7 +131,7 @@ def _tail(source: "TlogSource", start: int) -> Finding:
     )
 
 
-def _foreign_messages(source: "TlogSource") -> list[tuple[str, int]]:
+def _foreign_messages(source: Scanned) -> list[tuple[str, int]]:
     bad = source.scan.bad_by_slot
     found = []
     for slot in np.flatnonzero(bad >= _FOREIGN):
@@ -105,7 +141,7 @@ def _foreign_messages(source: "TlogSource") -> list[tuple[str, int]]:
     return sorted(found, key=lambda item: -item[1])
 
 
-def _unknown_messages(source: "TlogSource") -> list[Finding]:
+def _unknown_messages(source: Scanned) -> list[Finding]:
     unknown = source.scan.unknown
     unknown = unknown[unknown[:, 1] > 0]
     if not len(unknown):
@@ -124,7 +160,7 @@ def _unknown_messages(source: "TlogSource") -> list[Finding]:
     ]
 
 
-def _frames_lost(source: "TlogSource") -> list[Finding]:
+def _frames_lost(source: Scanned) -> list[Finding]:
     frames, lost = source.scan.link_frames, source.scan.link_lost
     # A radio's own messages carry a number that does not count.
     links = np.flatnonzero((lost > 0) & (lost < _UNCOUNTED * frames))
@@ -149,7 +185,7 @@ def _frames_lost(source: "TlogSource") -> list[Finding]:
     ]
 
 
-def _clock(source: "TlogSource") -> list[Finding]:
+def _clock(source: Scanned) -> list[Finding]:
     findings = []
     n = len(source.boots)
     if n > 1:
@@ -196,7 +232,7 @@ def _clock(source: "TlogSource") -> list[Finding]:
     return findings
 
 
-def _senders(source: "TlogSource") -> list[Finding]:
+def _senders(source: Scanned) -> list[Finding]:
     votes = source.scan.link_votes
     vehicles = np.flatnonzero(votes)
     system, component = source.autopilot

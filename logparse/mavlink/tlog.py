@@ -8,7 +8,6 @@ After damage the reader goes on at the next frame whose checksum is right. A fra
 verified; it is skipped as one where the next frame follows it.
 """
 
-import mmap
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -26,18 +25,12 @@ from logparse.errors import LogError
 from logparse.findings import Finding
 from logparse.mavlink import _decode
 from logparse.mavlink.clock import BootClock, find_boots, logger_clock
-from logparse.mavlink.dialect import MessageDefinition, definitions
+from logparse.mavlink.dialect import definitions
 from logparse.mavlink.findings import scan_findings
+from logparse.mavlink.scan import Release, Scan, dialect_arrays
 from logparse.source import Boot
 
 _STAMP_BYTES = 8
-#: Frames per chunk: few enough that a chunk of the file and its columns stay in the processor's cache.
-_CHUNK_FRAMES = 1 << 14
-_MOST_UNKNOWN = 64
-#: Clock windows, ms of boot time: shorter where there is no logger time to tell the time between.
-_WINDOW_MS, _RAW_WINDOW_MS = 1000, 100
-#: Bytes of a mapped file that are kept in memory before they are given back.
-_KEEP = 1 << 24
 #: Bytes by which a stream with time stamps is told from one without.
 _SAMPLE = 1 << 16
 #: Intact frames that make a file of unknown content telemetry; chance gives less than one in a hundred heads.
@@ -54,51 +47,6 @@ class _Column:
     name: str
     offset: int
     dtype: np.dtype[Any]
-
-
-@dataclass(frozen=True, slots=True)
-class _Dialect:
-    """The dialect as the kernels take it; a message's slot is its place in `messages`."""
-
-    messages: tuple[MessageDefinition, ...]
-    slot_of_name: Mapping[str, int]
-    slot_of_id: npt.NDArray[np.int16]
-    crc_extra: npt.NDArray[np.uint16]
-    checksum_tables: npt.NDArray[np.uint16]
-    boot_field: npt.NDArray[np.int64]
-    clock_kind: npt.NDArray[np.int64]
-    clock_offset: npt.NDArray[np.int64]
-
-
-@cache
-def _dialect() -> _Dialect:
-    messages = tuple(definitions().values())
-    slot_of_id = np.full(max(message.id for message in messages) + 1, -1, np.int16)
-    boot_field = np.full(len(messages), -1, np.int64)
-    clock = np.zeros((len(messages), 2), np.int64)
-    for slot, message in enumerate(messages):
-        slot_of_id[message.id] = slot
-        for name, dtype, kind in (
-            ("time_boot_ms", "<u4", _decode.CLOCK_BOOT_MS),
-            ("time_usec", "<u4", _decode.CLOCK_US32),
-            ("time_usec", "<u8", _decode.CLOCK_US64),
-        ):
-            if clock[slot, 0] == _decode.CLOCK_NONE and name in message.fields:
-                field_dtype, offset = message.place(name)
-                if field_dtype == dtype:
-                    clock[slot] = kind, offset
-                    if kind == _decode.CLOCK_BOOT_MS:
-                        boot_field[slot] = offset
-    return _Dialect(
-        messages,
-        {message.name: slot for slot, message in enumerate(messages)},
-        slot_of_id,
-        np.array([message.crc_extra for message in messages], np.uint16),
-        _decode.checksum_tables(),
-        boot_field,
-        clock[:, 0].copy(),
-        clock[:, 1].copy(),
-    )
 
 
 @cache
@@ -124,131 +72,28 @@ def _units(name: str) -> Mapping[str, str]:
     return {column: unit for column, unit in units.items() if unit is not None}
 
 
-@dataclass(frozen=True, slots=True)
-class _Chunk:
-    """Some thousand successive frames, sorted by message (see `_decode.sort_by_slot`)."""
-
-    first_mark: int
-    last_mark: int
-    ordered: npt.NDArray[Any]
-    starts: npt.NDArray[np.int32]
-
-
-class _Scan:
-    """One walk over a stream, with or without time stamps."""
-
-    def __init__(self, data: npt.NDArray[np.uint8], stamp_bytes: int):
-        self.data, self.stamp_bytes = data, stamp_bytes
-        self.chunks: list[_Chunk] = []
-        self.unknown = np.zeros((_MOST_UNKNOWN, 2), np.int64)
-        self.bad_by_slot = np.zeros(len(_dialect().messages), np.int64)
-        self.link_frames, self.link_lost, self.link_votes = (np.zeros(_decode.LINKS, np.int64) for _ in range(3))
-        self.state = np.zeros(_decode.STATE_SIZE, np.int64)
-        self.state[_decode.TAIL] = len(data)
-        self._next_seq = np.full(_decode.LINKS, -1, np.int16)
-        self._open_windows = np.zeros((_decode.LINKS, _decode.WINDOW_SIZE), np.int64)
-        self._windows: list[npt.NDArray[np.int64]] = []
-
-    def run(self, release: "_Release | None" = None) -> None:
-        """Walk to the end of the stream."""
-        dialect = _dialect()
-        # Four bytes per frame where they do.
-        offsets = np.empty(_CHUNK_FRAMES, np.uint32 if len(self.data) < 1 << 32 else np.uint64)
-        slots = np.empty(_CHUNK_FRAMES, np.uint16)
-        windows = np.empty((_CHUNK_FRAMES // 4, 1 + _decode.WINDOW_SIZE), np.int64)
-        while self.state[_decode.POSITION] < len(self.data):
-            n, n_windows = _decode.scan(
-                self.data, self.stamp_bytes, dialect.slot_of_id, dialect.crc_extra, dialect.checksum_tables,
-                dialect.boot_field, dialect.slot_of_name["HEARTBEAT"],
-                _WINDOW_MS if self.stamp_bytes else _RAW_WINDOW_MS, self.state, offsets, slots, self.unknown,
-                self.bad_by_slot, self._next_seq, self.link_frames, self.link_lost, self.link_votes,
-                self._open_windows, windows,
-            )  # fmt: skip
-            if n:
-                ordered, starts = _decode.sort_by_slot(offsets[:n], slots[:n], len(dialect.messages))
-                self.chunks.append(_Chunk(int(offsets[0]), int(offsets[n - 1]), ordered, starts))
-            if n_windows:
-                self._windows.append(windows[:n_windows].copy())
-            if release is not None:
-                release.up_to(int(self.state[_decode.POSITION]))
-
-    @cached_property
-    def chunk_begins(self) -> list[int]:
-        """Where the first frame of each chunk begins."""
-        return [chunk.first_mark for chunk in self.chunks]
-
-    @property
-    def frames(self) -> int:
-        """Intact frames."""
-        return sum(len(chunk.ordered) for chunk in self.chunks)
-
-    def take_windows(self, link: int) -> npt.NDArray[np.int64]:
-        """Clock windows of one sender in the order of the stream; all windows are forgotten."""
-        rows = np.concatenate([*self._windows, np.empty((0, 1 + _decode.WINDOW_SIZE), np.int64)])
-        self._windows.clear()
-        ours = rows[:, 0] == link
-        closed = rows[:, 1:] if ours.all() else rows[ours, 1:]
-        last = self._open_windows[link : link + 1]
-        return np.concatenate((closed, last[last[:, _decode.SAMPLES] > 0]))
-
-    def autopilot(self) -> int:
-        """Link of the vehicle's autopilot: most heartbeats, else most messages with boot time, else most frames."""
-        if self.link_votes.any():
-            return int(self.link_votes.argmax())
-        timed = np.zeros(_decode.LINKS, np.int64)
-        for rows in self._windows:
-            np.add.at(timed, rows[:, 0], rows[:, 1 + _decode.SAMPLES])
-        timed += self._open_windows[:, _decode.SAMPLES]
-        return int((timed if timed.any() else self.link_frames).argmax())
-
-
-class _Release:
-    """Gives mapped pages back to the system behind a reader, so that a file larger than memory can be read."""
-
-    def __init__(self, buffer: Buffer):
-        self._buffer = buffer
-        self._able = isinstance(buffer, mmap.mmap) and len(buffer) > _KEEP and hasattr(mmap, "MADV_DONTNEED")
-        self._start = 0
-
-    def up_to(self, position: int) -> None:
-        """Release what lies before `position`, in large pieces."""
-        stop = position - position % mmap.ALLOCATIONGRANULARITY
-        if stop - self._start >= _KEEP:
-            self._drop(self._start, stop - self._start)
-            self._start = stop
-
-    def everything(self) -> None:
-        """Release all pages."""
-        self._drop(0, len(self._buffer))
-
-    def _drop(self, start: int, size: int) -> None:
-        if self._able:
-            assert isinstance(self._buffer, mmap.mmap)
-            self._buffer.madvise(mmap.MADV_DONTNEED, start, size)
-
-
 def looks_like(head: bytes) -> bool:
     """Whether a file that begins so is MAVLink telemetry, with or without time stamps, perhaps damaged."""
     if not (b"\xfe" in head or b"\xfd" in head):
         return False
-    scan = _Scan(np.frombuffer(head, np.uint8), _STAMP_BYTES)
+    scan = Scan(np.frombuffer(head, np.uint8), _STAMP_BYTES)
     scan.run()
     return scan.frames >= _ENOUGH_FRAMES or (scan.frames > 0 and scan.state[_decode.STRAY_BYTES] <= len(head) // 2)
 
 
 def _stamp_bytes(data: npt.NDArray[np.uint8]) -> int:
     """Bytes of logger time before each frame: with the right number there are fewer bytes between the frames."""
-    dialect = _dialect()
+    known = dialect_arrays()
     first = int(
         _decode.find_frame(
-            data, np.uint64(0), np.uint64(len(data)), dialect.slot_of_id, dialect.crc_extra, dialect.checksum_tables
+            data, np.uint64(0), np.uint64(len(data)), known.slot_of_id, known.crc_extra, known.checksum_tables
         )
     )
     start = max(first - _STAMP_BYTES, 0)
     sample = data[start : start + _SAMPLE]
     breaks = {}
     for count in (_STAMP_BYTES, 0):
-        scan = _Scan(sample, count)
+        scan = Scan(sample, count)
         scan.run()
         breaks[count] = int(scan.state[_decode.BREAKS])
     return 0 if breaks[0] < breaks[_STAMP_BYTES] else _STAMP_BYTES
@@ -273,8 +118,8 @@ class TlogSource:
             raise LogError("the file is empty")
         self._buffer = buffer
         self._data = np.frombuffer(buffer, np.uint8)
-        self._scan = _Scan(self._data, _stamp_bytes(self._data))
-        self._release = _Release(buffer)
+        self._scan = Scan(self._data, _stamp_bytes(self._data))
+        self._release = Release(buffer)
         self._scan.run(self._release)
         if not self._scan.frames:
             raise LogError("no intact MAVLink frame in the file: it is damaged or not a telemetry log")
@@ -347,14 +192,14 @@ class TlogSource:
     def counts(self, boot: Boot) -> Mapping[str, int]:
         """Frames of each message in this boot, by name."""
         if boot not in self._counts:
-            total = np.zeros(len(_dialect().messages), np.int64)
+            total = np.zeros(len(dialect_arrays().messages), np.int64)
             for chunk in self._scan.chunks:
                 if boot.start <= chunk.first_mark and chunk.last_mark < boot.stop:
                     total += np.diff(chunk.starts)
                 elif chunk.last_mark >= boot.start and chunk.first_mark < boot.stop:
                     inside = (chunk.ordered >= boot.start) & (chunk.ordered < boot.stop)
                     total += np.diff(np.concatenate(([0], np.cumsum(inside)))[chunk.starts])
-            names = [message.name for message in _dialect().messages]
+            names = [message.name for message in dialect_arrays().messages]
             self._counts[boot] = {names[slot]: int(total[slot]) for slot in np.flatnonzero(total)}
         return self._counts[boot]
 
@@ -376,10 +221,10 @@ class TlogSource:
         counts = self.counts(boot)
         names = list(dict.fromkeys(names))
         plan = _Plan(names, [counts.get(name, 0) for name in names])
-        dialect = _dialect()
-        release = _Release(self._buffer)
+        known = dialect_arrays()
+        release = Release(self._buffer)
         autopilot = (self._autopilot & 0xFF) << 8 | self._autopilot >> 8
-        clock_kind, clock_offset = dialect.clock_kind[plan.slots], dialect.clock_offset[plan.slots]
+        clock_kind, clock_offset = known.clock_kind[plan.slots], known.clock_offset[plan.slots]
         for chunk in self._scan.chunks:
             if chunk.last_mark < boot.start or chunk.first_mark >= boot.stop:
                 continue
@@ -427,7 +272,7 @@ class TlogSource:
         kept = systems << 8 | rows["component"].to_numpy() == self._autopilot
         kept |= ~np.isin(systems, np.flatnonzero(self._scan.link_votes) >> 8)
         names = rows["param_id"].to_numpy(object)
-        known = int(np.searchsorted(self._marks(_dialect().slot_of_name["PARAM_VALUE"], whole), boot.stop))
+        known = int(np.searchsorted(self._marks(dialect_arrays().slot_of_name["PARAM_VALUE"], whole), boot.stop))
         later = np.flatnonzero(kept[known:])[::-1] + known
         parameters: dict[str, float] = {}
         for k in np.concatenate((later, np.flatnonzero(kept[:known]))):
@@ -450,7 +295,7 @@ class TlogSource:
         return self._data
 
     @property
-    def scan(self) -> _Scan:
+    def scan(self) -> Scan:
         """What the walk over the stream counted."""
         return self._scan
 
@@ -462,7 +307,7 @@ class TlogSource:
     @property
     def message_names(self) -> list[str]:
         """Names of all messages of the dialect by slot."""
-        return [message.name for message in _dialect().messages]
+        return [message.name for message in dialect_arrays().messages]
 
 
 class _Plan:
@@ -471,7 +316,7 @@ class _Plan:
     def __init__(self, names: list[str], rows: list[int]):
         self.names = names
         self.rows = rows
-        self.slots = np.array([_dialect().slot_of_name[name] for name in names], np.int64)
+        self.slots = np.array([dialect_arrays().slot_of_name[name] for name in names], np.int64)
         self.row = np.zeros(len(names), np.int64)
         first, offset, width, column, t_column, sender_column = [0], [], [], [], [], []
         self._places: list[dict[str, tuple[int, np.dtype[Any]]]] = []

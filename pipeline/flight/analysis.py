@@ -24,7 +24,8 @@ from pipeline.flight.log_health import logged_rates
 from pipeline.flight.repetition import without_repetition
 from pipeline.flight.rotation import find_rotation
 from pipeline.names import flight_name, printable
-from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, Span, horizontal_sigma
+from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, horizontal_sigma
+from pipeline.results.span import Span
 from sysid.rotors.motor_order import MotorOrder, motor_order
 
 #: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.

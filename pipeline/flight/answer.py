@@ -20,8 +20,9 @@ from logparse.quantity import duration, number, uncertain
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.flight.purposes import uses_of
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
-from pipeline.results.flight import FlightResult, ModelResult, Span
+from pipeline.results.flight import FlightResult, ModelResult
 from pipeline.results.rotation import LoopState
+from pipeline.results.span import Span
 from pipeline.results.verdict import PredictionUse, Trust
 from sysid.rigid_body.frame_json import frame_json
 from sysid.rigid_body.model import RigidBodyModel

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
     from estimation import Trajectory
     from logparse import FlightLog
-    from pipeline.results.flight import ModelResult, Span
+    from pipeline.results.flight import ModelResult
+    from pipeline.results.span import Span
 
     Floats = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from logparse import Finding, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
 from pipeline.flight.health_signals import health_signals
-from pipeline.results.flight import Span, around
 from pipeline.results.health import FlightHealth
+from pipeline.results.span import Span, around
 from sysid.rotors.motor_loss import MotorLoss, find_motor_losses
 
 #: Events after which the craft is no longer the one to model.

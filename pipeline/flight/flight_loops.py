@@ -6,8 +6,8 @@ import numpy as np
 
 from logparse import FlightLog
 from logparse.events.attitude import DEVIATING
-from pipeline.results.flight import Span
 from pipeline.results.loops import FlightLoops
+from pipeline.results.span import Span
 from sysid.loops.evidence import find_oscillation
 from sysid.loops.settings import AXES
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from logparse import FlightLog, Tables
 from logparse.events.vibration import ACCEPTABLE, HARMFUL
 from logparse.vehicle import pwm_range
-from pipeline.results.flight import Span
 from pipeline.results.health import HealthSignals, Panel, Signal, Spectrum
+from pipeline.results.span import Span
 from sysid.records.periodogram import welch
 
 Floats = NDArray[np.float64]

@@ -13,7 +13,7 @@ from pipeline.results.coverage import BatteryUse, GpsQuality, LoggedRate, LogHea
 if TYPE_CHECKING:
     from estimation import Trajectory
     from logparse import FlightLog, Tables
-    from pipeline.results.flight import Span
+    from pipeline.results.span import Span
 
 #: Tables whose rate is told.
 _TABLES = ("motors", "imu", "gps", "baro", "mag", "battery", "esc", "attitude", "setpoints", "rates")

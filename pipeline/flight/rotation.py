@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from logparse import Finding, FlightLog, RotoridError, Severity
-from pipeline.results.flight import Span
 from pipeline.results.rotation import (
     LEAST_GAIN_DB,
     LEAST_PHASE_DEG,
@@ -17,6 +16,7 @@ from pipeline.results.rotation import (
     LoopState,
     RotationResult,
 )
+from pipeline.results.span import Span
 from sysid.frequency.axes import axis_of
 from sysid.frequency.excitation import find_chirps
 from sysid.frequency.fit import FrequencyFit

@@ -11,7 +11,8 @@ from logparse import Finding
 from pipeline.flight.craft import build_of, craft_name
 from pipeline.flight.flight_parameters import flight_parameters
 from pipeline.results.entry import FlightEntry, FlightSummary
-from pipeline.results.flight import FlightResult, Span
+from pipeline.results.flight import FlightResult
+from pipeline.results.span import Span
 
 #: Most rows of a track: they tell whether two logs recorded the same flight, and draw a small map.
 TRACK_ROWS = 200

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from pipeline.results.flight import Span
+from pipeline.results.span import Span
 
 
 class Tone(StrEnum):

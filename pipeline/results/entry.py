@@ -12,7 +12,7 @@ from datetime import datetime
 
 from logparse import Finding
 from pipeline.results.coverage import Coverage
-from pipeline.results.flight import Span
+from pipeline.results.span import Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

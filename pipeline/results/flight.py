@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from logparse.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
+from pipeline.results.span import Span
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimation import Trajectory
-    from logparse import Finding, Flight, Tables, Vehicle
+    from logparse import Finding, Tables, Vehicle
     from pipeline.results.advice import Advice
     from pipeline.results.answer import Answer
     from pipeline.results.coverage import Coverage
@@ -32,19 +32,6 @@ if TYPE_CHECKING:
 
 #: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
 POSITION_KNOWN = 25.0
-
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """A stretch of time on the log's boot clock, s."""
-
-    start: float
-    stop: float
-
-    @property
-    def duration(self) -> float:
-        """Length in seconds."""
-        return self.stop - self.start
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,15 +184,6 @@ class FlightResult(Summarised):
         if self.trajectory is None:
             return False
         return horizontal_sigma(self.trajectory, self.flight) <= POSITION_KNOWN
-
-
-def around(flight: Span | None, flights: Iterable[Span | Flight]) -> Span:
-    """Return from when to when a log is about one of its flights: with half of the time on the ground beside it."""
-    if flight is None:
-        return Span(-math.inf, math.inf)
-    before = max((each.stop for each in flights if each.stop <= flight.start), default=-math.inf)
-    after = min((each.start for each in flights if each.start >= flight.stop), default=math.inf)
-    return Span(0.5 * (before + flight.start), 0.5 * (flight.stop + after))
 
 
 def horizontal_sigma(trajectory: Trajectory, span: Span | None) -> float:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from logparse import FlightEvent
-    from pipeline.results.flight import Span
+    from pipeline.results.span import Span
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,6 @@ from pipeline.results.answer import Answer
 from pipeline.results.coverage import Coverage, Excitation, LogHealth, Wind
 from pipeline.results.drift import Drift
 from pipeline.results.envelope import Envelope
-from pipeline.results.flight import Span
 from pipeline.results.loops import FlightLoops
 from pipeline.results.model_report import (
     ModelInShort,
@@ -28,6 +27,7 @@ from pipeline.results.model_report import (
     ThrustReport,
 )
 from pipeline.results.rotation_report import RotationReport
+from pipeline.results.span import Span
 from pipeline.results.verdict import Verdict
 
 

@@ -23,7 +23,8 @@ from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS
 from logparse import COLUMNS, Finding, Motor, Severity, Vehicle
 from logparse.export import unit
 from logparse.serialization import plain
-from pipeline.results.flight import FlightResult, around
+from pipeline.results.flight import FlightResult
+from pipeline.results.span import around
 
 #: The names of both datasets, which are folders of the store.
 TABLES, EXPERIMENTS = "tables", "experiments"

@@ -12,8 +12,8 @@ from pipeline.flight.coverage import _distribution
 from pipeline.flight.craft import build_of
 from pipeline.flight.flight_parameters import SHARES
 from pipeline.results.entry import FlightEntry, FlightParameter
-from pipeline.results.flight import Span
 from pipeline.results.rotation import AxisRotation, FittedResponse, LoopMargins, RotationResult
+from pipeline.results.span import Span
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.loop import Margins
 from sysid.statistics.parameter import Parameter

@@ -13,7 +13,7 @@ from logparse.serialization import plain, restored
 from pipeline.flight.coverage import measure
 from pipeline.flight.excitation import _word
 from pipeline.results.coverage import QUANTITIES, Coverage
-from pipeline.results.flight import Span
+from pipeline.results.span import Span
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
 from simulation.papers import elhesasy2024

@@ -7,7 +7,7 @@ import pytest
 from logparse import LogError, read_flights, read_log
 from pipeline.execution.stages import NEXT_FLIGHT, overall
 from pipeline.flight.flight_health import assess_health
-from pipeline.results.flight import Span, around
+from pipeline.results.span import Span, around
 
 SHARED = Path(__file__).parents[3] / "shared" / "logs"
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"

@@ -8,8 +8,8 @@ import pytest
 
 import logparse
 from pipeline.flight.flight_health import assess_health, health_findings
-from pipeline.results.flight import Span
 from pipeline.results.health import FlightHealth
+from pipeline.results.span import Span
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
 FAULTS, PAIRS = SHARED / "faults", SHARED / "pairs"

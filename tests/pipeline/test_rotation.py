@@ -7,8 +7,8 @@ import pytest
 import logparse
 from pipeline.flight.advice.turning import turning as advise
 from pipeline.flight.rotation import find_rotation
-from pipeline.results.flight import Span
 from pipeline.results.rotation import LoopMargins, LoopState
+from pipeline.results.span import Span
 from pipeline.storage.kept import read_result, write_result
 from pipeline.storage.store import FolderStore
 from tests.pipeline.builders import margins, turning

@@ -12,7 +12,7 @@ import sysid
 from pipeline.fleet.drift import follow
 from pipeline.flight.flight_parameters import SHARES, motor_shares
 from pipeline.results.entry import FlightEntry, FlightParameter
-from pipeline.results.flight import Span
+from pipeline.results.span import Span
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
 from simulation.papers import elhesasy2024

@@ -12,11 +12,12 @@ from rich.console import Console
 from logparse import FlightEvent, Severity
 from pipeline.flight.answer import compose_answer
 from pipeline.results.answer import Picture, Tone
-from pipeline.results.flight import FlightResult, Span
+from pipeline.results.flight import FlightResult
 from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal
 from pipeline.results.loops import FlightLoops
 from pipeline.results.report import FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
+from pipeline.results.span import Span
 from reports.first_screen import first_figures
 from reports.fleet_report import in_short
 from reports.fleet_views import told

@@ -7,8 +7,8 @@ import pytest
 
 from logparse import FlightEvent, Severity
 from pipeline.flight.health_signals import thin
-from pipeline.results.flight import Span
 from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal, Spectrum
+from pipeline.results.span import Span
 from reports.health_figures import health_figures
 from reports.health_views import sentence, timeline
 from reports.html import flight_page

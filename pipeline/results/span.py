@@ -1,0 +1,33 @@
+"""A stretch of time of a log."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from logparse import Flight
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of time on the log's boot clock, s."""
+
+    start: float
+    stop: float
+
+    @property
+    def duration(self) -> float:
+        """Length in seconds."""
+        return self.stop - self.start
+
+
+def around(flight: Span | None, flights: Iterable[Span | Flight]) -> Span:
+    """Return from when to when a log is about one of its flights: with half of the time on the ground beside it."""
+    if flight is None:
+        return Span(-math.inf, math.inf)
+    before = max((each.stop for each in flights if each.stop <= flight.start), default=-math.inf)
+    after = min((each.start for each in flights if each.start >= flight.stop), default=math.inf)
+    return Span(0.5 * (before + flight.start), 0.5 * (flight.stop + after))
