@@ -31,10 +31,10 @@ class Desk:
     memory : int
         Bytes that the process may take.
     patience : float
-        Seconds for a question to wait for its turn and be answered.
+        Seconds for a question to wait for its turn and be answered; on a fresh machine the first compiles its kernels.
     """
 
-    def __init__(self, memory: int, patience: float = 30.0) -> None:
+    def __init__(self, memory: int, patience: float = 90.0) -> None:
         self._memory = memory
         self._patience = patience
         self._lock = threading.Lock()

@@ -63,7 +63,7 @@ def kill_at_random(service: Service, kills: int) -> tuple[int, int]:
 
 
 def _is_right(service: Service, address: str, content: bytes) -> bool:
-    answer = service.client.get(address).json()
+    answer = service.client.get(address, params={"include": "report"}).json()
     return (
         answer["state"] == "done"
         and answer["report"]["bytes"] == len(content)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import threading
 import typing
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,6 +13,9 @@ from typing import Any, TypeVar
 import msgspec
 
 T = TypeVar("T")
+
+#: What msgspec knows of a type it learns at its first use, and two threads that make it learn at once end the process.
+_learning = threading.RLock()
 
 
 def plain(value: object, text: Callable[[str], str] = str) -> Any:
@@ -37,10 +41,11 @@ def restored(value: object, kind: type[T]) -> T:
 
     None where the type wants a number becomes NaN: it was not finite, which JSON cannot say.
     """
-    try:
-        return msgspec.convert(value, kind)
-    except msgspec.ValidationError:
-        return msgspec.convert(_with_nan(value, kind), kind)
+    with _learning:
+        try:
+            return msgspec.convert(value, kind)
+        except msgspec.ValidationError:
+            return msgspec.convert(_with_nan(value, kind), kind)
 
 
 def cleaned(value: object, kind: type[T], text: Callable[[str], str] = str) -> T:
@@ -50,7 +55,8 @@ def cleaned(value: object, kind: type[T], text: Callable[[str], str] = str) -> T
 
 def lessened(value: object, kind: type[T]) -> T:
     """Return the part of a value that another type has, by the names of its fields."""
-    return msgspec.convert(value, kind, from_attributes=True)
+    with _learning:
+        return msgspec.convert(value, kind, from_attributes=True)
 
 
 def as_json(value: object, indent: int | None = 1) -> str:
@@ -60,10 +66,11 @@ def as_json(value: object, indent: int | None = 1) -> str:
 
 def from_json(content: str | bytes, kind: type[T]) -> T:
     """Read JSON as a type; ValueError where it is none, or of another."""
-    try:
-        return msgspec.json.decode(content, type=kind)
-    except msgspec.ValidationError:
-        return restored(msgspec.json.decode(content), kind)
+    with _learning:
+        try:
+            return msgspec.json.decode(content, type=kind)
+        except msgspec.ValidationError:
+            return restored(msgspec.json.decode(content), kind)
 
 
 def _unpacked(value: Any) -> Any:

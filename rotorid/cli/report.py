@@ -21,12 +21,12 @@ def report(
     from reports import terminal
     from reports.reading import read_report
 
-    page, numbers = out / "report.html", read_report(out)
-    if as_json:
+    page = out / "report.html"
+    if as_json:  # as it is, by whatever version
         typer.echo((out / "report.json").read_text("utf-8"), nl=False)
     else:
         stdout = console()
-        stdout.print(terminal.overview(numbers, stdout.width))
+        stdout.print(terminal.overview(read_report(out), stdout.width))
         stdout.print(f"\nReport: {page}", markup=False, soft_wrap=True)
     if open_page:
         if not page.is_file():

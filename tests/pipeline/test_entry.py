@@ -2,12 +2,14 @@
 
 import dataclasses
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from logparse import Finding, Severity
-from logparse.serialization import plain, restored
+from logparse.serialization import as_json, plain, restored
 from pipeline.flight.summary import TRACK_ROWS, flight_entry, partition
 from pipeline.results.entry import FlightEntry, GroupEntry
 from tests.reports.conftest import made_flight
@@ -24,6 +26,30 @@ def test_a_flight_survives_json():
     assert not entry.modelled
     assert "voltage" in entry.missing["thrust"]
     assert "not asked for" in entry.missing["motors"]
+
+
+#: Eight threads that read the same entry before anybody read one.
+TOGETHER = """
+import json, sys, threading
+from logparse.serialization import restored
+from pipeline.results.entry import FlightEntry
+content, gate = json.load(sys.stdin), threading.Barrier(8)
+sys.setswitchinterval(1e-6)
+def read():
+    gate.wait()
+    restored(content, FlightEntry)
+threads = [threading.Thread(target=read) for _ in range(8)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+"""
+
+
+def test_the_first_entries_may_be_read_by_several_threads_at_once():
+    """Half of all second runs over a folder ended by a segmentation fault."""
+    entry = as_json(flight_entry(FLIGHT, folder="a", source="a.bin", key="k"))
+    for _ in range(6):
+        run = subprocess.run([sys.executable, "-c", TOGETHER], input=entry, text=True, check=False)
+        assert run.returncode == 0
 
 
 def test_what_is_not_finite_is_none_and_costs_nothing():

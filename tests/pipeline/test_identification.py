@@ -11,7 +11,7 @@ from pipeline.flight.identification import identify
 from pipeline.flight.kinds import KINDS
 from reports import views
 from reports.model_views import orders
-from reports.numbers import model_numbers
+from reports.numbers import model_report
 from tests.reports.conftest import made_flight
 
 MOTORS = KINDS[0]
@@ -41,10 +41,10 @@ def test_orders_are_scanned_without_the_part_that_judges(scanned, parts):
     assert all(name.startswith(parts[0].name) for name in scanned.orders.held_out)
     # The craft is of second order in every axis.
     assert scanned.orders.recommended[0] == 2
-    view = orders(model_numbers(scanned, "own", "the rest"))
-    assert [row["label"] for row in view["rows"]][:2] == ["1 / 0", "2 / 0"]
-    assert sum(row["kind"] == "average" for row in view["rows"]) == 1
-    assert len(view["heads"]) == len(view["rows"][0]["cells"]) == 9
+    table = orders(model_report(scanned, "own", "the rest").orders)
+    assert [row.label for row in table.rows][:2] == ["1 / 0", "2 / 0"]
+    assert sum(row.kind == "average" for row in table.rows) == 1
+    assert len(table.heads) == len(table.rows[0].cells) == 9
 
 
 def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
@@ -57,7 +57,7 @@ def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
     assert (result.model, result.validation, result.predictions) == (None, None, ())
     assert result.missing == "two identical motors"
     assert stages.missing == {}
-    assert views.verdicts([model_numbers(result, "own", "the rest")]) == []
+    assert views.verdicts([model_report(result, "own", "the rest")]) == []
 
 
 def test_a_flight_lends_its_wind_to_the_part_that_judges(parts):
