@@ -6,8 +6,10 @@
   const problem = document.getElementById("problem");
   const said = document.getElementById("said");
 
-  // What says that the report is loading stands behind it, and would be read out for good.
-  document.querySelector("iframe")?.addEventListener("load", () => { document.querySelector(".loading").hidden = true; });
+  // What says that the report is loading stands behind it, and would be read out for good. The page has loaded when the
+  // report in it has; the report alone may have before this script is here.
+  const loading = document.querySelector(".loading");
+  if (loading) addEventListener("load", () => { loading.hidden = true; });
 
   // What a request of htmx failed of is withdrawn when one succeeds; what others put there stays.
   let ours = false;

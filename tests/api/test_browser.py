@@ -7,7 +7,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, Route, expect, sync_playwright
 
 from api import Settings, create_app
 from api.settings import Access
@@ -69,6 +69,18 @@ def test_a_log_becomes_a_report_and_its_files(page: Page, tmp_path: Path) -> Non
     with page.expect_download() as download:
         page.get_by_role("link", name="imu").click()
     assert download.value.path().read_bytes() == b"PAR1"
+
+
+def test_a_report_that_is_there_before_the_script_is_not_called_loading_for_good(page: Page) -> None:
+    choose(page, ("flight.bin", b"good flight"))
+    expect(page.locator("iframe")).to_be_visible()
+    held: list[Route] = []
+    page.route("**/pages.js*", lambda route: held.append(route))
+    page.goto(page.url, wait_until="commit")
+    expect(page.frame_locator("iframe").locator("html")).to_be_attached()
+    page.frame(name="report").wait_for_load_state()  # type: ignore[union-attr]
+    held[0].continue_()
+    expect(page.locator(".loading")).to_be_hidden()
 
 
 def test_several_logs_each_on_its_own(page: Page) -> None:
