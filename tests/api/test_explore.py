@@ -25,9 +25,9 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
         yield client
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def log(service: httpx.Client) -> str:
-    """Upload a log, unanalysed; give its address."""
+    """Upload a log, unanalysed; give its address. One test deletes it, so each has its own."""
     answer = service.post("/api/v1/logs", files={"file": (SAMPLE.name, SAMPLE.read_bytes())})
     assert answer.status_code == 201, answer.text
     return f"/api/v1/logs/{answer.json()['id']}"
