@@ -39,15 +39,18 @@ _WINDOW, _LOWEST, _AMPLITUDE, _PURITY, _UNASKED, _LASTING = 2.0, 2.0, np.radians
 _SLOWEST = 20.0
 
 
-def attitude_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
+def attitude_events(
+    tables: Tables, flights: tuple[Flight, ...], error: "pd.Series[float] | None"
+) -> Iterator[FlightEvent]:
     """Yield what went wrong with the attitude in flight.
 
     Parameters
     ----------
     tables : Tables
     flights : tuple of Flight
+    error : Series or None
+        As `attitude_error` gives it.
     """
-    error = attitude_error(tables)
     if error is not None:
         yield from _deviations(error, tables, flights)
     yield from _yaw(tables, flights)
@@ -187,7 +190,8 @@ def _oscillations(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fligh
         if f"w_{axis}" not in measured:
             continue
         flown = measured[f"w_{axis}"]
-        asked = measured.get(f"w_{axis}_ref", _turned(tables, name))
+        logged = measured.get(f"w_{axis}_ref")
+        asked = _turned(tables, name) if logged is None else logged
         rows = []
         for flight in flights:
             rows += _lines(flown, asked, flight.start + 1.0, flight.stop - 0.5)

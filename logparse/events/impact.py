@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.constants import g as standard_gravity
 
-from logparse.events.attitude import LOST, attitude_error
+from logparse.events.attitude import LOST
 from logparse.events.event import FlightEvent
 from logparse.events.reported import airborne
 from logparse.events.stretches import Array, stretches
@@ -36,13 +36,17 @@ class _Blow:
     force: float
 
 
-def impact_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
+def impact_events(
+    tables: Tables, flights: tuple[Flight, ...], error: "pd.Series[float] | None"
+) -> Iterator[FlightEvent]:
     """Yield falls, disarming in the air, crashes and hard landings.
 
     Parameters
     ----------
     tables : Tables
     flights : tuple of Flight
+    error : Series or None
+        Angle by which the thrust axis is off its target, as `logparse.events.attitude.attitude_error` gives it.
     """
     height = height_above_ground(tables)
     force = _force(tables)
@@ -53,7 +57,7 @@ def impact_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fligh
         if any(abs(event.t - fall.t) < 1.0 for event in dropped) or not _let_fall(fall, tables, flights):
             yield fall
     for flight in flights:
-        yield from _blows(force, tables, height, flight, [event.t for event in dropped])
+        yield from _blows(force, tables, height, error, flight, [event.t for event in dropped])
 
 
 def _force(tables: Tables) -> "pd.Series[float] | None":
@@ -139,6 +143,7 @@ def _blows(
     force: "pd.Series[float] | None",
     tables: Tables,
     height: "pd.Series[float] | None",
+    error: "pd.Series[float] | None",
     flight: Flight,
     dropped: list[float],
 ) -> Iterator[FlightEvent]:
@@ -152,7 +157,7 @@ def _blows(
     for first, last in stretches(t, values > BLOW, join=2.0):
         piece = (t >= first) & (t <= last)
         blow = _Blow(first, float(values[piece].max()))
-        crash, evidence = _how_bad(blow, flight, tables, height, dropped)
+        crash, evidence = _how_bad(blow, flight, tables, height, error, dropped)
         crash = crash and not _flew_on(height, last)
         if crash and not crashed:
             crashed = True
@@ -196,7 +201,12 @@ def _told(blow: _Blow, evidence: dict[str, str | int | float | bool]) -> str:
 
 
 def _how_bad(
-    blow: _Blow, flight: Flight, tables: Tables, height: "pd.Series[float] | None", dropped: list[float]
+    blow: _Blow,
+    flight: Flight,
+    tables: Tables,
+    height: "pd.Series[float] | None",
+    error: "pd.Series[float] | None",
+    dropped: list[float],
 ) -> tuple[bool, dict[str, str | int | float | bool]]:
     """Return whether a blow was a crash, and the evidence."""
     evidence: dict[str, str | int | float | bool] = {"force_m_s2": blow.force}
@@ -209,7 +219,6 @@ def _how_bad(
         if len(near):
             lean = float(np.max(np.arccos(np.cos(near["roll"]) * np.cos(near["pitch"]))))
             evidence["lean_rad"] = lean
-    error = attitude_error(tables)
     lost = False
     if error is not None:
         near_error = error.loc[blow.t - 1.5 : blow.t].dropna()

@@ -6,7 +6,7 @@ from itertools import chain
 
 import pandas as pd
 
-from logparse.events.attitude import attitude_events
+from logparse.events.attitude import attitude_error, attitude_events
 from logparse.events.battery import battery_events
 from logparse.events.event import FlightEvent
 from logparse.events.impact import impact_events
@@ -54,10 +54,11 @@ def flight_events(
     tuple of FlightEvent
         Events that only follow from a crash of the same flight are left out.
     """
+    error = attitude_error(tables)
     found = chain(
         reported_events(tables, flights),
-        attitude_events(tables, flights),
-        impact_events(tables, flights),
+        attitude_events(tables, flights, error),
+        impact_events(tables, flights, error),
         motor_events(tables, flights),
         navigation_events(tables, messages, flights),
         vibration_events(messages, flights),
