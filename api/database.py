@@ -100,7 +100,7 @@ class Database:
         return True
 
     def close(self) -> None:
-        """Give up the connections."""
+        """Close the connections."""
         self._engine.dispose()
 
 
@@ -126,7 +126,7 @@ def _sqlite_file(url: str) -> Path | None:
 
 
 def _make_private(file: Path | None) -> None:
-    """Let nobody but its user read a database file; SQLite gives the files beside it the same mode."""
+    """Make a database file readable by its user alone; SQLite gives the files beside it the same mode."""
     if file is None:
         return
     with suppress(OSError):  # SQLite says itself that it cannot be opened; and another user's file stays as it is

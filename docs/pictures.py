@@ -1,4 +1,4 @@
-"""Take the tutorial's pictures from the reports that its commands write.
+"""Save the tutorial's pictures from the reports that its commands write.
 
 Run the tutorial's commands first, then ``python docs/pictures.py out``. It opens the reports in the distribution's
 Chromium and writes ``docs/pictures/*.png``.
@@ -36,7 +36,7 @@ def picture(page: Page, name: str, first: Locator, last: Locator | None = None) 
 
 
 def main(out: Path) -> None:
-    """Take all pictures of the results in a folder."""
+    """Save all pictures of the results in a folder."""
     PICTURES.mkdir(exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])

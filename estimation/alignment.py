@@ -160,7 +160,7 @@ def _own(P: np.ndarray, x: np.ndarray, yaw_source: str) -> np.ndarray:
 
 
 def _under_way(tables: Tables, start: float, stop: float) -> bool:
-    """Tell whether motors or GPS speak against standing still: a hover on a calm day can be as steady as the ground."""
+    """Return whether motors or GPS speak against standing still: a calm hover can be as steady as the ground."""
     if tables.motors is not None:
         running = tables.motors.loc[start:stop].to_numpy(float)
         running = running[np.isfinite(running)]

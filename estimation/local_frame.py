@@ -16,7 +16,7 @@ EARTH_RATE = 7.292115e-5
 
 
 def is_simulated(parameters: Mapping[str, float]) -> bool:
-    """Tell whether a log was flown by the firmware's own simulator, from the parameters that only such a build has."""
+    """Return whether a log is of the firmware's own simulator, from the parameters that only such a build has."""
     return any(name.startswith("SIM_") for name in parameters)
 
 

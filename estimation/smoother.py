@@ -102,7 +102,7 @@ def filled_in(found: Estimates, *, smoothed: bool) -> Estimates:
 
 
 def filtered(result: ForwardPass) -> Estimates:
-    """Give the forward pass's own estimates of a piece, which know nothing of what comes after; see `smooth_piece`."""
+    """Return the forward pass's own estimates of a piece, from what came before alone; see `smooth_piece`."""
     slow = np.diagonal(result.sensor_rows[:, :, _kernels.SLOW :], axis1=1, axis2=2)
     nothing = np.empty((0, 2))
     unknown = np.full(len(result.innovation), np.nan)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import rich.table
 from rich.text import Text
@@ -29,10 +29,6 @@ class Table:
     rows: Sequence[Row]
     caption: str = ""
     groups: Sequence[str] = ()  #: Heads over equally many of `heads` each; empty for none.
-
-    def captioned(self, caption: str) -> Table:
-        """Return the table under another caption."""
-        return replace(self, caption=caption)
 
     def markdown(self) -> str:
         """Write the table as GitHub-flavoured Markdown, lines of kind "part" in bold."""

@@ -114,7 +114,7 @@ def _flights(flights: Sequence[FlightInShort], narrow: bool) -> Table:
 
 
 def _reasons(flights: Sequence[FlightInShort]) -> list[str]:
-    """Say why flights have no model, each reason once, numbers aside: ``No model: no GPS (march1 and 4 more)``."""
+    """Return why flights have no model, each reason once, numbers aside: ``No model: no GPS (march1 and 4 more)``."""
     names: dict[str, list[str]] = {}
     said: dict[str, str] = {}
     for flight in flights:

@@ -35,7 +35,7 @@ class Wind:
         return np.array([self.speed * math.cos(toward), self.speed * math.sin(toward), 0.0])
 
     def scales(self) -> tuple[np.ndarray, np.ndarray]:
-        """Give standard deviations [m/s] and lengths [m] of the gusts along the wind, across it and down, each (3,)."""
+        """Return standard deviations [m/s] and lengths [m] of gusts along the wind, across it and down, each (3,)."""
         h = self.height / _FEET
         shape = 0.177 + 0.000823 * h
         sigma_w = 0.1 * self.speed * self.gusts

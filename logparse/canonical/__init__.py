@@ -12,31 +12,16 @@ from logparse.findings import Finding, Severity
 from logparse.tables import COLUMNS, Tables
 from logparse.vehicle import Vehicle
 
-__all__ = ["build_tables", "gather_tables"]
+__all__ = ["gather_tables"]
 
 #: Messages that hold servo outputs.
 _OUTPUTS = ("RCOU", "MOT", "SERVO_OUTPUT_RAW", "actuator_outputs")
 
 
-def build_tables(
-    messages: Mapping[str, pd.DataFrame],
-    *,
-    format: str,  # noqa: A002 -- the public argument's name
-    parameters: Mapping[str, float],
-    vehicle: Vehicle,
-) -> tuple[Tables, tuple[Finding, ...]]:
-    """Build the canonical tables of one boot, and say what had to be left out or assumed for them.
-
-    Parameters are those of `gather_tables`.
-    """
-    tables, findings = gather_tables(messages, format=format, parameters=parameters, vehicle=vehicle)
-    return tables, findings()
-
-
 def gather_tables(
     messages: Mapping[str, pd.DataFrame],
     *,
-    format: str,  # noqa: A002
+    format: str,  # noqa: A002 -- the public argument's name
     parameters: Mapping[str, float],
     vehicle: Vehicle,
 ) -> tuple[Tables, Callable[[], tuple[Finding, ...]]]:

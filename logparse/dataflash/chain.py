@@ -226,7 +226,7 @@ class Chain:
         self._candidates[message_id] = row
 
     def runs(self, span: Span) -> tuple[Int64s, Int64s, Int64s]:
-        """Give the breaks within a span: message behind it counted from the span's first, its byte, the gap's byte."""
+        """Return the breaks within a span: message behind it counted from the span's first, its byte, the gap's."""
         a = int(np.searchsorted(self._run_index, span.first, "right" if span.first else "left"))
         b = int(np.searchsorted(self._run_index, span.last, "left"))
         return self._run_index[a:b] - span.first, self._run_position[a:b], self.gap_start[a:b]

@@ -195,7 +195,7 @@ def _refuse(problems: Mapping[str, str]) -> None:
 
 
 def _differing_dask(versions: Mapping[str, Any]) -> dict[str, str]:
-    """Say where Python or Dask differ from here, as `Client.get_versions` gives them: code would not arrive whole."""
+    """Return where Python or Dask differ from here, by `Client.get_versions`: code would not arrive whole."""
 
     def relevant(node: Mapping[str, Any]) -> dict[str, str]:
         packages = node["packages"]

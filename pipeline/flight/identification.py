@@ -80,7 +80,7 @@ def identify(
 
 
 def _coherence(fitted: Sequence[sysid.Experiment]) -> Coherence | str:
-    """Tell how much of the outputs answers to the inputs in what a model was fitted to, or why that cannot be told."""
+    """Return how much of the outputs answers to the inputs in what a model was fitted to, or why it is not known."""
     try:
         return coherence(fitted)
     except RotoridError as error:

@@ -166,7 +166,7 @@ def _transforms(signals: Floats, starts: NDArray[np.intp], phase: Complex) -> Co
 
 
 def _detrended(transform: Complex) -> Complex:
-    """Take mean and slope of a window out of its transform, which does to every window what detrending it does."""
+    """Remove mean and slope of a window from its transform, which does to every window what detrending it does."""
     size = len(transform)
     line = np.column_stack([np.ones(size), np.arange(size) - 0.5 * (size - 1)])
     line /= np.linalg.norm(line, axis=0)

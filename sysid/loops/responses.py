@@ -1,8 +1,6 @@
-"""Time responses of a loop: to a step of the rate or attitude target, to a disturbance, and to what was flown."""
+"""Responses of the closed loop to its targets, and how well they foretell what was flown."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,23 +12,6 @@ from sysid.loops.loop import RateLoop
 
 #: Windows [s] of flown manoeuvres, and the least standard deviation [rad/s] of the rate target in one.
 _WINDOW, _MOVING = 4.0, 0.08
-
-#: Samples of the frequency grid of time responses, Hz.
-_STEP_HZ, _HIGHEST = 0.02, 150.0
-
-
-@dataclass(frozen=True, slots=True)
-class Responses:
-    """Time responses over `t` [s], each of shape (n,).
-
-    `rate` to a unit step of the rate target, `attitude` to one of the attitude target (without input shaping), `gust`
-    the attitude [rad] after a unit step of angular acceleration [rad/s^2] of the air.
-    """
-
-    t: Floats
-    rate: Floats
-    attitude: Floats
-    gust: Floats
 
 
 def rate_transfer(loop: RateLoop) -> Complexes:
@@ -57,33 +38,6 @@ def attitude_bandwidth(loop: RateLoop) -> float:
     k = int(late[0])
     share = (np.radians(-135.0) - phase[k - 1]) / (phase[k] - phase[k - 1])
     return float(loop.hz[k - 1] * (loop.hz[k] / loop.hz[k - 1]) ** share)
-
-
-def time_responses(loop: RateLoop, duration: float = 2.0, points: int = 200) -> Responses:
-    """Compute step and disturbance responses from the frequency responses.
-
-    The step response of a stable system is ``2 / pi`` times the integral of ``Re T(w) sin(w t) / w``; below the
-    measured band T goes to its value at rest. A gust turns the craft without the lag of its motors: as 1 / s^2.
-    """
-    t = np.linspace(0.0, duration, points)
-    gust = 1.0 / (2j * np.pi * loop.hz) ** 2 / (1.0 + loop.response)
-    return Responses(
-        t=t,
-        rate=_step(t, loop.hz, rate_transfer(loop), 1.0),
-        attitude=_step(t, loop.hz, attitude_transfer(loop), 1.0),
-        gust=_step(t, loop.hz, gust, 0.0),
-    )
-
-
-def _step(t: Floats, hz: Floats, transfer: Complexes, at_rest: float) -> Floats:
-    grid = np.arange(0.5 * _STEP_HZ, _HIGHEST, _STEP_HZ)
-    real = np.interp(grid, hz, transfer.real, left=np.nan, right=np.nan)
-    low = grid < hz[0]
-    share = (grid[low] / hz[0]) ** 2
-    real[low] = at_rest + share * (transfer.real[0] - at_rest)
-    high = grid > hz[-1]
-    real[high] = transfer.real[-1] * (hz[-1] / grid[high]) ** 2
-    return np.asarray(2.0 / np.pi * np.sin(2.0 * np.pi * np.outer(t, grid)) @ (real / grid) * _STEP_HZ)
 
 
 def flown_fit(loop: RateLoop, log: FlightLog) -> float | None:

@@ -32,19 +32,9 @@ class Law(StrEnum):
     SPEED = "speed"
 
     @property
-    def thrust_unit(self) -> str:
-        """Unit of k."""
-        return "N at full command" if self is Law.COMMAND else "N s^2"
-
-    @property
     def specific_unit(self) -> str:
         """Unit of k/m."""
         return "m/s^2 at full command" if self is Law.COMMAND else "N s^2/kg"
-
-    @property
-    def torque_unit(self) -> str:
-        """Unit of b."""
-        return "N m at full command" if self is Law.COMMAND else "N m s^2"
 
 
 def column(record: Experiment, name: str) -> Floats:

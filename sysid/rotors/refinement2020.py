@@ -77,20 +77,6 @@ class Refinement2020Model(Summarised):
             "training": listed(self.training),
         }
 
-    @property
-    def units(self) -> dict[str, str]:
-        """Unit of each parameter."""
-        per = "" if self.law is Law.COMMAND else " per (rad/s)^2"
-        thrust = self.law.specific_unit
-        torque = "m/s^2 at full command" if self.law is Law.COMMAND else "N s^2/kg"
-        return {
-            "k": thrust,
-            "C": "1/m",
-            **dict.fromkeys(("Jx", "Jy", "Jz"), "m"),
-            "b": torque,
-            "b/Jz": "rad/s^2" + (per or " at full command"),
-        }
-
 
 def fit_refinement2020(
     experiments: Experiment | Sequence[Experiment],

@@ -71,7 +71,7 @@ class RotorModel(Summarised):
 
     name: str
     law: Law  #: Signal that explains thrust best: rotor speed or command.
-    common: ThrustCoefficient  #: For all motors; unit as `Law.specific_unit` and `Law.thrust_unit`.
+    common: ThrustCoefficient  #: For all motors; per mass in `Law.specific_unit`.
     per_motor: Mapping[str, ThrustCoefficient]
     thrust_expo: float  #: Curvature in use: the autopilot's, unless the flights clearly show another.
     expo: Parameter  #: Curvature as identified.

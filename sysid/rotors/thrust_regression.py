@@ -249,7 +249,7 @@ def weak_motors(per_motor: Mapping[str, ThrustCoefficient], air: float) -> list[
 
 
 def conditions_of(records: Sequence[Experiment]) -> tuple[Vehicle, float | None, list[Finding]]:
-    """Give the craft, the voltage at which its coefficients are to hold, and what is not known of them and the air."""
+    """Return the craft, the voltage at which its coefficients hold, and what is not known of them and the air."""
     vehicle, assumed = vehicle_of(records[0])
     voltage = reference_voltage(records)
     return vehicle, voltage, [*assumed, *_unknown_air(records, voltage)]

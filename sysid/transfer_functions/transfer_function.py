@@ -267,7 +267,7 @@ class TransferFunctionModel(Summarised):
         return result
 
     def from_rest(self, name: str) -> TransferFunctionModel:
-        """Give the model with the record of this name starting at rest at its output trim, for outputs not measured."""
+        """Return the model with this record starting at rest at its output trim, for outputs not measured."""
         states = dict.fromkeys(self.output_names, np.zeros(0))
         return replace(self, initial_states={**self.initial_states, name: states})
 

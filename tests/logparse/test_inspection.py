@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 
 from logparse import read_log
-from logparse.canonical import build_tables
 from logparse.flights import find_flights
 from logparse.inspection import inspect
 from logparse.serialization import plain
 from logparse.source import Boot
 from logparse.vehicle import describe
+from tests.logparse.builders import tables_of
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
 T = np.arange(0.0, 60.0, 0.1)
@@ -59,7 +59,7 @@ def flight_messages():
 def log_of(messages, parameters=None, kind="dataflash"):
     parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 1} | (parameters or {})
     vehicle = describe(messages, format=kind, parameters=parameters)
-    tables, findings = build_tables(messages, format=kind, parameters=parameters, vehicle=vehicle)
+    tables, findings = tables_of(messages, kind, parameters)
     flights = find_flights(tables)
     boot = Boot(0, 1, float(T[0]), float(T[-1]))
     return SimpleNamespace(

@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse.canonical import build_tables
 from logparse.tables import COLUMNS
-from logparse.vehicle import describe
+from tests.logparse.builders import tables_of
 
 QUAD = {"FRAME_CLASS": 1, "FRAME_TYPE": 1}
 
@@ -20,8 +19,7 @@ def message(t, units=None, **columns):
 
 
 def build(messages, parameters=QUAD, kind="dataflash"):
-    vehicle = describe(messages, format=kind, parameters=parameters)
-    return build_tables(messages, format=kind, parameters=parameters, vehicle=vehicle)
+    return tables_of(messages, kind, parameters)
 
 
 def reasons(findings):

@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse.canonical import build_tables
-from logparse.vehicle import describe
+from tests.logparse.builders import tables_of
 
 QUAD = {"SYS_AUTOSTART": 4001}
 
@@ -22,8 +21,7 @@ def topic(t, **columns):
 
 
 def build(messages, parameters=QUAD):
-    vehicle = describe(messages, format="ulog", parameters=parameters)
-    return build_tables(messages, format="ulog", parameters=parameters, vehicle=vehicle)
+    return tables_of(messages, "ulog", parameters)
 
 
 def outputs(*rows):

@@ -6,10 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse.canonical import build_tables
 from logparse.flights import find_flights
 from logparse.tables import COLUMNS
-from logparse.vehicle import describe
+from tests.logparse.builders import tables_of
 
 QUAD = {"FRAME_CLASS": 1, "FRAME_TYPE": 1}
 HOME = (47.0, 8.0, 488.0)
@@ -31,8 +30,7 @@ def heartbeats(t, armed=True, mode=4, sender=(1, 1), kind=2, autopilot=3):
 
 def build(messages, parameters=QUAD):
     messages = {"HEARTBEAT": heartbeats([0.0, 1.0])} | messages
-    vehicle = describe(messages, format="tlog", parameters=parameters)
-    return build_tables(messages, format="tlog", parameters=parameters, vehicle=vehicle)
+    return tables_of(messages, "tlog", parameters)
 
 
 def test_only_the_vehicle_speaks_for_the_vehicle():

@@ -245,7 +245,7 @@ def _axes(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -
 
 
 def _has_chirps(flight: FlightSummary) -> bool:
-    """Tell whether the firmware may have SYSTEMID mode: ArduCopter since 4.0; logs do not always tell their version."""
+    """Return whether the firmware may have SYSTEMID mode: ArduCopter since 4.0; not all logs hold their version."""
     version = re.search(r"(\d+)\.", str(flight.tune.get("firmware", "")))
     return flight.format != "ulog" and (version is None or int(version[1]) >= 4)
 
