@@ -1,5 +1,7 @@
 """``import rotorid as ro``: quick to import, every name there, results that show themselves, the README's example."""
 
+import importlib
+import pkgutil
 import re
 import subprocess
 import sys
@@ -9,7 +11,11 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
+import estimation
+import pipeline
 import rotorid as ro
+import sysid
+from logparse.summary import Summarised
 from pipeline.errors import ConfigError
 from sysid.records.experiment import Experiment, ExperimentError
 
@@ -79,6 +85,18 @@ def test_results_show_themselves_in_a_few_lines(log, halves, body):
         assert len(repr(result)) < 1500
         assert result._repr_html_().startswith("<table")
     assert "octa plus" in repr(log)
+
+
+def test_no_result_shows_its_arrays_instead_of_its_summary():
+    """A dataclass makes a `__repr__` of its own unless told not to, and hides the one it inherits."""
+    for package in (estimation, pipeline, sysid):
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            importlib.import_module(module.name)
+    results, found = [Summarised], set()
+    while results:
+        results += (subclasses := results.pop().__subclasses__())
+        found |= {each.__name__ for each in subclasses if each.__repr__ is not Summarised.__repr__}
+    assert not found
 
 
 def test_one_record_counts_as_a_list_of_one(halves):

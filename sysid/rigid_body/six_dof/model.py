@@ -71,7 +71,7 @@ UNITS: Mapping[str, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class SixDofModel(Summarised):
     """A craft that flies from its inputs alone."""
 
