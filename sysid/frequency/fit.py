@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from logparse.summary import Summarised, listed
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, POOR, cost
 from sysid.frequency.rational import RationalModel
@@ -38,8 +39,8 @@ _LEAST_MODE = (0.004, 0.02)
 _SIGNIFICANT, _MOST_NEGATIVE_DELAY = 3.0, -0.003
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrequencyFit:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class FrequencyFit(Summarised):
     """Parameters fitted to one or several frequency responses."""
 
     axes: tuple[str, ...]
@@ -110,13 +111,19 @@ class FrequencyFit:
             gyro_filter_hz=self.responses[which].gyro_filter_hz,
         )
 
-    def __repr__(self) -> str:
+    def summary(self) -> dict[str, str]:
+        """Return the structure, its cost J and the parameters."""
         parts = []
         for name, value in self.parameters.items():
             known = value.value is not None and value.sigma is not None
             parts.append(f"{name} {value.value:.4g} ± {value.sigma:.2g} {value.unit}" if known else f"{name} unknown")
         kinds = "; ".join(dict.fromkeys(structure.name for structure in self.structure))
-        return f"<FrequencyFit {', '.join(self.axes)} ({kinds}), J {self.cost:.1f}: {', '.join(parts)}>"
+        return {
+            "axes": listed(self.axes),
+            "structure": kinds,
+            "cost J": f"{self.cost:.1f}",
+            "parameters": listed(parts),
+        }
 
 
 def fit(

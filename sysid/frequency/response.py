@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import Finding
+from logparse.summary import Summarised
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -24,7 +25,7 @@ _OVER_FREQUENCY = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class FrequencyResponse:
+class FrequencyResponse(Summarised):
     """Output per input over frequency, with what it is worth.
 
     Errors of the complex response are circular: the real and the imaginary part of ``ln G``, which are gain and phase,
@@ -102,10 +103,12 @@ class FrequencyResponse:
     def _rows(self, keep: NDArray[np.bool_]) -> FrequencyResponse:
         return replace(self, **{name: getattr(self, name)[keep] for name in _OVER_FREQUENCY})
 
-    def __repr__(self) -> str:
+    def summary(self) -> dict[str, str]:
+        """Return what responds to what, and over which band it is known."""
         good = self.hz[self.usable]
-        worth = f"coherent from {good[0]:.2g} to {good[-1]:.3g} Hz" if len(good) else "nowhere coherent"
-        return (
-            f"<FrequencyResponse {self.axis}: {self.input} -> {self.output} [{self.unit}], {len(self.hz)} frequencies "
-            f"from {self.hz[0]:.2g} to {self.hz[-1]:.3g} Hz, {worth}, {self.method}, {self.duration:.0f} s>"
-        )
+        return {
+            "axis": self.axis,
+            "response": f"{self.input} → {self.output} [{self.unit}], {self.method}, {self.duration:.0f} s",
+            "band": f"{len(self.hz)} frequencies from {self.hz[0]:.2g} to {self.hz[-1]:.3g} Hz",
+            "coherent": f"from {good[0]:.2g} to {good[-1]:.3g} Hz" if len(good) else "nowhere",
+        }

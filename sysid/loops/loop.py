@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from logparse import FlightLog
+from logparse.summary import Summarised
 from sysid.frequency.excitation import Within
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.autopilot import read_settings
@@ -36,8 +37,8 @@ MARGINS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Margins:
+@dataclass(frozen=True, slots=True, repr=False)
+class Margins(Summarised):
     """Margins of a loop broken at the mixer, each with its standard error; None where the band shows none.
 
     `intervals` holds the 95 % interval of each that is known; `unstable` is the part of the responses that the data
@@ -53,17 +54,15 @@ class Margins:
     stable: bool
     unstable: float
 
-    def __repr__(self) -> str:
-        parts = [
-            f"{name} {e.value:.3g} +- {e.sigma:.2g} {e.unit}"
-            for name in MARGINS
-            if (e := getattr(self, name)).value is not None
-        ]
-        return f"<Margins: {', '.join(parts)}; {'stable' if self.stable else 'UNSTABLE'}>"
+    def summary(self) -> dict[str, str]:
+        """Return each margin that the band shows, and whether the loop is stable."""
+        found = {name: e for name in MARGINS if (e := getattr(self, name)).value is not None}
+        told = {name: f"{e.value:.3g} ± {e.sigma:.2g} {e.unit}" for name, e in found.items()}
+        return {"loop": "stable" if self.stable else "UNSTABLE"} | told
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class RateLoop:
+class RateLoop(Summarised):
     """One axis' rate and angle loop around an identified craft."""
 
     name: str  #: The log or logs.
@@ -151,12 +150,14 @@ class RateLoop:
         """Return the loop with the settings of another flight."""
         return replace(self, settings=settings)
 
-    def __repr__(self) -> str:
+    def summary(self) -> dict[str, str]:
+        """Return the axis, its gains and band, and its margins."""
         c = self.settings.controller
-        return (
-            f"<RateLoop {self.axis} of {self.name}: P {c.P:.4g}, I {c.I:.4g}, D {c.D:.4g}, "
-            f"{self.hz[0]:.2g} to {self.hz[-1]:.3g} Hz; {self.margins!r}>"
-        )
+        return {
+            "axis": f"{self.axis} of {self.name}, {self.hz[0]:.2g} to {self.hz[-1]:.3g} Hz",
+            "gains": f"P {c.P:.4g}, I {c.I:.4g}, D {c.D:.4g}",
+            **self.margins.summary(),
+        }
 
 
 def rate_loop(log: FlightLog | Sequence[FlightLog], axis: str, within: Within | None = None) -> RateLoop:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import FlightLog, RotoridError
+from logparse.summary import Summarised, listed
 from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
 from sysid.loops.evidence import limited_chirp, oscillation, two_ways_apart, unfit_log
@@ -44,7 +45,7 @@ AS_PREDICTED, BETTER, WORSE = "as predicted", "better", "worse: restore rollback
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Proof:
+class Proof(Summarised):
     """Predicted against measured."""
 
     #: Names of the logs.
@@ -71,10 +72,10 @@ class Proof:
                 found.setdefault(str(row["axis"]), []).append(f"{float(row['measured']):.2g} {name}")
         return {axis: " and ".join(margins) for axis, margins in found.items()}
 
-    def __repr__(self) -> str:
-        if self.refused is not None:
-            return f"<Proof refused: {self.refused}>"
-        return f"<Proof of {', '.join(self.after)} by {', '.join(self.before)}: {self.verdict}\n{self.table.round(3)}>"
+    def summary(self) -> dict[str, str]:
+        """Return the flights and the verdict."""
+        flights = {"predicted from": listed(self.before), "measured on": listed(self.after)}
+        return flights | ({"verdict": self.verdict} if self.refused is None else {"refused": self.refused})
 
 
 def prove(before: FlightLog | Sequence[FlightLog], after: FlightLog | Sequence[FlightLog]) -> Proof:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import FlightLog, RotoridError
+from logparse.summary import Summarised, listed
 from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
 from sysid.loops.evidence import (
@@ -104,7 +105,7 @@ class AxisTuning:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Tuning:
+class Tuning(Summarised):
     """Proposed parameters, the way back, and the reasons."""
 
     logs: tuple[str, ...]
@@ -158,11 +159,12 @@ class Tuning:
             "first flight: hover low, be ready to load rollback.param; then `rotorid prove`",
         )
 
-    def __repr__(self) -> str:
+    def summary(self) -> dict[str, str]:
+        """Return the logs and what is proposed, or why nothing is."""
         if self.refused is not None:
-            return f"<Tuning refused: {self.refused}>"
-        values = ", ".join(f"{name} {self.rollback[name]:.4g} -> {value:.4g}" for name, value in self.proposed.items())
-        return f"<Tuning of {', '.join(self.logs)}: {values}>"
+            return {"logs": listed(self.logs), "refused": self.refused}
+        changes = [f"{name} {self.rollback[name]:.4g} → {value:.4g}" for name, value in self.proposed.items()]
+        return {"logs": listed(self.logs), "proposed": listed(changes, most=4)}
 
 
 def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") -> Tuning:
