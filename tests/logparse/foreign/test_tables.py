@@ -242,6 +242,38 @@ def test_damage_is_cut_out_or_mended_and_named(kind, finding, column):
     assert np.allclose(np.diff(read.t), 1 / RATE)
 
 
+@pytest.mark.parametrize("rows", [4, -10])
+@pytest.mark.parametrize(
+    ("group", "told"),
+    [("vx vy vz", "vx vy vz"), ("wx wy wz", "wx wy wz"), ("qx qy qz qw", "wx wy wz"), ("x y z", "vx vy vz")],
+)
+def test_columns_of_another_clock_are_named_with_their_shift(group, told, rows):
+    """Either column of a pair may be the late one; the sentence says which is late against which."""
+    frame = table()
+    frame[group.split()] = frame[group.split()].shift(rows).bfill().ffill()
+    [found] = [each for each in read_motion(frame, columns()).findings if each.id == "table-time-shift"]
+    late = rows if group == told else -rows
+    assert found.evidence["column"] == told.replace(" ", ", ")
+    # Positions here are running sums of velocities, which are half a sample late.
+    assert found.evidence["seconds"] == pytest.approx(late / RATE, abs=0.6 / RATE)
+    assert ("later" if late > 0 else "earlier") in found.reason
+
+
+def test_an_attitude_of_another_clock_is_named_where_there_are_no_rates():
+    frame = table()
+    frame[["qx", "qy", "qz", "qw"]] = frame[["qx", "qy", "qz", "qw"]].shift(6).bfill()
+    description = columns()
+    del description["rates"]
+    [found] = [each for each in read_motion(frame, description).findings if each.id == "table-time-shift"]
+    assert found.evidence["column"] == "qx, qy, qz, qw"
+    assert found.evidence["seconds"] == pytest.approx(0.06, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_clock_raises_nothing(seed):
+    assert not [each for each in read_motion(table(seed=seed), columns()).findings if each.id == "table-time-shift"]
+
+
 def test_signs_of_quaternions_may_change_at_any_sample():
     """Opposite quaternions are one attitude; recorders that keep w positive flip signs in the middle of a turn."""
     frame, clean = table(), read_motion(table(), columns())

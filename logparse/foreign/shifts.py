@@ -1,0 +1,137 @@
+"""Whether the columns of a table share one clock: velocity with position, rates with attitude, lean with acceleration.
+
+Recorders stamp what arrives late as if it were new. A shift of some hundredths of a second is no contradiction that a
+correlation shows, yet it turns a damped mode into an undamped one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.constants import g as standard_gravity
+from scipy.spatial.transform import Rotation
+
+from logparse.findings import Finding, Severity
+from logparse.foreign.columns import ColumnMap
+
+Floats = npt.NDArray[np.float64]
+
+#: Largest shift that is looked for, and the smallest that is told, s; below one sample nothing is.
+_FARTHEST, _LEAST = 0.5, 0.015
+
+#: Parts of a record that must agree on a shift, and how many of their own standard errors it must have.
+_PARTS, _SURE = 4, 4.0
+
+#: Part of a signal's variance that the other explains at the best shift, and how much more is left without a shift.
+_EXPLAINED, _WORSE = 0.6, 1.02
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """How much later one signal stands in the table than another that it should equal."""
+
+    seconds: float
+    sigma: float
+    #: Variance left without the shift over that left with it.
+    gain: float
+
+
+def check_shifts(
+    declared: ColumnMap, position: Floats, velocity: Floats, quaternion: Floats, rates: Floats, dt: float
+) -> list[Finding]:
+    """Name the columns that stand later or earlier in the table than others of the same motion.
+
+    Parameters
+    ----------
+    declared : ColumnMap
+    position, velocity : ndarray, shape (N, 3)
+        NED, m and m/s.
+    quaternion : ndarray, shape (N, 4)
+        Body to NED, scalar first.
+    rates : ndarray, shape (N, 3)
+        rad/s.
+    dt : float
+        s.
+    """
+    rotation = Rotation.from_quat(quaternion, scalar_first=True)
+    findings: list[Finding] = []
+    if declared.velocity is not None:
+        moved = np.gradient(position, dt, axis=0)
+        findings += _told(declared.velocity.columns, declared.position.columns, find_shift(moved, velocity, dt), dt)
+    if declared.rates is not None:
+        turn = (rotation[:-2].inv() * rotation[2:]).as_rotvec() / (2.0 * dt)
+        late = find_shift(turn, rates[1:-1], dt)
+        findings += _told(declared.rates.columns, declared.attitude.columns, late, dt)
+    # Elevons and other surfaces push sideways as they turn the craft, which looks like a shift.
+    if not findings and not declared.inputs:
+        # Thrust along the rotors' axis over its vertical part, which holds the weight and what climbs.
+        acceleration = np.gradient(velocity, dt, axis=0)
+        axis = rotation.apply(np.array([0.0, 0.0, -1.0]))
+        lean = (standard_gravity - acceleration[:, 2:]) * axis[:, :2] / np.maximum(-axis[:, 2:], 0.2)
+        late = find_shift(acceleration[:, :2], lean, dt, beside=velocity[:, :2])
+        findings += _told(declared.attitude.columns, declared.position.columns, late, dt)
+    return findings
+
+
+def find_shift(truth: Floats, signal: Floats, dt: float, beside: Floats | None = None) -> Shift | None:
+    """Estimate by how much `signal` is late; None where parts of the record disagree or it does not follow at all.
+
+    Parameters
+    ----------
+    truth, signal : ndarray, shape (N, k)
+    dt : float
+        s.
+    beside : ndarray, shape (N, k), optional
+        What else the truth depends on without a shift, such as the velocity that makes drag.
+    """
+    reach = round(_FARTHEST / dt)
+    parts = np.array_split(np.arange(reach, len(truth) - reach), _PARTS)
+    if len(parts[0]) < 4 * reach:
+        return None
+    found = []
+    for rows in parts:
+        late = np.lib.stride_tricks.sliding_window_view(
+            signal[rows[0] - reach : rows[-1] + 1 + reach], len(rows), axis=0
+        )
+        left = _left(truth[rows], late, None if beside is None else beside[rows])
+        at = int(np.argmin(left))
+        if not 0 < at < len(left) - 1 or left[at] > 1.0 - _EXPLAINED:
+            return None
+        bend = left[at - 1] - 2.0 * left[at] + left[at + 1]
+        between = 0.5 * (left[at - 1] - left[at + 1]) / bend if bend > 0.0 else 0.0
+        found.append(((at - reach + between) * dt, left[reach] / max(left[at], 1e-12)))
+    seconds, gains = np.array(found).T
+    sigma = float(seconds.std(ddof=1) / np.sqrt(len(seconds)))
+    return Shift(float(seconds.mean()), sigma, float(np.median(gains)))
+
+
+def _left(truth: Floats, signals: Floats, beside: Floats | None) -> Floats:
+    """Part of the truth's variance, (S,), that each of the shifted signals leaves, (S, k, N), over all axes."""
+    left, total = np.zeros(len(signals)), 0.0
+    for axis in range(truth.shape[1]):
+        known = [np.ones(len(truth)), np.linspace(-1.0, 1.0, len(truth))]
+        base, _ = np.linalg.qr(np.column_stack([*known, beside[:, axis]] if beside is not None else known))
+        y, x = truth[:, axis] - base @ (base.T @ truth[:, axis]), signals[:, axis]
+        x = x - (x @ base) @ base.T
+        squares = float(y @ y)
+        left += squares - (x @ y) ** 2 / np.maximum((x**2).sum(axis=1), 1e-300)
+        total += squares
+    return left / max(total, 1e-300)
+
+
+def _told(late: tuple[str, ...], other: tuple[str, ...], shift: Shift | None, dt: float) -> list[Finding]:
+    if shift is None or abs(shift.seconds) < max(_LEAST, dt, _SURE * shift.sigma) or shift.gain < _WORSE:
+        return []
+    names, way = ", ".join(late), "later" if shift.seconds > 0.0 else "earlier"
+    return [
+        Finding(
+            "table-time-shift",
+            Severity.WARNING,
+            f"columns {names}: they stand {abs(shift.seconds):.3f} ± {shift.sigma:.3f} s {way} in the table than "
+            f"{', '.join(other)}",
+            "export both on one clock, or shift one of them by this time; delays and damping of models err by as much",
+            {"column": names, "seconds": shift.seconds, "sigma": shift.sigma},
+        )
+    ]
