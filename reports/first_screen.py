@@ -8,13 +8,28 @@ from typing import Any
 import numpy as np
 
 from pipeline.results.answer import Picture
-from pipeline.results.flight import FlightResult, ModelResult, Prediction
-from reports.figure import Figure, Trace, band, layout_of, limit_line, line, margin, model_color, short, time_axis
+from pipeline.results.flight import FlightResult
+from pipeline.results.span import Span
+from reports.figure import (
+    Figure,
+    Trace,
+    band,
+    band_label,
+    layout_of,
+    limit_line,
+    line,
+    margin,
+    model_color,
+    short,
+    time_axis,
+)
 from reports.flight_figures import altitude, track
 from reports.health_figures import attitude_figure
 
 _HEIGHT = 270
 _SIDE_HEIGHT = 330
+#: Width of a letter above a plot, as a part of the plot's width.
+_LETTER = 0.012
 _PLACES = {"x": "north x", "y": "east y", "z": "up z"}
 _CAPTIONS = {
     "motors": "Motor outputs (µs): who parts from the others, and when; limits dashed.",
@@ -56,12 +71,31 @@ def _matters(result: FlightResult) -> Figure | None:
         return None
     layout = dict(drawn.layout)
     if around is not None:
-        layout["xaxis"] = layout["xaxis"] | {"range": [around.start, around.stop]}
+        layout["annotations"] = [*layout.get("annotations", ()), *_names(result, around)]
+        layout["xaxis"] = layout["xaxis"] | {"range": [around.start, _end(drawn, around.stop)]}
     caption = _CAPTIONS.get(str(picture), drawn.caption)
     # A stretch of its own must not pull the other plots along, nor be pulled by them.
     return replace(
         drawn, id=f"first-{picture}", height=_HEIGHT, layout=layout, caption=caption, time=drawn.time and around is None
     )
+
+
+def _names(result: FlightResult, around: Span) -> list[dict[str, Any]]:
+    """Name the events above their lines, as many as do not cover each other."""
+    names: list[dict[str, Any]] = []
+    free = around.start
+    for event in () if result.health is None else result.health.notable:
+        if free <= event.t <= around.stop:
+            text = event.id.replace("-", " ")
+            names.append(band_label(Span(event.t, event.t), text))
+            free = event.t + _LETTER * len(text) * around.duration
+    return names
+
+
+def _end(figure: Figure, stop: float) -> float:
+    """Return where a stretch of time ends that is drawn: a crash ends many lines, and nothing is to be seen after."""
+    last = max((float(trace["x"][-1]) for trace in figure.data if len(trace["x"])), default=stop)
+    return min(stop, last + 0.3)
 
 
 def _motors(result: FlightResult) -> Figure | None:
@@ -105,10 +139,11 @@ def _happened(result: FlightResult) -> list[dict[str, Any]]:
 
 def _prediction(result: FlightResult) -> Figure | None:
     """Draw measured position and the free run of the model with the least error, on what it was not fitted to."""
-    chosen = _best(result)
-    if chosen is None:
+    key = "" if result.answer is None else result.answer.model
+    model = next((each for each in result.models if each.key == key and each.predictions), None)
+    if model is None:
         return None
-    model, part = chosen
+    part = next((each for each in model.predictions if not each.training), model.predictions[0])
     outputs = part.experiment.output_names
     row = 1.0 / len(outputs)
     data: list[Trace] = []
@@ -134,19 +169,6 @@ def _prediction(result: FlightResult) -> Figure | None:
     axes["xaxis"] = time_axis(part.span) | {"anchor": f"y{len(outputs)}" if len(outputs) > 1 else "y"}
     shapes = [] if not part.training else [band(part.span, "@band", 1.0)]
     layout = layout_of(**axes, shapes=shapes)
-    where = "fitted" if part.training else "held-out"
-    caption = f"Position on the {where} part: measured, and predicted from inputs alone."
+    where = "fitted to" if part.training else "held out"
+    caption = f"Position in the part of the flight {where}: measured, and free run of the model from its inputs alone."
     return Figure("first-prediction", caption, data, layout, _HEIGHT, time=False)
-
-
-def _best(result: FlightResult) -> tuple[ModelResult, Prediction] | None:
-    """Choose the model whose free run errs least over the axes, and its held-out part where there is one."""
-    runs = [(model, part) for model in result.models for part in model.predictions]
-    judged = [run for run in runs if not run[1].training] or runs
-
-    def error(run: tuple[ModelResult, Prediction]) -> float:
-        squared = (run[1].experiment.y - run[1].y_hat) ** 2
-        finite = np.isfinite(squared)
-        return float(np.sqrt(np.mean(squared[finite]))) if finite.all() and finite.size else np.inf
-
-    return min(judged, key=error, default=None)

@@ -9,6 +9,7 @@ from pipeline.results.report import CraftReport, FleetReport
 from reports import fleet_views, summary
 from reports.craft_views import average_table
 from reports.drift_views import drift_sentences
+from reports.fleet_answer import fleet_answer
 from reports.table import Row, Table, escaped
 
 _MARKS = {"yes": "✅", "limited": "⚠️", "no": "❌", "unknown": "❔"}
@@ -22,8 +23,7 @@ def fleet_markdown(numbers: FleetReport) -> str:
     for craft in numbers.groups:
         lines += _craft(craft, len(numbers.groups) > 1)
     if not numbers.groups:
-        lines += [fleet_views.told(numbers), ""]
-        lines += [fleet_views.ALONE, "", *_flights(numbers), ""] if numbers.flights else []
+        lines += [*_answer(numbers), *_flights(numbers), ""] if numbers.flights else ["No log gave a flight.", ""]
     worrying = [finding for finding in numbers.findings if finding.severity != "info"]
     if worrying:
         lines += ["**Health of the logs**", ""]
@@ -40,6 +40,13 @@ def fleet_markdown(numbers: FleetReport) -> str:
         lines += [*_more(failures, "logs"), ""]
     lines.append(f"<sub>rotorid {numbers.rotorid}; all numbers are in report.json, plots in report.html.</sub>")
     return "\n".join(lines) + "\n"
+
+
+def _answer(numbers: FleetReport) -> Iterator[str]:
+    for shown in fleet_answer(numbers):
+        parts = [part for part in (f"**{shown.line.word}**", shown.number, shown.line.text) if part]
+        yield escaped(f"{shown.line.purpose}: {' '.join(parts)}") + "  "
+    yield ""
 
 
 def _craft(craft: CraftReport, titled: bool) -> Iterator[str]:

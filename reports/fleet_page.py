@@ -21,14 +21,18 @@ from reports.details import settings
 from reports.drift_figures import drift_figures
 from reports.drift_views import drift_sentences, drift_table
 from reports.figure import Figure
+from reports.fleet_answer import fleet_answer
 from reports.fleet_views import FlightRow, ShownFinding
 from reports.model_figures import horizon_figure
 from reports.model_views import identified, judgements, thrust_coefficients
 from reports.parameter_views import coherence, parameters
+from reports.summary import ShownAnswer
 from reports.table import Table
 
 #: Tables of more flights are folded.
 MOST_UNFOLDED = 60
+_FIRST_HEIGHT = 430
+_AHEAD = "Error of predictions on flights held out; grey: without a model."
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +52,8 @@ class FleetPage:
     title: str
     facts: str
     crafts: Sequence[CraftSection]
-    alone: Sequence[str]  #: Said instead where no craft was fitted jointly.
-    endangered: Sequence[str]  #: Flights that were in danger, and why.
-    told: str  #: How many flights were healthy, and what they tell.
+    answer: Sequence[ShownAnswer]  #: The first screen, a line for each purpose.
+    first_figures: Sequence[Figure]  #: What matters most of the craft with most flights.
     health: Table | None
     flights: Sequence[FlightRow]
     unfolded: bool  #: Whether the table of flights is short enough to stand open.
@@ -78,15 +81,20 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
         section, drawn = _section(each, place, pages)
         figures += drawn
         sections.append(section)
+    first = [
+        replace(each.ahead, id="first-ahead", height=_FIRST_HEIGHT, caption=_AHEAD)
+        for each in sections[:1]
+        if each.ahead
+    ]
+    figures = [*first, *figures]
     serious, notes = fleet_views.common_findings(numbers)
     page = FleetPage(
         numbers=numbers,
         title=fleet_views.title(numbers),
         facts=fleet_views.facts(numbers),
         crafts=sections,
-        alone=[fleet_views.ALONE] if numbers.flights else [],
-        endangered=fleet_views.endangered(numbers),
-        told=fleet_views.told(numbers),
+        answer=fleet_answer(numbers),
+        first_figures=first,
         health=fleet_views.health_table(numbers),
         flights=fleet_views.flight_rows(numbers, pages),
         unfolded=len(numbers.flights) <= MOST_UNFOLDED,

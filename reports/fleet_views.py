@@ -8,7 +8,6 @@ from urllib.parse import quote
 
 from logparse import Severity
 from logparse.quantity import counted, duration, number
-from pipeline.results.answer import Tone
 from pipeline.results.model_report import ModelInShort
 from pipeline.results.report import FleetReport, FlightInShort
 from pipeline.results.verdict import Trust
@@ -16,11 +15,6 @@ from reports import summary
 from reports.summary import BriefAnswer
 from reports.table import Row, Table
 from reports.views import rmse_lines
-
-#: Flights in danger that the first screen names.
-MOST_ENDANGERED = 3
-#: Where there are flights but no craft.
-ALONE = "No craft has two usable flights here, so there is no joint model; every flight stands for itself."
 
 
 def links(flights: Sequence[FlightInShort]) -> dict[str, str]:
@@ -65,17 +59,6 @@ def facts(numbers: FleetReport) -> str:
 def _logs(numbers: FleetReport) -> int:
     """Count the files that flights are of."""
     return len({flight.log.sha256 for flight in numbers.flights})
-
-
-def endangered(numbers: FleetReport) -> list[str]:
-    """Name the flights that were in danger, and why; most are counted."""
-    bad = [
-        f"{flight.name}: {shown.number} {shown.line.text}"
-        for flight in numbers.flights
-        if (shown := summary.answers(flight.answer).get("Healthy")) is not None and shown.line.tone is Tone.BAD
-    ]
-    more = [f"and {len(bad) - MOST_ENDANGERED} more"] if len(bad) > MOST_ENDANGERED else []
-    return [*(summary.sentence(each) for each in bad[:MOST_ENDANGERED]), *more]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,34 +127,6 @@ def _flight_row(
 
 def _digits(value: float | None) -> str:
     return "–" if value is None else number(value, 2)
-
-
-def told(numbers: FleetReport) -> str:
-    """Report how many flights were healthy, and how many tell something of the craft."""
-    if not numbers.flights:
-        return "No log gave a flight."
-    said = [summary.answers(flight.answer) for flight in numbers.flights]
-
-    def count(purpose: str, *tones: Tone) -> int:
-        return sum(purpose in each and (each[purpose].line.tone in tones if tones else True) for each in said)
-
-    healthy = [
-        f"{many} {word}"
-        for many, word in (
-            (count("Healthy", Tone.GOOD), "healthy"),
-            (count("Healthy", Tone.CARE), "to look into"),
-            (count("Healthy", Tone.BAD), "in danger"),
-        )
-        if many
-    ]
-    known = {
-        "thrust": sum(flight.thrust is not None for flight in numbers.flights),
-        "how the attitude follows": sum("Loops" in each and each["Loops"].line.value is not None for each in said),
-        "a model that predicts some time ahead": count("Predict ahead", Tone.GOOD, Tone.CARE),
-    }
-    tells = [f"{what} by {many}" for what, many in known.items() if many]
-    text = f"Of {counted(len(said), 'flight')}: {', '.join(healthy) or 'the health of none is known'}."
-    return text + (f" Told: {', '.join(tells)}." if tells else "")
 
 
 def health_table(numbers: FleetReport) -> Table | None:

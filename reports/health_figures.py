@@ -22,8 +22,8 @@ _CAPTIONS = {
     "attitude": "Attitude asked for (blue) and flown (dark). They should lie on each other; where they part, the craft "
     "could not do what was asked.",
     "rates": "Angular rates asked for (blue) and flown (dark), as the rate controller saw them.",
-    "vibration": "Vibration as the autopilot measures it (VIBE). Above 30 m/s² the estimate of height suffers; above "
-    "60 nearly always.",
+    "vibration": "Vibration as the autopilot measures it. Above the lower dashed line the estimate of height may "
+    "suffer, above the upper it nearly always does.",
     "battery": "Battery. Voltage should fall slowly; dips show load beyond what the battery can give.",
     "estimator": "Test ratios of the estimator: innovations over what it expects. Above 1 a measurement is refused.",
     "gps": "What the GPS receiver says of its own quality.",

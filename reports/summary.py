@@ -1,6 +1,7 @@
 """The answer first: what a log is and what was identified from it, in sentences for the top of a report."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -82,13 +83,14 @@ def brief(answer: Answer | None) -> BriefAnswer:
     said = answers(answer)
     healthy, loops, ahead = (said.get(purpose) for purpose in ("Healthy", "Loops", "Predict ahead"))
     return BriefAnswer(
-        healthy=Brief() if healthy is None else _happened(healthy),
+        healthy=Brief() if healthy is None else brief_health(healthy),
         loops=Brief() if loops is None or not loops.number else _followed(loops),
         ahead=Brief() if ahead is None or ahead.line.value is None else Brief(ahead.number, ahead.line.tone),
     )
 
 
-def _happened(shown: ShownAnswer) -> Brief:
+def brief_health(shown: ShownAnswer) -> Brief:
+    """Return what happened in as few words as a table has room for."""
     line = shown.line
     named = line.tone in (Tone.BAD, Tone.CARE)
     return Brief(f"{shown.number} {line.text}".split(";")[0].strip() if named else line.word, line.tone)
@@ -262,6 +264,11 @@ def left_out(numbers: FleetReport) -> list[str]:
 def _named(files: list[str]) -> str:
     more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
     return f"{', '.join(files[:MOST_NAMED])}{more}"
+
+
+def clause(reason: str) -> str:
+    """Return the first clause of a reason; the whole stands further down."""
+    return re.split(r"[:;(]|\. ", reason, maxsplit=1)[0].strip().rstrip(".")
 
 
 def sentence(text: str) -> str:

@@ -1,6 +1,7 @@
 """Vibration beyond ArduPilot's limits, and accelerometers that hit their range."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -10,16 +11,57 @@ from logparse.events.stretches import stretches, within
 from logparse.findings import Severity
 from logparse.flights import Flight
 
-#: Vibration [m/s^2] that may spoil the estimate, and that nearly always does.
-ACCEPTABLE, HARMFUL = 30.0, 60.0
 _CLIP_SOURCE = "ArduPilot wiki, Measuring Vibration: clipping should stay at zero"
-_SOURCE = "ArduPilot wiki, Measuring Vibration: below 30 m/s^2 normally acceptable, above 60 nearly always problems"
 #: Pauses [s] within one stretch, and shortest stretch [s].
 _PAUSE, _SHORTEST = 5.0, 0.5
 
 
+@dataclass(frozen=True, slots=True)
+class VibrationLevels:
+    """What an autopilot itself measures of vibration, and from where on it is too much."""
+
+    frame: pd.DataFrame  #: As logged, of all sensors.
+    axes: tuple[str, ...]  #: Columns by axis of the body; a single one is of no axis.
+    number: int  #: Sensor, 1 for the first, where the frame does not tell.
+    #: Vibration [m/s^2] that may spoil the estimate, and that nearly always does.
+    acceptable: float
+    harmful: float
+    source: str
+
+
+_ARDUPILOT = (
+    30.0,
+    60.0,
+    "ArduPilot wiki, Measuring Vibration: below 30 m/s^2 normally acceptable, above 60 nearly always problems",
+)
+_PX4 = (4.905, 9.81, "PX4 Flight Review, accel_vibration_metric: good below 4.905 m/s^2, bad above 9.81")
+
+
+def vibration_levels(messages: Mapping[str, pd.DataFrame]) -> tuple[VibrationLevels, ...]:
+    """Return what the log holds of vibration: VIBE, VIBRATION, or of PX4 vehicle_imu_status.
+
+    Parameters
+    ----------
+    messages : mapping of str to DataFrame
+        As logged.
+    """
+    for name, axes in (
+        ("VIBE", ("VibeX", "VibeY", "VibeZ")),
+        ("VIBRATION", ("vibration_x", "vibration_y", "vibration_z")),
+    ):
+        if name in messages and set(axes) <= set(messages[name].columns):
+            return (VibrationLevels(messages[name], axes, 1, *_ARDUPILOT),)
+    metric = "accel_vibration_metric"
+    names = ["vehicle_imu_status", *(f"vehicle_imu_status_{k}" for k in range(1, 4))]
+    return tuple(
+        VibrationLevels(messages[name], (metric,), number, *_PX4)
+        for number, name in enumerate(names, start=1)
+        if name in messages and metric in messages[name]
+    )
+
+
 def vibration_events(messages: Mapping[str, pd.DataFrame], flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
-    """Yield stretches of strong vibration and of clipping, from VIBE or VIBRATION.
+    """Yield stretches of strong vibration and of clipping.
 
     Parameters
     ----------
@@ -27,57 +69,45 @@ def vibration_events(messages: Mapping[str, pd.DataFrame], flights: tuple[Flight
         As logged.
     flights : tuple of Flight
     """
-    found = _levels(messages)
-    if found is None:
-        return
-    frame, axes = found
     # The end of a flight is the landing, which shakes every craft.
     spans = [(flight.start, flight.stop) for flight in flights]
-    for number, part in _by_sensor(frame):
-        t = part.index.to_numpy(np.float64)
-        if len(t) < 3:
-            continue
-        flying = within(t, spans)
-        yield from _strong(part, axes, number, flying)
-        yield from _clipping(part, number, flying)
+    for levels in vibration_levels(messages):
+        for number, part in _by_sensor(levels):
+            t = part.index.to_numpy(np.float64)
+            if len(t) < 3:
+                continue
+            flying = within(t, spans)
+            yield from _strong(part, levels, number, flying)
+            yield from _clipping(part, number, flying)
 
 
-def _levels(messages: Mapping[str, pd.DataFrame]) -> tuple[pd.DataFrame, list[str]] | None:
-    for name, axes in (
-        ("VIBE", ["VibeX", "VibeY", "VibeZ"]),
-        ("VIBRATION", ["vibration_x", "vibration_y", "vibration_z"]),
-    ):
-        if name in messages and set(axes) <= set(messages[name].columns):
-            return messages[name], axes
-    return None
-
-
-def _by_sensor(frame: pd.DataFrame) -> Iterator[tuple[int, pd.DataFrame]]:
+def _by_sensor(levels: VibrationLevels) -> Iterator[tuple[int, pd.DataFrame]]:
     """Rows of each accelerometer, numbered from 1."""
-    if "IMU" not in frame:
-        yield 1, frame
+    if "IMU" not in levels.frame:
+        yield levels.number, levels.frame
         return
-    for number, part in frame.groupby("IMU"):
+    for number, part in levels.frame.groupby("IMU"):
         yield int(float(str(number))) + 1, part
 
 
-def _strong(part: pd.DataFrame, axes: list[str], number: int, flying: np.ndarray) -> Iterator[FlightEvent]:
+def _strong(part: pd.DataFrame, levels: VibrationLevels, number: int, flying: np.ndarray) -> Iterator[FlightEvent]:
     t = part.index.to_numpy(np.float64)
-    values = part[axes].to_numpy(np.float64)
+    values = part[list(levels.axes)].to_numpy(np.float64)
     worst = np.nanmax(np.where(np.isfinite(values), values, 0.0), axis=1)
-    for first, last in stretches(t, flying & (worst > ACCEPTABLE), join=_PAUSE, shortest=_SHORTEST):
+    for first, last in stretches(t, flying & (worst > levels.acceptable), join=_PAUSE, shortest=_SHORTEST):
         inside = (t >= first) & (t <= last)
         level = float(worst[inside].max())
-        axis = "xyz"[int(np.argmax(np.nanmax(values[inside], axis=0)))]
+        axis = "xyz"[int(np.argmax(np.nanmax(values[inside], axis=0)))] if len(levels.axes) > 1 else ""
+        along = f" along {axis}" if axis else ""
         yield FlightEvent(
             id="vibration-high",
             t=first,
             end=last,
-            severity=Severity.ERROR if level > HARMFUL else Severity.WARNING,
-            reason=f"Vibration up to {level:.0f} m/s² along {axis} (accelerometer {number}).",
+            severity=Severity.ERROR if level > levels.harmful else Severity.WARNING,
+            reason=f"Vibration up to {level:.{0 if level >= 10.0 else 1}f} m/s²{along} (accelerometer {number}).",
             advice="Balance the propellers, tighten motors and arms, soften the mount of the autopilot.",
             evidence={"level_m_s2": level, "axis": axis, "accelerometer": number},
-            source=_SOURCE,
+            source=levels.source,
         )
 
 

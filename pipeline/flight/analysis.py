@@ -223,7 +223,7 @@ def _fit(
     for kind in KINDS:
         record = _record(kind, log, trajectory, sound, config, name, experiments.values(), stages)
         log.tables.release()
-        reason = stages.missing.pop("experiment", unfit)
+        reason = stages.missing.pop("experiment", unfit).removeprefix(f"{name}: ")
         if record is not None:
             experiments[kind.key] = record
             training, held_out = record.split(config.training_fraction)

@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 
 from logparse import MissingDataError
-from logparse.events.vibration import ACCEPTABLE
 from logparse.quantity import duration, number, uncertain
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.flight.purposes import uses_of
@@ -38,6 +37,8 @@ if TYPE_CHECKING:
 _BRIEF = 12
 #: Time shown before and after an event, s.
 _BEFORE, _AFTER = 8.0, 6.0
+#: Time between the end of a loss of control and the crash that it led to, s.
+_LED = 2.0
 #: Time about a flight that still belongs to it, s: a crash is logged after the last moment in the air.
 _LANDING = 5.0
 
@@ -57,10 +58,11 @@ def compose_answer(result: FlightResult) -> Answer:
     result : FlightResult
         Complete but for its answer.
     """
-    picture, around = _picture(result)
+    model = _shown(result)
+    picture, around = _picture(result, model)
     purposes = (_flown, _healthy, _loops, _ahead, _parameters, _simulate)
     lines = tuple(answer(result) for answer in purposes)
-    return Answer(lines=lines, picture=picture, around=around)
+    return Answer(lines=lines, picture=picture, around=around, model=model if picture is Picture.PREDICTION else "")
 
 
 def _flown(result: FlightResult) -> AnswerLine:
@@ -129,14 +131,23 @@ def _healthy(result: FlightResult) -> AnswerLine:
             text = f"of motor {worst.evidence['motor']}'s thrust lost from {worst.t:.1f} s{more}"
             return line(word, tone, text, 100.0 * loss, sigma=sigma, unit="%")
         where = "" if worst in _during(health, result.flight) or worst is health.cause else " in another flight"
-        return line(word, tone, f"{worst.id.replace('-', ' ')}{where} at {worst.t:.1f} s{more}")
+        before = _led_to(worst, health)
+        if before is not None:
+            others -= 1
+            more = f"; {others} more event{'s' if others > 1 else ''}" if others else ""
+            text = f"{_named(before)} at {before.t:.1f} s, {_named(worst)} at {worst.t:.1f} s{where}{more}"
+            return line(word, tone, text)
+        return line(word, tone, f"{_named(worst)}{where} at {worst.t:.1f} s{more}")
     unchecked = "; motors not checked" if health.motors_missing else ""
     tone = Tone.UNKNOWN if unchecked else Tone.GOOD
     word = "nothing seen" if unchecked else "yes"
     panels = () if health.signals is None else health.signals.vibration
     peaks = [float(abs(signal.y).max()) for panel in panels for signal in panel.signals if len(signal.y)]
     if peaks and math.isfinite(max(peaks)):
-        text = f"largest vibration (advised below {ACCEPTABLE:.0f}), no event{unchecked}"
+        # Above the limit without an event: for less time than a warning takes.
+        advised = min(panels[0].limits.values())
+        moment = ", for a moment only" if max(peaks) > advised else ""
+        text = f"largest vibration{moment} (advised below {number(advised, 2)}), no event{unchecked}"
         return line(word, tone, text, max(peaks), unit="m/s²")
     text = f"in the air without an event; vibration not logged{unchecked}"
     return line(word, tone, text, result.flight.duration, unit="s")
@@ -150,6 +161,18 @@ def _worst(health: FlightHealth, flight: Span) -> FlightEvent | None:
     inside = _during(health, flight)
     errors = [event for event in inside if str(event.severity) == "error"]
     return health.cause or next(iter((*errors, *inside, *health.notable)), None)
+
+
+def _led_to(event: FlightEvent, health: FlightHealth) -> FlightEvent | None:
+    """Return the loss of control that a crash came from."""
+    if event.id != "crash":
+        return None
+    before = [each for each in health.notable if each.id == "loss-of-control" and each.t < event.t <= each.end + _LED]
+    return before[0] if before else None
+
+
+def _named(event: FlightEvent) -> str:
+    return event.id.replace("-", " ")
 
 
 def _during(health: FlightHealth, flight: Span) -> list[FlightEvent]:
@@ -214,7 +237,8 @@ def _margins(known: Mapping[str, LoopMargins], result: FlightResult) -> AnswerLi
 
 def _unmeasured(result: FlightResult, loops: FlightLoops) -> AnswerLine:
     """Answer with how fast, else how closely, the attitude followed, where no chirp shows margins."""
-    fly = "for margins fly SYSTEMID chirps"
+    px4 = result.log.format == "ulog"
+    fly = "for margins fly short, sharp stick inputs" if px4 else "for margins fly SYSTEMID chirps"
     axes = () if result.rotation is None else result.rotation.axes
     followed = {
         axis.axis: axis.attitude.bandwidth
@@ -360,7 +384,7 @@ def _model(result: FlightResult, key: str) -> ModelResult | None:
     return next((each for each in result.models if each.key == key), None)
 
 
-def _picture(result: FlightResult) -> tuple[Picture, Span | None]:
+def _picture(result: FlightResult, model: str) -> tuple[Picture, Span | None]:
     """Choose the plot that matters most: what failed, else how the models predict, else how the attitude followed."""
     health = result.health
     signals = None if health is None else health.signals
@@ -373,11 +397,22 @@ def _picture(result: FlightResult) -> tuple[Picture, Span | None]:
             return Picture.MOTORS, around
         if signals is not None and signals.attitude:
             return Picture.ATTITUDE, around
-    if any(each.predictions for each in result.models):
+    if model:
         return Picture.PREDICTION, None
     if signals is not None and signals.attitude:
         return Picture.ATTITUDE, None
     return Picture.ALTITUDE, None
+
+
+def _shown(result: FlightResult) -> str:
+    """Choose the model whose free run is shown: of those that follow the flight, the one that predicts furthest."""
+    best, furthest = "", -1.0
+    for each in result.models:
+        uses = uses_of(each.validation, each.model)
+        reach = uses.prediction.horizon_s or 0.0
+        if each.predictions and uses.free_run.trust in (Trust.YES, Trust.LIMITED) and reach > furthest:
+            best, furthest = each.key, reach
+    return best
 
 
 def _asked(result: FlightResult) -> bool:

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from logparse import FlightLog, Tables
-from logparse.events.vibration import ACCEPTABLE, HARMFUL
+from logparse.events.vibration import vibration_levels
 from logparse.vehicle import pwm_range
 from pipeline.results.health import HealthSignals, Panel, Signal, Spectrum
 from pipeline.results.span import Span
@@ -130,18 +130,19 @@ def _columns(table: pd.DataFrame | None, flight: Span, wanted: Mapping[str, tupl
 
 
 def _vibration(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, ...]:
-    for name, axes in (
-        ("VIBE", ("VibeX", "VibeY", "VibeZ")),
-        ("VIBRATION", ("vibration_x", "vibration_y", "vibration_z")),
-    ):
-        if name in messages and set(axes) <= set(messages[name].columns):
-            frame = messages[name]
-            if "IMU" in frame:
-                frame = frame[frame["IMU"] == frame["IMU"].min()]
-            lines = [_line(axis, frame[column], flight) for axis, column in zip("xyz", axes, strict=True)]
-            limits = {"advised limit": ACCEPTABLE, "harmful": HARMFUL}
-            return _panel("vibration", "m/s²", lines, limits)
-    return ()
+    found = vibration_levels(messages)
+    if not found:
+        return ()
+    first = found[0]
+    limits = {"advised limit": first.acceptable, "harmful": first.harmful}
+    if len(first.axes) == 1:
+        named = ((f"accelerometer {each.number}", each.frame[each.axes[0]]) for each in found)
+        return _panel("vibration", "m/s²", [_line(name, column, flight) for name, column in named], limits)
+    frame = first.frame
+    if "IMU" in frame:
+        frame = frame[frame["IMU"] == frame["IMU"].min()]
+    lines = [_line(axis, frame[column], flight) for axis, column in zip("xyz", first.axes, strict=True)]
+    return _panel("vibration", "m/s²", lines, limits)
 
 
 def _ratios(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, ...]:
@@ -155,6 +156,15 @@ def _ratios(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, 
         names = {"SV": "velocity", "SP": "position", "SH": "height", "SM": "compass"}
         lines = [_line(title, frame[column], flight) for column, title in names.items() if column in frame]
         return _panel("test ratio", "", lines, {"FS_EKF_THRESH": _RATIO})
+    if "estimator_status" in messages:
+        frame = messages["estimator_status"]
+        names = {"vel": "velocity", "pos": "position", "hgt": "height", "hdg": "heading", "mag": "compass"}
+        lines = [
+            _line(title, frame[f"{name}_test_ratio"], flight)
+            for name, title in names.items()
+            if f"{name}_test_ratio" in frame
+        ]
+        return _panel("test ratio", "", lines, {"refused above": 1.0})
     return ()
 
 

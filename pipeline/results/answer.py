@@ -47,3 +47,4 @@ class Answer:
     lines: tuple[AnswerLine, ...]  #: Flown, healthy, loops, predict ahead, parameters, simulate.
     picture: Picture  #: The plot to show beside them.
     around: Span | None = None  #: The stretch of time that matters in it; None for the whole flight.
+    model: str = ""  #: Key of the model whose prediction it shows; empty where it shows none.

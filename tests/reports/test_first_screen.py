@@ -19,8 +19,9 @@ from pipeline.results.report import FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
 from pipeline.results.span import Span
 from reports.first_screen import first_figures
+from reports.fleet_answer import fleet_answer
+from reports.fleet_page import fleet_page
 from reports.fleet_report import in_short
-from reports.fleet_views import told
 from reports.html import flight_page
 from reports.numbers import flight_report
 from reports.summary import answer_lines
@@ -42,7 +43,14 @@ def health(*events: FlightEvent, cause: FlightEvent | None = None) -> FlightHeal
     asked, flown = Signal("asked", t, 0.1 * np.sin(t)), Signal("flown", t, 0.1 * np.sin(t - 0.1))
     signals = HealthSignals(
         attitude=tuple(Panel(title=axis, unit="rad", signals=(asked, flown)) for axis in ("roll", "pitch", "yaw")),
-        vibration=(Panel(title="vibration", unit="m/s²", signals=(Signal("x", t, 5.0 + np.sin(t)),)),),
+        vibration=(
+            Panel(
+                title="vibration",
+                unit="m/s²",
+                signals=(Signal("x", t, 5.0 + np.sin(t)),),
+                limits={"advised limit": 30.0},
+            ),
+        ),
     )
     return FlightHealth(events=events, sound=Span(40.0, 99.9), cause=cause, signals=signals)
 
@@ -221,7 +229,53 @@ def test_a_folder_tells_first_what_its_flights_tell(kinds):
     assert "99.0 ± 1.0 % of motor 2's thrust" in rows["lost motor"]
     assert "crash at 72.0 s" in rows["crash"]
     assert " yes " in rows["good"]
-    assert told(numbers).startswith("Of 6 flights: 2 healthy, 1 to look into, 2 in danger.")
+    healthy = next(shown for shown in fleet_answer(numbers) if shown.line.purpose == "Healthy")
+    assert (healthy.line.word, healthy.number) == ("no", "2 of 6")
+    assert healthy.line.text.startswith("in danger, such as lost motor: 99.0 ± 1.0 % of motor 2's thrust")
+    assert healthy.line.text.endswith("1 more to look into")
+    assert words(fleet_page(numbers, [])) < MOST_WORDS
+
+
+def test_a_crash_is_named_with_the_loss_of_control_that_led_to_it(flight):
+    crash = event("crash", 74.0)
+    fallen = answered(flight, health=health(event("loss-of-control", 72.5), crash, cause=crash))
+    assert line_of(fallen, "Healthy").text == "loss of control at 72.5 s, crash at 74.0 s"
+    figure = first_figures(fallen)[-1]
+    assert [note["text"] for note in figure.layout["annotations"]][:1] == ["loss of control"]
+    assert figure.layout["xaxis"]["range"][1] <= 80.0
+
+
+def test_vibration_above_the_limit_is_not_called_fine_without_a_word(flight):
+    shaken = health()
+    t = np.arange(40.0, 100.0, 0.1)
+    level = np.where(np.abs(t - 60.0) < 0.06, 30.2, 5.0)
+    panel = Panel(title="vibration", unit="m/s²", signals=(Signal("x", t, level),), limits={"advised limit": 30.0})
+    signals = dataclasses.replace(shaken.signals, vibration=(panel,))
+    line = line_of(answered(flight, health=dataclasses.replace(shaken, signals=signals)), "Healthy")
+    assert line.value == 30.2
+    assert "for a moment only (advised below 30)" in line.text
+
+
+def test_a_model_that_follows_nothing_is_not_the_picture(flight):
+    """A free run that leaves the flight at once was the plot that mattered most."""
+    lost = [
+        dataclasses.replace(
+            each,
+            validation=dataclasses.replace(
+                each.validation,
+                table=each.validation.table.assign(fit_percent=-100.0, rmse=100.0),
+            ),
+        )
+        if each.validation is not None
+        else each
+        for each in flight.models
+    ]
+    result = answered(flight, health=health(), models=tuple(lost))
+    assert result.answer.picture is Picture.ATTITUDE
+    assert result.answer.model == ""
+    kept = answered(flight, health=health())
+    assert kept.answer.picture is Picture.PREDICTION
+    assert kept.answer.model in {each.key for each in flight.models}
 
 
 def test_the_terminal_shows_the_same_lines(kinds):
