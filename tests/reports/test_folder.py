@@ -221,10 +221,11 @@ def test_fleet_table_is_the_papers_table_4(fleet):
     assert [(line["flight"], line["part"]) for line in lines] == [("flight02", "held-out"), ("flight01", "training")]
 
 
-def test_models_stand_side_by_side_on_the_first_screen(fleet):
-    """Every model has its own verdict before the first table, and one good model does not speak for a bad one."""
+def test_models_stand_side_by_side_before_their_numbers(fleet):
+    """Every model has its own verdict before its tables, and one good model does not speak for a bad one."""
     page = (fleet / "report.html").read_text("utf-8")
-    answer = page[page.index('class="answer') : page.index("<table")]
+    section = page[page.index('<section class="craft"') :]
+    answer = section[: section.index("<table")]
     numbers = strict((fleet / "report.json").read_text("utf-8"))
     for model in numbers["groups"][0]["models"][:2]:
         assert html_escaped(model["verdict"]["sentence"]) in answer
