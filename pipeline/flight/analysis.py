@@ -2,13 +2,14 @@
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import estimation
 import logparse
 import sysid
-from logparse import Boot, Finding, FlightLog, MissingDataError, health
+from logparse import Boot, Finding, FlightLog, MissingDataError, Tables, Vehicle, health
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import NEXT_FLIGHT, Progress, Stages, silent
 from pipeline.flight.advice.next_flights import for_flight
@@ -27,6 +28,7 @@ from pipeline.names import flight_name, printable
 from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, horizontal_sigma
 from pipeline.results.span import Span
 from sysid.rotors.motor_order import MotorOrder, motor_order
+from sysid.rotors.steady_imbalance import weak_from_start
 
 #: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
 SHORTEST_EXPERIMENT = 20.0
@@ -126,6 +128,7 @@ def _analyze(
     sound = flight if timeline is None else timeline.sound
     rotation = None if sound is None else stages.run("rotation", lambda _: find_rotation(log, sound))
     loops = None if sound is None else stages.run("loops", lambda _: assess_loops(log, sound))
+    order, weak = (None, ()) if sound is None else _motors(tables, log.vehicle, sound)
     if trajectories.get(log.boot) is None:
         trajectories[log.boot] = stages.run(
             "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
@@ -151,7 +154,6 @@ def _analyze(
         )
         tables.release()
 
-    order = _motor_order(fitted.experiments)
     # Findings about the fits stay with their models; those of the experiments are about the log.
     found = (estimated, fitted.thrust, fitted.parameters, order, *fitted.experiments.values())
     later = (part.findings for part in found if part is not None)
@@ -181,6 +183,7 @@ def _analyze(
             *checked,
             *(() if timeline is None else health_findings(timeline)),
             *(() if rotation is None else rotation.findings),
+            *weak,
             *(finding for part in later for finding in part),
             *stages.findings,
         ),
@@ -286,15 +289,16 @@ def _thrust(fitted: sysid.Experiment, config: AnalysisConfig, stages: Stages) ->
     return stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
 
 
-def _motor_order(experiments: Mapping[str, sysid.Experiment]) -> MotorOrder | None:
-    """Hold motor outputs against the mixer, by the fastest record that has both; None where there is none."""
-    for key in (RIGID_BODY_KEY, THRUST_KEY):
-        if key in experiments:
-            try:
-                return motor_order(experiments[key])
-            except MissingDataError:
-                continue
-    return None
+def _motors(tables: Tables, vehicle: Vehicle, sound: Span) -> tuple[MotorOrder | None, tuple[Finding, ...]]:
+    """Hold motor outputs against the mixer, and against one another, as far as the log has what that takes."""
+    order: MotorOrder | None = None
+    weak: tuple[Finding, ...] = ()
+    with suppress(MissingDataError):
+        order = motor_order(tables, vehicle, sound.start, sound.stop)
+    with suppress(MissingDataError):
+        weak = weak_from_start(tables, vehicle, sound.start, sound.stop)
+    # Of outputs in another order trims tell nothing.
+    return order, () if order is not None and order.findings else weak
 
 
 def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:

@@ -1,9 +1,14 @@
 """Whether motor outputs are those that the mixer asked for: their order, and how evenly they share the work.
 
 The rate controller's outputs through the frame's factors say what each motor should do; the logged motor outputs,
-through the autopilot's thrust curve, what each was told. Over half seconds the departures of both from the mean of all
-motors are compared. Which output follows which motor of the mixer is an assignment problem (Kuhn 1955); another order
-than the logged one is believed when it is far more likely than what any of the n! orders could be by chance.
+through the autopilot's thrust curve, what each was told. Outputs are written ten times a second while the controller
+runs at 400 Hz, so that means of what was written alias: the controller's outputs are taken at the instants of the
+motors' instead (cubic spline; in firmware nothing lies between the two). Where both are slow, means over half seconds
+tell more, and what the mixer explains better is used. Where the controller's outputs are not logged, what they do is:
+the angular acceleration a moment later; the gain of each axis is estimated, which takes no knowledge of the order.
+
+Which output follows which motor of the mixer is an assignment problem (Kuhn 1955); another order than the logged one is
+believed when it is far more likely than what any of the n! orders could be by chance.
 """
 
 from __future__ import annotations
@@ -13,45 +18,57 @@ from dataclasses import dataclass
 from math import lgamma
 
 import numpy as np
+import pandas as pd
+from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
 
-from logparse import Finding, MissingDataError, Severity, Vehicle
+from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from sysid.records.arrays import Floats
-from sysid.records.experiment import Experiment
 from sysid.records.mixer import INDEPENDENT, expectation
 from sysid.records.motor_scaling import curve, motor_commands
-from sysid.records.thrust_curve import column
 
-#: Averaging time, s: longer than the motor outputs' sampling, so that attitude control does not alias.
+#: Time over which neighbours count as one, and over which means are taken where the controller is logged slowly, s.
 BLOCK_SECONDS = 0.5
 
-#: Fewest blocks that tell an order.
-_FEWEST = 40
+#: Fewest half seconds that tell an order.
+_FEWEST = 20
 
 #: Commands nearer to the ends of a motor's range than this are left out: there the mixer gives what it can.
 _MARGIN = 0.02
 
-#: Log-likelihood beyond the logarithm of the number of orders by which another order must be better. Half-second means
-#: of a flight are not independent: neighbours count as one.
+#: Time between samples of the controller beyond which nothing is interpolated, s.
+_GAP = 0.3
+
+#: Log-likelihood beyond the logarithm of the number of orders by which another order must be better.
 SURE = 15.0
 
 #: Rounding of outputs to whole microseconds, as a part of the mean thrust, in half-second means.
 _ROUNDING = 3e-4
 
 #: Part of the motors' movement that another order must explain.
-EXPLAINED = 0.5
+EXPLAINED = 0.1
 
-#: Departure of a motor's output from what the mixer asks of it that is a finding, and its size in standard errors. The
-#: firmware gives what it is asked for within 0.3 %.
-UNEVEN, UNEVEN_SIGMAS = 0.03, 5.0
+#: Departure of a motor's output from what the mixer asks of it that is a finding, its size in standard errors, and over
+#: the next motor's: firmware gives what it is asked for within 0.3 %, unless its mixer is another than was thought.
+UNEVEN, UNEVEN_SIGMAS, UNEVEN_ALONE = 0.03, 5.0, 2.0
+
+#: Time between outputs and the angular acceleration that answers, s: electronics, rotors and the gyro's filter.
+_ANSWERS = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12)
+
+#: Time over which an angular acceleration is a difference of rates, and the slowest gyro that tells it, s.
+_TURNING, _SLOWEST_GYRO = 0.08, 0.05
+
+_AXES = ("roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorOrder:
     """How motor outputs follow the mixer over a flight."""
 
+    source: str  #: What the motors were held against: ``outputs`` of the rate controller, or ``motion``.
     follows: Mapping[str, str]  #: Motor of the mixer that each output follows best, itself where the log is in order.
-    #: Output of each motor over what the mixer asks of it, both over the mean of all motors.
+    #: Output of each motor over what the mixer asks of it, both over the mean of all motors; empty without the rate
+    #: controller's thrust.
     share: Mapping[str, float]
     share_sigma: Mapping[str, float]
     ratio: float  #: Variance of the residuals in the logged order over that in the best one.
@@ -59,90 +76,212 @@ class MotorOrder:
     findings: tuple[Finding, ...]
 
 
-def motor_order(record: Experiment) -> MotorOrder:
+@dataclass(frozen=True, slots=True)
+class _View:
+    """Departures of the motors from their mean: those logged, and those that the mixer asks for."""
+
+    got: Floats  #: shape (n, motors): over the mean of all motors
+    wanted: Floats  #: the same
+    whole: bool  #: Whether what is wanted holds with its level and scale, not only its changes.
+    blocks: float  #: Number of independent half seconds.
+
+    @property
+    def moved(self) -> Floats:
+        return np.asarray(self.got - self.got.mean(axis=0))
+
+    @property
+    def due(self) -> Floats:
+        return np.asarray(self.wanted - self.wanted.mean(axis=0))
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """The order that explains a view best."""
+
+    view: _View
+    best: np.ndarray  #: Motor of the mixer that each output follows.
+    own: Floats  #: What is left of each output's movement in the logged order ...
+    found: Floats  #: ... and in the best one.
+    explained: float
+
+
+def motor_order(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> MotorOrder:
     """Compare a flight's motor outputs with what the mixer asked for.
 
     Parameters
     ----------
-    record : Experiment
-        Inputs PWM of all motors of the frame, us; with the rate controller's outputs in its context.
+    tables : Tables
+        With the motors' outputs, and the rate controller's outputs or angular rates.
+    vehicle : Vehicle
+        Whose frame is known.
+    start, stop : float
+        Airborne interval, s.
 
     Raises
     ------
     MissingDataError
-        When the frame, a motor's output or the rate controller's outputs are missing, or the flight is too short.
+        When the frame, a motor's output or everything that tells what was asked is missing, or the flight is too short.
     """
-    names, factors, outputs, given = _blocks(record)
-    asked = expectation(outputs, factors)
-    # What the firmware does about voltage and density is alike for all motors.
-    got, wanted = (part / part.mean(axis=1, keepdims=True) for part in (given, asked))
-    moved, due = got - got.mean(axis=0), wanted - wanted.mean(axis=0)
-    costs = np.sum((moved[:, :, None] - due[:, None, :]) ** 2, axis=0)
-    best = linear_sum_assignment(costs)[1]
-    own, found = np.diag(costs), costs[np.arange(len(names)), best]
-    ratio = float(own.sum() / max(found.sum(), 1e-300))
-    explained = float(1.0 - found.sum() / max(float(np.sum(moved**2)), 1e-300))
-    level = got - wanted
-    pairs = level[: len(level) // 2 * 2].reshape(-1, 2, len(names)).mean(axis=1)
-    share = 1.0 + level.mean(axis=0)
-    sigma = pairs.std(axis=0, ddof=1) / np.sqrt(len(pairs))
+    names = tuple(f"m{motor.number}" for motor in vehicle.motors)
+    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
+    if not names or tables.motors is None or not set(names) <= set(tables.motors):
+        raise MissingDataError("the order of motors needs the frame and the outputs of all its motors")
+    motors = tables.motors.loc[start:stop, list(names)].dropna()
+    asked, source = _asked(tables, start, stop)
+    by_axis = source == "motion"
+    fits = [_fit(view) for one in asked for view in _views(motors, one, vehicle, factors, by_axis=by_axis)]
+    fit = max(fits, key=lambda one: one.explained)
+    best, wrong = fit.best, fit.best != np.arange(len(names))
+    ratio = float(fit.own.sum() / max(float(fit.found.sum()), 1e-300))
+    share, sigma = _shares(fit.view) if fit.view.whole else (None, None)
     findings: list[Finding] = []
-    likelier = _likelier(moved, due, factors, best)
-    wrong = best != np.arange(len(names))
     if (
         wrong.any()
-        and likelier > lgamma(len(names) + 1) + SURE
-        and explained > EXPLAINED
-        and np.all(own[wrong] > found[wrong])
+        and _likelier(fit.view, factors, best) > lgamma(len(names) + 1) + SURE
+        and fit.explained > EXPLAINED
+        and np.all(fit.own[wrong] > fit.found[wrong])
     ):
         findings.append(_order_finding(names, best, ratio))
     else:
         best = np.arange(len(names))
-        findings += _uneven_findings(names, share, sigma)
+        if share is not None and sigma is not None:
+            findings += _uneven_findings(names, share, sigma)
     return MotorOrder(
+        source=source,
         follows={name: names[k] for name, k in zip(names, best, strict=True)},
-        share=dict(zip(names, map(float, share), strict=True)),
-        share_sigma=dict(zip(names, map(float, sigma), strict=True)),
+        share={} if share is None else dict(zip(names, map(float, share), strict=True)),
+        share_sigma={} if sigma is None else dict(zip(names, map(float, sigma), strict=True)),
         ratio=ratio,
-        explained=explained,
+        explained=fit.explained,
         findings=tuple(findings),
     )
 
 
-def _blocks(record: Experiment) -> tuple[tuple[str, ...], Floats, Floats, Floats]:
-    """Return motors, factors (n, 3), and as means of blocks outputs (K, 4) and what motors are told (K, n)."""
-    vehicle = record.vehicle or Vehicle()
-    known = {f"m{motor.number}": motor for motor in vehicle.motors}
-    if not known or set(known) != set(record.input_names):
-        raise MissingDataError(f"{record.name}: the order of motors needs the frame and the outputs of all its motors")
-    outputs = np.column_stack([column(record, f"out_{name}") for name in ("thrust", "roll", "pitch", "yaw")])
-    if not np.isfinite(outputs).all():
-        raise MissingDataError(f"{record.name}: the order of motors needs the rate controller's outputs (RATE)")
-    command = motor_commands(record.u, vehicle)
-    inside = np.all((command > _MARGIN) & (command < 1.0 - _MARGIN), axis=1) & (outputs[:, 0] > _MARGIN)
-    size = max(round(BLOCK_SECONDS / record.dt), 1)
-    count = len(record.t) // size
-    whole = inside[: count * size].reshape(count, size).all(axis=1)
-    if whole.sum() < _FEWEST:
+def _asked(tables: Tables, start: float, stop: float) -> tuple[list[pd.DataFrame], str]:
+    """Return what was asked of the mixer, or what came of it after several delays, and which of the two.
+
+    Columns are ``roll pitch yaw``, and ``thrust`` where it is known.
+    """
+    if tables.rates is not None:
+        columns = tuple(tables.columns("rates", [f"out_{axis}" for axis in _AXES]))
+        if all(column.notna().sum() > 1 for column in columns):
+            (thrust,) = tables.columns("rates", ["out_thrust"])
+            known = dict(zip(_AXES, columns, strict=True))
+            known |= {"thrust": thrust} if thrust.notna().sum() > 1 else {}
+            return [pd.DataFrame(known).loc[start - 1.0 : stop + 1.0].dropna()], "outputs"
+    if tables.imu is None:
+        raise MissingDataError("the order of motors needs the rate controller's outputs (RATE)")
+    return _accelerations(tables, start, stop), "motion"
+
+
+def _accelerations(tables: Tables, start: float, stop: float) -> list[pd.DataFrame]:
+    """Return angular accelerations, rad/s^2, as they answer to motor outputs after each of `_ANSWERS`."""
+    assert tables.imu is not None
+    gyro = tables.imu.loc[start - 1.0 : stop + 1.0, ["gyro_x", "gyro_y", "gyro_z"]].dropna()
+    t = gyro.index.to_numpy(np.float64)
+    if len(t) < 4 or float(np.median(np.diff(t))) > _SLOWEST_GYRO:
         raise MissingDataError(
-            f"{record.name}: only {0.5 * whole.sum():.0f} s in which no motor is at an end of its range"
+            "the order of motors needs the rate controller's outputs (RATE), or angular rates at 20 Hz"
         )
-    thrust = curve(np.clip(command, 0.0, 1.0), vehicle.thrust_expo)
-    outputs, given = (part[: count * size].reshape(count, size, -1).mean(axis=1)[whole] for part in (outputs, thrust))
-    motors = [known[name] for name in record.input_names]
-    return record.input_names, np.array([[m.roll, m.pitch, m.yaw] for m in motors]), outputs, given
+    at = np.arange(t[0], t[-1], 0.5 * _TURNING)
+    found = []
+    for answer in _ANSWERS:
+        later, sooner = (
+            np.column_stack([np.interp(at + answer + sign * 0.5 * _TURNING, t, column) for column in gyro.to_numpy().T])
+            for sign in (1.0, -1.0)
+        )
+        found.append(pd.DataFrame((later - sooner) / _TURNING, columns=list(_AXES), index=at))
+    return found
 
 
-def _likelier(moved: Floats, due: Floats, factors: Floats, best: np.ndarray) -> float:
+def _at(t: Floats, column: pd.Series) -> Floats:
+    """Sample a column at given times by a cubic spline; NaN outside and where its samples lie apart."""
+    at = column.index.to_numpy(np.float64)
+    if len(at) < 4:
+        return np.full(len(t), np.nan)
+    after = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
+    known = (t >= at[0]) & (t <= at[-1]) & (at[after] - at[after - 1] < _GAP)
+    return np.where(known, CubicSpline(at, column.to_numpy(np.float64))(t), np.nan)
+
+
+def _views(
+    motors: pd.DataFrame, asked: pd.DataFrame, vehicle: Vehicle, factors: Floats, *, by_axis: bool
+) -> tuple[_View, ...]:
+    """Return what motors got and should have got at the instants of the outputs, and both over half seconds."""
+    t = motors.index.to_numpy(np.float64)
+    command = motor_commands(motors.to_numpy(np.float64), vehicle)
+    given = curve(np.clip(command, 0.0, 1.0), vehicle.thrust_expo)
+    outputs = np.column_stack([_at(t, asked[name]) for name in asked])
+    whole = "thrust" in asked
+    inside = np.isfinite(outputs).all(axis=1) & np.all((command > _MARGIN) & (command < 1.0 - _MARGIN), axis=1)
+    if whole:
+        outputs = outputs[:, [3, 0, 1, 2]]
+        inside &= outputs[:, 0] > _MARGIN
+    step = float(np.median(np.diff(t))) if len(t) > 1 else BLOCK_SECONDS
+    blocks = inside.sum() * min(step, BLOCK_SECONDS) / BLOCK_SECONDS
+    if blocks < _FEWEST:
+        raise MissingDataError(f"only {BLOCK_SECONDS * blocks:.0f} s in which no motor is at an end of its range")
+    # Half seconds of the flight; those that are not wholly inside are left out.
+    half = pd.Series(np.floor(t / BLOCK_SECONDS))
+    good = half.groupby(half).transform("size").to_numpy() > 0.8 * BLOCK_SECONDS / step
+    good &= pd.Series(inside).groupby(half).transform("all").to_numpy()
+    views = []
+    for rows in (inside, good) if good.sum() * step >= _FEWEST * BLOCK_SECONDS else (inside,):
+        told, due = given[rows], outputs[rows]
+        if rows is good:
+            told, due = (pd.DataFrame(part).groupby(half[rows].to_numpy()).mean().to_numpy() for part in (told, due))
+        mean = told.mean(axis=1, keepdims=True)
+        got = told / mean
+        if whole:
+            # What the firmware does about voltage and density is alike for all motors.
+            wanted = expectation(due, factors)
+            wanted = wanted / wanted.mean(axis=1, keepdims=True)
+        else:
+            wanted = _scaled(got, due if by_axis else due / mean, factors)
+        views.append(_View(got=got, wanted=wanted, whole=whole, blocks=blocks))
+    return tuple(views)
+
+
+def _scaled(got: Floats, driving: Floats, factors: Floats) -> Floats:
+    """Return what the mixer asks for where the gain of each axis is unknown, (n, motors).
+
+    Which motor is which does not matter to the size of an axis's pattern over all motors, so that its gain is that size
+    in the outputs over that in the mixer.
+    """
+    moving = driving - driving.mean(axis=0)
+    pattern = np.linalg.lstsq(moving, got - got.mean(axis=0), rcond=None)[0]
+    size = np.linalg.norm(factors - factors.mean(axis=0), axis=0)
+    gain = np.linalg.norm(pattern, axis=1) / np.maximum(size, INDEPENDENT) * (size > INDEPENDENT)
+    return np.asarray(1.0 + (driving * gain) @ factors.T)
+
+
+def _fit(view: _View) -> _Fit:
+    moved = view.moved
+    costs = np.sum((moved[:, :, None] - view.due[:, None, :]) ** 2, axis=0)
+    best = linear_sum_assignment(costs)[1]
+    found = costs[np.arange(len(costs)), best]
+    explained = float(1.0 - found.sum() / max(float(np.sum(moved**2)), 1e-300))
+    return _Fit(view, best, np.diag(costs), found, explained)
+
+
+def _shares(view: _View) -> tuple[Floats, Floats]:
+    """Return what each motor is told over what the mixer asks of it, and its standard error."""
+    level = view.got - view.wanted
+    size = max(round(2.0 * len(level) / view.blocks), 1)
+    parts = level[: len(level) // size * size].reshape(-1, size, level.shape[1]).mean(axis=1)
+    return 1.0 + level.mean(axis=0), parts.std(axis=0, ddof=1) / np.sqrt(len(parts))
+
+
+def _likelier(view: _View, factors: Floats, best: np.ndarray) -> float:
     """Return by how much in log-likelihood one order is better than that logged.
 
     What is left over is judged along roll, pitch and yaw and across them apart, for the firmware may limit yaw and
-    rounds everything: noise along one must not hide what another says.
+    rounds everything: noise along one must not hide what another says. Of half seconds neighbours count as one.
     """
     logged = np.arange(len(best))
-    parts = [_parts(moved - due[:, order], factors[order]) for order in (logged, best)]
+    parts = [_parts(view.moved - view.due[:, order], factors[order]) for order in (logged, best)]
     gained = sum(size * np.log(one / other) for (size, one), (_, other) in zip(*parts, strict=True))
-    return 0.25 * len(moved) * float(gained)
+    return 0.25 * view.blocks * float(gained)
 
 
 def _parts(left: Floats, factors: Floats) -> list[tuple[int, float]]:
@@ -175,7 +314,8 @@ def _uneven_findings(names: tuple[str, ...], share: Floats, sigma: Floats) -> li
     """Name the motor whose output departs most: its departure shifts the mean that others are held to."""
     off = share - np.median(share)
     k = int(np.argmax(np.abs(off)))
-    if abs(off[k]) < UNEVEN or abs(off[k]) < UNEVEN_SIGMAS * sigma[k]:
+    next_ = float(np.max(np.abs(np.delete(off, k))))
+    if abs(off[k]) < max(UNEVEN, UNEVEN_SIGMAS * sigma[k], UNEVEN_ALONE * next_):
         return []
     word = "more" if off[k] > 0.0 else "less"
     return [

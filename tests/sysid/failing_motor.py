@@ -54,6 +54,7 @@ def fly(
     gust: float = 0.004,
     drift: float = 0.0,
     shift: tuple[float, float, float, float] | None = None,
+    off: float = 0.02,
 ) -> Tables:
     """Fly with random sticks, a centre of gravity off the middle and coloured gusts of moment.
 
@@ -65,13 +66,15 @@ def fly(
         How much the balance of the moments wanders linearly over the flight, same unit.
     shift : tuple, optional
         Time [s] and sudden change of roll, pitch and yaw moment, as when a payload drops.
+    off : float
+        Standard deviation of lasting moments, as of a centre of gravity to one side.
     """
     rng = np.random.default_rng(seed)
     factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
     mixer = factors / np.maximum(np.sum(factors**2, axis=0), 1e-9)
     count = round(seconds / STEP)
     gain, damping = np.array([60.0, 60.0, 8.0]), np.array([0.3, 0.3, 0.2])
-    off = rng.normal(0.0, 0.02, 3)
+    offset = rng.normal(0.0, off, 3)
     wander = rng.normal(0.0, 1.0, 3) * drift
     rate, angle, integral, disturbance = (np.zeros(3) for _ in range(4))
     target = np.zeros(3)
@@ -92,7 +95,7 @@ def fly(
         real = pwm.copy()
         if fault is not None and fault.t <= t < fault.until:
             real[fault.motor - 1] = 1000.0 + fault.part * (pwm[fault.motor - 1] - 1000.0)
-        moment = factors.T @ _thrust(real) + off + wander * t / seconds + disturbance
+        moment = factors.T @ _thrust(real) + offset + wander * t / seconds + disturbance
         if shift is not None and t >= shift[0]:
             moment = moment + shift[1:]
         if k % round(OUTPUTS / STEP) == 0:
@@ -106,3 +109,14 @@ def fly(
         "t"
     )
     return Tables(motors=motors, imu=imu)
+
+
+def remaining_thrust(tables: Tables, fault: Fault) -> float:
+    """Return the true part of the thrust that is left: the PWM is cut, thrust follows by its curve."""
+    pwm = tables.motors[f"m{fault.motor}"].loc[fault.t + 1.0 : fault.until].to_numpy()
+
+    def thrust(values: np.ndarray) -> np.ndarray:
+        command = np.clip((values - 1150.0) / 800.0, 0.0, 1.0)
+        return 0.35 * command + 0.65 * command**2
+
+    return float(np.sum(thrust(1000.0 + fault.part * (pwm - 1000.0)) * thrust(pwm)) / np.sum(thrust(pwm) ** 2))

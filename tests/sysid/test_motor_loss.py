@@ -5,20 +5,9 @@ import pytest
 
 from logparse import MissingDataError, Tables, Vehicle
 from sysid.rotors.motor_loss import find_motor_losses
-from tests.sysid.failing_motor import Fault, craft, fly
+from tests.sysid.failing_motor import Fault, craft, fly, remaining_thrust
 
 FRAMES = [("quad", "x"), ("quad", "plus"), ("hexa", "plus"), ("octa", "plus"), ("octa-quad", "x"), ("y6", "y6b")]
-
-
-def remaining_thrust(tables: Tables, fault: Fault) -> float:
-    """Return the true part of the thrust that is left: the PWM is cut, thrust follows by its curve."""
-    pwm = tables.motors[f"m{fault.motor}"].loc[fault.t + 1.0 : fault.until].to_numpy()
-
-    def thrust(values: np.ndarray) -> np.ndarray:
-        command = np.clip((values - 1150.0) / 800.0, 0.0, 1.0)
-        return 0.35 * command + 0.65 * command**2
-
-    return float(np.sum(thrust(1000.0 + fault.part * (pwm - 1000.0)) * thrust(pwm)) / np.sum(thrust(pwm) ** 2))
 
 
 @pytest.mark.parametrize("part", [0.8, 0.88])

@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse import MissingDataError, Motor, Vehicle
-from sysid import Experiment
+from logparse import MissingDataError, Motor, Tables, Vehicle
 from sysid.records.mixer import expectation
 from sysid.records.motor_scaling import command_for, motor_pwm
 from sysid.rotors.motor_order import motor_order
@@ -17,11 +16,14 @@ QUAD_X = ((45.0, 1), (-135.0, 1), (-45.0, -1), (135.0, -1))
 OCTA_PLUS = tuple(
     (angle, 1 if k in (0, 1, 6, 7) else -1) for k, angle in enumerate((0, 180, 45, 135, -45, -135, -90, 90))
 )
+FRAMES = [QUAD_X, OCTA_PLUS]
+
+SECONDS, LOOP, EVERY, MOTORS = 60.0, 100.0, 2, 10
+#: Angular acceleration of roll, pitch and yaw, rad/s^2 per unit of the controller's output.
+GAIN = np.array([90.0, 80.0, 15.0])
 
 
-def flown(frame, seed, seconds=90.0, rate=10.0, yaw_gain=1.0):
-    """Return a flight of a mixer with slow random commands, motor outputs in whole microseconds, noise on both."""
-    rng = np.random.default_rng(seed)
+def craft(frame):
     motors = tuple(
         Motor(
             number=k,
@@ -35,70 +37,128 @@ def flown(frame, seed, seconds=90.0, rate=10.0, yaw_gain=1.0):
         )
         for k, (angle, spin) in enumerate(frame, start=1)
     )
-    vehicle = Vehicle(motors=motors, pwm_min=1000.0, pwm_max=2000.0, spin_min=0.15, spin_max=0.95, thrust_expo=0.65)
-    t = np.arange(round(seconds * rate)) / rate
-    kernel = np.exp(-np.arange(0.0, 3.0, 1.0 / rate))
-    noise = rng.standard_normal((len(t) + len(kernel), 4))
-    slow = np.column_stack([np.convolve(column, kernel, "same")[: len(t)] for column in noise.T]) / np.sqrt(rate)
-    outputs = np.array([0.3, 0.0, 0.01, -0.01]) + slow * np.array([0.01, 0.01, 0.01, 0.01])
-    done = outputs * np.array([1.0, 1.0, 1.0, yaw_gain])
-    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in motors])
-    thrust = 1.05 * expectation(done, factors)
-    pwm = np.array([[motor_pwm(command_for(float(one), 0.65), vehicle) for one in row] for row in thrust]).round()
-    names = {"out_thrust": 0, "out_roll": 1, "out_pitch": 2, "out_yaw": 3}
-    logged = outputs + 0.002 * rng.standard_normal(outputs.shape)
+    return Vehicle(motors=motors, pwm_min=1000.0, pwm_max=2000.0, spin_min=0.15, spin_max=0.95, thrust_expo=0.65)
 
-    context = pd.DataFrame({name: logged[:, k] for name, k in names.items()}, index=pd.Index(t, name="t"))
-    return Experiment.from_arrays(
-        t,
-        pwm,
-        np.zeros((len(t), 3)),
-        name="mixed",
-        input_names=[f"m{k + 1}" for k in range(len(motors))],
-        output_names=("x", "y", "z"),
-        context=context,
-        vehicle=vehicle,
+
+def flown(vehicle, seed, yaw_gain=1.0, chirp=False):
+    """Return a flight of a mixer with slow random commands: RATE at 50 Hz, motors in whole us at 10 Hz, gyro at 25 Hz.
+
+    With a chirp, outputs move faster than motors are logged. What the craft does shows 0.03 s later, beside gusts.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(SECONDS * LOOP)) / LOOP
+    kernel = np.exp(-np.arange(0.0, 3.0, 1.0 / LOOP))
+    noise = rng.standard_normal((len(t) + len(kernel), 7))
+    slow = np.column_stack([np.convolve(column, kernel, "same")[: len(t)] for column in noise.T]) / np.sqrt(LOOP)
+    outputs = np.array([0.3, 0.0, 0.01, -0.01]) + 0.01 * slow[:, :4]
+    if chirp:
+        swept = np.sin(2.0 * np.pi * (1.0 * t + 0.5 * (14.0 / SECONDS) * t**2))
+        for axis in range(3):
+            third = (t >= axis * SECONDS / 3.0) & (t < (axis + 1) * SECONDS / 3.0)
+            outputs[:, 1 + axis] += 0.03 * swept * third
+    outputs += 0.001 * rng.standard_normal(outputs.shape)
+    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
+    thrust = 1.05 * expectation(outputs * np.array([1.0, 1.0, 1.0, yaw_gain]), factors)
+    pwm = np.array([[motor_pwm(command_for(float(one), 0.65), vehicle) for one in row] for row in thrust[::MOTORS]])
+    moments = (outputs[:, 1:] + 0.002 * slow[:, 4:]) * GAIN
+    rates = np.cumsum(np.roll(moments - moments.mean(axis=0), 3, axis=0), axis=0) / LOOP
+    index = pd.Index(t, name="t")
+    logged = pd.DataFrame(outputs, columns=["out_thrust", "out_roll", "out_pitch", "out_yaw"], index=index)
+    gyro = pd.DataFrame(rates + 0.003 * rng.standard_normal(rates.shape), columns=["gyro_x", "gyro_y", "gyro_z"])
+    return Tables(
+        motors=pd.DataFrame(
+            pwm.round(), columns=[f"m{k + 1}" for k in range(len(vehicle.motors))], index=index[::MOTORS]
+        ),
+        rates=logged.iloc[::EVERY],
+        imu=gyro.set_index(index).iloc[:: 2 * EVERY],
     )
 
 
-@pytest.mark.parametrize("frame", [QUAD_X, OCTA_PLUS])
-def test_another_order_is_found_and_named(frame):
-    """Two swapped, all rotated by one, reversed: every output is put on the motor of the mixer that it follows."""
-    for seed in range(4):
-        seen = flown(frame, seed, yaw_gain=0.8 if seed % 2 else 1.0)
-        count = len(frame)
-        swapped = list(range(count))
-        i, j = np.random.default_rng(seed).choice(count, 2, replace=False)
-        swapped[i], swapped[j] = swapped[j], swapped[i]
-        for order in (swapped, [*range(1, count), 0], list(range(count))[::-1]):
-            found = motor_order(replace(seen, u=np.ascontiguousarray(seen.u[:, order])))
-            assert [finding.id for finding in found.findings] == ["motor-order"]
-            assert [found.follows[f"m{k + 1}"] for k in range(count)] == [f"m{k + 1}" for k in order]
+def without_thrust(tables):
+    """Return what PIDR, PIDP and PIDY leave of the rate controller."""
+    return replace(tables, rates=tables.rates.assign(out_thrust=np.nan))
 
 
-@pytest.mark.parametrize("frame", [QUAD_X, OCTA_PLUS])
-def test_one_uneven_output_is_found_and_its_size(frame):
+def reordered(tables, order):
+    return replace(tables, motors=tables.motors.iloc[:, list(order)].set_axis(tables.motors.columns, axis=1))
+
+
+def orders(frame, seed):
+    """Two swapped, all rotated by one, reversed."""
+    count = len(frame)
+    swapped = list(range(count))
+    i, j = np.random.default_rng(seed).choice(count, 2, replace=False)
+    swapped[i], swapped[j] = swapped[j], swapped[i]
+    return swapped, [*range(1, count), 0], list(range(count))[::-1]
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("chirp", [False, True])
+def test_another_order_is_found_and_named(frame, chirp):
+    """A chirp aliases in outputs at 10 Hz: in their means another order looked as good as the right one."""
+    vehicle = craft(frame)
+    for seed in range(3):
+        tables = flown(vehicle, seed, 0.8 if seed % 2 else 1.0, chirp)
+        for seen in (tables, without_thrust(tables), replace(tables, rates=None)):
+            for order in orders(frame, seed):
+                found = motor_order(reordered(seen, order), vehicle, 0.0, SECONDS)
+                assert [finding.id for finding in found.findings] == ["motor-order"]
+                assert list(found.follows.values()) == [f"m{k + 1}" for k in order]
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_rates_as_slow_as_the_motors_tell_the_order_too(frame):
+    vehicle = craft(frame)
+    tables = flown(vehicle, 5)
+    # Rows of the controller lie between those of the motors, as where both are logged by turns.
+    slow = replace(tables, rates=tables.rates.iloc[3::5])
+    assert not motor_order(slow, vehicle, 0.0, SECONDS).findings
+    for order in orders(frame, 5):
+        found = motor_order(reordered(slow, order), vehicle, 0.0, SECONDS)
+        assert list(found.follows.values()) == [f"m{k + 1}" for k in order]
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("chirp", [False, True])
+def test_one_uneven_output_is_found_and_its_size(frame, chirp):
     """An output that gives 10 % less above idle than it should; the curve makes it about 14 % of thrust."""
-    seen = flown(frame, 7)
-    vehicle, pwm = seen.vehicle, seen.u.copy()
+    vehicle = craft(frame)
+    tables = flown(vehicle, 7, chirp=chirp)
     idle = motor_pwm(0.0, vehicle)
-    pwm[:, 2] = idle + 0.9 * (pwm[:, 2] - idle)
-    found = motor_order(replace(seen, u=pwm))
+    pwm = tables.motors.assign(m3=idle + 0.9 * (tables.motors["m3"] - idle))
+    found = motor_order(replace(tables, motors=pwm), vehicle, 0.0, SECONDS)
     assert [(finding.id, finding.evidence["motor"]) for finding in found.findings] == [("uneven-motor", "m3")]
     assert found.findings[0].evidence["share"] == pytest.approx(0.86, abs=0.03)
 
 
-def test_forty_flights_in_order_raise_nothing():
-    for seed in range(20):
-        for frame in (QUAD_X, OCTA_PLUS):
-            assert not motor_order(flown(frame, 100 + seed, yaw_gain=0.5 + 0.025 * seed)).findings
+def test_a_mixer_that_asks_otherwise_is_no_uneven_motor():
+    """Two motors that depart as much as each other speak of another mixer, not of one motor (a PX4 log)."""
+    vehicle = craft(QUAD_X)
+    tables = flown(vehicle, 8)
+    idle = motor_pwm(0.0, vehicle)
+    pwm = tables.motors.assign(
+        **{m: idle + part * (tables.motors[m] - idle) for m, part in (("m1", 0.95), ("m4", 1.05))}
+    )
+    assert not motor_order(replace(tables, motors=pwm), vehicle, 0.0, SECONDS).findings
+
+
+def test_flights_in_order_raise_nothing():
+    for seed in range(10):
+        for frame in FRAMES:
+            vehicle = craft(frame)
+            tables = flown(vehicle, 100 + seed, 0.5 + 0.05 * seed, chirp=seed % 2 == 1)
+            for seen in (tables, without_thrust(tables), replace(tables, rates=None)):
+                assert not motor_order(seen, vehicle, 0.0, SECONDS).findings
 
 
 def test_what_is_needed_is_said():
-    seen = flown(QUAD_X, 1)
+    vehicle = craft(QUAD_X)
+    tables = flown(vehicle, 1)
     with pytest.raises(MissingDataError, match="RATE"):
-        motor_order(replace(seen, context=None))
+        motor_order(replace(tables, rates=None, imu=None), vehicle, 0.0, SECONDS)
+    with pytest.raises(MissingDataError, match="angular rates at 20 Hz"):
+        motor_order(replace(tables, rates=None, imu=tables.imu.iloc[::3]), vehicle, 0.0, SECONDS)
     with pytest.raises(MissingDataError, match="frame"):
-        motor_order(replace(seen, vehicle=None))
+        motor_order(tables, Vehicle(), 0.0, SECONDS)
     with pytest.raises(MissingDataError, match="only"):
-        motor_order(seen.window(0.0, 10.0))
+        motor_order(tables, vehicle, 0.0, 8.0)
