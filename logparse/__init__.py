@@ -41,23 +41,4 @@ __all__ = [
     "read_log",
 ]
 
-__getattr__, __dir__ = exports(
-    __name__,
-    {
-        "COLUMNS": "logparse.tables",
-        "Boot": "logparse.source",
-        "Flight": "logparse.flights",
-        "FlightEvent": "logparse.events.event",
-        "FlightLog": "logparse.log",
-        "Geodetic": "logparse.tables",
-        "MessageSource": "logparse.source",
-        "Messages": "logparse.log",
-        "Motor": "logparse.frames",
-        "Tables": "logparse.tables",
-        "Vehicle": "logparse.frames",
-        "check_is_log": "logparse.log",
-        "flight_events": "logparse.events.timeline",
-        "read_flights": "logparse.log",
-        "read_log": "logparse.log",
-    },
-)
+__getattr__, __dir__ = exports(__name__, __file__)

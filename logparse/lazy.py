@@ -8,11 +8,14 @@ checkers and as a stand-in when it runs::
     else:
         fsspec = lazy("fsspec")
 
-A package names what it exports, and where that is (`exports`). Commands of `rotorid.cli` import in their functions.
+A package names what it exports, and where that is, in the same way (`exports`). Commands of `rotorid.cli` import in
+their functions.
 """
 
-from collections.abc import Callable, Mapping
+import ast
+from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 
@@ -33,22 +36,32 @@ def lazy(name: str) -> Any:
     return _Module(name)
 
 
-def exports(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+def exports(package: str, source: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """Return a package's ``__getattr__`` and ``__dir__``, for names that are imported when they are first used.
+
+    Which they are, and where, stands once: in the package's own block ``if TYPE_CHECKING:``.
 
     Parameters
     ----------
-    package : str
-        Its ``__name__``.
-    homes : mapping of str to str
-        The module of each name; a module that is exported as a whole is its own home (``"rotorid.fit"`` for ``fit``).
+    package, source : str
+        Its ``__name__`` and ``__file__``.
     """
+    homes = {
+        alias.asname or alias.name: (statement.module or package, alias.name)
+        for block in ast.parse(Path(source).read_bytes()).body
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
+        for statement in block.body
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+    }
 
     def find(name: str) -> object:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        module = import_module(homes[name])
-        found = module if homes[name].endswith(f".{name}") and not hasattr(module, name) else getattr(module, name)
+        home, original = homes[name]
+        module = import_module(home)
+        of_module = home != package and hasattr(module, original)
+        found = getattr(module, original) if of_module else import_module(f"{home}.{original}")
         setattr(import_module(package), name, found)
         return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import threading
@@ -57,6 +58,14 @@ def lessened(value: object, kind: type[T]) -> T:
     """Return the part of a value that another type has, by the names of its fields."""
     with _learning:
         return msgspec.convert(value, kind, from_attributes=True)
+
+
+def recorded(value: Any, kind: type[T]) -> T:
+    """Return a dataclass as its record, which has the same fields of what JSON can hold; TypeError where one lacks."""
+    lost = {field.name for field in dataclasses.fields(value)} - set(typing.get_type_hints(kind))
+    if lost:
+        raise TypeError(f"{kind.__name__} has no {', '.join(sorted(lost))}")
+    return cleaned(value, kind)
 
 
 def as_json(value: object, indent: int | None = 1) -> str:

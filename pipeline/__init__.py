@@ -33,18 +33,4 @@ __all__ = [
     "analyze_flights",
 ]
 
-__getattr__, __dir__ = exports(
-    __name__,
-    dict.fromkeys(("FlightResult", "LogFacts", "ModelResult", "Prediction"), "pipeline.results.flight")
-    | {
-        "AnalysisConfig": "pipeline.config",
-        "ConfigError": "pipeline.errors",
-        "Failure": "pipeline.results.fleet",
-        "FleetResult": "pipeline.fleet.result",
-        "GroupResult": "pipeline.results.fleet",
-        "Span": "pipeline.results.span",
-        "analyze": "pipeline.flight.analysis",
-        "analyze_fleet": "pipeline.fleet.analysis",
-        "analyze_flights": "pipeline.flight.analysis",
-    },
-)
+__getattr__, __dir__ = exports(__name__, __file__)

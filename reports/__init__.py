@@ -23,14 +23,7 @@ else:
 
 __all__ = ["publish", "write", "write_fleet", "write_replay"]
 
-__getattr__, __dir__ = exports(
-    __name__,
-    {
-        "write": "reports.folder",
-        "write_fleet": "reports.fleet",
-        "write_replay": "reports.replay",
-    },
-)
+__getattr__, __dir__ = exports(__name__, __file__)
 
 
 def publish(result: "FlightResult | GroupResult", folder: "str | Path", plots: "ImageFormat | None" = None) -> "Path":

@@ -9,18 +9,14 @@ from markupsafe import Markup
 
 from logparse import Finding
 from logparse.quantity import MINUS, column, complex_numbers, counted, number, uncertain
-from pipeline.results.model_report import (
-    FunctionsRecord,
-    ModelReport,
-    OrderRow,
-    OrdersReport,
-    ThrustReport,
-    TransferFunctionsRecord,
-)
+from pipeline.results.model_report import ModelReport
 from reports import summary
 from reports.figure import Figure
 from reports.formula import transfer_function
 from reports.table import Row, Table
+from sysid.rotors.thrust_record import ThrustReport
+from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
+from sysid.validation.report import OrderRow, OrdersReport
 
 #: Outputs of flights in words.
 PLACES = {"x": "x, north", "y": "y, east", "z": "z, up"}

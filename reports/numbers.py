@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING
@@ -21,20 +21,13 @@ from pipeline.results.coverage import Linearity
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult, ModelResult
 from pipeline.results.model_report import (
-    ClosedLoopRecord,
     CoherenceReport,
     HorizonRow,
-    ModelRecord,
     ModelReport,
     ModelsFile,
-    OrdersReport,
     OwnedModels,
     ParameterRow,
-    RigidBodyRecord,
     RmseRow,
-    ThrustReport,
-    TransferFunctionsRecord,
-    ValidationReport,
 )
 from pipeline.results.report import (
     CraftReport,
@@ -48,6 +41,9 @@ from pipeline.results.report import (
 )
 from pipeline.results.span import Span
 from reports.rows import average
+from sysid.rigid_body.model_record import RigidBodyRecord
+from sysid.rotors.thrust_record import ThrustReport
+from sysid.validation.report import ModelRecord, OrdersReport, ValidationReport
 
 if TYPE_CHECKING:
     from logparse import Finding
@@ -166,8 +162,8 @@ def model_report(
         rmse=tuple(rows),
         rmse_average_m=average([row.rmse_m for row in rows if row.part == "held-out"]),
         horizons=tuple(_horizons(result.validation)),
-        validation=None if result.validation is None else cleaned(result.validation.to_dict(), ValidationReport),
-        orders=None if result.orders is None else cleaned(result.orders.to_dict(), OrdersReport),
+        validation=None if result.validation is None else cleaned(result.validation.report(), ValidationReport),
+        orders=None if result.orders is None else cleaned(result.orders.report(), OrdersReport),
         coherence=_coherence(result.coherence),
         kind="" if record is None else str(record.__struct_config__.tag),
         model=None if record is None else _without_covariance(record),
@@ -176,16 +172,9 @@ def model_report(
     )
 
 
-_RECORDS: Mapping[str, type[ModelRecord]] = {
-    "transfer-functions": TransferFunctionsRecord,
-    "closed-loop": ClosedLoopRecord,
-    "rigid_body": RigidBodyRecord,
-}
-
-
 def _record(model: Model) -> ModelRecord:
-    facts = model.to_dict()
-    return cleaned(facts, _RECORDS[facts["kind"]])
+    record = model.record()
+    return cleaned(record, type(record))
 
 
 def _without_covariance(record: ModelRecord) -> ModelRecord:
@@ -200,7 +189,7 @@ def _without_covariance(record: ModelRecord) -> ModelRecord:
 
 
 def _thrust(result: FlightResult | GroupResult) -> ThrustReport | None:
-    return None if result.thrust is None else cleaned(result.thrust.to_dict(), ThrustReport)
+    return None if result.thrust is None else cleaned(result.thrust.report(), ThrustReport)
 
 
 def _parameters(found: PhysicalParameters | None) -> tuple[ParameterRow, ...] | None:

@@ -73,4 +73,4 @@ def _comments(kind: type) -> dict[str, str]:
 
 
 #: Packages of our own.
-_OWN = ("logparse", "pipeline")
+_OWN = ("logparse", "pipeline", "sysid")

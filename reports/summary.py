@@ -9,8 +9,10 @@ from typing import TypeVar
 from logparse import Vehicle
 from logparse.quantity import duration, joined, number, size, uncertain
 from pipeline.results.answer import Answer, AnswerLine, Tone
-from pipeline.results.model_report import FunctionsRecord, ModelInShort, ModelReport, ThrustReport
+from pipeline.results.model_report import ModelInShort, ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
+from sysid.rotors.thrust_record import ThrustReport
+from sysid.transfer_functions.model_record import FunctionsRecord
 
 FORMATS = {
     "dataflash": "DataFlash log",

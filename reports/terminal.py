@@ -11,13 +11,14 @@ from rich.text import Text
 
 from logparse.quantity import column, number
 from pipeline.results.answer import Answer
-from pipeline.results.model_report import ByOutput, ModelInShort, ModelReport, ThrustCoefficientReport
+from pipeline.results.model_report import ByOutput, ModelInShort, ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport
 from pipeline.results.verdict import Verdict
 from reports import summary
 from reports.health_views import sentence
 from reports.rotation_line import rotation_line
 from reports.rows import average
+from sysid.rotors.thrust_record import ThrustCoefficient
 
 #: Longest text of a cell, and of what happened to a craft on a wide terminal.
 _LONGEST_CELL, _LONGEST_HEALTH = 24, 36
@@ -159,7 +160,7 @@ def _table() -> Table:
     return Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
 
 
-def _per_mass(common: ThrustCoefficientReport) -> str:
+def _per_mass(common: ThrustCoefficient) -> str:
     value, sigma = common.per_mass, common.sigma
     if value is None:
         return "–"

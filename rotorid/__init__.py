@@ -49,25 +49,4 @@ __all__ = [
 ]
 
 
-__getattr__, __dir__ = exports(
-    __name__,
-    {
-        "AnalysisConfig": "pipeline.config",
-        "Comparison": "rotorid.validation",
-        "Craft": "rotorid.analysis",
-        "Experiment": "sysid.records.experiment",
-        "Fleet": "rotorid.analysis",
-        "FlightLog": "rotorid.flight_log",
-        "analyze": "rotorid.analysis",
-        "compare": "rotorid.analysis",
-        "fit": "rotorid.fit",
-        "frequency": "sysid.frequency",
-        "load": "rotorid.flight_log",
-        "loops": "sysid.loops",
-        "plot": "rotorid.plot",
-        "prove": "sysid.loops",
-        "simulate": "rotorid.simulated_flight",
-        "tune": "sysid.loops",
-        "validate": "rotorid.validation",
-    },
-)
+__getattr__, __dir__ = exports(__name__, __file__)

@@ -2,37 +2,49 @@
 
 Inputs and outputs come as an `Experiment`. Every model offers ``simulate(experiment)`` (free run from the initial
 state), ``predict(experiment, horizon)`` (restarted at every sample), ``findings`` and ``training`` (names of the
-records it was fitted to); `validate` judges it on records it has not seen.
+records it was fitted to); `validate` judges it on records it has not seen. Names are imported when they are first used.
 """
 
-from sysid.bench.pendulum import bifilar, check_thread
-from sysid.bench.stand import Bench, analyse_bench
-from sysid.bench.table import BenchError, read_bench
-from sysid.records.experiment import Experiment, ExperimentError
-from sysid.records.table_export import write_table
-from sysid.rigid_body.body_fit import fit_rigid_body
-from sysid.rigid_body.craft_export import write_craft
-from sysid.rigid_body.frame_json import FrameExport, frame_json
-from sysid.rigid_body.hover import HoverModel, hover_from_speeds, hover_model
-from sysid.rigid_body.model import BodyParameter, RigidBodyModel
-from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
-from sysid.rigid_body.six_dof.fit import fit_six_dof
-from sysid.rigid_body.six_dof.learning import learn_correction
-from sysid.rigid_body.six_dof.model import SixDofModel
-from sysid.rigid_body.wind import FlightTrim
-from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
-from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
-from sysid.rotors.rotor import RotorModel, fit_rotor
-from sysid.rotors.thrust import ThrustModel, fit_thrust
-from sysid.rotors.thrust_regression import ThrustCoefficient
-from sysid.transfer_functions.arx import ArxModel, fit_arx
-from sysid.transfer_functions.closed_loop import ClosedLoopModel, fit_closed_loop
-from sysid.transfer_functions.frequency_response import ModelResponse, frequency_response
-from sysid.transfer_functions.pem import fit_transfer_functions
-from sysid.transfer_functions.transfer_function import FitReport, TransferFunction, TransferFunctionModel, poles, zeros
-from sysid.validation.assessment import Model, Predictor, Validation, validate
-from sysid.validation.order import OrderScan, scan_orders
-from sysid.validation.states import StateValidation, validate_states
+from typing import TYPE_CHECKING
+
+from logparse.lazy import exports
+
+if TYPE_CHECKING:
+    from sysid.bench.pendulum import bifilar, check_thread
+    from sysid.bench.stand import Bench, analyse_bench
+    from sysid.bench.table import BenchError, read_bench
+    from sysid.records.experiment import Experiment, ExperimentError
+    from sysid.records.table_export import write_table
+    from sysid.rigid_body.body_fit import fit_rigid_body
+    from sysid.rigid_body.craft_export import write_craft
+    from sysid.rigid_body.frame_json import FrameExport, frame_json
+    from sysid.rigid_body.hover import HoverModel, hover_from_speeds, hover_model
+    from sysid.rigid_body.model import RigidBodyModel
+    from sysid.rigid_body.model_record import BodyParameter
+    from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
+    from sysid.rigid_body.six_dof.fit import fit_six_dof
+    from sysid.rigid_body.six_dof.learning import learn_correction
+    from sysid.rigid_body.six_dof.model import SixDofModel
+    from sysid.rigid_body.wind import FlightTrim
+    from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
+    from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
+    from sysid.rotors.rotor import RotorModel, fit_rotor
+    from sysid.rotors.thrust import ThrustModel, fit_thrust
+    from sysid.rotors.thrust_record import ThrustCoefficient
+    from sysid.transfer_functions.arx import ArxModel, fit_arx
+    from sysid.transfer_functions.closed_loop import ClosedLoopModel, fit_closed_loop
+    from sysid.transfer_functions.frequency_response import ModelResponse, frequency_response
+    from sysid.transfer_functions.pem import fit_transfer_functions
+    from sysid.transfer_functions.transfer_function import (
+        FitReport,
+        TransferFunction,
+        TransferFunctionModel,
+        poles,
+        zeros,
+    )
+    from sysid.validation.assessment import Model, Predictor, Validation, validate
+    from sysid.validation.order import OrderScan, scan_orders
+    from sysid.validation.states import StateValidation, validate_states
 
 __all__ = [
     "ArxModel",
@@ -89,3 +101,5 @@ __all__ = [
     "write_table",
     "zeros",
 ]
+
+__getattr__, __dir__ = exports(__name__, __file__)

@@ -14,19 +14,15 @@ import estimation
 import logparse
 import sysid
 from logparse import MissingDataError, RotoridError, Vehicle
-from logparse.serialization import from_json, plain
+from logparse.serialization import from_json
 from pipeline.errors import ConfigError
 from pipeline.execution.stages import Progress, silent
 from pipeline.flight.kinds import KINDS
 from pipeline.names import printable
 from pipeline.results.flight import ModelResult, Prediction
-from pipeline.results.model_report import (
-    ClosedLoopRecord,
-    FunctionsRecord,
-    ModelRecord,
-    ModelsFile,
-    TransferFunctionsRecord,
-)
+from pipeline.results.model_report import ModelsFile
+from sysid.transfer_functions.model_record import ClosedLoopRecord, FunctionsRecord, TransferFunctionsRecord
+from sysid.validation.report import ModelRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,12 +103,12 @@ def read_model(record: ModelRecord, vehicle: Vehicle | None = None) -> sysid.Mod
         Without a vehicle that it needs.
     """
     if isinstance(record, TransferFunctionsRecord):
-        return sysid.TransferFunctionModel.from_dict(plain(record))
+        return sysid.TransferFunctionModel.from_record(record)
     if isinstance(record, ClosedLoopRecord):
-        return sysid.ClosedLoopModel.from_dict(plain(record))
+        return sysid.ClosedLoopModel.from_record(record)
     if vehicle is None:
         raise ConfigError("a rigid body needs the attitude of a log; give a log as --inputs")
-    return sysid.RigidBodyModel.from_dict(plain(record), vehicle)
+    return sysid.RigidBodyModel.from_record(record, vehicle)
 
 
 class Trim(StrEnum):

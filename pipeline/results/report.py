@@ -23,12 +23,11 @@ from pipeline.results.model_report import (
     ModelReport,
     ParameterRow,
     RmseRow,
-    ThrustCoefficientReport,
-    ThrustReport,
 )
 from pipeline.results.rotation_report import RotationReport
 from pipeline.results.span import Span
 from pipeline.results.verdict import Verdict
+from sysid.rotors.thrust_record import ThrustCoefficient, ThrustReport
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,7 +178,7 @@ class CoverageInShort:
 class ThrustInShort:
     """Common thrust coefficient, and the mean command that carries the weight."""
 
-    common: ThrustCoefficientReport
+    common: ThrustCoefficient
     hover_command: float | None
 
 

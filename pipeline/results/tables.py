@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from logparse import Finding
-from sysid.rigid_body.six_dof.model import SixDofModel
+from sysid.rigid_body.six_dof.model import SixDofModel, SixDofReport
 from sysid.validation.states import StateErrors
 
 
@@ -33,7 +32,7 @@ class TableResult:
             duration=self.duration,
             verdicts=self.verdicts,
             errors=self.errors,
-            model=self.model.to_dict(),
+            model=self.model.report(),
             findings=self.findings,
         )
 
@@ -49,5 +48,5 @@ class TablesReport:
     duration: float
     verdicts: tuple[str, ...]
     errors: tuple[StateErrors, ...]
-    model: Mapping[str, object]
+    model: SixDofReport
     findings: tuple[Finding, ...]

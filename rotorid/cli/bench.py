@@ -1,14 +1,16 @@
 """``rotorid bench``: thrust and torque coefficients and trim from thrust-stand tables."""
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rotorid.cli.exits import SOME_FAILED
 from rotorid.cli.output import prepare
 from rotorid.cli.quantities import not_negative
+
+if TYPE_CHECKING:
+    from sysid.bench.stand import BenchReport
 
 
 def bench(
@@ -41,46 +43,52 @@ def bench(
 
     Example: rotorid bench motor1.csv motor2.csv --weight 42.1 --voltage 15.2
     """
+    from logparse.serialization import as_json as strict_json
     from reports.bench_page import bench_page
     from rotorid.cli.output import console
-    from sysid.bench.stand import analyse_bench
+    from sysid.bench.stand import NoTrim, analyse_bench
     from sysid.bench.table import read_bench
 
     if weight == 0.0:
         raise typer.BadParameter("0 N is no weight of a craft: mass times 9.81", param_hint="--weight")
     prepare(out)
     found = analyse_bench(read_bench(tables), density)
-    numbers = found.to_dict(weight, voltage, motors)
-    text = json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False)
+    numbers = found.report(weight, voltage, motors)
+    text = strict_json(numbers)
     page = bench_page(found, weight, voltage, motors)
     (out / "bench.html").write_text(page, encoding="utf-8")
     (out / "bench.json").write_text(text, encoding="utf-8")
     found.coefficient_table().to_csv(out / "coefficients.csv")
     if as_json:
-        typer.echo(text)
+        typer.echo(text, nl=False)
     else:
         console().print(_summary(numbers), markup=False)
         typer.echo(out / "bench.html")
-    if any("reason" in row for row in numbers["trim"]):
+    if any(isinstance(row, NoTrim) for row in numbers.trim):
         # The table was used; what was asked of it, the trim, could not be had.
         raise typer.Exit(SOME_FAILED)
 
 
-def _summary(numbers: dict[str, Any]) -> str:
+def _summary(numbers: "BenchReport") -> str:
     from logparse.quantity import uncertain
+    from sysid.bench.stand import NoTrim
 
     lines = []
-    for row in numbers["coefficients"]:
-        volts = "" if row["voltage"] is None else f" at {row['voltage']:.4g} V"
+    for row in numbers.coefficients:
+        volts = "" if row.voltage is None else f" at {row.voltage:.4g} V"
         parts = [
-            f"{symbol} = {uncertain(each['value'], max(each['sigma'], 1e-3 * each['value']), each['unit'])}"
-            if each["value"] is not None
-            else f"{symbol} not determined ({each['reason']})"
-            for symbol, each in (("k", row["thrust"]), ("b", row["torque"]))
+            f"{symbol} = {uncertain(each.value, max(each.sigma or 0.0, 1e-3 * each.value), each.unit)}"
+            if each.value is not None
+            else f"{symbol} not determined ({each.reason})"
+            for symbol, each in (("k", row.thrust), ("b", row.torque))
         ]
-        lines.append(f"{row['motor']}{volts}: {', '.join(parts)}")
-    for row in numbers["trim"]:
-        volts = "" if row["voltage"] is None else f" at {row['voltage']:.4g} V"
-        lines.append(row.get("reason") or f"{row['motor']}{volts} carries {row['thrust']:.2f} N at {row['pwm']:.0f} us")
-    lines += [f"{finding['severity']}: {finding['reason']}" for finding in numbers["findings"]]
+        lines.append(f"{row.motor}{volts}: {', '.join(parts)}")
+    for hover in numbers.trim:
+        volts = "" if hover.voltage is None else f" at {hover.voltage:.4g} V"
+        lines.append(
+            hover.reason
+            if isinstance(hover, NoTrim)
+            else f"{hover.motor}{volts} carries {hover.thrust:.2f} N at {hover.pwm:.0f} us"
+        )
+    lines += [f"{finding.severity}: {finding.reason}" for finding in numbers.findings]
     return "\n".join(lines)

@@ -1,6 +1,5 @@
 """``rotorid bifilar``: moment of inertia from a bifilar pendulum."""
 
-import json
 from typing import Annotated
 
 import typer
@@ -40,6 +39,7 @@ def bifilar(
     Example: rotorid bifilar 21.32 21.29 21.35 --mass 1.24 --length 1.5 --distance 0.21 --axis xx
     """
     from logparse.quantity import number, uncertain
+    from logparse.serialization import as_json as strict_json
     from sysid.bench.pendulum import Threads, check_thread
     from sysid.bench.pendulum import bifilar as weigh
 
@@ -47,8 +47,7 @@ def bifilar(
     result = weigh(times, mass, threads, oscillations=swings, mass_sigma=mass_sigma, axis=axis)
     check = check_thread(pendulum, length, oscillations=swings) if pendulum else None
     if as_json:
-        numbers = result.to_dict() | ({"thread_check": check.to_dict()} if check else {})
-        typer.echo(json.dumps(numbers, indent=1, allow_nan=False))
+        typer.echo(strict_json(result.report(check)), nl=False)
         return
     name = f"I{axis}" if axis else "I"
     if result.determined:

@@ -9,15 +9,15 @@ period of seconds; the formula is right.)
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Literal
 
+import msgspec
 import numpy as np
 from scipy.constants import g as standard_gravity
 
 from logparse import Finding, Severity
-from logparse.serialization import plain
 from sysid.bench.table import BenchError
 
 #: Difference between g by the simple pendulum and true g that asks for a look at the thread length.
@@ -58,16 +58,39 @@ class BifilarResult:
         """Whether the inertia is known better than to half of it."""
         return self.sigma <= DETERMINED * self.inertia
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        numbers = {name: getattr(self, name) for name in self.__slots__ if name != "findings"}
-        return {
-            "kind": "bifilar",
-            **numbers,
-            "determined": self.determined,
-            "unit": "kg m^2",
-            "findings": plain(self.findings),
-        }
+    def report(self, check: ThreadCheck | None = None) -> BifilarReport:
+        """Return what ``rotorid bifilar --json`` writes."""
+        return BifilarReport(
+            axis=self.axis,
+            inertia=self.inertia,
+            std=self.std,
+            variance=self.variance,
+            sigma=self.sigma,
+            parts=self.parts,
+            period=self.period,
+            repetitions=self.repetitions,
+            determined=self.determined,
+            unit="kg m^2",
+            findings=self.findings,
+            thread_check=check,
+        )
+
+
+class BifilarReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="bifilar"):
+    """A `BifilarResult` as its file, with a check of the threads where one was made."""
+
+    axis: str
+    inertia: float
+    std: float
+    variance: float
+    sigma: float
+    parts: Mapping[str, float]
+    period: float
+    repetitions: int
+    determined: bool
+    unit: str
+    findings: tuple[Finding, ...]
+    thread_check: ThreadCheck | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,15 +205,7 @@ class ThreadCheck:
     gravity: float  #: m/s^2, from the assumed length.
     length: float  #: m, from true gravity.
     findings: tuple[Finding, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "kind": "thread-check",
-            "gravity": self.gravity,
-            "length": self.length,
-            "findings": plain(self.findings),
-        }
+    kind: Literal["thread-check"] = "thread-check"
 
 
 def check_thread(

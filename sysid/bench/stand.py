@@ -14,13 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from logparse import Finding, Severity, Vehicle
-from logparse.serialization import plain
 from sysid.bench.levels import (
     Coefficients,
     CommandCurve,
@@ -42,6 +41,52 @@ BEYOND = 0.02
 
 #: Steps of PWM that are one level, us.
 STEP = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoefficientRow:
+    """k and b of a motor at a voltage; None where the table has no voltages."""
+
+    motor: str
+    voltage: float | None
+    thrust: Parameter
+    torque: Parameter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrimRow:
+    """What carries a weight [N], see `sysid.bench.levels.Trim`."""
+
+    motor: str
+    voltage: float | None
+    weight: float
+    pwm: float
+    thrust: float
+    speed: float | None
+    current: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoTrim:
+    """Why a motor cannot carry its share of a weight [N]."""
+
+    motor: str
+    voltage: float | None
+    weight: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchReport:
+    """What bench.json holds."""
+
+    kind: Literal["bench"] = "bench"
+    table: str
+    density: float
+    voltages: tuple[float, ...]
+    coefficients: tuple[CoefficientRow, ...]
+    trim: tuple[TrimRow | NoTrim, ...]
+    findings: tuple[Finding, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -234,43 +279,43 @@ class Bench:
         table.columns = pd.MultiIndex.from_tuples(pairs, names=["coefficient", "motor"])
         return table
 
-    def to_dict(
+    def report(
         self, weight: float | None = None, voltage: float | None = None, motors: int | None = None
-    ) -> dict[str, Any]:
-        """Return coefficients at the tested voltages, and trim at a weight and voltage, as numbers for JSON."""
+    ) -> BenchReport:
+        """Return coefficients at the tested voltages, and trim at a weight and voltage, as bench.json has them."""
         volts: list[float | None] = [*self.voltages] or [None]
         if voltage is not None and voltage not in volts:
             volts.append(voltage)
-        result: dict[str, Any] = {
-            "kind": "bench",
-            "table": self.table.name,
-            "density": self.density,
-            "voltages": list(self.voltages),
-            "coefficients": [
-                {
-                    "motor": motor,
-                    "voltage": volt,
-                    "thrust": plain(found.thrust),
-                    "torque": plain(found.torque),
-                }
+        return BenchReport(
+            table=self.table.name,
+            density=self.density,
+            voltages=self.voltages,
+            coefficients=tuple(
+                CoefficientRow(motor=motor, voltage=volt, thrust=found.thrust, torque=found.torque)
                 for motor in self.motors
                 for volt in volts
                 for found in [self.coefficients(motor, volt)]
-            ],
-            "trim": [],
-            "findings": plain(self.findings),
-        }
-        if weight is not None:
-            for motor in self.motors:
-                row: dict[str, Any] = {"motor": motor, "voltage": voltage, "weight": weight}
-                try:
-                    trim = self.trim(motor, weight, voltage, motors)
-                except BenchError as error:
-                    row["reason"] = str(error)
-                else:
-                    row |= {"pwm": trim.pwm, "thrust": trim.thrust, "speed": trim.speed, "current": trim.current}
-                result["trim"].append(row)
-        return result
+            ),
+            trim=()
+            if weight is None
+            else tuple(self._trim_row(motor, weight, voltage, motors) for motor in self.motors),
+            findings=self.findings,
+        )
+
+    def _trim_row(self, motor: str, weight: float, voltage: float | None, motors: int | None) -> TrimRow | NoTrim:
+        try:
+            trim = self.trim(motor, weight, voltage, motors)
+        except BenchError as error:
+            return NoTrim(motor=motor, voltage=voltage, weight=weight, reason=str(error))
+        return TrimRow(
+            motor=motor,
+            voltage=voltage,
+            weight=weight,
+            pwm=trim.pwm,
+            thrust=trim.thrust,
+            speed=trim.speed,
+            current=trim.current,
+        )
 
     def _require_tested(self, voltage: float) -> None:
         if not self.voltages:

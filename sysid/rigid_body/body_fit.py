@@ -18,7 +18,8 @@ from sysid.rigid_body.carried import WIND_SIGMA
 from sysid.rigid_body.drag_law import fit_best_law
 from sysid.rigid_body.equation_error import fit_equation_error
 from sysid.rigid_body.filter_error import FilterErrorFit, mean_winds
-from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
+from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, RigidBodyModel
+from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.motor_effects import fit_motor_effects
 from sysid.rigid_body.output_error import Prior, fit_output_error, flight_slice
 from sysid.rigid_body.rotation import COHERENT, STILL, RotationFit, centre_of_gravity, fit_rotation, logged_motors

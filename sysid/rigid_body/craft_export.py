@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.io import savemat
 
 from logparse import Finding, MissingDataError, Severity
+from logparse.serialization import as_json
 from sysid.rigid_body.frame_json import frame_json
-from sysid.rigid_body.hover import HoverModel, hover_model
+from sysid.rigid_body.hover import HoverModel, HoverRecord, hover_model
 from sysid.rigid_body.model import RigidBodyModel
+from sysid.rigid_body.model_record import RigidBodyRecord
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CraftRecord:
+    """What craft.json holds."""
+
+    craft: RigidBodyRecord
+    hover: HoverRecord | None
 
 
 def write_craft(
@@ -49,9 +58,9 @@ def write_craft(
         linear = hover_model(model)
     except MissingDataError as error:
         findings.append(Finding("no-hover-model", Severity.INFO, str(error)))
-    numbers: dict[str, Any] = {"craft": model.to_dict(), "hover": None if linear is None else linear.to_dict()}
+    record = CraftRecord(craft=model.record(), hover=None if linear is None else linear.record())
     files = [folder / "craft.json", folder / "craft.mat"]
-    files[0].write_text(json.dumps(numbers, indent=1, allow_nan=False), encoding="utf-8")
+    files[0].write_text(as_json(record), encoding="utf-8")
     savemat(files[1], _for_matlab(model, linear), long_field_names=True, oned_as="column")
     try:
         frame = frame_json(model, mass, arm=arm, disc_area=disc_area)
@@ -64,9 +73,9 @@ def write_craft(
     return files, findings
 
 
-def _for_matlab(model: RigidBodyModel, linear: HoverModel | None) -> dict[str, Any]:
+def _for_matlab(model: RigidBodyModel, linear: HoverModel | None) -> dict[str, object]:
     """Structures ``parameters`` (value, sigma, unit), ``covariance``, ``hover`` (A, B, trim); NaN: not determined."""
-    result: dict[str, Any] = {
+    result: dict[str, object] = {
         "parameters": {
             re.sub(r"\W", "_", name): {
                 "value": np.nan if each.value is None else each.value,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Literal
 
 import numpy as np
 from scipy.constants import g as standard_gravity
@@ -21,6 +21,22 @@ from sysid.records.motor_scaling import command_for
 from sysid.rigid_body.model import RigidBodyModel
 
 STATES = ("roll", "pitch", "p", "q", "r")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoverRecord:
+    """What files hold of a `HoverModel`."""
+
+    kind: Literal["hover"] = "hover"
+    states: tuple[str, ...] = STATES
+    inputs: tuple[str, ...]
+    input_unit: str
+    A: tuple[tuple[float, ...], ...]
+    B: tuple[tuple[float, ...], ...]
+    eigenvalues: tuple[tuple[float, float], ...]  #: Real and imaginary part, 1/s.
+    trim: tuple[float, ...]
+    pwm_per_command: float | None
+    controllable: bool
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -52,20 +68,18 @@ class HoverModel(Summarised):
             blocks.append(power)
         return bool(np.linalg.matrix_rank(np.hstack(blocks)) == len(self.A))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return matrices and names for JSON."""
-        return {
-            "kind": "hover",
-            "states": list(STATES),
-            "inputs": list(self.inputs),
-            "input_unit": self.input_unit,
-            "A": self.A.tolist(),
-            "B": self.B.tolist(),
-            "eigenvalues": [[value.real, value.imag] for value in self.eigenvalues],
-            "trim": self.trim.tolist(),
-            "pwm_per_command": self.pwm_per_command,
-            "controllable": self.controllable,
-        }
+    def record(self) -> HoverRecord:
+        """Return what files hold of the model."""
+        return HoverRecord(
+            inputs=self.inputs,
+            input_unit=self.input_unit,
+            A=tuple(tuple(row) for row in self.A.tolist()),
+            B=tuple(tuple(row) for row in self.B.tolist()),
+            eigenvalues=tuple((value.real, value.imag) for value in self.eigenvalues),
+            trim=tuple(self.trim.tolist()),
+            pwm_per_command=self.pwm_per_command,
+            controllable=self.controllable,
+        )
 
 
 def hover_from_speeds(

@@ -23,13 +23,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from logparse import Finding, MissingDataError, Vehicle
 from logparse.quantity import uncertain
-from logparse.serialization import plain
+from logparse.serialization import plain, recorded, restored
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
@@ -37,7 +36,7 @@ from sysid.rigid_body.body_motion import LAG, THETA, Motion, motion
 from sysid.rigid_body.carried import Carried, carry_states
 from sysid.rigid_body.drift_band import drift_sigma, trim_errors
 from sysid.rigid_body.increments import velocity_increments
-from sysid.rigid_body.motor_effects import MotorEffect
+from sysid.rigid_body.model_record import BodyParameter, MotorEffect, RigidBodyRecord, TrimRecord
 from sysid.rigid_body.rotation import AXES, logged_motors, run_rates, torque_commands
 from sysid.rigid_body.trim import early_trim, unusual_thrust, whole_trim
 from sysid.rigid_body.wander import FIXED, GUST_SECONDS
@@ -78,24 +77,6 @@ ROTATION_UNITS: Mapping[str, str] = {
     "cg_x": "1, centre of gravity ahead of the motors' centre, in arms",
     "cg_y": "1, to the right",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class BodyParameter:
-    """One parameter and what is known of it."""
-
-    name: str
-    unit: str
-    #: Estimate and standard error (for coloured residuals); None when not determined.
-    value: float | None
-    sigma: float | None
-    determined: bool
-    reason: str  #: Why not, empty when determined.
-    used: float  #: What the model computes with: the estimate, or what stands in for it when not determined.
-    #: The same in SI for the mass given (N, N s/m, ...); None without a mass, or where mass does not enter.
-    si_value: float | None = None
-    si_sigma: float | None = None
-    si_unit: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -371,51 +352,51 @@ class RigidBodyModel(Summarised):
         total = self.value(names[0]) * speed + self.value(names[1]) * speed * abs(speed)
         return total, float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the model as numbers and text for JSON."""
-        return {
-            "kind": "rigid_body",
-            "name": self.name,
-            "parameters": plain(self.parameters),
-            "estimated": list(self.estimated),
-            "covariance": self.covariance.tolist(),
-            "correlation": self.correlation.tolist(),
-            "condition": self.condition if np.isfinite(self.condition) else None,
-            "rotor_drag": self.rotor_drag,
-            "axis_drag": self.axis_drag,
-            "mass": self.mass,
-            "reference_density": self.reference_density,
-            "reference_voltage": self.reference_voltage,
-            "wind_height": WIND_HEIGHT,
-            "flights": plain(self.flights),
-            "rotation_fit": dict(self.rotation_fit),
-            "rmse": self.rmse,
-            "motors": plain(self.motors),
-            "training": list(self.training),
-            "findings": plain(self.findings),
-        }
+    def record(self) -> RigidBodyRecord:
+        """Return what files hold of the model."""
+        return RigidBodyRecord(
+            name=self.name,
+            parameters=self.parameters,
+            estimated=self.estimated,
+            covariance=tuple(tuple(row) for row in self.covariance.tolist()),
+            correlation=tuple(tuple(row) for row in self.correlation.tolist()),
+            condition=self.condition,
+            rotor_drag=self.rotor_drag,
+            axis_drag=self.axis_drag,
+            mass=self.mass,
+            reference_density=self.reference_density,
+            reference_voltage=self.reference_voltage,
+            wind_height=WIND_HEIGHT,
+            flights={name: recorded(trim, TrimRecord) for name, trim in self.flights.items()},
+            rotation_fit=self.rotation_fit,
+            rmse=self.rmse,
+            motors=self.motors,
+            training=self.training,
+            findings=self.findings,
+        )
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any], vehicle: Vehicle) -> RigidBodyModel:
-        """Read what `to_dict` gave, for a craft with these motors; wind and thrust scale of flights are found anew."""
+    def from_record(cls, record: RigidBodyRecord, vehicle: Vehicle) -> RigidBodyModel:
+        """Make the model again for a craft with these motors; wind and thrust scale of flights are found anew."""
+        assert record.covariance is not None  # left out in report.json only
         return cls(
-            name=values["name"],
-            parameters={name: BodyParameter(**parameter) for name, parameter in values["parameters"].items()},
-            estimated=tuple(values["estimated"]),
-            covariance=np.asarray(values["covariance"], dtype=np.float64),
-            condition=float("inf") if values["condition"] is None else float(values["condition"]),
-            rotor_drag=values["rotor_drag"],
-            axis_drag=values["axis_drag"],
-            mass=values["mass"],
+            name=record.name,
+            parameters=record.parameters,
+            estimated=record.estimated,
+            covariance=np.asarray(record.covariance, dtype=np.float64),
+            condition=np.inf if record.condition is None else record.condition,
+            rotor_drag=record.rotor_drag,
+            axis_drag=record.axis_drag,
+            mass=record.mass,
             vehicle=vehicle,
-            reference_density=values["reference_density"],
-            reference_voltage=values["reference_voltage"],
+            reference_density=record.reference_density,
+            reference_voltage=record.reference_voltage,
             flights={},
-            rotation_fit=dict(values["rotation_fit"]),
-            rmse=values["rmse"],
-            training=tuple(values["training"]),
+            rotation_fit=restored(plain(record.rotation_fit), Mapping[str, float]),  # type: ignore[type-abstract]
+            rmse=np.nan if record.rmse is None else record.rmse,
+            training=record.training,
             findings=(),
-            motors={name: MotorEffect(**effect) for name, effect in values.get("motors", {}).items()},
+            motors=record.motors,
         )
 
     def _motion(self, experiment: Experiment) -> Motion:

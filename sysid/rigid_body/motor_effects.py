@@ -10,12 +10,12 @@ single motors stay hidden.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from logparse import Vehicle
 from sysid.records.experiment import Experiment, Floats
+from sysid.rigid_body.model_record import MotorEffect
 from sysid.rigid_body.rotation import (
     AXES,
     COHERENT,
@@ -31,20 +31,6 @@ SEPARABLE = 1e3
 
 #: Lever below which an axis tells nothing of a motor, in arms.
 _LEVER = 0.3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotorEffect:
-    """One motor's share."""
-
-    #: Thrust at a command over that of all motors alike; None when not determined.
-    thrust: float | None
-    thrust_sigma: float | None
-    #: Torque over yaw inertia at full command in sea-level air, in the sense in which the motor turns the craft,
-    #: rad/s^2; None when not determined.
-    torque: float | None
-    torque_sigma: float | None
-    reason: str = ""  #: Why not, empty when determined.
 
 
 def fit_motor_effects(

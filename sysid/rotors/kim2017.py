@@ -43,8 +43,8 @@ from sysid.rotors.kim2017_windows import (
     motor_patterns,
     output_error,
 )
+from sysid.rotors.thrust_record import ThrustCoefficient
 from sysid.rotors.thrust_regression import (
-    ThrustCoefficient,
     air_sigma_of,
     coefficient,
     conditions_of,

@@ -22,10 +22,10 @@ from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import Law, column, lagged, rotor_speeds, thrust_signals
+from sysid.rotors.thrust_record import ThrustCoefficient
 from sysid.rotors.thrust_regression import (
     Blocks,
     Regression,
-    ThrustCoefficient,
     air_sigma_of,
     blocks_of,
     body_down,

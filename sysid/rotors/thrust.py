@@ -15,23 +15,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.constants import g as standard_gravity
 
 from logparse import Finding, Severity
 from logparse.quantity import uncertain
-from logparse.serialization import plain
 from logparse.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.records.motor_scaling import command_for, motor_pwm
 from sysid.records.thrust_curve import REFERENCE_DENSITY
+from sysid.rotors.thrust_record import ThrustCoefficient, ThrustReport
 from sysid.rotors.thrust_regression import (
     AIR_SIGMA,
     BLOCK_SECONDS,
-    ThrustCoefficient,
     air_sigma_of,
     blocks_of,
     coefficient,
@@ -87,35 +85,29 @@ class ThrustModel(Summarised):
             "findings": listed([finding.id for finding in self.findings]) or "none",
         }
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the model as numbers and text for JSON."""
-        numbers = {
-            name: getattr(self, name)
-            for name in [
-                "name",
-                "mass",
-                "thrust_expo",
-                "reference_density",
-                "reference_voltage",
-                "damping",
-                "hover_command",
-                "hover_pwm",
-                "rmse",
-                "condition",
-                "seconds",
-                "air_sigma",
-            ]
-        }
-        return {
-            "kind": "thrust",
-            **numbers,
-            "units": {"per_mass": "m/s^2 at full command", "newton": "N at full command"},
-            "common": plain(self.common),
-            "effort": dict(self.effort),
-            "per_motor": plain(self.per_motor),
-            "training": list(self.training),
-            "findings": plain(self.findings),
-        }
+    def report(self) -> ThrustReport:
+        """Return what files hold of the model."""
+        return ThrustReport(
+            kind="thrust",
+            name=self.name,
+            mass=self.mass,
+            thrust_expo=self.thrust_expo,
+            reference_density=self.reference_density,
+            reference_voltage=self.reference_voltage,
+            damping=self.damping,
+            hover_command=self.hover_command,
+            hover_pwm=self.hover_pwm,
+            rmse=self.rmse,
+            condition=self.condition,
+            seconds=self.seconds,
+            air_sigma=self.air_sigma,
+            units={"per_mass": "m/s^2 at full command", "newton": "N at full command"},
+            common=self.common,
+            effort=self.effort,
+            per_motor=self.per_motor,
+            training=self.training,
+            findings=self.findings,
+        )
 
 
 def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | None = None) -> ThrustModel:

@@ -11,6 +11,7 @@ from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import Law, column, reference_voltage, relative_density, thrust_signals
+from sysid.rotors.thrust_record import ThrustCoefficient
 from sysid.statistics.covariance import autocovariance, coloured_information
 
 #: Averaging time, s: longer than the motor outputs' aliasing, shorter than manoeuvres.
@@ -32,22 +33,6 @@ WEAK = 0.15
 
 #: A motor that works this much more or less than the mean of all is worth a finding.
 UNEVEN = 0.15
-
-
-@dataclass(frozen=True, slots=True)
-class ThrustCoefficient:
-    """Thrust of one motor in sea-level air: at full command, or per square of the rotor's speed."""
-
-    #: k/m and its standard error, m/s^2 (at full command) or N s^2/kg (`Law.SPEED`); None when not determined. The
-    #: error includes that of the air's density (`AIR_SIGMA`), which flights at the same place and the motors of a
-    #: flight have in common.
-    per_mass: float | None
-    sigma: float | None
-    #: k in N or N s^2; None without a mass or when not determined.
-    newton: float | None
-    newton_sigma: float | None
-    determined: bool
-    reason: str = ""  #: Why not, empty when determined.
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc as chi2_sf
@@ -71,25 +70,6 @@ class ResidualTest:
             return f"{white}; they are independent of the inputs before them"
         missed = ", ".join(self.dependent)
         return f"{white}; inputs before them would improve it ({missed}): the model misses what these say"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return statistics and correlations for JSON."""
-        return {
-            "residual": "one-sample-ahead prediction error",
-            "samples": self.samples,
-            "lags": self.lags,
-            "autocorrelation": self.autocorrelation.tolist(),
-            "band": self.band,
-            "whiteness": self.whiteness,
-            "whiteness_limit": self.whiteness_limit,
-            "white": self.white,
-            "crosscorrelation": {name: values.tolist() for name, values in self.crosscorrelation.items()},
-            "crosscorrelation_band": float(normal_ppf(0.5 + 0.5 * LEVEL)),
-            "independence": dict(self.independence),
-            "independence_limit": self.independence_limit,
-            "dependent": list(self.dependent),
-            "sentence": self.sentence,
-        }
 
 
 def examine_residuals(

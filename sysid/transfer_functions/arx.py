@@ -10,14 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy
 from scipy.linalg import lstsq
 
 from logparse import Finding, Severity
-from logparse.serialization import plain
 from logparse.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import (
@@ -46,18 +44,6 @@ class Difference:
     #: coefficient.
     covariance: Floats
     sigma: float  #: Standard deviation of e.
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        deviation = np.sqrt(np.diag(self.covariance))
-        known = [float(value) if np.isfinite(value) else None for value in deviation]
-        return {
-            "a": [1.0, *self.a.tolist()],
-            "b": self.b.tolist(),
-            "a_std": [0.0, *known[: len(self.a)]],
-            "b_std": [known[len(self.a) + j * self.b.shape[1] :][: self.b.shape[1]] for j in range(len(self.b))],
-            "sigma": self.sigma,
-        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -137,21 +123,6 @@ class ArxModel(Summarised):
                 past = np.column_stack([ahead, past[:, :-1]]) if order else past
             result[origins + steps - 1, column] = ahead + experiment.output_trim[column]
         return result
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the model as numbers and text for JSON."""
-        return {
-            "kind": "arx",
-            "name": self.name,
-            "delay_samples": self.delay,
-            "rate_hz": self.rate,
-            "inputs": list(self.input_names),
-            "outputs": list(self.output_names),
-            "units": dict(self.units),
-            "training": list(self.training),
-            "differences": {output: difference.to_dict() for output, difference in self.differences.items()},
-            "findings": plain(self.findings),
-        }
 
     def _drive(self, experiment: Experiment, output: str) -> Floats:
         """Sum what inputs and constant add at every sample; inputs before the record are at trim."""

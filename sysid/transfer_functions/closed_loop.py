@@ -25,13 +25,12 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
 
 from logparse import Finding, Severity
-from logparse.serialization import plain
+from logparse.serialization import plain, recorded, restored
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import (
     Experiment,
@@ -44,6 +43,7 @@ from sysid.records.experiment import (
 )
 from sysid.transfer_functions._kernels import recur_few
 from sysid.transfer_functions.disturbance import Disturbance, fit_disturbance
+from sysid.transfer_functions.model_record import ClosedLoopRecord, FitRecord
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.search import Progress
@@ -116,52 +116,51 @@ class ClosedLoopModel(Summarised):
             result[:, column] += self.disturbance[name].predict(residuals[:, column], experiment.dt, steps)
         return result
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the model as numbers and text for JSON."""
-        return {
-            "kind": "closed-loop",
-            "name": self.name,
-            "structure": self.structure,
-            "poles": self.poles,
-            "zeros": self.zeros,
-            "hold": self.hold,
-            "rate_hz": self.rate,
-            "inputs": list(self.input_names),
-            "outputs": list(self.output_names),
-            "units": dict(self.units),
-            "training": list(self.training),
-            "transfer_functions": {
-                name: {name: self.transfer_functions[name][name].to_dict()} for name in self.output_names
+    def record(self) -> ClosedLoopRecord:
+        """Return what files hold of the model."""
+        return ClosedLoopRecord(
+            name=self.name,
+            structure=self.structure,
+            poles=self.poles,
+            zeros=self.zeros,
+            hold=self.hold,
+            rate_hz=self.rate,
+            inputs=self.input_names,
+            outputs=self.output_names,
+            units=self.units,
+            training=self.training,
+            transfer_functions={
+                name: {name: self.transfer_functions[name][name].record()} for name in self.output_names
             },
-            "offset_trust": dict(self.offset_trust),
-            "following_rms": dict(self.following),
-            "disturbance": {name: value.to_dict() for name, value in self.disturbance.items()},
-            "fits": plain(self.reports),
-            "findings": plain(self.findings),
-        }
+            offset_trust=self.offset_trust,
+            following_rms=self.following,
+            disturbance={name: value.record() for name, value in self.disturbance.items()},
+            fits={name: recorded(report, FitRecord) for name, report in self.reports.items()},
+            findings=self.findings,
+        )
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> ClosedLoopModel:
-        """Read what `to_dict` gave, all but the findings."""
-        names = tuple(values["outputs"])
+    def from_record(cls, record: ClosedLoopRecord) -> ClosedLoopModel:
+        """Make the model again from its record, all but the findings."""
         nothing = TransferFunction(np.zeros(1), np.ones(1))
-        functions = {name: TransferFunction.from_dict(values["transfer_functions"][name][name]) for name in names}
+        own = {name: TransferFunction.from_record(record.transfer_functions[name][name]) for name in record.outputs}
         return cls(
-            name=values["name"],
+            name=record.name,
             transfer_functions={
-                output: {name: functions[output] if name == output else nothing for name in names} for output in names
+                output: {name: function if name == output else nothing for name in record.outputs}
+                for output, function in own.items()
             },
-            input_names=tuple(values["inputs"]),
-            output_names=names,
-            units=dict(values["units"]),
-            poles=values["poles"],
-            zeros=values["zeros"],
-            rate=values["rate_hz"],
-            disturbance={name: Disturbance.from_dict(each) for name, each in values["disturbance"].items()},
-            reports={name: FitReport(**report) for name, report in values["fits"].items()},
-            offset_trust=dict(values["offset_trust"]),
-            following=dict(values["following_rms"]),
-            training=tuple(values["training"]),
+            input_names=record.inputs,
+            output_names=record.outputs,
+            units=record.units,
+            poles=record.poles,
+            zeros=record.zeros,
+            rate=record.rate_hz,
+            disturbance={name: Disturbance.from_record(each) for name, each in record.disturbance.items()},
+            reports={name: restored(plain(fit), FitReport) for name, fit in record.fits.items()},
+            offset_trust=record.offset_trust,
+            following=restored(plain(record.following_rms), Mapping[str, float]),  # type: ignore[type-abstract]
+            training=record.training,
         )
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from sysid.records.experiment import Floats
 from sysid.records.filtering import lfilter
+from sysid.transfer_functions.model_record import DisturbanceRecord
 
 #: Time over which an extrapolated slope fades, s; long against the horizons of interest, short against a flight.
 FADE = 10.0
@@ -77,16 +77,14 @@ class Disturbance:
         slope = lfilter([self.beta / dt, -self.beta / dt], a, residual - start)
         return np.asarray(level, dtype=np.float64), np.asarray(slope, dtype=np.float64)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the gains for JSON."""
-        memory = self.memory if np.isfinite(self.memory) else None
-        return {"alpha": self.alpha, "beta": self.beta, "fade_seconds": FADE, "memory_seconds": memory}
+    def record(self) -> DisturbanceRecord:
+        """Return what files hold of it."""
+        return DisturbanceRecord(alpha=self.alpha, beta=self.beta, fade_seconds=FADE, memory_seconds=self.memory)
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Disturbance:
-        """Read what `to_dict` gave."""
-        memory = values.get("memory_seconds")
-        return cls(float(values["alpha"]), float(values["beta"]), np.inf if memory is None else float(memory))
+    def from_record(cls, record: DisturbanceRecord) -> Disturbance:
+        """Make it again from its record."""
+        return cls(record.alpha, record.beta, np.inf if record.memory_seconds is None else record.memory_seconds)
 
 
 def steady_gains(index: float) -> Disturbance:

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from logparse import Finding
-from logparse.serialization import plain
+from logparse.serialization import plain, recorded, restored
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps, require_signals
 from sysid.transfer_functions.disturbance import Disturbance
+from sysid.transfer_functions.model_record import FitRecord, FunctionRecord, TransferFunctionsRecord
 from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
 from sysid.transfer_functions.roots import DETERMINED, Root, roots_of
 
@@ -86,40 +86,36 @@ class TransferFunction(Summarised):
         ratio = np.polyval(self.num, s) / np.polyval(self.den, s)
         return np.asarray(ratio * np.exp(-self.delay * s), dtype=np.complex128)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; complex poles and zeros as ``[real, imaginary]`` in rad/s, slowest first.
-
-        ``poles_std`` and ``zeros_std`` are their largest standard deviations in any direction, None where infinite.
-        """
+    def record(self) -> FunctionRecord:
+        """Return what files hold of it."""
         some_poles, some_zeros = poles(self), zeros(self)
         deviation, determined, n = self.standard_deviation, self.determined, len(self.num)
-        return {
-            "num": self.num.tolist(),
-            "den": self.den.tolist(),
-            "num_std": None if deviation is None else _finite(deviation[:n]),
-            "den_std": None if deviation is None else [0.0, *_finite(deviation[n:])],
-            "num_determined": None if determined is None else determined[:n].tolist(),
-            "den_determined": None if determined is None else [True, *determined[n:].tolist()],
-            "poles": [[root.value.real, root.value.imag] for root in some_poles],
-            "poles_std": None if deviation is None else _finite([root.sigma for root in some_poles]),
-            "zeros": [[root.value.real, root.value.imag] for root in some_zeros],
-            "zeros_std": None if deviation is None else _finite([root.sigma for root in some_zeros]),
-            "gain": self.gain if np.isfinite(self.gain) else None,
-            "delay": self.delay,
-            "delay_std": self.delay_std,
-            "covariance": None if self.covariance is None else [_finite(row) for row in self.covariance],
-        }
+        return FunctionRecord(
+            num=tuple(self.num.tolist()),
+            den=tuple(self.den.tolist()),
+            num_std=None if deviation is None else tuple(deviation[:n].tolist()),
+            den_std=None if deviation is None else (0.0, *deviation[n:].tolist()),
+            num_determined=None if determined is None else tuple(determined[:n].tolist()),
+            den_determined=None if determined is None else (True, *determined[n:].tolist()),
+            poles=tuple((root.value.real, root.value.imag) for root in some_poles),
+            poles_std=None if deviation is None else tuple(root.sigma for root in some_poles),
+            zeros=tuple((root.value.real, root.value.imag) for root in some_zeros),
+            zeros_std=None if deviation is None else tuple(root.sigma for root in some_zeros),
+            gain=self.gain,
+            delay=self.delay,
+            delay_std=self.delay_std,
+            covariance=None if self.covariance is None else tuple(tuple(row) for row in self.covariance.tolist()),
+        )
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> TransferFunction:
-        """Read what `to_dict` gave."""
-        covariance = values.get("covariance")
+    def from_record(cls, record: FunctionRecord) -> TransferFunction:
+        """Make it again from its record."""
         return cls(
-            num=np.asarray(values["num"], dtype=np.float64),
-            den=np.asarray(values["den"], dtype=np.float64),
-            covariance=None if covariance is None else np.asarray(covariance, dtype=np.float64),
-            delay=float(values.get("delay", 0.0)),
-            delay_std=float(values.get("delay_std", 0.0)),
+            num=np.asarray(record.num, dtype=np.float64),
+            den=np.asarray(record.den, dtype=np.float64),
+            covariance=None if record.covariance is None else np.asarray(record.covariance, dtype=np.float64),
+            delay=record.delay,
+            delay_std=np.inf if record.delay_std is None else record.delay_std,
         )
 
 
@@ -271,57 +267,52 @@ class TransferFunctionModel(Summarised):
         states = dict.fromkeys(self.output_names, np.zeros(0))
         return replace(self, initial_states={**self.initial_states, name: states})
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the model as numbers and text for JSON."""
-        return {
-            "kind": "transfer-functions",
-            "name": self.name,
-            "structure": self.structure,
-            "poles": self.poles,
-            "zeros": self.zeros,
-            "hold": self.hold,
-            "rate_hz": self.rate,
-            "inputs": list(self.input_names),
-            "outputs": list(self.output_names),
-            "units": dict(self.units),
-            "initial_seconds": INITIAL_SECONDS,
-            "training": list(self.training),
-            "input_trim": dict(self.input_trim),
-            "transfer_functions": {
-                output: {name: function.to_dict() for name, function in row.items()}
+    def record(self) -> TransferFunctionsRecord:
+        """Return what files hold of the model."""
+        return TransferFunctionsRecord(
+            name=self.name,
+            structure=self.structure,
+            poles=self.poles,
+            zeros=self.zeros,
+            hold=self.hold,
+            rate_hz=self.rate,
+            inputs=self.input_names,
+            outputs=self.output_names,
+            units=self.units,
+            initial_seconds=INITIAL_SECONDS,
+            training=self.training,
+            input_trim=self.input_trim,
+            transfer_functions={
+                output: {name: function.record() for name, function in row.items()}
                 for output, row in self.transfer_functions.items()
             },
-            "disturbance": {output: value.to_dict() for output, value in self.disturbance.items()},
-            "initial_energy": dict(self.initial_energy),
-            "fits": plain(self.reports),
-            "findings": plain(self.findings),
-        }
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> TransferFunctionModel:
-        """Read what `to_dict` gave, all but the initial states of the training records and the findings."""
-        return cls(
-            name=values["name"],
-            transfer_functions={
-                output: {name: TransferFunction.from_dict(function) for name, function in row.items()}
-                for output, row in values["transfer_functions"].items()
-            },
-            input_names=tuple(values["inputs"]),
-            output_names=tuple(values["outputs"]),
-            units=dict(values["units"]),
-            structure=values["structure"],
-            poles=values["poles"],
-            zeros=values["zeros"],
-            hold=values["hold"],
-            rate=values["rate_hz"],
-            disturbance={output: Disturbance.from_dict(value) for output, value in values["disturbance"].items()},
-            initial_energy=dict(values["initial_energy"]),
-            initial_states={},
-            reports={output: FitReport(**report) for output, report in values["fits"].items()},
-            training=tuple(values["training"]),
-            input_trim=dict(values.get("input_trim", {})),
+            disturbance={output: value.record() for output, value in self.disturbance.items()},
+            initial_energy=self.initial_energy,
+            fits={output: recorded(report, FitRecord) for output, report in self.reports.items()},
+            findings=self.findings,
         )
 
-
-def _finite(values: ArrayLike) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in np.asarray(values)]
+    @classmethod
+    def from_record(cls, record: TransferFunctionsRecord) -> TransferFunctionModel:
+        """Make the model again from its record, all but the initial states of the training records and the findings."""
+        return cls(
+            name=record.name,
+            transfer_functions={
+                output: {name: TransferFunction.from_record(function) for name, function in row.items()}
+                for output, row in record.transfer_functions.items()
+            },
+            input_names=record.inputs,
+            output_names=record.outputs,
+            units=record.units,
+            structure=record.structure,
+            poles=record.poles,
+            zeros=record.zeros,
+            hold=record.hold,
+            rate=record.rate_hz,
+            disturbance={output: Disturbance.from_record(each) for output, each in record.disturbance.items()},
+            initial_energy=record.initial_energy,
+            initial_states={},
+            reports={output: restored(plain(fit), FitReport) for output, fit in record.fits.items()},
+            training=record.training,
+            input_trim=record.input_trim,
+        )

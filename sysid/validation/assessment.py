@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -14,11 +14,12 @@ from logparse import Finding
 from logparse.summary import Summarised
 from sysid.records.experiment import MIN_SAMPLES, Experiment, ExperimentError, Floats, horizon_steps, require_alike
 from sysid.rigid_body.model import RigidBodyModel
-from sysid.statistics.residuals import ResidualTest, examine_residuals
+from sysid.statistics.residuals import LEVEL, ResidualTest, examine_residuals
 from sysid.transfer_functions.arx import ArxModel
 from sysid.transfer_functions.closed_loop import ClosedLoopModel
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.transfer_function import TransferFunctionModel
+from sysid.validation.report import DriftBand, ModelRecord, ResidualReport, ValidationReport
 
 #: How far ahead predictions are compared with the baselines, s.
 HORIZONS = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -65,8 +66,8 @@ class Model(Predictor, Protocol):
     def findings(self) -> tuple[Finding, ...]:
         """Findings of the fit."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the model as plain values for JSON, its ``kind`` among them."""
+    def record(self) -> ModelRecord:
+        """Return what files hold of the model."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -115,40 +116,54 @@ class Validation(Summarised):
             **dict(zip((f"verdict on {output}" for output in self.average), self.verdicts, strict=False)),
         }
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return tables, averages and verdicts for JSON."""
-        return {
-            "model": self.model,
-            "table": plain_records(self.table),
-            "horizons": plain_records(self.horizons),
-            "residuals": {output: test.to_dict() for output, test in self.residuals.items()},
-            "average": dict(self.average),
-            "verdicts": list(self.verdicts),
-            "trusted": dict(self.trusted),
-            "unseen": self.unseen,
-            "own_trim": self.own_trim,
-            "drift": self._drift(),
-        }
+    def report(self) -> ValidationReport:
+        """Return tables, averages and verdicts as files hold them."""
+        return ValidationReport(
+            model=self.model,
+            table=table_rows(self.table),
+            horizons=table_rows(self.horizons),
+            residuals={output: _residual_report(test) for output, test in self.residuals.items()},
+            average=self.average,
+            verdicts=self.verdicts,
+            trusted=self.trusted,
+            unseen=self.unseen,
+            own_trim=self.own_trim,
+            drift=tuple(self._drift()),
+        )
 
-    def _drift(self) -> list[dict[str, Any]]:
-        """List the bands for JSON, thinned to `BAND_POINTS` times."""
-        rows: list[dict[str, Any]] = []
+    def _drift(self) -> Iterator[DriftBand]:
+        """Yield the bands, thinned to `BAND_POINTS` times."""
         for flight, widths in self.drift.items():
             outputs = self.table.loc[self.table["flight"] == flight, "output"]
             at = np.unique(np.linspace(0, len(widths) - 1, BAND_POINTS).round().astype(int))
             for column, output in enumerate(outputs):
-                width = [float(value) if np.isfinite(value) else None for value in widths[at, column]]
-                rows.append(
-                    {
-                        "flight": flight,
-                        "output": str(output),
-                        "holds": BAND,
-                        "inside": float(self.inside[flight][column]),
-                        "sample": at.tolist(),
-                        "half_width": width,
-                    }
+                yield DriftBand(
+                    flight=flight,
+                    output=str(output),
+                    holds=BAND,
+                    inside=float(self.inside[flight][column]),
+                    sample=tuple(at.tolist()),
+                    half_width=tuple(widths[at, column].tolist()),
                 )
-        return rows
+
+
+def _residual_report(test: ResidualTest) -> ResidualReport:
+    return ResidualReport(
+        residual="one-sample-ahead prediction error",
+        samples=test.samples,
+        lags=test.lags,
+        autocorrelation=tuple(test.autocorrelation.tolist()),
+        band=test.band,
+        whiteness=test.whiteness,
+        whiteness_limit=test.whiteness_limit,
+        white=test.white,
+        crosscorrelation={name: tuple(values.tolist()) for name, values in test.crosscorrelation.items()},
+        crosscorrelation_band=float(normal_ppf(0.5 + 0.5 * LEVEL)),
+        independence=test.independence,
+        independence_limit=test.independence_limit,
+        dependent=test.dependent,
+        sentence=test.sentence,
+    )
 
 
 def validate(
@@ -410,12 +425,6 @@ def _longest_run(horizons: Sequence[float], good: Sequence[bool]) -> tuple[float
     return (best[0], best[-1]) if best else None
 
 
-def plain_records(table: pd.DataFrame) -> list[dict[str, object]]:
-    """List the rows of a table for JSON; what is not finite becomes None."""
-    return [
-        {
-            str(key): (None if isinstance(value, float) and not np.isfinite(value) else value)
-            for key, value in row.items()
-        }
-        for row in table.to_dict(orient="records")
-    ]
+def table_rows(table: pd.DataFrame) -> tuple[dict[str, str | float | bool | None], ...]:
+    """Return the rows of a table of texts, numbers and truths."""
+    return tuple({str(key): value for key, value in row.items()} for row in table.to_dict(orient="records"))

@@ -11,18 +11,19 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from logparse import Finding, Severity
+from logparse.serialization import plain, restored
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.transfer_function import TransferFunctionModel
-from sysid.validation.assessment import MARGIN, plain_records, validate
+from sysid.validation.assessment import MARGIN, table_rows, validate
+from sysid.validation.report import Order, OrderRow, OrdersReport
 
 #: (poles, zeros) that are tried, simplest first, so that a time limit costs the largest ones.
 ORDERS = ((1, 0), (2, 0), (2, 1), (3, 1), (3, 2), (4, 2), (4, 3), (5, 3), (5, 4), (6, 4))
@@ -55,16 +56,16 @@ class OrderScan(Summarised):
             "held out": listed(self.held_out),
         }
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the table and the recommendation for JSON."""
-        return {
-            "table": plain_records(self.table),
-            "recommended": None
+    def report(self) -> OrdersReport:
+        """Return the table and the recommendation as files hold them."""
+        return OrdersReport(
+            table=restored(plain(table_rows(self.table)), tuple[OrderRow, ...]),
+            recommended=None
             if self.recommended is None
-            else {"poles": self.recommended[0], "zeros": self.recommended[1]},
-            "reason": self.reason,
-            "held_out": list(self.held_out),
-        }
+            else Order(poles=self.recommended[0], zeros=self.recommended[1]),
+            reason=self.reason,
+            held_out=self.held_out,
+        )
 
 
 def scan_orders(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -37,10 +36,6 @@ class StateErrors:
     held: float  #: Of the state that stays.
     carried_on: float | None  #: Of constant velocity, for position.
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return numbers for JSON."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateValidation:
@@ -52,7 +47,7 @@ class StateValidation:
     @property
     def table(self) -> pd.DataFrame:
         """The errors as rows."""
-        return pd.DataFrame([each.to_dict() for each in self.errors])
+        return pd.DataFrame([asdict(each) for each in self.errors])
 
     def _repr_html_(self) -> str:
         """Return the table and the verdicts for a notebook."""

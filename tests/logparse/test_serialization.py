@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from logparse.serialization import as_json, cleaned, from_json, lessened, plain, restored
+from logparse.serialization import as_json, cleaned, from_json, lessened, plain, recorded, restored
 
 
 class Curve(msgspec.Struct, frozen=True, tag_field="kind", tag="curve"):
@@ -24,6 +24,12 @@ class Line(msgspec.Struct, frozen=True, tag_field="kind", tag="line"):
 class Part:
     kind: str
     size: float
+
+
+@dataclasses.dataclass(frozen=True)
+class PartRecord:
+    kind: str
+    size: float | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,3 +80,10 @@ def test_a_part_is_taken_by_the_names_of_its_fields():
         value: float
 
     assert lessened(Result("a", 1.0, None, (1.0, "x"), {}), Short) == Short("a", 1.0)
+
+
+def test_a_record_that_lacks_a_field_is_refused():
+    # A field new in a model would else be missing from report.json without a word.
+    assert recorded(Part("p", math.inf), PartRecord) == PartRecord("p", None)
+    with pytest.raises(TypeError, match="Part has no model, name"):
+        recorded(Result("a", 1.0, None, (1.0, "x"), {}), Part)

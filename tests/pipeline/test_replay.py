@@ -9,6 +9,7 @@ import pytest
 import reports
 import sysid
 from logparse import RotoridError
+from logparse.serialization import plain
 from pipeline.errors import ConfigError
 from pipeline.flight.replay import Trim, choose, load_models, replay
 from reports import write_replay
@@ -113,7 +114,7 @@ def test_a_closed_loop_takes_targets(tmp_path):
         output_names=["x", "y", "z"],
     )
     model = sysid.fit_closed_loop([fitted])
-    entry = {"name": "craft", "models": {"reference": model.to_dict()}, "thrust": None, "missing": {}}
+    entry = {"name": "craft", "models": {"reference": plain(model.record())}, "thrust": None, "missing": {}}
     (tmp_path / "models.json").write_text(json.dumps({"rotorid": "0", "joint": [entry], "flights": []}))
     pd.DataFrame(np.column_stack([t, target]), columns=["t", "x", "y", "z"]).to_csv(tmp_path / "to.csv", index=False)
     (result,) = replay(tmp_path / "models.json", tmp_path / "to.csv").results

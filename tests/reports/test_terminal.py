@@ -9,12 +9,12 @@ from rich.console import Console
 
 from logparse import Finding, Severity, Vehicle
 from logparse.inspection import Inspection, MessageSummary, TableSummary
-from pipeline.results.model_report import ThrustReport
 from pipeline.results.report import FleetReport
 from reports import inspection, terminal
 from reports.fleet_report import in_short
 from reports.numbers import flight_report
 from reports.reading import read_report
+from sysid.rotors.thrust_record import ThrustReport
 from tests.reports.made import made
 
 

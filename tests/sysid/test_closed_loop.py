@@ -8,6 +8,7 @@ from scipy.signal import lfilter, lsim
 
 from estimation import estimate
 from logparse import read_log
+from logparse.serialization import plain
 from sysid import Experiment, ExperimentError, fit_closed_loop, validate
 from sysid.transfer_functions.closed_loop import _closed
 from sysid.transfer_functions.transfer_function import TransferFunction
@@ -135,7 +136,7 @@ def test_axes_of_their_own_have_their_own_loop():
     assert model.transfer_functions["x"]["x"] is model.transfer_functions["y"]["y"]
     assert model.transfer_functions["z"]["z"] is not model.transfer_functions["x"]["x"]
     assert model.findings[-1].id == "closed-loop-following"
-    assert model.to_dict()["kind"] == "closed-loop"
+    assert plain(model.record())["kind"] == "closed-loop"
 
 
 def test_uncertainty_is_that_of_the_error_in_other_coordinates():

@@ -15,7 +15,8 @@ from simulation.papers import kim2017 as paper
 from sysid.rigid_body.craft_export import write_craft
 from sysid.rigid_body.frame_json import frame_json
 from sysid.rigid_body.hover import hover_from_speeds, hover_model
-from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, BodyParameter, RigidBodyModel
+from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, RigidBodyModel
+from sysid.rigid_body.model_record import BodyParameter
 
 G = 9.80665
 OCTA = Vehicle(motors=motor_table("octa", "plus"), spin_min=0.15, spin_max=0.95, thrust_expo=0.65)

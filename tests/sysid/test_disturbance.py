@@ -50,5 +50,5 @@ def test_what_returns_to_the_model_is_predicted_as_theory_says():
 def test_what_wanders_off_is_not_expected_back():
     walk = np.cumsum(np.random.default_rng(3).standard_normal(4000))
     assert np.isinf(fit_disturbance([walk], DT).memory)
-    read = Disturbance.from_dict(fit_disturbance([walk], DT).to_dict())
+    read = Disturbance.from_record(fit_disturbance([walk], DT).record())
     assert read == fit_disturbance([walk], DT)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from logparse.serialization import plain
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import validate
@@ -80,7 +81,7 @@ def test_the_band_holds_what_it_says():
         first = round(29.0 / seen.dt)
         assert np.isnan(result.drift[seen.name][:first]).all()
         assert np.isfinite(result.drift[seen.name][round(31.0 / seen.dt) :]).all()
-        rows = result.to_dict()["drift"]
+        rows = plain(result.report())["drift"]
         assert [row["output"] for row in rows] == ["x", "y", "z"]
         assert rows[0]["half_width"][0] is None
         assert rows[0]["half_width"][-1] > 0.0

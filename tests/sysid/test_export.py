@@ -1,6 +1,5 @@
 """Models in other tools' hands: what was written is what comes back, and it answers inputs alike."""
 
-import json
 import sys
 from dataclasses import replace
 
@@ -8,8 +7,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from logparse.serialization import as_json, from_json
 from sysid import TransferFunctionModel, fit_transfer_functions
 from sysid.transfer_functions.export import ExportError, coefficients, to_control, write_mat
+from sysid.transfer_functions.model_record import TransferFunctionsRecord
 from tests.sysid.simulated import simulated_record
 
 
@@ -25,7 +26,7 @@ def model(record):
 
 def test_a_model_read_back_predicts_the_same(model):
     unseen = simulated_record(71, samples=500)
-    read = TransferFunctionModel.from_dict(json.loads(json.dumps(model.to_dict(), allow_nan=False)))
+    read = TransferFunctionModel.from_record(from_json(as_json(model.record()), TransferFunctionsRecord))
     assert np.array_equal(read.simulate(unseen), model.simulate(unseen))
     assert np.array_equal(read.predict(unseen, 1.0), model.predict(unseen, 1.0))
     function, again = (each.transfer_functions["y2"]["u1"] for each in (model, read))
@@ -101,5 +102,5 @@ def test_delays_are_exported(model, tmp_path):
     assert theirs == pytest.approx(functions["y1"]["u2"].response(omega), rel=1e-4)
     rows = coefficients(late)
     assert rows[rows["part"] == "delay"]["std"].tolist() == [0.01] * 4
-    again = TransferFunctionModel.from_dict(late.to_dict())
+    again = TransferFunctionModel.from_record(late.record())
     assert again.transfer_functions["y1"]["u2"].delay == 0.12

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from logparse import RotoridError
+from logparse.serialization import as_json
 from sysid import Experiment, ExperimentError, fit_transfer_functions
 from sysid.records.experiment import horizon_steps
 from tests.sysid.simulated import TRUE, motion, simulated_record
@@ -199,7 +200,7 @@ def test_progress_and_json():
     model = fit_transfer_functions([record], 2, 1, progress=lambda stage, fraction: seen.append((stage, fraction)))
     assert seen[0] == ("fitting y1", 0.0)
     assert seen[-1][1] == 1.0
-    text = json.dumps(model.to_dict(), allow_nan=False)
+    text = as_json(model.record())
     read = json.loads(text)
     assert read["transfer_functions"]["y1"]["u2"]["den"][0] == 1.0
     assert len(read["transfer_functions"]["y1"]["u2"]["poles"]) == 2

@@ -1,6 +1,5 @@
 """The rigid body from flight: equations against closed forms, parameters against known truth, and poor data."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from logparse import MissingDataError
+from logparse.serialization import as_json
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
@@ -321,7 +321,7 @@ def test_records_of_another_kind_are_refused_with_advice():
 
 
 def test_a_model_becomes_json():
-    text = json.dumps(fitted().to_dict(), allow_nan=False)
+    text = as_json(fitted().record())
     assert '"drag_linear_x"' in text
 
 

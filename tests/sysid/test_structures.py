@@ -1,12 +1,12 @@
 """Delays, integrators, and poles and zeros of every channel: known truth, and the fit's own covariance."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter, lsim
 
+from logparse.serialization import as_json, from_json
 from sysid import Experiment, fit_transfer_functions
+from sysid.transfer_functions.model_record import TransferFunctionsRecord
 from sysid.transfer_functions.transfer_function import TransferFunctionModel
 
 DT, SAMPLES, FINE = 0.1, 1200, 20
@@ -116,7 +116,7 @@ def test_what_structures_say_survives_json():
     y = response([1.5], [1.0, 2.0, 0.0], u[:, 0], 0.12) + response([0.5], [1.0, 1.0, 0.0], u[:, 1], 0.3)
     record = record_of(y, u, 0, 0.01)
     model = fit_transfer_functions([record], 2, 0, integrators=1, delays=[0.12, 0.3])
-    read = TransferFunctionModel.from_dict(json.loads(json.dumps(model.to_dict(), allow_nan=False)))
+    read = TransferFunctionModel.from_record(from_json(as_json(model.record()), TransferFunctionsRecord))
     fresh = record_of(y, u, 9, 0.0)
     np.testing.assert_allclose(read.simulate(fresh), model.simulate(fresh), atol=1e-9)
     omega = np.array([0.5, 2.0])

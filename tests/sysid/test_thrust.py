@@ -9,12 +9,12 @@ import pytest
 
 from logparse import MissingDataError
 from logparse.frames import motor_table
-from logparse.serialization import cleaned
-from pipeline.results.model_report import ThrustReport
+from logparse.serialization import as_json, cleaned
 from reports import summary
 from reports.model_views import thrust_coefficients
 from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.records.motor_scaling import motor_commands
+from sysid.rotors.thrust_record import ThrustReport
 from sysid.rotors.thrust_regression import AIR_SIGMA
 from tests.sysid.level_flight import CRAFT, flight
 
@@ -105,7 +105,7 @@ def test_hover_command_carries_the_weight():
 
 
 def test_json_has_no_false_numbers():
-    text = json.dumps(fit_thrust([flight(9)]).to_dict(), allow_nan=False)
+    text = as_json(fit_thrust([flight(9)]).report())
     assert json.loads(text)["common"]["newton"] is None
 
 
@@ -126,7 +126,7 @@ def test_unknown_air_widens_the_standard_error():
     ("voltage", "words"), [(48.12, "at 48.1 V, "), (np.nan, "at the unknown voltage of the flight, ")]
 )
 def test_reports_say_at_which_voltage_and_in_which_air(voltage, words):
-    thrust = cleaned(fit_thrust([flight(13, voltage=voltage)]).to_dict(), ThrustReport)
+    thrust = cleaned(fit_thrust([flight(13, voltage=voltage)]).report(), ThrustReport)
     assert words + "in standard sea-level air" in summary.thrust_coefficient(thrust)
     caption = thrust_coefficients(thrust, {}).table.caption
     assert words + "in standard sea-level air" in caption

@@ -1,13 +1,14 @@
 """Verdicts and the numbers behind them."""
 
-import json
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from logparse.serialization import as_json, from_json
 from sysid import Experiment, ExperimentError, fit_transfer_functions, validate
+from sysid.validation.report import ValidationReport
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def test_black_boxes_are_told_the_mean_of_the_inputs_and_the_verdict_says_so():
         records.append(Experiment.from_arrays(np.arange(600) * 0.1, u, y, name=name, output_names=["z"]))
     verdict = validate(fit_transfer_functions(records[:1], poles=1, zeros=0), records[1:])
     assert verdict.own_trim
-    assert verdict.to_dict()["own_trim"]
+    assert verdict.report().own_trim
     given = "the model generalises, given each flight's own mean inputs: free-run RMSE"
     assert given in verdict.verdicts[0]
     assert not validate(Known(0.5), records).own_trim
@@ -95,7 +96,7 @@ def test_a_craft_that_stands_still_and_short_records():
     assert np.isnan(validation.table["fit_percent"]).all()
     assert validation.horizons["horizon"].max() <= 2.0
     assert not validation.trusted["x"]
-    json.dumps(validation.to_dict(), allow_nan=False)
+    assert from_json(as_json(validation.report()), ValidationReport).verdicts == validation.verdicts
 
 
 @dataclass(frozen=True)
@@ -142,4 +143,4 @@ def test_residuals_are_tested_on_unseen_records_only():
 
     validation = validate(Noisy(0.1), [record("seen"), record("unseen")])
     assert validation.residuals["x"].samples == 370
-    assert set(validation.to_dict()["residuals"]) == {"x", "z"}
+    assert set(validation.report().residuals) == {"x", "z"}

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,6 +27,16 @@ _MEANS = (1 / 40, 1 / 16, 1 / 6, 1 / 2.5)
 
 #: Samples of the horizon at which the direction of thrust is a feature, where attitude is an input.
 _POINTS = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CorrectionRecord:
+    """What files hold of a `HorizonCorrection`."""
+
+    horizon_samples: int
+    memory_samples: float
+    features: int
+    gain_percent: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,14 +88,14 @@ class HorizonCorrection:
             out[rows, mark] = _less(out[rows, mark], error, upright)
         return out
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return what it is, for JSON; the weights are too many to print."""
-        return {
-            "horizon_samples": self.steps,
-            "memory_samples": self.memory,
-            "features": len(self.centre),
-            "gain_percent": dict(self.gain_percent),
-        }
+    def record(self) -> CorrectionRecord:
+        """Return what files hold of it; the weights are too many to print."""
+        return CorrectionRecord(
+            horizon_samples=self.steps,
+            memory_samples=self.memory,
+            features=len(self.centre),
+            gain_percent=self.gain_percent,
+        )
 
 
 def upright_axes(record: BodyRecord, starts: np.ndarray) -> Floats:

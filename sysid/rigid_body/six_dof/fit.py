@@ -10,7 +10,7 @@ import numpy as np
 
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
-from sysid.rigid_body.model import BodyParameter
+from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof._kernels import GRAVITY, PER_INPUT, SHARED, THETA, ahead
 from sysid.rigid_body.six_dof.body_record import (
     BodyRecord,

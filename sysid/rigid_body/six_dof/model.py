@@ -22,18 +22,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
 from logparse import Finding, MissingDataError
-from logparse.serialization import plain
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
-from sysid.rigid_body.model import BodyParameter
+from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof._kernels import ahead, free_run
 from sysid.rigid_body.six_dof.body_record import BodyRecord, InputKinds, InputShape, body_record, drives, input_kinds
-from sysid.rigid_body.six_dof.correction import HorizonCorrection
+from sysid.rigid_body.six_dof.correction import CorrectionRecord, HorizonCorrection
 from sysid.rigid_body.six_dof.observer import Observer, missed_accelerations, pushes
 
 #: Longest step of the integration, s.
@@ -69,6 +68,34 @@ UNITS: Mapping[str, str] = {
     "roll_by_speed": "rad/s^2 per m/s to the right",
     "pitch_by_speed": "rad/s^2 per m/s forward",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class UsualErrors:
+    """Errors at a horizon [s] on training records."""
+
+    horizon: float
+    position: float  #: m.
+    velocity: float  #: m/s.
+    attitude: float  #: rad.
+    rates: float  #: rad/s.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SixDofReport:
+    """What files hold of a `SixDofModel`."""
+
+    kind: Literal["six_dof"] = "six_dof"
+    name: str
+    parameters: Mapping[str, BodyParameter]
+    estimated: tuple[str, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    winds: Mapping[str, tuple[float, ...]]
+    errors: tuple[UsualErrors, ...]
+    mass: float | None
+    correction: CorrectionRecord | None
+    training: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -210,27 +237,20 @@ class SixDofModel(Summarised):
         wind[:, :2] = known
         return wind
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the model as numbers and text for JSON."""
-        return {
-            "kind": "six_dof",
-            "name": self.name,
-            "parameters": plain(self.parameters),
-            "estimated": list(self.estimated),
-            "covariance": self.covariance.tolist(),
-            "winds": {name: [float(v) for v in wind] for name, wind in self.winds.items()},
-            "errors": [
-                {
-                    "horizon": horizon,
-                    **dict(zip(("position", "velocity", "attitude", "rates"), map(float, each), strict=True)),
-                }
-                for horizon, each in self.scales.items()
-            ],
-            "mass": self.mass,
-            "correction": None if self.correction is None else self.correction.to_dict(),
-            "training": list(self.training),
-            "findings": plain(self.findings),
-        }
+    def report(self) -> SixDofReport:
+        """Return what files hold of the model."""
+        return SixDofReport(
+            name=self.name,
+            parameters=self.parameters,
+            estimated=self.estimated,
+            covariance=tuple(tuple(row) for row in self.covariance.tolist()),
+            winds={name: tuple(wind.tolist()) for name, wind in self.winds.items()},
+            errors=tuple(UsualErrors(horizon, *each.tolist()) for horizon, each in self.scales.items()),
+            mass=self.mass,
+            correction=None if self.correction is None else self.correction.record(),
+            training=self.training,
+            findings=self.findings,
+        )
 
 
 def substeps(dt: float) -> int:

@@ -1,0 +1,83 @@
+"""A rigid body as files hold it: numbers and text, None for what is not finite."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import msgspec
+
+from logparse import Finding
+
+
+@dataclass(frozen=True, slots=True)
+class BodyParameter:
+    """One parameter and what is known of it."""
+
+    name: str
+    unit: str
+    #: Estimate and standard error (for coloured residuals); None when not determined.
+    value: float | None
+    sigma: float | None
+    determined: bool
+    reason: str  #: Why not, empty when determined.
+    used: float  #: What the model computes with: the estimate, or what stands in for it when not determined.
+    #: The same in SI for the mass given (N, N s/m, ...); None without a mass, or where mass does not enter.
+    si_value: float | None = None
+    si_sigma: float | None = None
+    si_unit: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotorEffect:
+    """One motor's share."""
+
+    #: Thrust at a command over that of all motors alike; None when not determined.
+    thrust: float | None
+    thrust_sigma: float | None
+    #: Torque over yaw inertia at full command in sea-level air, in the sense in which the motor turns the craft,
+    #: rad/s^2; None when not determined.
+    torque: float | None
+    torque_sigma: float | None
+    reason: str = ""  #: Why not, empty when determined.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrimRecord:
+    """Wind and thrust scale of a flight, see `sysid.FlightTrim`."""
+
+    wind_n: float
+    wind_e: float
+    wind_sigma: float | None
+    thrust_scale: float
+    thrust_scale_sigma: float | None
+    source: str
+    wind_exponent: float
+    wind_exponent_sigma: float | None
+    looked_until: float | None
+    variation: tuple[tuple[float, float, float], ...]
+
+
+class RigidBodyRecord(
+    msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="rigid_body"
+):
+    """See `sysid.RigidBodyModel`; covariance and findings in models.json only."""
+
+    name: str
+    parameters: Mapping[str, BodyParameter]
+    estimated: tuple[str, ...]
+    covariance: tuple[tuple[float | None, ...], ...] | None = None
+    correlation: tuple[tuple[float | None, ...], ...]
+    condition: float | None
+    rotor_drag: bool
+    axis_drag: bool
+    mass: float | None
+    reference_density: float
+    reference_voltage: float | None
+    wind_height: float
+    flights: Mapping[str, TrimRecord]
+    rotation_fit: Mapping[str, float | None]
+    rmse: float | None
+    motors: Mapping[str, MotorEffect]
+    training: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
