@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.resources import files
-from typing import Any
 
 import jinja2
 from markupsafe import Markup
 
 from logparse.quantity import uncertain
+from logparse.serialization import as_json
+from reports.loops_report import tuning_report
 from reports.rotation_views import TITLES
-from sysid.loops.loop import MARGINS, Margins
-from sysid.loops.numbers import tuning_numbers
-from sysid.loops.tuning import Tuning
+from sysid.loops.loop import MARGINS, Margins, RateLoop
+from sysid.loops.tuning import AxisTuning, Tuning
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShownLoop:
+    """An axis of the page: its margins as a table of titles and cells, and why no gains are proposed."""
+
+    name: str
+    heads: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[str]]]
+    refused: str | None
 
 
 def loops_page(tuning: Tuning) -> str:
@@ -22,9 +33,9 @@ def loops_page(tuning: Tuning) -> str:
     templates = files("reports") / "templates"
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     template = environment.from_string((templates / "loops.html").read_text("utf-8"))
-    numbers = tuning_numbers(tuning)
+    numbers = tuning_report(tuning)
     # "</" would end the element that holds the data.
-    data = json.dumps(numbers, allow_nan=False).replace("</", "<\\/")
+    data = as_json(numbers, None).replace("</", "<\\/")
     return template.render(
         rotorid=version("rotorid"),
         style=Markup((templates / "style.css").read_text("utf-8")),
@@ -34,12 +45,12 @@ def loops_page(tuning: Tuning) -> str:
         changes=[
             (name, f"{tuning.rollback[name]:.6g}", f"{value:.6g}") for name, value in sorted(tuning.proposed.items())
         ],
-        axes=[_axis(axis) for axis in tuning.axes if axis.loop is not None],
+        axes=[_axis(axis, axis.loop) for axis in tuning.axes if axis.loop is not None],
     )
 
 
-def _axis(axis: Any) -> dict[str, Any]:
-    loop, tuned = axis.loop, axis.tuned
+def _axis(axis: AxisTuning, loop: RateLoop) -> ShownLoop:
+    tuned = axis.tuned
     columns: list[tuple[str, Margins]] = [("as flown, computed", loop.margins)]
     if loop.measured is not None:
         columns.append(("as flown, measured by the chirp", loop.measured_margins))
@@ -48,7 +59,7 @@ def _axis(axis: Any) -> dict[str, Any]:
     rows = []
     for name, (unit, _) in MARGINS.items():
         rows.append((f"{TITLES[name]} ({unit})", [_cell(margins, name) for _, margins in columns]))
-    return {"name": axis.axis, "heads": [head for head, _ in columns], "rows": rows, "refused": axis.refused}
+    return ShownLoop(name=axis.axis, heads=[head for head, _ in columns], rows=rows, refused=axis.refused)
 
 
 def _cell(margins: Margins, name: str) -> str:

@@ -161,8 +161,8 @@ class LoopMargins:
         return LoopReport(
             state=str(self.state),
             gains=self.gains,
-            computed=_margins(self.computed),
-            measured=None if self.measured is None else _margins(self.measured),
+            computed=margins_report(self.computed),
+            measured=None if self.measured is None else margins_report(self.measured),
             remarks=self.remarks,
         )
 
@@ -177,7 +177,8 @@ def _estimate(known: Parameter, insensitivity: float | None = None) -> Estimate:
     )
 
 
-def _margins(margins: Margins) -> MarginsReport:
+def margins_report(margins: Margins) -> MarginsReport:
+    """Return margins with their errors and intervals as reports hold them."""
     return MarginsReport(
         stable=margins.stable,
         unstable_part=margins.unstable,

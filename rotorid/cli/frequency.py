@@ -1,6 +1,5 @@
 """``rotorid frequency``: frequency responses, rate dynamics and attitude bandwidth of a craft."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -27,12 +26,13 @@ def frequency(
     Example: rotorid frequency chirps.bin sticks.bin --axis roll --out frequency
     """
     import logparse
+    from logparse.serialization import as_json as strict_json
     from pipeline.errors import ConfigError
     from pipeline.execution.progress import shown
     from reports.frequency_page import frequency_page, sentences, terminal_table
     from rotorid.cli.output import console
     from sysid.frequency.axes import AXES
-    from sysid.frequency.export import axis_numbers, write
+    from sysid.frequency.export import survey_record, write
     from sysid.frequency.survey import survey
 
     wanted = tuple(dict.fromkeys(axis)) if axis else tuple(AXES)
@@ -48,8 +48,7 @@ def frequency(
     (out / "frequency.html").write_text(frequency_page(found), encoding="utf-8")
     write(found, out)
     if as_json:
-        numbers = {"logs": list(found.names), "axes": [axis_numbers(each) for each in found.axes]}
-        typer.echo(json.dumps(numbers, indent=1, allow_nan=False))
+        typer.echo(strict_json(survey_record(found)), nl=False)
     else:
         console().print(terminal_table(found))
         for each in found.axes:

@@ -1,6 +1,5 @@
 """``rotorid prove``: what one flight foretold of the next, against what that measured."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -23,13 +22,14 @@ def prove(
     """
     from logparse import read_log
     from logparse.quantity import uncertain
-    from sysid.loops.numbers import proof_numbers
+    from logparse.serialization import as_json as strict_json
+    from reports.loops_report import proof_report
     from sysid.loops.proof import WANTED, WORSE
     from sysid.loops.proof import prove as compare
 
     proof = compare(read_log(before), read_log(after))
     if as_json:
-        typer.echo(json.dumps(proof_numbers(proof), indent=1, allow_nan=False))
+        typer.echo(strict_json(proof_report(proof)), nl=False)
     elif proof.refused is not None:
         typer.echo(f"not comparable: {proof.refused}")
     else:

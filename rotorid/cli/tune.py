@@ -1,6 +1,5 @@
 """``rotorid tune``: gains that the flown logs support, or why none."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -31,15 +30,16 @@ def tune(
     Example: rotorid tune FLIGHT.bin --out tuning
     """
     from logparse import read_log
+    from logparse.serialization import as_json as strict_json
     from reports.loops_page import loops_page
+    from reports.loops_report import tuning_report
     from rotorid.cli.output import prepare
-    from sysid.loops.numbers import tuning_numbers
     from sysid.loops.tuning import tune as propose
 
     if out is not None:
         prepare(out)
     result = propose([read_log(log) for log in logs], aim)
-    text = json.dumps(tuning_numbers(result), indent=1, allow_nan=False) + "\n"
+    text = strict_json(tuning_report(result))
     if out is not None:
         (out / "tuning.json").write_text(text, encoding="utf-8")
         (out / "tuning.html").write_text(loops_page(result), encoding="utf-8")

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 import pandas as pd
 from scipy.io import savemat
 
+from logparse import Finding
 from logparse.lazy import lazy
-from logparse.serialization import plain
+from logparse.serialization import as_json
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.rational import RationalModel
-from sysid.frequency.response import FrequencyResponse
+from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
+from sysid.statistics.parameter import Parameter
 
 if TYPE_CHECKING:
     import control
 else:
     control = lazy("control")
+
+#: Numbers of an array, None for what is not finite.
+Numbers = tuple[float | None, ...]
 
 #: Order of the approximation of delays for tools that have none.
 _PADE_ORDER = 3
@@ -53,62 +59,135 @@ def response_table(frf: FrequencyResponse, fit: FrequencyFit | None = None) -> p
     return pd.DataFrame(columns, index=pd.Index(frf.hz, name="hz"))
 
 
-def axis_numbers(axis: AxisSurvey) -> dict[str, Any]:
-    """Return what is known of an axis as plain values for JSON."""
-    numbers: dict[str, Any] = {"axis": axis.axis, "reason": axis.reason, "attitude_reason": axis.attitude_reason}
-    if axis.response is not None:
-        frf = axis.response
-        numbers["response"] = {
-            "input": frf.input,
-            "output": frf.output,
-            "unit": frf.unit,
-            "method": frf.method,
-            "instrument": frf.instrument,
-            "duration": frf.duration,
-            "records": list(frf.records),
-            "gyro_filter_hz": frf.gyro_filter_hz,
-            "findings": plain(frf.findings),
-            "hz": frf.hz.tolist(),
-        } | {
-            name: _finite(values)
-            for name, values in (
-                ("real", frf.response.real),
-                ("imag", frf.response.imag),
-                ("coherence", frf.coherence),
-                ("sigma", frf.sigma),
-                ("sigma_phase", frf.sigma_phase),
-                ("averages", frf.averages),
-            )
-        }
-    if axis.fit is not None:
-        numbers["fit"] = fit_numbers(axis.fit)
-    if axis.attitude is not None:
-        numbers["attitude"] = {
-            "bandwidth": plain(axis.attitude.bandwidth),
-            "phase_delay": plain(axis.attitude.phase_delay),
-            "peak": plain(axis.attitude.peak),
-            "fit": fit_numbers(axis.attitude.fit),
-        }
-    return numbers
+class ResponseRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """A frequency response."""
+
+    input: str
+    output: str
+    unit: str
+    method: str
+    instrument: str
+    duration: float
+    records: tuple[str, ...]
+    gyro_filter_hz: float | None
+    findings: tuple[Finding, ...]
+    hz: Numbers
+    real: Numbers
+    imag: Numbers
+    coherence: Numbers
+    sigma: Numbers
+    sigma_phase: Numbers
+    averages: Numbers
 
 
-def fit_numbers(fit: FrequencyFit) -> dict[str, Any]:
-    """Return a fit as plain values for JSON: parameters with errors, cost, poles, matrices."""
+class FitRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """A fit to a response: parameters with errors, cost, poles, matrices."""
+
+    structure: tuple[str, ...]
+    cost: float
+    verdict: str
+    parameters: Mapping[str, Parameter]
+    insensitivity: Mapping[str, float | None]
+    correlation: tuple[Numbers, ...]
+    num: Numbers
+    den: Numbers
+    delay: float
+    poles: tuple[tuple[float, float], ...]  #: Real and imaginary part, rad/s.
+    state_space: Mapping[str, tuple[Numbers, ...]]
+
+
+class AttitudeRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """How the attitude follows its target."""
+
+    bandwidth: Parameter
+    phase_delay: Parameter
+    peak: Parameter
+    fit: FitRecord
+
+
+class AxisRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What is known of an axis."""
+
+    axis: str
+    reason: str
+    attitude_reason: str
+    response: ResponseRecord | None = None
+    fit: FitRecord | None = None
+    attitude: AttitudeRecord | None = None
+
+
+class SurveyRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What frequency.json holds."""
+
+    logs: tuple[str, ...]
+    axes: tuple[AxisRecord, ...]
+
+
+def survey_record(found: FrequencySurvey) -> SurveyRecord:
+    """Return a survey as frequency.json holds it."""
+    return SurveyRecord(logs=found.names, axes=tuple(map(_axis, found.axes)))
+
+
+def _axis(axis: AxisSurvey) -> AxisRecord:
+    attitude = axis.attitude
+    return AxisRecord(
+        axis=axis.axis,
+        reason=axis.reason,
+        attitude_reason=axis.attitude_reason,
+        response=None if axis.response is None else _response(axis.response),
+        fit=None if axis.fit is None else _fit(axis.fit),
+        attitude=None
+        if attitude is None
+        else AttitudeRecord(
+            bandwidth=attitude.bandwidth,
+            phase_delay=attitude.phase_delay,
+            peak=attitude.peak,
+            fit=_fit(attitude.fit),
+        ),
+    )
+
+
+def _response(frf: FrequencyResponse) -> ResponseRecord:
+    return ResponseRecord(
+        input=frf.input,
+        output=frf.output,
+        unit=frf.unit,
+        method=frf.method,
+        instrument=frf.instrument,
+        duration=frf.duration,
+        records=frf.records,
+        gyro_filter_hz=frf.gyro_filter_hz,
+        findings=frf.findings,
+        hz=tuple(frf.hz.tolist()),
+        real=tuple(frf.response.real.tolist()),
+        imag=tuple(frf.response.imag.tolist()),
+        coherence=tuple(frf.coherence.tolist()),
+        sigma=tuple(frf.sigma.tolist()),
+        sigma_phase=tuple(frf.sigma_phase.tolist()),
+        averages=tuple(frf.averages.tolist()),
+    )
+
+
+def _fit(fit: FrequencyFit) -> FitRecord:
     model = fit.transfer_function()
     matrices = model.state_space
-    return {
-        "structure": [structure.name for structure in fit.structure],
-        "cost": fit.cost,
-        "verdict": fit.verdict,
-        "parameters": plain(fit.parameters),
-        "insensitivity": dict(zip(fit.names, _finite(fit.insensitivity), strict=True)),
-        "correlation": [_finite(row) for row in fit.correlation],
-        "num": model.num.tolist(),
-        "den": model.den.tolist(),
-        "delay": model.delay,
-        "poles": [[pole.real, pole.imag] for pole in model.poles],
-        "state_space": {name: getattr(matrices, name).tolist() for name in "ABCD"},
-    }
+    return FitRecord(
+        structure=tuple(structure.name for structure in fit.structure),
+        cost=fit.cost,
+        verdict=fit.verdict,
+        parameters=fit.parameters,
+        insensitivity=dict(zip(fit.names, fit.insensitivity.tolist(), strict=True)),
+        correlation=_rows(fit.correlation),
+        num=tuple(model.num.tolist()),
+        den=tuple(model.den.tolist()),
+        delay=model.delay,
+        poles=tuple((pole.real, pole.imag) for pole in model.poles.tolist()),
+        state_space={name: _rows(getattr(matrices, name)) for name in "ABCD"},
+    )
+
+
+def _rows(matrix: Floats) -> tuple[Numbers, ...]:
+    return tuple(tuple(row) for row in matrix.tolist())
 
 
 def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
@@ -117,9 +196,8 @@ def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
     In MATLAB: ``load frequency.mat; sys = frd(roll.response, roll.hz, 'FrequencyUnit', 'Hz'); tf(roll.num, roll.den)``.
     """
     files = [out / "frequency.json", out / "frequency.mat"]
-    numbers = {"logs": list(found.names), "axes": [axis_numbers(axis) for axis in found.axes]}
-    files[0].write_text(json.dumps(numbers, indent=1, allow_nan=False), encoding="utf-8")
-    structs: dict[str, Any] = {}
+    files[0].write_text(as_json(survey_record(found)), encoding="utf-8")
+    structs: dict[str, object] = {}
     for axis in found.axes:
         if axis.response is None:
             continue
@@ -150,7 +228,3 @@ def to_control(found: FrequencyResponse | FrequencyFit | RationalModel) -> contr
     model = found.transfer_function() if isinstance(found, FrequencyFit) else found
     num, den = control.pade(model.delay, _PADE_ORDER if model.delay > 0.0 else 0)
     return control.TransferFunction(np.polymul(model.num, num), np.polymul(model.den, den))
-
-
-def _finite(values: Any) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]

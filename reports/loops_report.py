@@ -1,0 +1,179 @@
+"""Tunings and proofs as their files: what tuning.json holds, and what ``rotorid prove --json`` writes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from logparse.serialization import cleaned
+from pipeline.results.rotation import margins_report
+from pipeline.results.rotation_report import MarginsReport, Numbers
+from sysid.loops.loop import RateLoop
+from sysid.loops.proof import Proof
+from sysid.loops.responses import attitude_bandwidth
+from sysid.loops.tuning import Aim, AxisTuning, Tuning
+
+#: Frequencies and draws of the response that a page gets.
+_POINTS, _DRAWS = 180, 40
+
+#: Values by parameter before and after.
+_Changes = Mapping[str, tuple[float | None, float | None]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CraftResponse:
+    """The craft's response without notches, the notches as flown, and draws of the response's error."""
+
+    hz: Numbers
+    real: Numbers
+    imag: Numbers
+    notch_real: Numbers
+    notch_imag: Numbers
+    coherence: Numbers
+    #: Of ln gain, and of phase [rad]; a row for each draw.
+    draws_gain: tuple[Numbers, ...]
+    draws_phase: tuple[Numbers, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlownLoop:
+    """A loop: settings, margins and the craft's response."""
+
+    axis: str
+    logs: str
+    parameters: Mapping[str, float]
+    loop_rate_hz: float
+    gyro_rate_hz: float
+    margins: MarginsReport
+    attitude_bandwidth_hz: float | None
+    response: CraftResponse
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TunedLoop:
+    """Proposed parameters of an axis, and its margins with them."""
+
+    parameters: Mapping[str, float]
+    margins: MarginsReport
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisReport:
+    """One axis of a tuning, see `sysid.loops.tuning.AxisTuning`."""
+
+    axis: str
+    refused: str | None
+    flown: FlownLoop | None
+    measured_margins: MarginsReport | None
+    tuned: TunedLoop | None
+    worst_of_95: Mapping[str, float | None]
+    actuator_noise_factor: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TuningReport:
+    """What tuning.json holds, see `sysid.loops.tuning.Tuning`."""
+
+    kind: Literal["tuning"] = "tuning"
+    logs: tuple[str, ...]
+    made: str
+    aim: Aim
+    refused: str | None
+    proposed: Mapping[str, float]
+    rollback: Mapping[str, float]
+    remarks: tuple[str, ...]
+    axes: tuple[AxisReport, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProofReport:
+    """What ``rotorid prove --json`` writes, see `sysid.loops.proof.Proof`."""
+
+    kind: Literal["proof"] = "proof"
+    before: tuple[str, ...]
+    after: tuple[str, ...]
+    refused: str | None
+    verdict: str
+    changed: _Changes
+    changed_beyond_the_loops: _Changes
+    table: tuple[Mapping[str, str | float | None], ...]  #: A row for each axis and quantity.
+    remarks: tuple[str, ...]
+
+
+def tuning_report(tuning: Tuning) -> TuningReport:
+    """Return a tuning as tuning.json holds it."""
+    found = TuningReport(
+        logs=tuning.logs,
+        made=tuning.made,
+        aim=tuning.aim,
+        refused=tuning.refused,
+        proposed=tuning.proposed,
+        rollback=tuning.rollback,
+        remarks=tuning.remarks,
+        axes=tuple(map(_axis, tuning.axes)),
+    )
+    return cleaned(found, TuningReport)
+
+
+def proof_report(proof: Proof) -> ProofReport:
+    """Return a proof as it is written."""
+    rows = proof.table.reset_index().to_dict("records") if proof.refused is None else []
+    found = ProofReport(
+        before=proof.before,
+        after=proof.after,
+        refused=proof.refused,
+        verdict=proof.verdict,
+        changed=proof.changed,
+        changed_beyond_the_loops=proof.beyond,
+        table=tuple({str(name): value for name, value in row.items()} for row in rows),
+        remarks=proof.remarks,
+    )
+    return cleaned(found, ProofReport)
+
+
+def _axis(axis: AxisTuning) -> AxisReport:
+    flown, tuned = axis.loop, axis.tuned
+    measured = flown is not None and flown.measured is not None
+    return AxisReport(
+        axis=axis.axis,
+        refused=axis.refused,
+        flown=None if flown is None else _loop(flown),
+        measured_margins=margins_report(flown.measured_margins) if flown is not None and measured else None,
+        tuned=None
+        if tuned is None
+        else TunedLoop(parameters=tuned.settings.parameters(), margins=margins_report(tuned.margins)),
+        worst_of_95=axis.worst,
+        actuator_noise_factor=axis.noise,
+    )
+
+
+def _loop(loop: RateLoop) -> FlownLoop:
+    rows = np.unique(np.linspace(0, len(loop.hz) - 1, _POINTS).round().astype(int))
+    draws = loop.plant.draws[1 : _DRAWS + 1, rows] / loop.plant.response[rows]
+    notches = np.ones(len(rows), np.complex128)
+    for one in loop.flown.gyro.notches:
+        notches *= one.response(loop.hz[rows])
+    plant = loop.plant.response[rows] / loop.flown.gyro.response(loop.hz[rows]) * notches
+    controller = loop.settings.controller
+    return FlownLoop(
+        axis=loop.axis,
+        logs=loop.name,
+        parameters=loop.settings.parameters(),
+        loop_rate_hz=controller.loop_rate,
+        gyro_rate_hz=loop.settings.gyro.rate,
+        margins=margins_report(loop.margins),
+        attitude_bandwidth_hz=attitude_bandwidth(loop),
+        response=CraftResponse(
+            hz=tuple(loop.hz[rows].tolist()),
+            real=tuple(plant.real.tolist()),
+            imag=tuple(plant.imag.tolist()),
+            notch_real=tuple(notches.real.tolist()),
+            notch_imag=tuple(notches.imag.tolist()),
+            coherence=tuple(loop.plant.coherence_at(loop.hz[rows]).tolist()),
+            draws_gain=tuple(tuple(row) for row in np.log(np.abs(draws)).tolist()),
+            draws_phase=tuple(tuple(row) for row in np.angle(draws).tolist()),
+        ),
+    )

@@ -1,0 +1,25 @@
+"""A tuning's file and page, where nothing could be tuned: they say why, and what a log wrote stays text."""
+
+from logparse.serialization import as_json, from_json
+from reports.loops_page import loops_page
+from reports.loops_report import TuningReport, tuning_report
+from sysid.loops.tuning import Aim, AxisTuning, Tuning
+
+
+def test_a_refusal_is_written_and_escaped():
+    tuning = Tuning(
+        logs=("<b>.bin",),
+        aim=Aim(),
+        proposed={},
+        rollback={},
+        refused="no chirps </script>",
+        axes=(AxisTuning("roll", "no chirps"),),
+        remarks=(),
+        made="2026-03-14",
+    )
+    report = from_json(as_json(tuning_report(tuning)), TuningReport)
+    assert report.axes[0].refused == "no chirps"
+    assert report.axes[0].flown is None
+    page = loops_page(tuning)
+    assert "<h1>Loops of &lt;b&gt;.bin</h1>" in page
+    assert "no chirps </script>" not in page
