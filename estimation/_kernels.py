@@ -12,7 +12,8 @@ the adjoint ``lam``, ``Lam`` and needs the covariance only where a result is wan
 """
 
 import numpy as np
-from numba import njit
+
+from logparse.compiled import inner, njit
 
 Array = np.ndarray
 
@@ -40,7 +41,7 @@ DOUBTED_TILT = 0.03
 _FLAGS = {"reassoc", "contract", "nsz"}
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _rotation(state: Array, R: Array) -> None:
     """Fill the body-to-NED matrix of a nominal state."""
     w, x, y, z = state[6], state[7], state[8], state[9]
@@ -55,7 +56,7 @@ def _rotation(state: Array, R: Array) -> None:
     R[2, 2] = w * w - x * x - y * y + z * z
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _turn(state: Array, rx: float, ry: float, rz: float, in_body: bool) -> None:
     """Turn a nominal state by a rotation vector in body axes (right product) or NED axes (left product)."""
     angle2 = rx * rx + ry * ry + rz * rz
@@ -78,7 +79,7 @@ def _turn(state: Array, rx: float, ry: float, rz: float, in_body: bool) -> None:
     state[6], state[7], state[8], state[9] = w1 * norm, x1 * norm, y1 * norm, z1 * norm
 
 
-@njit(cache=True, nogil=True, fastmath=_FLAGS)
+@inner(nogil=True, fastmath=_FLAGS)
 def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float) -> None:
     """P <- F P F' in place; the first nine rows and columns and those of the GPS error change."""
     for k in range(N):
@@ -117,7 +118,7 @@ def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float) -> N
             P[i, k] = P[k, i]
 
 
-@njit(cache=True, nogil=True, fastmath=_FLAGS)
+@inner(nogil=True, fastmath=_FLAGS)
 def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: float) -> None:
     """Compute lam <- F' lam and Lam <- F' Lam F in place, the transpose of `_propagate_covariance`."""
     for j in range(3):
@@ -170,7 +171,7 @@ def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: 
             Lam[i, k] = Lam[k, i]
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _observe(
     kind: int,
     axis: int,
@@ -235,7 +236,7 @@ def _observe(
     return x[3 + axis], 1, acceleration[axis]
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _inject(x: Array, dx: Array) -> None:
     """Add an error state to the nominal state (p v q b_g b_a b_baro b_m e m h, 27 numbers)."""
     for i in range(6):
@@ -245,7 +246,7 @@ def _inject(x: Array, dx: Array) -> None:
         x[i + 1] += dx[i]
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _advance(
     x: Array,
     R: Array,
@@ -299,7 +300,7 @@ def _advance(
     acceleration[0], acceleration[1], acceleration[2] = gn / dt, ge / dt, gd / dt
 
 
-@njit(cache=True, nogil=True, fastmath=_FLAGS)
+@inner(nogil=True, fastmath=_FLAGS)
 def _fuse(
     x: Array, P: Array, nu: float, variance: float, index: Array, value: Array, count: int, gain: Array
 ) -> tuple[float, float]:
@@ -329,7 +330,7 @@ def _fuse(
     return inv, variance
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _gain_unused(P: Array, variance: float, index: Array, value: Array, count: int, gain: Array) -> None:
     """Fill the gain that a measurement with this innovation variance would have."""
     for i in range(N):
@@ -339,7 +340,7 @@ def _gain_unused(P: Array, variance: float, index: Array, value: Array, count: i
         gain[i] = total / variance
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _keep_scalar(
     m: int,
     count: int,
@@ -358,7 +359,7 @@ def _keep_scalar(
         scalar_value[m, j] = value[j] if j < count else 0.0
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _log_density(nu: float, variance: float) -> float:
     """Return the log-density of an innovation, without the constant.
 
@@ -371,7 +372,7 @@ def _log_density(nu: float, variance: float) -> float:
     return float(-0.5 * (np.log(variance) + z2))
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _joined_doubt(kind: int, doubted: Array, beyond: Array, together: float) -> bool:
     """Return whether another sensor than that of `kind` has been beyond the gate for long enough, too."""
     for other in range(KINDS):
@@ -380,7 +381,7 @@ def _joined_doubt(kind: int, doubted: Array, beyond: Array, together: float) -> 
     return False
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _doubt_state(P: Array, kind: int, axis: int, nu: float) -> None:
     """Widen what a scalar measures by its innovation, so that it can pull the state back.
 
@@ -399,7 +400,7 @@ def _doubt_state(P: Array, kind: int, axis: int, nu: float) -> None:
         P[row, row] += nu * nu
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _write_row(x: Array, P: Array, out: int, out_x: Array, out_P: Array, slow_P: Array) -> None:
     """Keep state and covariance for one row of the output, that of the sensor errors in every eighth."""
     for i in range(x.size):
@@ -586,7 +587,7 @@ def forward(
     return likelihood
 
 
-@njit(cache=True, nogil=True, fastmath=_FLAGS)
+@inner(nogil=True, fastmath=_FLAGS)
 def _unfuse(
     lam: Array, Lam: Array, nu: float, inv: float, S: float, K: Array, index: Array, value: Array, u: Array
 ) -> tuple[float, float]:

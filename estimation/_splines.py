@@ -1,7 +1,8 @@
 """Compiled cubic splines through the samples of an IMU."""
 
 import numpy as np
-from numba import njit
+
+from logparse.compiled import njit
 
 Array = np.ndarray
 

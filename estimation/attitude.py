@@ -1,7 +1,7 @@
 """Rotations between body (FRD) and NED: quaternions scalar first, Euler angles yaw-pitch-roll."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 
 def quat_from_euler(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
@@ -68,7 +68,7 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def turned_by(quat_nb: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Turn an attitude by a rotation vector about NED axes, rad; shape (4,)."""
-    turn = Rotation.from_rotvec(phi).as_quat(scalar_first=True)
+    turn = scipy.spatial.transform.Rotation.from_rotvec(phi).as_quat(scalar_first=True)
     return multiply(turn, quat_nb)
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+import scipy
 from filterpy.kalman import KalmanFilter
-from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline
 
 from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.consistency import SensorStatistics
@@ -249,11 +249,11 @@ def _estimate_segment(
     """
     when = attitude.index.to_numpy(float)
     quat = quat_from_euler(*attitude[["roll", "pitch", "yaw"]].to_numpy(float).T)
-    turning = Akima1DInterpolator(when, continuous(quat))
+    turning = scipy.interpolate.Akima1DInterpolator(when, continuous(quat))
     down_axis = matrix_from_quat(quat)[:, :, 2]
     # Beyond 60 degrees of tilt the height is not steady, so the tangent is not the acceleration.
     push = -GRAVITY * down_axis[:, :2] / np.maximum(down_axis[:, 2:], 0.5)
-    thrust = Akima1DInterpolator(when, np.column_stack([push, np.zeros(len(push))]))
+    thrust = scipy.interpolate.Akima1DInterpolator(when, np.column_stack([push, np.zeros(len(push))]))
 
     nodes = np.unique(
         np.concatenate(
@@ -277,11 +277,11 @@ def _estimate_segment(
         # Sigma only: weighed anew, states of clean logs would move by more than their sigma, for better or worse.
         _, P = _filter(node_t, thrust, _rescaled(measured, node_t, x, P), gps_sigma, noise, driven)
     t_in = np.clip(t, node_t[0], node_t[-1])
-    position = CubicHermiteSpline(node_t, x[:, :3], x[:, 3:6])(t_in)
+    position = scipy.interpolate.CubicHermiteSpline(node_t, x[:, :3], x[:, 3:6])(t_in)
     at_node = thrust(np.clip(node_t, when[0], when[-1]))
     # Velocity between nodes bends as the attitude says.
     acceleration = x[:, 6:9] + at_node
-    velocity = CubicHermiteSpline(node_t, x[:, 3:6], acceleration)(t_in)
+    velocity = scipy.interpolate.CubicHermiteSpline(node_t, x[:, 3:6], acceleration)(t_in)
     disturbance = np.column_stack([np.interp(t_in, node_t, column) for column in x[:, 6:9].T])
     a = disturbance + thrust(np.clip(t, when[0], when[-1]))
     q = turning(t)
@@ -400,7 +400,7 @@ def _counts(measured: list[_Measured]) -> dict[str, tuple[int, int]]:
 
 def _filter(
     t: np.ndarray,
-    thrust: Akima1DInterpolator,
+    thrust: scipy.interpolate.Akima1DInterpolator,
     measured: list[_Measured],
     gps_sigma: np.ndarray,
     noise: SensorNoise,

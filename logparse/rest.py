@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.constants import g as standard_gravity
 
 from logparse.findings import Finding, Severity
 from logparse.tables import Tables
+from logparse.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from logparse.flights import Flight
@@ -86,7 +86,7 @@ def at_rest(tables: Tables, flights: Sequence["Flight"]) -> Rest | None:
 
 def calibration(rest: Rest | None, parameters: Mapping[str, float]) -> tuple[Finding, ...]:
     """Judge the accelerometer's calibration by what it reads at rest."""
-    if rest is None or abs(rest.specific_force - standard_gravity) <= _TOLERATED:
+    if rest is None or abs(rest.specific_force - STANDARD_GRAVITY) <= _TOLERATED:
         return ()
     offsets = [parameters.get(f"INS_ACCOFFS_{axis}") for axis in "XYZ"]
     why = "it was never calibrated" if all(each == 0.0 for each in offsets) else "its calibration is not of this sensor"
@@ -94,8 +94,8 @@ def calibration(rest: Rest | None, parameters: Mapping[str, float]) -> tuple[Fin
         Finding(
             "accelerometer-uncalibrated",
             Severity.WARNING,
-            f"At rest the accelerometer reads {rest.specific_force:.2f} m/s^2 instead of {standard_gravity:.2f}: "
-            f"{why}. Thrust is off by up to {abs(rest.specific_force / standard_gravity - 1.0):.0%}.",
+            f"At rest the accelerometer reads {rest.specific_force:.2f} m/s^2 instead of {STANDARD_GRAVITY:.2f}: "
+            f"{why}. Thrust is off by up to {abs(rest.specific_force / STANDARD_GRAVITY - 1.0):.0%}.",
             "Calibrate the accelerometers of this board in all six positions, and fly again.",
             {"specific_force": rest.specific_force, "seconds": rest.seconds},
         ),

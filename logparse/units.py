@@ -8,6 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+#: m/s^2: ``scipy.constants.g``, without which a log can be looked at before scipy is imported.
+STANDARD_GRAVITY = 9.80665
+
 #: Factor and offset to SI by unit as DataFlash (FMTU) and MAVLink name it: SI = value * factor + offset.
 SI: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
@@ -33,7 +36,7 @@ SI: Mapping[str, tuple[float, float]] = MappingProxyType(
         "mm/s": (1e-3, 0.0),
         "m/s/s": (1.0, 0.0),
         "cm/s/s": (1e-2, 0.0),
-        "mG": (9.80665e-3, 0.0),
+        "mG": (1e-3 * STANDARD_GRAVITY, 0.0),
         "Gauss": (1e-4, 0.0),
         "gauss": (1e-4, 0.0),
         "mGauss": (1e-7, 0.0),

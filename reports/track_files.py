@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from xml.sax.saxutils import escape
 
 import numpy as np
 import pymap3d
@@ -173,4 +173,5 @@ def _gpx(name: str, points: list[_Point], events: list[tuple[str, str, _Point]])
 
 def _xml(text: str) -> str:
     """Escape text, and drop what XML 1.0 cannot hold."""
-    return escape("".join(c for c in text if c in "\t\n" or (ord(c) >= 0x20 and ord(c) not in (0xFFFE, 0xFFFF))))
+    held = "".join(c for c in text if c in "\t\n" or (ord(c) >= 0x20 and ord(c) not in (0xFFFE, 0xFFFF)))
+    return html.escape(held, quote=False)

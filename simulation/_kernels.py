@@ -9,11 +9,11 @@ One file on purpose: numba's cache notices a change in a function's own file onl
 """
 
 from math import asin, atan, atan2, cos, exp, isfinite, pi, sin, sqrt, tan
-from typing import Any
 
 import numpy as np
-from numba import njit
 
+from logparse import compiled
+from logparse.compiled import njit
 from simulation._parameters import (
     AirframeParameters,
     AirParameters,
@@ -35,12 +35,10 @@ COMPLETED, DIVERGED, OVERTURNED = 0, 1, 2
 DISARMED, IDLE, FLYING, LANDING, LANDED = 0, 1, 2, 3, 4
 
 
-#: For what only compiled code calls: no wrappers for Python, which can take as long to compile as the function.
-#: Numba's stubs do not know the two options.
-_OPTIONS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-inner = njit(cache=True, nogil=True, **_OPTIONS)
+#: For what only compiled code calls.
+inner = compiled.inner(nogil=True)
 #: The same for parts of the equations of motion: a call would copy the craft's parameters, about a hundred numbers.
-part = njit(cache=True, nogil=True, forceinline=True, **_OPTIONS)
+part = compiled.inner(nogil=True, forceinline=True)
 
 
 @inner

@@ -5,11 +5,11 @@ from collections.abc import Collection, Iterator, Mapping
 import numpy as np
 import pandas as pd
 import pymap3d
-from scipy.interpolate import CubicSpline
 
 from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances
 from logparse.canonical.series import Array, euler_angles, join, quaternions, sample, series, wrap
+from logparse.cubic_spline import cubic_spline
 from logparse.tables import COLUMNS, Geodetic
 from logparse.units import numbers, quantity
 from logparse.vehicle import Vehicle
@@ -306,7 +306,7 @@ def truth(messages: Messages) -> pd.DataFrame | None:
     flips = np.cumsum(np.append(False, np.sum(values[1:] * values[:-1], axis=1) < 0.0)) % 2
     values[flips == 1] *= -1.0
     when = result.index.to_numpy()
-    at = CubicSpline(turned.index.to_numpy(), values)(when)
+    at = cubic_spline(turned.index.to_numpy(), values, when)
     at[np.isnan(sample(turned, when, gap=0.2))] = np.nan
     with np.errstate(invalid="ignore", divide="ignore"):  # a damaged quaternion of zeros has no direction: NaN
         result[names] = at / np.linalg.norm(at, axis=1, keepdims=True)

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from logparse.compiled import inner, njit
 
 Bytes = npt.NDArray[np.uint8]
 Slots = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -75,12 +76,12 @@ _BLOCK_MESSAGES = 8192
 _BLOCK_BYTES = 256 * 1024
 
 
-@njit(nogil=True)
+@inner(nogil=True)
 def _u16(data: Bytes, p: Int) -> Int:
     return np.uint16(data[p]) | (np.uint16(data[p + np.uint64(1)]) << np.uint16(8))
 
 
-@njit(nogil=True)
+@inner(nogil=True)
 def _u32(data: Bytes, p: Int) -> Int:
     # LLVM makes one load of this.
     return (
@@ -91,12 +92,12 @@ def _u32(data: Bytes, p: Int) -> Int:
     )
 
 
-@njit(nogil=True)
+@inner(nogil=True)
 def _u64(data: Bytes, p: Int) -> Int:
     return np.uint64(_u32(data, p)) | (np.uint64(_u32(data, p + np.uint64(4))) << np.uint64(32))
 
 
-@njit(nogil=True)
+@inner(nogil=True)
 def _time_us(data: Bytes, p: Int, time_width: Int, time_offset: Int) -> Int:
     """Boot clock of the message at `p`, us; -1 where it has none or it cannot be."""
     if time_width == 8:
@@ -108,7 +109,7 @@ def _time_us(data: Bytes, p: Int, time_width: Int, time_offset: Int) -> Int:
     return np.int64(-1)
 
 
-@njit(nogil=True)
+@inner(nogil=True)
 def _is_header(data: Bytes, p: Int, n: Int) -> Any:
     """Whether a message may begin at `p`: a header, or as much of one as the file still holds."""
     if p >= n:
@@ -300,7 +301,7 @@ def follow_chain(
     return result
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _advance_clock(t: Int, index: Int, position: Int, boots: Int64s, state: Int64s) -> None:
     """Follow the boot clock; a lasting step back is a new boot, a lone odd time stamp is not."""
     if state[HAVE_TIME] == 0:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.constants import g as standard_gravity
 
 from logparse.events.attitude import LOST
 from logparse.events.event import FlightEvent
@@ -14,14 +13,15 @@ from logparse.events.stretches import Array, stretches
 from logparse.findings import Severity
 from logparse.flights import Flight, height_above_ground, speed_down
 from logparse.tables import Tables
+from logparse.units import STANDARD_GRAVITY
 
 #: Specific force [m/s^2] of a blow that no manoeuvre makes: 4 g. ArduPilot names no limit for landings.
-BLOW = 4.0 * standard_gravity
+BLOW = 4.0 * STANDARD_GRAVITY
 #: Speed down [m/s] before a blow, and lean [rad] around it, that make it a crash; LAND_SPEED_HIGH and a landing by
 #: hand stay below the first, ANGLE_MAX below the second.
 _FAST, _OVER = 3.0, np.radians(60.0)
 #: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent.
-_FREE, _FALLING = 0.3 * standard_gravity, 0.3
+_FREE, _FALLING = 0.3 * STANDARD_GRAVITY, 0.3
 #: Part of the flight's median throttle below which less lift was asked for, and time before a fall [s] in which it is.
 _CLOSED, _CLOSING = 0.75, 0.2
 #: Height lost [m] after disarming, within `_AFTER` seconds, that shows that the craft was in the air.
@@ -192,7 +192,7 @@ def _flew_on(height: "pd.Series[float] | None", t: float) -> bool:
 
 
 def _told(blow: _Blow, evidence: dict[str, str | int | float | bool]) -> str:
-    parts = [f"a blow of {blow.force / standard_gravity:.0f} g"]
+    parts = [f"a blow of {blow.force / STANDARD_GRAVITY:.0f} g"]
     if "descent_m_s" in evidence:
         parts.append(f"{float(evidence['descent_m_s']):.1f} m/s down before it")
     if float(evidence.get("lean_rad", 0.0)) > _OVER:

@@ -13,12 +13,12 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
-from scipy.constants import g as standard_gravity
 from scipy.spatial.transform import Rotation
 
 from logparse.findings import Finding, Severity
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap
 from logparse.foreign.files import TableError
+from logparse.units import STANDARD_GRAVITY
 
 Floats = npt.NDArray[np.float64]
 
@@ -296,17 +296,17 @@ def _thrust(
     names = ", ".join((*declared.position.columns, *declared.attitude.columns))
     acceleration = _slope(velocity, dt, reach)
     inside = rotation[reach:-reach]
-    force = inside.apply(acceleration - np.array([0.0, 0.0, standard_gravity]), inverse=True)
+    force = inside.apply(acceleration - np.array([0.0, 0.0, STANDARD_GRAVITY]), inverse=True)
     mean = force.mean(axis=0)
     size = float(np.linalg.norm(mean))
     if mean[2] > -0.7 * max(size, 1e-9):
-        down = inside.apply(acceleration + np.array([0.0, 0.0, standard_gravity]), inverse=True).mean(axis=0)
+        down = inside.apply(acceleration + np.array([0.0, 0.0, STANDARD_GRAVITY]), inverse=True).mean(axis=0)
         flipped = "; the world's z axis the other way would fit (frame: world)" if down[2] < -5.0 else ""
         return [
             f"columns {names}: the rotors would push along ({mean[0]:+.1f}, {mean[1]:+.1f}, {mean[2]:+.1f}) m/s^2 in "
             f"the body (forward, right, down), not up: frame or quaternion are declared wrong{flipped}"
         ]
-    lean = inside.apply(np.array([0.0, 0.0, -standard_gravity]))[:, :2]
+    lean = inside.apply(np.array([0.0, 0.0, -STANDARD_GRAVITY]))[:, :2]
     level = acceleration[:, :2]
     moved = [axis for axis in range(2) if level[:, axis].std() > _STILL_FORCE and lean[:, axis].std() > _STILL_FORCE]
     values = {axis: _alike(level[:, axis], lean[:, axis]) for axis in moved}

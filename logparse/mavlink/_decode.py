@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from logparse.compiled import inner, njit
 
 # mypy: allow-untyped-decorators
 
@@ -79,12 +80,12 @@ def checksum_tables() -> npt.NDArray[np.uint16]:
     return tables.ravel()
 
 
-@njit(forceinline=True)
+@inner(forceinline=True)
 def _u16(data: Array, p: Int) -> Int:
     return np.uint16(data[p]) | (np.uint16(data[p + _U(1)]) << np.uint16(8))
 
 
-@njit(forceinline=True)
+@inner(forceinline=True)
 def _u32(data: Array, p: Int) -> Int:
     # LLVM makes one load of this.
     return (
@@ -95,12 +96,12 @@ def _u32(data: Array, p: Int) -> Int:
     )
 
 
-@njit(forceinline=True)
+@inner(forceinline=True)
 def _u64(data: Array, p: Int) -> Int:
     return np.uint64(_u32(data, p)) | (np.uint64(_u32(data, p + _U(4))) << _U(32))
 
 
-@njit(forceinline=True)
+@inner(forceinline=True)
 def _stamp(data: Array, mark: Int) -> Int:
     """Logger time before the frame at `mark`, us: eight bytes, the highest first."""
     stamp = _u64(data, mark - _U(8))
@@ -110,13 +111,13 @@ def _stamp(data: Array, mark: Int) -> Int:
     return np.int64((stamp << _U(32)) | (stamp >> _U(32)))
 
 
-@njit(forceinline=True)
+@inner(forceinline=True)
 def _cut_u32(data: Array, p: Int, present: Int) -> Int:
     """Little-endian integer of four bytes of which only `present` were sent; the rest are zero."""
     return _u32(data, p) if present >= 4 else np.uint32(_cut_uint(data, p, present, 4))
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _cut_uint(data: Array, p: Int, present: Int, width: Int) -> Int:
     """Little-endian integer of `width` bytes of which only `present` were sent; the rest are zero."""
     value = _U(0)
@@ -125,7 +126,7 @@ def _cut_uint(data: Array, p: Int, present: Int, width: Int) -> Int:
     return value
 
 
-@njit(forceinline=True)
+@inner(forceinline=True)
 def _eight_bytes(tables: Array, zeros: Int, word: Int) -> Int:
     """Register after eight bytes, combined with the register before them, and `zeros` / 256 zero bytes."""
     return np.uint64(
@@ -140,7 +141,7 @@ def _eight_bytes(tables: Array, zeros: Int, word: Int) -> Int:
     )
 
 
-@njit(forceinline=True)
+@inner(forceinline=True)
 def _checksum(data: Array, start: Int, size: Int, extra: Int, tables: Array) -> Int:
     """Checksum of `size` bytes from `start`, and the definition's extra byte.
 
@@ -171,7 +172,7 @@ def _checksum(data: Array, start: Int, size: Int, extra: Int, tables: Array) -> 
     return np.uint64(tables[(register ^ np.uint64(extra)) & _U(0xFF)]) ^ (register >> _U(8))
 
 
-@njit(forceinline=True)
+@inner(forceinline=True)
 def _frame(data: Array, mark: Int, size: Int, slot_of_id: Array) -> tuple[Int, Int, Int]:
     """Header of the frame at `mark`: its message's slot, checksummed bytes and end."""
     if mark + _U(8) > size:
@@ -199,7 +200,7 @@ def _frame(data: Array, mark: Int, size: Int, slot_of_id: Array) -> tuple[Int, I
     return slot, body, end
 
 
-@njit(forceinline=True)
+@inner(forceinline=True)
 def _intact(data: Array, mark: Int, slot: Int, body: Int, crc_extra: Array, tables: Array) -> Any:
     checksum = _checksum(data, mark + _U(1), body, crc_extra[_U(slot)], tables)
     return checksum == np.uint64(_u16(data, mark + _U(1) + body))
@@ -219,7 +220,7 @@ def find_frame(data: Array, start: Int, stop: Int, slot_of_id: Array, crc_extra:
     return size
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _is_unknown_frame(
     data: Array, mark: Int, end: Int, prefix: Int, slot_of_id: Array, crc_extra: Array, tables: Array
 ) -> Any:
@@ -240,7 +241,7 @@ def _is_unknown_frame(
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _count_damaged(data: Array, position: Int, prefix: Int, next_mark: Int, slot_of_id: Array, bad: Array) -> Int:
     """Count the frames with wrong checksums between two intact ones, as far as each begins where the last one ends."""
     size = np.uint64(data.size)
@@ -255,7 +256,7 @@ def _count_damaged(data: Array, position: Int, prefix: Int, next_mark: Int, slot
     return count
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _count_unknown(data: Array, mark: Int, unknown: Array) -> None:
     number = np.int64(data[mark + _U(5)])
     if data[mark] == _MARK_V2:
@@ -419,7 +420,7 @@ def sort_by_slot(offsets: Array, slots: Array, n_slots: Int) -> tuple[Array, Arr
     return ordered, starts
 
 
-@njit(forceinline=True)
+@inner(forceinline=True)
 def _knot_at(knots: Array, mark: Int) -> Int:
     """Last knot that begins at or before `mark`; the first where there is none."""
     low, high = 0, knots.shape[0]
@@ -432,7 +433,7 @@ def _knot_at(knots: Array, mark: Int) -> Int:
     return low
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _locate(data: Array, marks: Array, payload: Array, present: Array, senders: Array) -> Int:
     """Where payloads begin, how many bytes of each were sent, and who sent it; returns the least number of bytes."""
     shortest: Any = np.int64(255)
@@ -447,7 +448,7 @@ def _locate(data: Array, marks: Array, payload: Array, present: Array, senders: 
     return shortest
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _tell_times(
     data: Array, marks: Array, payload: Array, present: Array, senders: Array, stamped: Int, knots: Array,
     autopilot: Int, kind: Int, offset: Int, t: Array,
@@ -490,7 +491,7 @@ def _tell_times(
         t[k] = time / 1e6
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _copy_text(data: Array, payload: Array, present: Array, offset: Int, width: Int, out: Int, arena8: Array) -> None:
     """Copy a ``char`` array of each frame up to its first zero, and fill up with zeros."""
     for k in range(payload.size):
@@ -503,7 +504,7 @@ def _copy_text(data: Array, payload: Array, present: Array, offset: Int, width: 
             arena8[_U(out + k * width + j)] = byte
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _fields(
     data: Array, payload: Array, present: Array, shortest: Int, field_offset: Array, field_width: Array, column: Array,
     target: Int, arena8: Array, arena16: Array, arena32: Array, arena64: Array,
@@ -544,7 +545,7 @@ def _fields(
                 arena64[out + k] = _u64(data, p) if sent >= 8 else _cut_uint(data, p, sent, 8)
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _fetch(data: Array, start: Int, stop: Int) -> Int:
     """Read a chunk of the stream in one go: frames of one message after the other are too far apart to be foreseen."""
     p = np.uint64(start)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 from scipy.special import chdtrc as chi2_sf
 from scipy.special import ndtr as normal_cdf
 from scipy.special import stdtr as student_cdf
@@ -109,7 +109,9 @@ def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | No
         most = max(q / df, 2.0) * float(variance.max())
         while fit(most)[2] > df:
             most *= 4.0
-        between = float(brentq(lambda value: fit(value)[2] - df, 0.0, most, xtol=1e-12 * most, rtol=1e-10))
+        between = float(
+            scipy.optimize.brentq(lambda value: fit(value)[2] - df, 0.0, most, xtol=1e-12 * most, rtol=1e-10)
+        )
     beta, weights, _ = fit(between)
     covariance = np.asarray(np.linalg.inv(x.T @ (x * weights[:, None])), dtype=np.float64)
     return MetaRegression(beta=beta, covariance=covariance, tau=between**0.5, df=df, q=q, weights=weights)

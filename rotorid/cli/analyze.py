@@ -132,7 +132,6 @@ def analyze(
         scan_orders=scan_orders,
         time_limit=time_limit,
     )
-    from pipeline.fleet.analysis import check_choices
     from pipeline.names import is_url
     from pipeline.storage.sources import find
 
@@ -141,10 +140,14 @@ def analyze(
         return
     found = find(_existing(paths), exclude=None if is_url(out) else Path(out))
     _require_files(found, paths)
-    check_choices(found, config)
+    chosen = config.training or config.validation
+    if chosen:
+        from pipeline.fleet.analysis import check_choices
+
+        check_choices(found, config)
     prepare(out)
     single = len(found.sources) == 1 and found.sources[0].named and scheduler is None
-    if single and not (config.training or config.validation):
+    if single and not chosen:
         _one_flight(found.sources[0], Path(out), config, as_json, plots)
     sizes = [source.size for source in found.sources if source.named or source.called_a_log]
     workers: AbstractContextManager[Executor | None] = nullcontext()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from logparse import FlightLog
 from logparse.canonical.series import wrap
@@ -183,7 +183,7 @@ def _crossing(found: FrequencyFit, phase: float) -> float:
     top = 2.0 * np.pi * 50.0
     if _phase(found, top) > phase:
         return float("nan")
-    return float(brentq(lambda omega: _phase(found, omega) - phase, 0.1, top, xtol=1e-4))
+    return float(scipy.optimize.brentq(lambda omega: _phase(found, omega) - phase, 0.1, top, xtol=1e-4))
 
 
 def _bandwidth(found: FrequencyFit) -> float:

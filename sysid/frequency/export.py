@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 import pandas as pd
-from scipy.io import savemat
+import scipy
 
 from logparse import Finding
 from logparse.lazy import lazy
@@ -209,7 +209,7 @@ def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
             model = axis.fit.transfer_function()
             struct |= {"num": model.num, "den": model.den, "delay": model.delay, "cost": axis.fit.cost}
         structs[axis.axis] = struct
-    savemat(files[1], structs)
+    scipy.io.savemat(files[1], structs)
     return tuple(files)
 
 

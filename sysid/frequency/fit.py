@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from logparse.summary import Summarised, listed
 from sysid.frequency.axes import FrequencyError
@@ -313,7 +313,7 @@ def _search(
         return np.concatenate(parts)
 
     x0 = np.where(positive, np.log(np.maximum(np.abs(guess), 1e-12)), guess / scale)
-    result = least_squares(remainder, x0, method="trf", max_nfev=80, x_scale="jac")
+    result = scipy.optimize.least_squares(remainder, x0, method="trf", max_nfev=80, x_scale="jac")
     values = values_of(result.x)
     worth = 2.0 * sum(float(np.sum(response.weight_of_points[_good(response)])) for response in responses)
     squares = 2.0 * float(result.cost)

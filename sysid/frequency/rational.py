@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.cost import cost
@@ -132,7 +131,7 @@ def fit_rational(frf: FrequencyResponse, poles: int, zeros: int, *, delay: bool 
     for late in _DELAYS if delay else (0.0,):
         num, den = _linear(np.asarray(measured * np.exp(late * s * unit), dtype=np.complex128), s, weight, poles, zeros)
         x = np.concatenate([num, den[1:], [100.0 * late] if delay else []])
-        result = least_squares(remainder, x, method="trf", x_scale="jac", max_nfev=120)
+        result = scipy.optimize.least_squares(remainder, x, method="trf", x_scale="jac", max_nfev=120)
         if best is None or result.cost < best.cost:
             best = result
     assert best is not None

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
-from scipy.interpolate import make_interp_spline
 
 from logparse import FlightLog
+from logparse.cubic_spline import cubic_spline
 from logparse.units import quantity
 from sysid.frequency.axes import AXES, Axis, FrequencyError
 from sysid.frequency.excitation import Chirp, Within
@@ -92,7 +92,7 @@ class AxisRecord:
         model : callable
             From frequencies above zero, Hz, to the response of what was measured, before any difference.
         """
-        size = next_fast_len(2 * len(self.output))
+        size = scipy.fft.next_fast_len(2 * len(self.output))
         hz = np.fft.rfftfreq(size, self.dt).astype(np.float64)
         answer = np.zeros(len(hz), dtype=np.complex128)
         answer[1:] = model(hz[1:])
@@ -183,10 +183,10 @@ def on_uniform_clock(t: Floats, columns: Sequence[Floats]) -> tuple[Floats, Floa
         between = [np.interp(clock, t, column) for column in values.T]
         bridged_t = np.union1d(t, clock[~usable])
         bridged = np.column_stack([np.interp(bridged_t, t, column) for column in values.T])
-        smooth = make_interp_spline(bridged_t, bridged, k=3)(clock)
+        smooth = cubic_spline(bridged_t, bridged, clock)
         result = np.where(usable[:, None], smooth, np.column_stack(between))
     else:
-        result = make_interp_spline(t, values, k=3)(clock)
+        result = cubic_spline(t, values, clock)
     return clock, np.asarray(result, dtype=np.float64), usable
 
 

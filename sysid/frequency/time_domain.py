@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 from scipy.linalg import solve_toeplitz
-from scipy.optimize import least_squares
 
 from logparse import FlightLog
 from sysid.frequency.axes import AXES, FrequencyError
@@ -78,7 +77,7 @@ def fit_in_time(found: FrequencyFit, data: FlightLog | Sequence[FlightLog]) -> M
             parts = [np.convolve(one, filter_, "valid") for one in remainders(x)]
             return np.concatenate(parts)
 
-        result = least_squares(whitened, x, method="lm", max_nfev=20 * len(x))
+        result = scipy.optimize.least_squares(whitened, x, method="lm", max_nfev=20 * len(x))
         x = np.asarray(result.x, dtype=np.float64)
         slope, error = np.asarray(result.jac, dtype=np.float64), np.asarray(result.fun, dtype=np.float64)
     values = values_of(x)

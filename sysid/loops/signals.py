@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from logparse import FlightLog
 from sysid.frequency.axes import axis_of
@@ -88,7 +88,7 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
     t, total = signals.t[rows], signals.columns[which.input][rows]
     times = table.index.to_numpy(np.float64)
     inside = (times >= chirp.start) & (times <= chirp.stop)
-    added = make_interp_spline(times[inside], table["target"].to_numpy(np.float64)[inside], k=_ORDER)
+    added = scipy.interpolate.make_interp_spline(times[inside], table["target"].to_numpy(np.float64)[inside], k=_ORDER)
     pid = _pid_sum(log, f"PID{which.letter}")
     if pid is None or len(t) < 16:
         return None

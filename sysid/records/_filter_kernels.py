@@ -1,8 +1,9 @@
 """Compiled loop of linear filters."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from logparse.compiled import njit
 
 Floats = NDArray[np.float64]
 

@@ -1,8 +1,9 @@
 """Compiled loop of resampling: a filter's output at a few of the signal's many samples."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from logparse.compiled import njit
 
 Floats = NDArray[np.float64]
 

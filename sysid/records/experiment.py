@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from logparse import Finding, RotoridError, Vehicle
-from logparse.foreign.motion import MotionTable, read_motion
+from logparse.lazy import lazy
 from logparse.summary import Summarised, listed
 from sysid.records.arrays import MIN_SAMPLES as MIN_SAMPLES
 from sysid.records.arrays import Floats as Floats
@@ -23,6 +23,9 @@ from sysid.records.table_record import table_signals
 if TYPE_CHECKING:
     from estimation import Trajectory
     from logparse import FlightLog
+    from logparse.foreign import motion as foreign_motion
+else:
+    foreign_motion = lazy("logparse.foreign.motion")
 
 
 class ExperimentError(RotoridError):
@@ -258,10 +261,10 @@ class Experiment(Summarised):
         TableError
             When columns are missing or contradict each other; the text names them, with the evidence.
         """
-        return cls.from_motion(read_motion(source, columns, name))
+        return cls.from_motion(foreign_motion.read_motion(source, columns, name))
 
     @classmethod
-    def from_motion(cls, motion: MotionTable) -> Experiment:
+    def from_motion(cls, motion: foreign_motion.MotionTable) -> Experiment:
         """Make a record of a table that is read already; see `from_table`."""
         signals = table_signals(motion)
         return cls.from_arrays(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from logparse.foreign.motion import MotionTable
+if TYPE_CHECKING:
+    from logparse.foreign.motion import MotionTable
 
 Floats = npt.NDArray[np.float64]
 

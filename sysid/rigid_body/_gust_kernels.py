@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import exp, log, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from logparse.compiled import njit
 
 Floats = NDArray[np.float64]
 

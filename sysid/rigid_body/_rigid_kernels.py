@@ -13,8 +13,9 @@ from __future__ import annotations
 from math import log, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from logparse.compiled import inner, njit
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ _LOWEST = 0.5
 SIGNALS = 14
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _blend(signals: Floats, k: int, part: float, out: Floats) -> None:
     """Signals between samples k and k + 1."""
     if part == 0.0:
@@ -45,7 +46,7 @@ def _blend(signals: Floats, k: int, part: float, out: Floats) -> None:
             out[i] = (1.0 - part) * signals[k, i] + part * signals[k + 1, i]
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _wind(theta: Floats, shapes: Floats, k: int, part: float) -> tuple[float, float]:
     """Wind at the reference height, between samples k and k + 1."""
     north = east = 0.0
@@ -56,7 +57,7 @@ def _wind(theta: Floats, shapes: Floats, k: int, part: float) -> tuple[float, fl
     return north, east
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _acceleration(
     theta: Floats, s: Floats, north: float, east: float, height: float, v: Floats, law: int, out: Floats
 ) -> None:
@@ -81,7 +82,7 @@ def _acceleration(
     out[2] = s[6] * ax + s[7] * ay + s[8] * az + GRAVITY
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _derivatives(
     theta: Floats,
     s: Floats,
@@ -203,7 +204,7 @@ def accelerations(
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _step(
     theta: Floats, signals: Floats, shapes: Floats, k: int, dt: float, ground: float, law: int, x: Floats, work: Floats
 ) -> None:
@@ -224,7 +225,7 @@ def _step(
         x[a] += dt / 6.0 * (work[2, a] + 2.0 * work[3, a] + 2.0 * work[4, a] + work[5, a])
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _keep(x: Floats, out: Floats, row: int) -> None:
     """Copy as much of a state as a row of the output has room for."""
     for a in range(out.shape[1]):
@@ -307,7 +308,7 @@ def ahead(
         _keep(x, out, first + steps)
 
 
-@njit(cache=True, nogil=True)
+@inner(nogil=True)
 def _keep_sensitivities(z: Floats, out: Floats, row: int) -> None:
     for a in range(3):
         for c in range(z.shape[1]):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.io import savemat
+import scipy
 
 from logparse import Finding, MissingDataError, Severity
 from logparse.serialization import as_json
@@ -61,7 +61,7 @@ def write_craft(
     record = CraftRecord(craft=model.record(), hover=None if linear is None else linear.record())
     files = [folder / "craft.json", folder / "craft.mat"]
     files[0].write_text(as_json(record), encoding="utf-8")
-    savemat(files[1], _for_matlab(model, linear), long_field_names=True, oned_as="column")
+    scipy.io.savemat(files[1], _for_matlab(model, linear), long_field_names=True, oned_as="column")
     try:
         frame = frame_json(model, mass, arm=arm, disc_area=disc_area)
     except MissingDataError as error:

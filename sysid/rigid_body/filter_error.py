@@ -22,8 +22,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from sysid.records.experiment import Floats
 from sysid.rigid_body._gust_kernels import whiten
@@ -237,7 +237,7 @@ def _likeliest(left: Floats, dt: float, before: Disturbances | None) -> Disturba
             return float(_huber(out).sum() + columns.shape[1] * logs + 0.5 * ((x[1] - _TAU[0]) / _TAU[1]) ** 2)
 
         simplex = start + np.vstack([np.zeros(len(start)), _STRIDE * np.eye(len(start))])
-        solved = minimize(
+        solved = scipy.optimize.minimize(
             cost,
             start,
             method="Nelder-Mead",

@@ -22,8 +22,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import scipy
 from scipy.constants import g as standard_gravity
-from scipy.optimize import brentq
 
 from logparse import MissingDataError
 from sysid.records.motor_scaling import command_for
@@ -228,7 +228,7 @@ def _reference_flight(mass: float, area_cd: float, mdrag: float, disc_area: floa
         speed *= 0.7
     if surplus(1e-9) >= 0.0:
         return speed, 0.0
-    return speed, float(brentq(surplus, 0.0, math.radians(60.0), xtol=1e-13))
+    return speed, float(scipy.optimize.brentq(surplus, 0.0, math.radians(60.0), xtol=1e-13))
 
 
 def _rotation(sheet: _Sheet, model: RigidBodyModel, mass: float, arm: float | None) -> None:

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from logparse import Motor, Vehicle
 from sysid.records.experiment import Experiment, Floats
@@ -196,7 +196,7 @@ def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float
     def remainder(x: Floats) -> float:
         return _remainder(omega, q, w, float(x[0]), float(x[1]))
 
-    solved = minimize(
+    solved = scipy.optimize.minimize(
         remainder,
         [0.01, 0.01],
         method="Nelder-Mead",

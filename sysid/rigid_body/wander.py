@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from sysid.records.experiment import Floats
 from sysid.rigid_body._carry_kernels import carry
@@ -100,7 +100,7 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
         likelihood = carry(decay, driven, design, blocks.missed, noise, GATE, MEMORY, first, start, means, covariances)
         return -likelihood + 0.5 * float(np.sum(((logarithms - known) / _FACTORS) ** 2))
 
-    found = minimize(
+    found = scipy.optimize.minimize(
         cost, known, method="Nelder-Mead", options={"maxfev": _MOST_EVALUATIONS, "xatol": _NEAR, "fatol": _NEAR}
     )
     return Wander(*map(float, np.exp(found.x)))

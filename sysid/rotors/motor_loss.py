@@ -20,8 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from logparse import MissingDataError, Tables, Vehicle
 from sysid.records.experiment import Floats
@@ -380,5 +380,5 @@ def _size(moments: _Moments, before: Sequence[tuple[int, int]], row: int, column
         lowest, highest = (explained(asked - left(end)) - target for end in (0.0, 1.0))
         part = 0.0
         if lowest > 0.0 > highest:
-            part = float(brentq(lambda x: explained(asked - left(x)) - target, 0.0, 1.0))
+            part = float(scipy.optimize.brentq(lambda x: explained(asked - left(x)) - target, 0.0, 1.0))
     return _Size(loss=float(np.clip(target / whole, 0.0, 1.0)), sigma=float(np.sqrt(noise) / abs(whole)), output=part)

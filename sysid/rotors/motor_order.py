@@ -19,10 +19,10 @@ from math import lgamma
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import CubicSpline
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
+from logparse.cubic_spline import cubic_spline
 from sysid.records.arrays import Floats
 from sysid.records.mixer import INDEPENDENT, expectation
 from sysid.records.motor_scaling import curve, motor_commands
@@ -201,7 +201,7 @@ def _at(t: Floats, column: pd.Series) -> Floats:
         return np.full(len(t), np.nan)
     after = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
     known = (t >= at[0]) & (t <= at[-1]) & (at[after] - at[after - 1] < _GAP)
-    return np.where(known, CubicSpline(at, column.to_numpy(np.float64))(t), np.nan)
+    return np.where(known, cubic_spline(at, column.to_numpy(np.float64)[:, None], t)[:, 0], np.nan)
 
 
 def _views(
@@ -258,10 +258,19 @@ def _scaled(got: Floats, driving: Floats, factors: Floats) -> Floats:
 def _fit(view: _View) -> _Fit:
     moved = view.moved
     costs = np.sum((moved[:, :, None] - view.due[:, None, :]) ** 2, axis=0)
-    best = linear_sum_assignment(costs)[1]
+    best = _cheapest(costs)
     found = costs[np.arange(len(costs)), best]
     explained = float(1.0 - found.sum() / max(float(np.sum(moved**2)), 1e-300))
     return _Fit(view, best, np.diag(costs), found, explained)
+
+
+def _cheapest(costs: Floats) -> np.ndarray:
+    """Assign to every row another column, at the least sum of costs."""
+    own = np.arange(len(costs))
+    # Where every row likes its own column best there is nothing to solve, nor an optimiser to import.
+    if np.array_equal(costs.argmin(axis=1), own):
+        return own
+    return np.asarray(scipy.optimize.linear_sum_assignment(costs)[1])
 
 
 def _shares(view: _View) -> tuple[Floats, Floats]:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 from scipy.special import ndtr as normal_cdf
 from scipy.special import stdtrit as student_ppf
 
@@ -354,7 +354,9 @@ def best_lag(motion_at: Callable[[float], list[Motion]]) -> float:
             total += float(aim @ aim) - (float(rows @ aim) ** 2 / power if power > 0.0 else 0.0)
         return total
 
-    return float(minimize_scalar(left, bounds=(0.0, LONGEST_LAG), method="bounded", options={"xatol": 1e-4}).x)
+    return float(
+        scipy.optimize.minimize_scalar(left, bounds=(0.0, LONGEST_LAG), method="bounded", options={"xatol": 1e-4}).x
+    )
 
 
 def _yaw_inertia(

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares, minimize_scalar
+import scipy
 
 from logparse import Finding, Severity, Vehicle
 from logparse.quantity import uncertain
@@ -270,7 +270,7 @@ def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Para
     def loss(expo: float) -> float:
         return _fit(blocks_at(expo), apart).rmse
 
-    found = minimize_scalar(loss, bounds=(-0.5, 1.5), method="bounded", options={"xatol": 1e-4})
+    found = scipy.optimize.minimize_scalar(loss, bounds=(-0.5, 1.5), method="bounded", options={"xatol": 1e-4})
     expo, step = float(found.x), 1e-3
     blocks = blocks_at(expo)
     values = _fit(blocks, apart).values
@@ -346,7 +346,9 @@ def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None,
         values = coefficients(rows, forces)
         return np.concatenate([f - r @ values for f, r in zip(forces, rows, strict=True)])
 
-    starts = [least_squares(residual, [tau], bounds=(1e-4, LONGEST_LAG), x_scale=0.02) for tau in (0.02, 0.1)]
+    starts = [
+        scipy.optimize.least_squares(residual, [tau], bounds=(1e-4, LONGEST_LAG), x_scale=0.02) for tau in (0.02, 0.1)
+    ]
     tau = float(min(starts, key=lambda found: float(found.cost)).x[0])
     rows = rows_at(tau)
     values, step = coefficients(rows, forces), max(1e-3, 0.01 * tau)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+import scipy
 
 from sysid.records.experiment import Floats
 
@@ -26,8 +26,8 @@ def autocovariance(residuals: Sequence[Floats], lags: int) -> Floats:
     total, result = 0, np.zeros(lags)
     for residual in residuals:
         n = len(residual)
-        spectrum = rfft(residual, next_fast_len(n + lags))
-        product = irfft(np.abs(spectrum) ** 2, next_fast_len(n + lags))
+        spectrum = scipy.fft.rfft(residual, scipy.fft.next_fast_len(n + lags))
+        product = scipy.fft.irfft(np.abs(spectrum) ** 2, scipy.fft.next_fast_len(n + lags))
         reach = min(lags, n)
         result[:reach] += product[:reach]
         total += n
@@ -61,10 +61,12 @@ def coloured_information(regressors: Sequence[Floats], covariance: Floats) -> Fl
     for psi in regressors:
         n = len(psi)
         reach = min(len(covariance), n)
-        size = next_fast_len(n + reach)
+        size = scipy.fft.next_fast_len(n + reach)
         kernel = np.zeros(size)
         kernel[:reach] = covariance[:reach]
         kernel[size - reach + 1 :] = covariance[reach - 1 : 0 : -1]
-        filtered = irfft(rfft(psi, size, axis=0) * rfft(kernel)[:, None], size, axis=0)[:n]
+        filtered = scipy.fft.irfft(scipy.fft.rfft(psi, size, axis=0) * scipy.fft.rfft(kernel)[:, None], size, axis=0)[
+            :n
+        ]
         result += psi.T @ filtered
     return 0.5 * (result + result.T)

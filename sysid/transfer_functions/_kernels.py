@@ -6,8 +6,9 @@ Arrays are copied element by element: numba takes seconds to compile the error t
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from logparse.compiled import njit
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from scipy.io import savemat
+import scipy
 
 from logparse import RotoridError
 from logparse.lazy import lazy
@@ -86,7 +86,7 @@ def write_mat(models: Mapping[str, TransferMatrix | Mapping[str, TransferMatrix]
 
     Names must be MATLAB's: letters, digits and underscores, a letter first.
     """
-    savemat(path, _structs(models), long_field_names=True, oned_as="row")
+    scipy.io.savemat(path, _structs(models), long_field_names=True, oned_as="row")
 
 
 def _structs(models: Mapping[str, TransferMatrix | Mapping[str, TransferMatrix]]) -> dict[str, Any]:

@@ -7,8 +7,9 @@ order of `DRIVES`; numbers beyond it are further inputs.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from logparse.compiled import inner, njit
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -57,7 +58,7 @@ GRAVITY = 9.80665
 STATES = 18
 
 
-@njit(cache=True)
+@inner()
 def _turn(rotation: Floats, x: float, y: float, z: float, out: Floats) -> None:
     """Multiply a rotation (9,) by that of a rotation vector, ``out = R exp([x y z])``."""
     square = x * x + y * y + z * z
@@ -84,7 +85,7 @@ def _turn(rotation: Floats, x: float, y: float, z: float, out: Floats) -> None:
         out[3 * row + 2] = r0 * e02 + r1 * e12 + r2 * e22
 
 
-@njit(cache=True)
+@inner()
 def _turning(theta: Floats, drive: Floats, w: Floats, air: Floats, push: Floats, out: Floats) -> None:
     """Angular acceleration in body axes; `push` is what is added to it from outside, (3,)."""
     wx, wy, wz = w[0], w[1], w[2]
@@ -121,7 +122,7 @@ def _turning(theta: Floats, drive: Floats, w: Floats, air: Floats, push: Floats,
             out[axis] += theta[at + 3 + axis] * drive[k]
 
 
-@njit(cache=True)
+@inner()
 def _forcing(theta: Floats, drive: Floats, air: Floats, out: Floats) -> None:
     """Specific force in body axes, m/s^2."""
     pull = theta[0] * drive[0] + theta[1]

@@ -1,0 +1,116 @@
+"""Compiled functions, kept on the disk so that the next process starts with their machine code.
+
+As numba's own ``njit(cache=True)``, but for two things.
+
+What is kept is used at once. Numba first gets ready to compile, which takes longer than everything else that an
+analysis does before it reads a log; here it does so only when something must be compiled.
+
+Processes that start together do not get in each other's way. Numba numbers the files of a function's versions: two
+processes that compile two versions at the same time may both write number 1, and an index that names a new version
+before its file is written may lead to the file of an older source. Here files are named after what is in them.
+
+As with numba, files lie beside the source where that can be written, else in the user's cache folder, and in
+``NUMBA_CACHE_DIR`` where that is set.
+"""
+
+# mypy: allow-untyped-calls
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.runtime.nrt import rtsys
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def njit(*, cache: bool = False, **options: Any) -> Callable[[F], F]:
+    """Compile a function when it is first called with arguments of new types, as ``numba.njit`` does.
+
+    Parameters
+    ----------
+    cache : bool
+        Keep the machine code on the disk.
+    **options
+        Of ``numba.njit``.
+    """
+
+    def compiled(function: F) -> F:
+        dispatcher = cast(Any, numba.njit(**options))(function)
+        # With NUMBA_DISABLE_JIT it is the function itself; of a function without a file nothing can be kept.
+        if cache and dispatcher is not function:
+            dispatcher._cache = _Cache(function)
+        return cast(F, dispatcher)
+
+    return compiled
+
+
+def inner(**options: Any) -> Callable[[F], F]:
+    """Compile a function that only compiled functions call.
+
+    Without the wrappers for other callers, which can take as long to compile as the function; what calls it keeps it.
+    """
+    return cast(Callable[[F], F], cast(Any, numba.njit)(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options))
+
+
+class _Files(IndexDataCacheFile):
+    """Files of one function: an index, and one file for each version."""
+
+    def save(self, key: Any, data: Any) -> None:
+        """Write the version's file, and then its place in the index."""
+        stamp = _digest(self._source_stamp)
+        name = self._data_name(f"{stamp}-{_digest(key)}")
+        self._save_data(name, data)
+        overloads = self._load_index()
+        if not overloads:
+            self._discard_older(stamp)
+        overloads[key] = name
+        self._save_index(overloads)
+
+    def _load_index(self) -> dict[Any, str]:
+        """Read the index; empty where it is damaged, as by a disk that was full."""
+        try:
+            return cast(dict[Any, str], super()._load_index())
+        except Exception:  # what unpickling raises cannot be foreseen
+            return {}
+
+    def _load_data(self, name: str) -> Any:
+        """Read a version's file; OSError where it is damaged, so that it is compiled anew."""
+        try:
+            return super()._load_data(name)
+        except Exception as error:
+            raise OSError(f"{name} is damaged") from error
+
+    def _discard_older(self, stamp: str) -> None:
+        """Remove versions compiled from another source. A process that reads one at this moment compiles anew."""
+        every = self._data_name("*")
+        first = every.partition("*")[0]
+        for path in Path(self._cache_path).glob(every):
+            if not path.name.startswith(f"{first}{stamp}-"):
+                path.unlink(missing_ok=True)
+
+    def _data_name(self, number: Any) -> str:
+        return f"{self._index_name.removesuffix('.nbi')}.{number}.nbc"
+
+
+class _Cache(FunctionCache):
+    """Machine code of one function on the disk."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        locator = self._impl.locator
+        self._cache_file = _Files(locator.get_cache_path(), self._impl.filename_base, locator.get_source_stamp())
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load what is kept for these types; None when it is to be compiled."""
+        # All that machine code needs of numba. What compiling needs, numba loads when it comes to compile.
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
+
+def _digest(what: Any) -> str:
+    return hashlib.sha256(repr(what).encode()).hexdigest()[:16]

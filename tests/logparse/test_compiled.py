@@ -1,0 +1,80 @@
+"""Machine code on the disk: used at once, and never that of another version."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SOURCE = """
+import sys
+import numpy as np
+from logparse.compiled import inner, njit
+
+@inner()
+def _twice(x):
+    return {factor} * x
+
+@njit(cache=True)
+def total(values):
+    result = _twice(values[0])
+    for k in range(1, len(values)):
+        result += _twice(values[k])
+    return result
+
+print(total(np.ones(3, dtype=sys.argv[1])), "numba.np.arraymath" in sys.modules)
+"""
+
+
+def run(folder: Path, dtype: str, factor: int = 2) -> tuple[str, bool]:
+    """Call the kernel in a process of its own; its result, and whether numba got ready to compile."""
+    script = folder / "kernel.py"
+    source = SOURCE.format(factor=factor)
+    if not script.exists() or script.read_text() != source:
+        script.write_text(source)
+    command = [sys.executable, str(script), dtype]
+    environment = {"PYTHONPATH": str(Path(__file__).parents[2]), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    result, ready = done.stdout.split()
+    return result, ready == "True"
+
+
+def test_code_on_the_disk_is_used_without_getting_ready_to_compile(tmp_path: Path) -> None:
+    """That takes as long as the rest of a start; a version that is not kept is compiled all the same."""
+    assert run(tmp_path, "float64") == ("6.0", True)
+    assert run(tmp_path, "float64") == ("6.0", False)
+    assert run(tmp_path, "int64") == ("6", True)
+    assert run(tmp_path, "float64") == ("6.0", False)
+    assert run(tmp_path, "int64") == ("6", False)
+
+
+def test_code_of_an_older_source_is_neither_used_nor_kept(tmp_path: Path) -> None:
+    """Files of numbered versions would be found again by an index that was renewed before they were."""
+    run(tmp_path, "float64")
+    (older,) = tmp_path.rglob("*.nbc")
+    assert run(tmp_path, "float64", factor=3) == ("9.0", True)
+    (newer,) = tmp_path.rglob("*.nbc")
+    assert newer.name != older.name
+
+
+def test_versions_compiled_at_the_same_time_have_files_of_their_own(tmp_path: Path) -> None:
+    """Two processes that both found no version: whichever writes the index last, each name leads to its own code."""
+    run(tmp_path, "float64")
+    (index,) = tmp_path.rglob("*.nbi")
+    first = index.read_bytes()
+    index.unlink()
+    run(tmp_path, "int64")
+    assert len(list(tmp_path.rglob("*.nbc"))) == 2
+    index.write_bytes(first)  # the slower process ends last, and knows its own version only
+    assert run(tmp_path, "float64") == ("6.0", False)
+    assert run(tmp_path, "int64") == ("6", True)
+
+
+@pytest.mark.parametrize("damage", [b"", b"\x80\x05garbage"])
+def test_a_damaged_file_does_not_end_an_analysis(tmp_path: Path, damage: bytes) -> None:
+    """A disk that was full, or a machine that was switched off, leaves such files."""
+    assert run(tmp_path, "float64")[0] == "6.0"
+    (code,) = tmp_path.rglob("*.nbc")
+    code.write_bytes(damage)
+    assert run(tmp_path, "float64") == ("6.0", True)
+    assert run(tmp_path, "float64") == ("6.0", False)

@@ -1,0 +1,73 @@
+"""What is imported when: a command's first second is imports, and every package has its moment."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SAMPLE = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"
+
+#: Slow to import, and not needed to read a log and fit models to it before one of them is asked for.
+LATE = (
+    "jinja2",
+    "plotly",
+    "pyarrow.parquet",
+    "pydantic",
+    "rich",
+    "scipy.fft",
+    "scipy.integrate",
+    "scipy.interpolate",
+    "scipy.io",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.sparse",
+    "scipy.spatial",
+    "scipy.stats",
+    "sqlalchemy",
+    "sysid.rigid_body.six_dof",
+    "logparse.foreign.motion",
+)
+
+
+def imported(script: str) -> set[str]:
+    """Return the modules that a script has imported in a process of its own when it ends."""
+    ending = "\nimport sys; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script + ending], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_an_analysis_begins_without_what_later_stages_need() -> None:
+    modules = imported("import pipeline.flight.analysis, pipeline.fleet.analysis")
+    assert not modules & set(LATE)
+    assert len(modules) < 1600
+
+
+def test_a_log_is_looked_at_without_scipy() -> None:
+    """Half of what `rotorid inspect` took was importing scipy for one constant."""
+    modules = imported(f"from logparse import inspection, read_log\nread_log({str(SAMPLE)!r}).messages['ATT']")
+    assert "logparse.inspection" in modules
+    # Scipy itself is a list of its packages.
+    assert {name for name in modules if name.startswith("scipy.") and not name.startswith("scipy._")} <= {
+        "scipy.version"
+    }
+
+
+@pytest.mark.parametrize("options", [[], ["--mass", "1.6"]])
+def test_the_first_line_of_progress_waits_for_no_numerical_package(options: list[str], tmp_path: Path) -> None:
+    script = f"""
+import sys
+from pipeline.execution import progress
+def first(self, stage, fraction):
+    print(*sys.modules)
+    raise SystemExit
+progress._Lines.__call__ = first
+sys.argv = ["rotorid", "analyze", {str(SAMPLE)!r}, "--out", {str(tmp_path)!r}, *{options!r}]
+from rotorid.cli.main import main
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    modules = set(done.stdout.splitlines()[0].split())
+    assert "pipeline.config" in modules
+    assert not modules & {"numpy", "pandas", "scipy", "numba", "pyarrow", "psutil", "multiprocessing", "fsspec"}
+    assert len(modules) < 600
