@@ -164,15 +164,18 @@ def _worst(health: FlightHealth, flight: Span) -> FlightEvent | None:
 
 
 def _led_to(event: FlightEvent, health: FlightHealth) -> FlightEvent | None:
-    """Return the loss of control that a crash came from."""
+    """Return what a crash came from: the loss of control before it, or the motor that dropped out before that."""
     if event.id != "crash":
         return None
-    before = [each for each in health.notable if each.id == "loss-of-control" and each.t < event.t <= each.end + _LED]
-    return before[0] if before else None
+    lost = [each for each in health.notable if each.id == "loss-of-control" and each.t < event.t <= each.end + _LED]
+    begin = lost[0].t if lost else event.t
+    dropped = [each for each in health.notable if each.id == "motor-dropout" and 0.0 <= begin - each.end <= _LED]
+    return next(iter((*dropped, *lost)), None)
 
 
 def _named(event: FlightEvent) -> str:
-    return event.id.replace("-", " ")
+    words = event.id.replace("-", " ")
+    return f"dropout of motor {event.evidence['motor']}" if event.id == "motor-dropout" else words
 
 
 def _during(health: FlightHealth, flight: Span) -> list[FlightEvent]:

@@ -6,6 +6,7 @@ from logparse import Finding, FlightEvent, FlightLog, MissingDataError, Severity
 from pipeline.flight.health_signals import health_signals
 from pipeline.results.health import FlightHealth
 from pipeline.results.span import Span, around
+from sysid.rotors.motor_dropout import Dropout, MotorDropouts, find_motor_dropouts
 from sysid.rotors.motor_loss import MotorLoss, find_motor_losses
 
 #: Events after which the craft is no longer the one to model.
@@ -35,6 +36,8 @@ def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
         if flight is not None:
             losses = find_motor_losses(log.tables, log.vehicle, flight.start, _undisturbed(flight, events))
             events += [_motor_event(loss, losses) for loss in losses]
+            dropouts = find_motor_dropouts(log.tables, log.vehicle, flight.start, _controlled(flight, events))
+            events += [_dropout_event(each, one) for each in dropouts for one in each.dropouts]
     except MissingDataError as error:
         missing = str(error)
     events.sort(key=lambda event: event.t)
@@ -79,6 +82,37 @@ def _undisturbed(flight: Span, events: list[FlightEvent]) -> float:
         if event.id == "loss-of-control" and event.duration > _TUMBLING and flight.start < event.t < flight.stop
     ]
     return min([*blows, *tumbles[:1], flight.stop - 2.0])
+
+
+def _controlled(flight: Span, events: list[FlightEvent]) -> float:
+    """Last moment of a flight at which a motor's dropout can be told from what else is wrong, s."""
+    wrong = [
+        event.t
+        for event in events
+        if event.id in ("loss-of-control", "motor-loss", "attitude-not-held", "oscillation") and event.t > flight.start
+    ]
+    return min([*wrong, _undisturbed(flight, events)])
+
+
+def _dropout_event(dropouts: MotorDropouts, one: Dropout) -> FlightEvent:
+    count = len(dropouts.dropouts)
+    again = f" (one of {count} times)" if count > 1 else ""
+    return FlightEvent(
+        id="motor-dropout",
+        t=one.t,
+        end=one.end,
+        severity=Severity.ERROR if one.loss >= 0.5 else Severity.WARNING,
+        reason=f"Motor {dropouts.motor} gave {100.0 * one.loss:.0f} ± {100.0 * one.sigma:.0f} % less thrust than asked "
+        f"for {one.end - one.t:.1f} s, then recovered{again}.",
+        advice=f"Look for a dry solder joint or a loose plug at motor {dropouts.motor} and its ESC; do not fly before.",
+        evidence={
+            "motor": dropouts.motor,
+            "missing_thrust": one.loss,
+            "missing_thrust_sigma": one.sigma,
+            "times": count,
+            "score": one.score,
+        },
+    )
 
 
 def _motor_event(loss: MotorLoss, losses: tuple[MotorLoss, ...]) -> FlightEvent:

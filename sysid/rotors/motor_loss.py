@@ -77,7 +77,7 @@ class MotorLoss:
 
 
 @dataclass(frozen=True, slots=True)
-class _Moments:
+class Moments:
     """Outputs and motion at the times of the motors' outputs."""
 
     t: Floats  #: shape (n,)
@@ -109,7 +109,7 @@ def find_motor_losses(tables: Tables, vehicle: Vehicle, start: float, stop: floa
     MissingDataError
         When the frame, the outputs or the angular rates are missing.
     """
-    moments = _moments(tables, vehicle, start, stop)
+    moments = read_moments(tables, vehicle, start, stop)
     if moments is None:
         return ()
     numbers = [motor.number for motor in vehicle.motors]
@@ -141,7 +141,8 @@ def find_motor_losses(tables: Tables, vehicle: Vehicle, start: float, stop: floa
     return tuple(sorted(losses, key=lambda one: one.t))
 
 
-def _moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> _Moments | None:
+def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> Moments | None:
+    """Read the moments that motor outputs make, and what else explains them; None where rows are few or slow."""
     names = [f"m{motor.number}" for motor in vehicle.motors]
     if not names:
         raise MissingDataError("the frame is unknown, so that no motor can be told from another; log parameters")
@@ -180,7 +181,7 @@ def _moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> _Mo
         )
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
         nuisances.append(np.asarray(np.linalg.qr(columns)[0]))
-    return _Moments(t=t, thrust=thrust, pwm=pwm, factors=factors[axes], nuisances=nuisances)
+    return Moments(t=t, thrust=thrust, pwm=pwm, factors=factors[axes], nuisances=nuisances)
 
 
 def _mean_around(at: Floats, values: Floats, t: Floats, width: float) -> Floats:
@@ -190,7 +191,7 @@ def _mean_around(at: Floats, values: Floats, t: Floats, width: float) -> Floats:
     return np.asarray((np.interp(t + width, at, integral) - np.interp(t - width, at, integral)) / (2.0 * width))
 
 
-def _search(moments: _Moments, found: Sequence[tuple[int, int]]) -> tuple[int, int, float, float, list[int]] | None:
+def _search(moments: Moments, found: Sequence[tuple[int, int]]) -> tuple[int, int, float, float, list[int]] | None:
     """Find the motor and the time that explain most, with losses found before taken as given.
 
     Returns
@@ -216,7 +217,7 @@ def _search(moments: _Moments, found: Sequence[tuple[int, int]]) -> tuple[int, i
     return _best_step(moments, residuals, bases, variances, found, sure=SURE, one_motor=_ONE_MOTOR)
 
 
-def _without(moments: _Moments, found: Sequence[tuple[int, int]]) -> tuple[list[Floats], list[Floats]]:
+def _without(moments: Moments, found: Sequence[tuple[int, int]]) -> tuple[list[Floats], list[Floats]]:
     """Moments of the outputs and bases of what else explains them, by axis; earlier losses are among the latter."""
     residuals, bases = [], []
     rows = np.arange(len(moments.t))
@@ -233,7 +234,7 @@ def _without(moments: _Moments, found: Sequence[tuple[int, int]]) -> tuple[list[
 
 
 def _best_step(
-    moments: _Moments,
+    moments: Moments,
     residuals: Sequence[Floats],
     bases: Sequence[Floats],
     variances: Sequence[float],
@@ -284,12 +285,12 @@ def _echo(losses: Sequence[MotorLoss], loss: float) -> bool:
     return any(loss < _ECHO * one.loss for one in losses)
 
 
-def _sharp(moments: _Moments, found: Sequence[tuple[int, int]], row: int, column: int, loss: float) -> bool:
+def _sharp(moments: Moments, found: Sequence[tuple[int, int]], row: int, column: int, loss: float) -> bool:
     """Return whether a change shows in the seconds around it, for the same motor before all others."""
     t = moments.t
     near = np.abs(t - t[row]) <= _AROUND
     first = int(np.argmax(near))
-    part = _Moments(
+    part = Moments(
         t=t[near],
         thrust=moments.thrust[near],
         pwm=moments.pwm[near],
@@ -339,7 +340,7 @@ class _Size:
     output: float
 
 
-def _size(moments: _Moments, before: Sequence[tuple[int, int]], row: int, column: int, vehicle: Vehicle) -> _Size:
+def _size(moments: Moments, before: Sequence[tuple[int, int]], row: int, column: int, vehicle: Vehicle) -> _Size:
     """Estimate the size of a loss whose time and motor are known.
 
     The motor's output answers to the same gusts that disturb the moments, so that regressing on it is biased; the step

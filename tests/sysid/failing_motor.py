@@ -48,8 +48,7 @@ def _pwm(thrust: np.ndarray) -> np.ndarray:
 def fly(
     vehicle: Vehicle,
     seed: int,
-    fault: Fault | None = None,
-    *,
+    *faults: Fault,
     seconds: float = 40.0,
     gust: float = 0.004,
     drift: float = 0.0,
@@ -93,8 +92,9 @@ def fly(
         wanted = hover * (1.0 + 0.03 * np.sin(0.7 * t)) + mixer @ (command * np.sum(factors**2, axis=0) / 2.0)
         pwm = _pwm(wanted)
         real = pwm.copy()
-        if fault is not None and fault.t <= t < fault.until:
-            real[fault.motor - 1] = 1000.0 + fault.part * (pwm[fault.motor - 1] - 1000.0)
+        for fault in faults:
+            if fault.t <= t < fault.until:
+                real[fault.motor - 1] = 1000.0 + fault.part * (pwm[fault.motor - 1] - 1000.0)
         moment = factors.T @ _thrust(real) + offset + wander * t / seconds + disturbance
         if shift is not None and t >= shift[0]:
             moment = moment + shift[1:]
