@@ -103,7 +103,7 @@ def by_craft(flights: Iterable[FlightEntry]) -> list[tuple[FlightEntry, ...]]:
     """
     usable = [flight for flight in flights if flight.experiments and flight.position_known]
     crafts: dict[str, list[FlightEntry]] = {}
-    for flight in _once(usable):
+    for flight in once(usable):
         crafts.setdefault(flight.craft, []).append(flight)
     return [tuple(sorted(craft, key=lambda flight: flight.name)) for craft in crafts.values()]
 
@@ -248,7 +248,7 @@ def _text(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _once(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
+def once(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
     """Keep one recording of each flight, in the order given: the first of those on board, else the first.
 
     Flights are swept in the order of their beginning, so that only those that overlap in time are compared.

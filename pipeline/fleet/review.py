@@ -1,0 +1,246 @@
+"""A craft after each flight: what its flights say together by sums over what each says alone, and what is alarming.
+
+Nothing is fitted to records here: a flight enters by its own parameters with their standard errors, so that a craft of
+hundreds of flights is looked at anew in a second. Notes of the owner part the flights where they say so.
+
+An alert may be raised after any flight, and a craft is looked at after every one: with n flights the chance of a false
+alarm that is spent is `RATE` / ((n - 3)(n - 2)), which over all n from 4 on adds up to `RATE` (the union bound, whatever
+the looks have in common). Half of it goes to slopes and steps, half to the newest flight against those before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+
+import numpy as np
+
+from logparse import Severity
+from logparse.quantity import uncertain
+from pipeline.fleet.drift import follow
+from pipeline.fleet.history import ALPHA, FEWEST
+from pipeline.fleet.meta_analysis import holm, meta_regression
+from pipeline.flight.craft import in_order, once, took_off
+from pipeline.flight.flight_parameters import SHARES
+from pipeline.results.craft_review import Alert, CraftReview, Note, Since
+from pipeline.results.drift import Drift, History, Point
+from pipeline.results.entry import FlightEntry
+
+#: Chance of any false alarm over the whole life of a craft, however many flights that is.
+RATE = 0.01
+
+#: A clock that says less was never set: the first autopilots of this family are younger.
+_FIRST = datetime(2009, 1, 1, tzinfo=UTC)
+
+#: Fewest flights on either side of a boundary for a difference.
+_FEWEST_ASIDE = 2
+
+
+def review(entries: Sequence[FlightEntry], notes: Sequence[Note] = (), now: datetime | None = None) -> CraftReview:
+    """Look at a craft as a whole.
+
+    Parameters
+    ----------
+    entries : sequence of FlightEntry
+        Of one craft, in the order in which they came; with names of their own.
+    notes : sequence of Note
+        In any order.
+    now : datetime, optional
+        No flight is later, whatever its clock says.
+    """
+    clean = [_unset(entry, now or datetime.now(UTC)) for entry in entries]
+    recorded = once(clean)
+    flights, remarks = _dated(recorded)
+    remarks += _remarks_on(flights, {entry.name for entry in clean if entry.start_utc is None}, len(clean) - len(recorded))
+    boundary, pooled, before = _parted(flights, notes)
+    built = [flight for flight in pooled if flight.build == pooled[-1].build]
+    if len(built) < len(pooled):
+        remarks.append(
+            f"{len(pooled) - len(built)} of the flights were flown with another build or scaling of commands than the "
+            f"newest, {pooled[-1].name}, and are not pooled with it"
+        )
+    drift = follow(built)
+    return CraftReview(
+        flights=tuple(flight.name for flight in flights),
+        pooled=tuple(flight.name for flight in built),
+        boundary=boundary,
+        drift=drift,
+        whole=follow(flights) if len(built) < len(flights) else None,
+        since=tuple(_since(before, built)) if boundary is not None else (),
+        alerts=tuple(_alerts(drift)),
+        remarks=tuple(remarks),
+    )
+
+
+def _unset(entry: FlightEntry, now: datetime) -> FlightEntry:
+    """Return a flight without its date where that cannot be: the clock was never set."""
+    if entry.start_utc is None or _FIRST < entry.start_utc <= now:
+        return entry
+    return replace(entry, start_utc=None)
+
+
+def _dated(entries: Sequence[FlightEntry]) -> tuple[list[FlightEntry], list[str]]:
+    """Put flights in order: those without a date behind the one that came before them; all by name where none has one."""
+    known = [start for entry in entries if (start := took_off(entry)) is not None]
+    undated = [entry.name for entry in entries if entry.start_utc is None]
+    if not undated or not known:
+        return in_order(entries), []
+    placed = []
+    last = min(known) - timedelta(days=1)
+    for entry in entries:
+        start = took_off(entry)
+        if start is None:
+            start = last + timedelta(seconds=1)
+            entry = replace(entry, start_utc=start - timedelta(seconds=entry.flight.start if entry.flight else 0.0))
+        last = start if entry.name in undated else max(last, start)
+        placed.append(entry)
+    some = ", ".join(undated[:4]) + (f" and {len(undated) - 4} more" if len(undated) > 4 else "")
+    return in_order(placed), [f"the clock of {some} was not set: placed in the order in which the logs came"]
+
+
+def _remarks_on(flights: Sequence[FlightEntry], undated: Collection[str], copies: int) -> list[str]:
+    """Report further recordings of a flight, and flights at the same time: then two craft have one board's id."""
+    remarks = []
+    if copies:
+        remarks.append(f"{copies} of the logs {'is a further recording' if copies == 1 else 'are further recordings'} of flights that are here")
+    dated = [(flight, start) for flight in flights if flight.name not in undated and (start := took_off(flight))]
+    for (a, start), (b, other) in pairwise(dated):
+        length = 0.0 if a.flight is None else a.flight.stop - a.flight.start
+        if (other - start).total_seconds() < 0.5 * length:
+            remarks.append(
+                f"{a.name} and {b.name} were in the air at the same time: two craft pass for one here, by a board that "
+                "was moved or copied settings; move the flights of one of them to a craft of its own"
+            )
+            break
+    return remarks
+
+
+def _parted(
+    flights: Sequence[FlightEntry], notes: Sequence[Note]
+) -> tuple[Note | None, list[FlightEntry], list[FlightEntry]]:
+    """Part flights at the last boundary that has flights after it; those between it and the boundary before come second."""
+    bounds = sorted((note for note in notes if note.boundary), key=lambda note: note.at)
+    parts: list[tuple[Note | None, list[FlightEntry]]] = [(None, [])]
+    for flight in flights:
+        start = took_off(flight)
+        while bounds and start is not None and bounds[0].at <= start:
+            parts.append((bounds.pop(0), []))
+        parts[-1][1].append(flight)
+    parts = [part for k, part in enumerate(parts) if part[1] or k == 0]
+    boundary, pooled = parts[-1]
+    return boundary, pooled, parts[-2][1] if len(parts) > 1 else []
+
+
+def _since(before: Sequence[FlightEntry], after: Sequence[FlightEntry]) -> list[Since]:
+    """Compare the parameters of the flights before and after a boundary, all questions corrected together (Holm)."""
+    compared = follow([*before, *after])
+    if compared is None:
+        return []
+    later = {flight.name for flight in after}
+    found = []
+    for each in compared.parameters:
+        sides = [[point for point in each.flights if (point.flight in later) is side] for side in (False, True)]
+        if min(map(len, sides)) < _FEWEST_ASIDE or each.method == SHARES:
+            continue
+        values, sigmas = _numbers(each.flights)
+        design = np.column_stack([np.ones(len(values)), [point.flight in later for point in each.flights]])
+        together = meta_regression(values, sigmas, design)
+        (old, old_sigma, _), (new, new_sigma, _) = together.test([1.0, 0.0]), together.test([1.0, 1.0])
+        difference, sigma, p = together.test([0.0, 1.0])
+        found.append(
+            Since(
+                parameter=each.parameter,
+                method=each.method,
+                unit=each.unit,
+                before=old,
+                before_sigma=old_sigma,
+                after=new,
+                after_sigma=new_sigma,
+                difference=difference,
+                difference_sigma=sigma,
+                p_adjusted=p,
+                significant=False,
+            )
+        )
+    adjusted = holm([each.p_adjusted for each in found])
+    return [replace(each, p_adjusted=p, significant=p < ALPHA) for each, p in zip(found, adjusted, strict=True)]
+
+
+def _alerts(drift: Drift | None) -> list[Alert]:
+    """List what left its band, as far as the chance of a false alarm allows."""
+    if drift is None or len(drift.flights) < FEWEST:
+        return []
+    count = len(drift.flights)
+    allowed = 0.5 * RATE / ((count - 3) * (count - 2))
+    return [*_lasting(drift, allowed), *_newest(drift, allowed)]
+
+
+def _lasting(drift: Drift, allowed: float) -> list[Alert]:
+    """List slopes and steps; of the motors' shares the motor that explains them."""
+    alerts = []
+    first, newest = drift.flights[0], drift.flights[-1]
+    for each in drift.parameters:
+        change = each.change
+        if change is None or change.p_adjusted >= allowed:
+            continue
+        if each.method == SHARES:
+            found = [] if drift.motors is None else drift.motors.findings[:1]
+            for finding in found:
+                what = drift.motors.weakening if drift.motors and drift.motors.weakening else "trims"
+                about = f"{finding.id}|{what}|{first}"
+                alerts.append(
+                    Alert(about=about, id=finding.id, severity=Severity.WARNING, text=finding.reason, flight=newest)
+                )
+            continue
+        alerts.append(
+            Alert(
+                about=f"changed|{each.parameter}|{first}",
+                id="parameter-changed",
+                severity=Severity.WARNING,
+                text=each.sentence,
+                flight=newest,
+            )
+        )
+    return list({alert.about: alert for alert in alerts}.values())
+
+
+def _newest(drift: Drift, allowed: float) -> list[Alert]:
+    """Judge the newest flight against the mean and scatter of those before it."""
+    newest = drift.flights[-1]
+    asked: list[tuple[History, float, float]] = []
+    for each in drift.parameters:
+        if each.method == SHARES or each.flights[-1].flight != newest or len(each.flights) < FEWEST:
+            continue
+        values, sigmas = _numbers(each.flights)
+        design = np.column_stack([np.ones(len(values)), np.arange(len(values)) == len(values) - 1])
+        difference, _, p = meta_regression(values, sigmas, design).test([0.0, 1.0])
+        asked.append((each, difference, p))
+    adjusted = holm([p for *_, p in asked])
+    return [
+        Alert(
+            about=f"outside|{each.parameter}|{newest}",
+            id="parameter-outside",
+            severity=Severity.WARNING,
+            text=f"{newest} leaves the band of {each.parameter}: {_written(each.flights[-1], each)} where the "
+            f"{len(each.flights) - 1} flights before it lead one to expect "
+            f"{uncertain(each.flights[-1].value - difference, _spread(each))} {each.unit.partition(',')[0]}".rstrip(),
+            flight=newest,
+        )
+        for (each, difference, _), p in zip(asked, adjusted, strict=True)
+        if p < allowed
+    ]
+
+
+def _numbers(points: Sequence[Point]) -> tuple[list[float], list[float]]:
+    return [point.value for point in points], [point.sigma for point in points]
+
+
+def _spread(each: History) -> float:
+    """Return the standard deviation of one more flight's value, its own error with it."""
+    return float(np.hypot(each.between, each.flights[-1].sigma))
+
+
+def _written(point: Point, each: History) -> str:
+    return f"{uncertain(point.value, point.sigma)} {each.unit.partition(',')[0]}".rstrip()

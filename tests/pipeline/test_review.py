@@ -1,0 +1,106 @@
+"""A craft looked at after each flight: alarms keep to their rate over a craft's whole life, and what changed is named."""
+
+import dataclasses
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from pipeline.fleet.review import RATE, review
+from pipeline.results.craft_review import Note
+from tests.pipeline.builders import START, hovering
+from tests.pipeline.test_drift import flights_of, series
+
+NOW = datetime(2027, 1, 1, tzinfo=UTC)
+
+
+def alerts_of_a_life(flights):
+    """Look after every flight, as the service does; every alert once."""
+    found = {}
+    for count in range(1, len(flights) + 1):
+        for alert in review(flights[:count], now=NOW).alerts:
+            found.setdefault(alert.about, alert)
+    return found
+
+
+@pytest.mark.slow
+def test_of_400_honest_histories_below_1_percent_raise_an_alarm():
+    """Each is looked at after each of its 4 to 16 flights: the chance of any alarm at all is bounded by RATE."""
+    random = np.random.default_rng(20261122)
+    lives = (alerts_of_a_life(flights_of(series(random, int(random.integers(4, 17))))) for _ in range(400))
+    assert sum(bool(life) for life in lives) <= 400 * RATE
+
+
+def test_a_motor_that_loses_3_percent_over_ten_flights_is_named():
+    """0.33 % a flight, seen by trims that scatter by 0.1 % between calm flights."""
+    random = np.random.default_rng(7)
+    flights = hovering(random, "octa", 10, weak=3, loss=0.03 / 9.0, scatter=0.001)
+    found = [each for each in alerts_of_a_life(flights).values() if each.id == "motor-weakening"]
+    assert found
+    assert "motor m3 is weakening" in found[-1].text
+
+
+def test_one_strange_flight_is_named_by_its_band():
+    values = series(np.random.default_rng(1), 12)
+    value, sigma = values["thrust over mass"][-1]
+    values["thrust over mass"][-1] = (value * 0.8, sigma)
+    (alert,) = review(flights_of(values), now=NOW).alerts
+    assert (alert.id, alert.flight, alert.about) == ("parameter-outside", "f11", "outside|thrust over mass|f11")
+    assert "±" in alert.text
+
+
+def test_a_note_parts_the_flights_and_the_change_is_told():
+    """New propellers before the seventh flight: no alarm of drift, but the difference with its error."""
+    flights = flights_of(series(np.random.default_rng(5), 12, step=("thrust over mass", 0.68)))
+    note = Note(at=START + timedelta(days=5, hours=12), text="new propellers", boundary=True)
+    found = review(flights, [note], now=NOW)
+    assert found.boundary == note
+    assert found.pooled == tuple(f"f{k:02d}" for k in range(6, 12))
+    assert found.alerts == ()
+    changed = [each for each in found.since if each.significant]
+    assert [each.parameter for each in changed] == ["thrust over mass"]
+    assert abs(changed[0].difference - 0.68) < 3.0 * changed[0].difference_sigma
+    assert found.whole is not None
+    assert len(found.whole.flights) == 12
+    mark = dataclasses.replace(note, boundary=False)
+    assert review(flights, [mark], now=NOW).pooled == found.whole.flights
+
+
+def test_flights_that_come_out_of_order_or_with_a_clock_of_1980_find_their_place():
+    flights = flights_of(series(np.random.default_rng(2), 6))
+    unset = dataclasses.replace(flights[3], start_utc=datetime(1980, 1, 6, tzinfo=UTC))
+    came = [flights[2], unset, flights[0], flights[1], flights[5], flights[4]]
+    found = review(came, now=NOW)
+    assert found.flights == ("f00", "f01", "f02", "f03", "f04", "f05")
+    assert found.remarks == ("the clock of f03 was not set: placed in the order in which the logs came",)
+    none = [dataclasses.replace(each, start_utc=None) for each in came]
+    assert review(none, now=NOW).flights == tuple(sorted(each.name for each in came))
+
+
+def test_a_flight_that_came_twice_counts_once():
+    flights = flights_of(series(np.random.default_rng(2), 5))
+    copy = dataclasses.replace(flights[2], name="f02 (2)", format="tlog")
+    found = review([*flights, copy], now=NOW)
+    assert found.flights == ("f00", "f01", "f02", "f03", "f04")
+    assert found.remarks == ("1 of the logs is a further recording of flights that are here",)
+
+
+def test_two_craft_with_one_board_are_seen_by_their_clocks():
+    flights = flights_of(series(np.random.default_rng(2), 4))
+    far = dataclasses.replace(flights[1], name="other", sha256="other", origin=(0.5, 0.5, 0.0))
+    (remark,) = review([*flights, far], now=NOW).remarks
+    assert "f01 and other were in the air at the same time" in remark
+
+
+def test_another_scaling_of_commands_is_not_pooled():
+    flights = flights_of(series(np.random.default_rng(2), 5))
+    built = {**flights[0].build, "spin_min": 0.2}
+    flights[3:] = [dataclasses.replace(each, build=built) for each in flights[3:]]
+    found = review(flights, now=NOW)
+    assert found.pooled == ("f03", "f04")
+    assert "3 of the flights were flown with another build" in found.remarks[0]
+
+
+def test_nothing_to_look_at():
+    found = review([], now=NOW)
+    assert (found.flights, found.drift, found.alerts) == ((), None, ())
