@@ -13,10 +13,13 @@ from api import openapi, problem_responses
 from api.access import Shares, Tokens
 from api.bodies import SmallBodies
 from api.catalog import Catalog, Quota
+from api.crafts import Crafts
 from api.database import Database
 from api.dependencies import Parts
 from api.desk import Desk
+from api.feed import Feeds
 from api.headers import SafeHeaders
+from api.hooks import Hooks
 from api.housekeeping import Housekeeping
 from api.incoming import Incoming
 from api.jobs import Runner
@@ -24,7 +27,20 @@ from api.local_only import KnownHosts
 from api.metrics import Measured, Metrics
 from api.objects import Objects
 from api.rates import Rates
-from api.routes import analyses, explore, health, logs, page_forms, pages, shares, sign_in
+from api.reviews import Reviews
+from api.routes import (
+    alerts,
+    analyses,
+    craft_pages,
+    crafts,
+    explore,
+    health,
+    logs,
+    page_forms,
+    pages,
+    shares,
+    sign_in,
+)
 from api.scratch import Scratch
 from api.settings import Settings
 from api.watch import PRELOAD, Workplace
@@ -69,6 +85,8 @@ def create_app(
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         parts.runner.open()
         parts.housekeeping.open()
+        parts.reviews.open()
+        parts.hooks.open()
         if parts.recognise is not None:
             parts.desk.open()
         _log.info("logs and reports are kept in %s", settings.storage_url)
@@ -77,6 +95,8 @@ def create_app(
         finally:
             parts.runner.close()
             parts.housekeeping.close()
+            parts.reviews.close()
+            parts.hooks.close()
             parts.desk.close()
             parts.database.close()
             parts.scratch.close()
@@ -104,6 +124,11 @@ def create_app(
     app.include_router(explore.pages)
     app.include_router(shares.router, prefix="/api/v1")
     app.include_router(analyses.router, prefix="/api/v1")
+    app.include_router(crafts.router, prefix="/api/v1")
+    app.include_router(alerts.router, prefix="/api/v1")
+    app.include_router(alerts.feeds)
+    app.include_router(craft_pages.router)
+    app.include_router(craft_pages.forms)
     app.include_router(health.router)
     app.include_router(pages.router)
     app.include_router(page_forms.router)
@@ -133,6 +158,8 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         log_format=settings.log_format,
     )
     desk = Desk(settings.memory_limit)
+    found = Crafts(database)
+    runner = Runner(database, workplace, workers=settings.workers, scheduler=settings.scheduler or None)
     return Parts(
         settings=settings,
         database=database,
@@ -140,7 +167,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         catalog=catalog,
         scratch=scratch,
         incoming=Incoming(scratch.folder),
-        runner=Runner(database, workplace, workers=settings.workers, scheduler=settings.scheduler or None),
+        runner=runner,
         desk=desk,
         # What stands in for the pipeline takes whatever it is given.
         recognise=desk.refuse_junk if analyze is analyze_logs else None,
@@ -148,6 +175,10 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         shares=Shares(database),
         rates=Rates(settings.upload_rate),
         metrics=Metrics(database),
+        crafts=found,
+        reviews=Reviews(database, found, desk, runner.wake),
+        hooks=Hooks(database, settings.webhooks),
+        feeds=Feeds(database),
         housekeeping=Housekeeping(
             database,
             objects,

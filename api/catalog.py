@@ -15,12 +15,13 @@ from sqlalchemy.exc import IntegrityError, OperationalError
 from sqlalchemy.orm import Session
 
 from api import queue, sizes
+from api.craft_flights import forget
 from api.database import Database
 from api.ids import digest, is_id, new_id, new_secret
 from api.incoming import Upload
 from api.objects import Objects
 from api.problems import Problem, ProblemError
-from api.records import AnalysedLog, AnalysisRecord, LogRecord
+from api.records import AnalysedLog, AnalysisRecord, CraftRecord, FlightRecord, LogRecord
 from api.resources import Analysis, Log, State
 
 
@@ -199,6 +200,13 @@ class Catalog:
             if found is None:
                 return False
             analyses = list(session.scalars(select(AnalysedLog.analysis_id).where(AnalysedLog.log_id == log_id)))
+            gone = or_(FlightRecord.log_id == log_id, FlightRecord.analysis_id.in_(analyses))
+            flights = list(session.scalars(select(FlightRecord).where(gone)))
+            forget(session, flights, "was deleted")
+            # Flights of other logs that were analysed together with this one stay with their craft.
+            others = {flight.log_id for flight in flights if flight.log_id not in (None, log_id)}
+            for log in session.scalars(select(LogRecord).where(LogRecord.id.in_(others))):
+                session.add(_new_analysis(owner, {}, [log]))
             session.execute(delete(AnalysedLog).where(AnalysedLog.analysis_id.in_(analyses)))
             session.execute(delete(AnalysisRecord).where(AnalysisRecord.id.in_(analyses)))
             session.delete(found)
@@ -218,22 +226,7 @@ class Catalog:
                 if log is None:
                     raise KeyError(log_id)
                 logs[log_id] = log
-            record = AnalysisRecord(
-                id=new_id(),
-                owner=owner,
-                configuration=dict(configuration),
-                state=State.QUEUED,
-                created=datetime.now(UTC),
-                stage="",
-                progress=0.0,
-                attempts=0,
-                deaths=0,
-                files={},
-                members=[
-                    AnalysedLog(position=position, log=logs[log_id])
-                    for position, log_id in enumerate(dict.fromkeys(log_ids))
-                ],
-            )
+            record = _new_analysis(owner, configuration, [logs[log_id] for log_id in dict.fromkeys(log_ids)])
             session.add(record)
             session.flush()
             return _analysis(record)
@@ -293,8 +286,14 @@ class Catalog:
 
     def _delete_analysis(self, analysis_id: str, owner: str) -> bool:
         with self._database.write() as session:
-            if _owned(session, analysis_id, owner) is None:
+            found = _owned(session, analysis_id, owner)
+            if found is None:
                 return False
+            flights = list(session.scalars(select(FlightRecord).where(FlightRecord.analysis_id == analysis_id)))
+            forget(session, flights, "was deleted with its analysis")
+            craft = None if found.craft_id is None else session.get(CraftRecord, found.craft_id)
+            if craft is not None and found.configuration.get("flights") == craft.joint_of:
+                craft.joint_of, craft.joint_lost = [], "their analysis was deleted"
             session.execute(delete(AnalysisRecord).where(AnalysisRecord.id == analysis_id))
         self._objects.remove(f"analyses/{analysis_id}")
         return True
@@ -308,6 +307,32 @@ class Catalog:
             if found is None or found.results is None or name not in found.files:
                 return None
             return f"analyses/{found.id}/{found.results}/{name}"
+
+
+def order_joint_fit(session: Session, craft: CraftRecord, flights: Sequence[FlightRecord], mass: float | None) -> None:
+    """Put the joint fit of flights of a craft into the queue."""
+    logs = {flight.log_id for flight in flights}
+    records = session.scalars(select(LogRecord).where(LogRecord.id.in_(logs)).order_by(LogRecord.received))
+    configuration: dict[str, Any] = {"flights": [flight.id for flight in flights]}
+    analysis = _new_analysis(craft.owner, configuration | ({} if mass is None else {"mass": mass}), list(records))
+    analysis.craft_id = craft.id
+    session.add(analysis)
+
+
+def _new_analysis(owner: str, configuration: Mapping[str, Any], logs: Sequence[LogRecord]) -> AnalysisRecord:
+    return AnalysisRecord(
+        id=new_id(),
+        owner=owner,
+        configuration=dict(configuration),
+        state=State.QUEUED,
+        created=datetime.now(UTC),
+        stage="",
+        progress=0.0,
+        attempts=0,
+        deaths=0,
+        files={},
+        members=[AnalysedLog(position=position, log=log) for position, log in enumerate(logs)],
+    )
 
 
 def _own_log(session: Session, log_id: str, owner: str, *, lock: bool = False) -> LogRecord | None:
@@ -376,4 +401,5 @@ def _analysis(record: AnalysisRecord) -> Analysis:
         flown=record.flown,
         health=record.health,
         tone=record.tone,
+        craft_id=record.craft_id,
     )

@@ -13,8 +13,11 @@ from starlette.datastructures import URL
 
 from api.access import EVERYBODY, Shares, Tokens, bearer, unauthorized
 from api.catalog import Catalog
+from api.crafts import Crafts
 from api.database import Database
 from api.desk import Desk
+from api.feed import Feeds
+from api.hooks import Hooks
 from api.housekeeping import Housekeeping
 from api.incoming import Incoming
 from api.jobs import Runner
@@ -22,6 +25,7 @@ from api.metrics import Metrics
 from api.objects import Objects
 from api.problems import Problem, ProblemError
 from api.rates import Rates
+from api.reviews import Reviews
 from api.scratch import Scratch
 from api.settings import Access, Settings
 
@@ -44,6 +48,10 @@ class Parts:
     rates: Rates
     metrics: Metrics
     housekeeping: Housekeeping
+    crafts: Crafts
+    reviews: Reviews
+    hooks: Hooks
+    feeds: Feeds
 
 
 async def _parts(request: Request) -> Parts:

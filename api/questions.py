@@ -11,10 +11,15 @@ import numpy as np
 from logparse import FlightLog, RotoridError, check_is_log, read_log
 from logparse.canonical.instances import instance_column
 from logparse.expressions import evaluate
+from logparse.serialization import plain, restored
 from logparse.signals import LoggedSignal
+from pipeline.fleet.review import review
 from pipeline.flight.health_signals import thin
+from pipeline.results.craft_review import CraftReview, Note
+from pipeline.results.entry import FlightEntry
 from reports.comparison import compare_reports
 from reports.comparison_page import comparison_page
+from reports.craft_page import craft_page as render_craft
 from reports.reading import report_of
 
 #: Logs kept open, signals kept, and bytes of signals kept.
@@ -88,6 +93,17 @@ def read_signals(
         return {"signals": [_signal(log, path, text, start, stop, points) for text in texts]}
 
     return _in_users_words(answer, path, name)
+
+
+def review_craft(entries: list[dict[str, Any]], notes: list[dict[str, Any]]) -> dict[str, Any]:
+    """Look at a craft as a whole, see `pipeline.fleet.review`."""
+    found: dict[str, Any] = plain(review(restored(entries, list[FlightEntry]), restored(notes, list[Note])))
+    return found
+
+
+def craft_page(found: dict[str, Any], name: str, notes: list[dict[str, Any]]) -> str:
+    """Render what the flights of a craft say together."""
+    return render_craft(restored(found, CraftReview), name, restored(notes, list[Note]))
 
 
 def compare(a: dict[str, Any], b: dict[str, Any], names: tuple[str, str]) -> str:

@@ -8,17 +8,19 @@ so that a claim handed out twice, as a cluster does when it loses a worker, is w
 Every change may be asked for again when the connection broke before the answer came.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from http import HTTPStatus
 from typing import Any
 
-from sqlalchemy import and_, or_, select, update
+from sqlalchemy import ColumnElement, and_, func, or_, select, update
 from sqlalchemy.engine import CursorResult
 from sqlalchemy.orm import Session
 
+from api import craft_flights
 from api.database import Database
+from api.flown import Flown
 from api.found import Found
 from api.ids import new_id
 from api.problems import Problem
@@ -35,6 +37,7 @@ class Claim:
     deaths: int  #: How many processes that worked on it have died already.
     logs: tuple[tuple[str, str], ...]  #: tuple of (id, name)
     configuration: Mapping[str, Any]
+    craft: str | None = None  #: Id of the craft that it is a joint fit of.
 
 
 #: How often the worker of an analysis may be lost with its whole computer or server, which is rarely the log's fault.
@@ -63,7 +66,11 @@ class Queue:
         self._deaths = deaths
 
     def claim(self) -> Claim | None:
-        """Claim the oldest analysis that waits or whose worker has died; None when there is none."""
+        """Claim an analysis that waits or whose worker has died; None when there is none.
+
+        Owners take turns, whoever has the fewest running first and then who waited longest since their last began; of
+        one owner the oldest comes first.
+        """
         now = datetime.now(UTC)
         # A lease far in the future was given before the clock stepped back, and nobody may be left to prolong it.
         over = or_(AnalysisRecord.lease_until < now, AnalysisRecord.lease_until > now + _PLAUSIBLE * self._lease)
@@ -74,13 +81,7 @@ class Queue:
                 .where(left, AnalysisRecord.attempts - AnalysisRecord.deaths >= _LOST)
                 .values(**_end(State.FAILED), problem=abandoned(_LOST).model_dump(mode="json"))
             )
-            found = session.scalar(
-                select(AnalysisRecord)
-                .where(or_(AnalysisRecord.state == State.QUEUED, left))
-                .order_by(AnalysisRecord.created)
-                .limit(1)
-                .with_for_update(skip_locked=True)
-            )
+            found = _next(session, or_(AnalysisRecord.state == State.QUEUED, left))
             if found is None:
                 return None
             found.state = State.RUNNING
@@ -94,6 +95,7 @@ class Queue:
                 deaths=found.deaths,
                 logs=tuple((member.log.id, member.log.name) for member in found.members),
                 configuration=found.configuration,
+                craft=found.craft_id,
             )
 
     def begin(self, claim: Claim) -> Claim | None:
@@ -109,11 +111,18 @@ class Queue:
         with self._database.write() as session:
             return _change(session, claim, lease_until=until, stage=stage, progress=progress)
 
-    def finish(self, claim: Claim, files: Mapping[str, int], found: Found | None = None) -> bool:
-        """End an analysis well; False, with nothing changed, when the lease is lost."""
+    def finish(
+        self, claim: Claim, files: Mapping[str, int], found: Found | None = None, flown: Sequence[Flown] = ()
+    ) -> bool:
+        """End an analysis well, its flights to their craft; False, with nothing changed, when the lease is lost."""
         short = asdict(found or Found())
         with self._database.write() as session:
             if _change(session, claim, **_end(State.DONE), files=dict(files), results=claim.lease, **short):
+                analysis = session.get_one(AnalysisRecord, claim.analysis, populate_existing=True)
+                if claim.craft is not None:
+                    craft_flights.joined(session, analysis)
+                else:
+                    craft_flights.register(session, analysis, flown)
                 return True
             # Asked for again: it was done before, and the results must not be taken for another's.
             ended = session.get(AnalysisRecord, claim.analysis)
@@ -135,6 +144,35 @@ class Queue:
             return False
         with self._database.write() as session:
             return _change(session, claim, **_WAITING, deaths=claim.deaths + 1)
+
+
+def _next(session: Session, ready: ColumnElement[bool]) -> AnalysisRecord | None:
+    """Choose among the analyses that are ready, and keep others from choosing it."""
+    owners = list(session.scalars(select(AnalysisRecord.owner).where(ready).distinct()))
+    if len(owners) > 1:
+        running = dict(
+            session.execute(
+                select(AnalysisRecord.owner, func.count())
+                .where(AnalysisRecord.state == State.RUNNING)
+                .group_by(AnalysisRecord.owner)
+            ).tuples()
+        )
+        last = {
+            owner: session.scalar(select(func.max(AnalysisRecord.started)).where(AnalysisRecord.owner == owner))
+            for owner in owners
+        }
+        owners.sort(key=lambda owner: (running.get(owner, 0), last[owner] or datetime.min.replace(tzinfo=UTC), owner))
+    for owner in owners:
+        found = session.scalar(
+            select(AnalysisRecord)
+            .where(ready, AnalysisRecord.owner == owner)
+            .order_by(AnalysisRecord.created)
+            .limit(1)
+            .with_for_update(skip_locked=True)
+        )
+        if found is not None:
+            return found
+    return None
 
 
 def cancel(session: Session, analysis: str) -> bool:

@@ -105,6 +105,7 @@ class Analysis(BaseModel):
     flown: str | None = Field(default=None, description="Day of its first flight.", examples=["2026-03-14"])
     health: str | None = Field(default=None, description="Whether it is healthy; of several flights the worst answer.")
     tone: str | None = Field(default=None, description="How good that is: good, care, bad or unknown.")
+    craft_id: str | None = Field(default=None, description="The craft that it fits the flights of jointly.")
 
     @computed_field(description="The first of its logs.")  # type: ignore[prop-decorator]
     @property

@@ -66,8 +66,11 @@ def answer(analysis: Analysis, parts: Parts, include: Sequence[Extra] = tuple(Ex
 def file_of(analysis: Analysis, name: str, parts: Parts) -> FileResponse | None:
     """Answer with a file of an analysis, or the range of it that was asked for; None when there is none."""
     path = local_copy(parts.catalog.object_of(analysis, name), parts)
-    if path is None:
-        return None
+    return None if path is None else file_response(path, name)
+
+
+def file_response(path: Path, name: str) -> FileResponse:
+    """Answer with a file of results by its name."""
     kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
     response = FileResponse(path, media_type=_MEDIA_TYPES.get(Path(name).suffix, kind))
     if name.endswith(".html"):

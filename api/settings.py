@@ -22,6 +22,14 @@ class Access(StrEnum):
     TOKENS = "tokens"
 
 
+class Webhooks(StrEnum):
+    """Where webhooks may lead."""
+
+    PUBLIC = "public"
+    ANY = "any"
+    OFF = "off"
+
+
 class LogFormat(StrEnum):
     """How the service writes what it does."""
 
@@ -90,6 +98,11 @@ class Settings(BaseSettings):
     )
     retention: NonNegativeFloat = Field(
         default=0.0, le=36500.0, description="Days after which logs and their analyses are removed; 0 keeps them."
+    )
+    webhooks: Webhooks = Field(
+        default=Webhooks.PUBLIC,
+        description="Where alerts may be sent: `public`: by https to addresses of the public internet; `any`: also to "
+        "this network and by http; `off`: nowhere.",
     )
     log_format: LogFormat = Field(
         default=LogFormat.TEXT,

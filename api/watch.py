@@ -22,7 +22,9 @@ from pathlib import Path
 from sqlalchemy.exc import SQLAlchemyError
 
 from api import sizes, worker
+from api.craft_members import members_of
 from api.database import Database
+from api.flown import read_flown
 from api.found import read_found
 from api.heartbeat import Heartbeat, LostError
 from api.objects import Objects
@@ -78,12 +80,12 @@ def work(workplace: Workplace, claim: Claim, stopping: Callable[[], bool] = bool
         queue = workplace.queue(database)
         own = queue.begin(claim)
         if own is not None:
-            _work(workplace, own, queue, stopping)
+            _work(workplace, own, database, queue, stopping)
     finally:
         database.close()
 
 
-def _work(workplace: Workplace, claim: Claim, queue: Queue, stopping: Callable[[], bool]) -> None:
+def _work(workplace: Workplace, claim: Claim, database: Database, queue: Queue, stopping: Callable[[], bool]) -> None:
     objects = Objects(workplace.objects)
     with (
         Heartbeat(queue, claim, workplace.lease) as heartbeat,
@@ -91,15 +93,17 @@ def _work(workplace: Workplace, claim: Claim, queue: Queue, stopping: Callable[[
     ):
         folder = Path(name)
         try:
-            task = worker.Task(_fetch(claim, objects, folder, heartbeat), claim.configuration, folder / "results")
+            logs = [] if claim.craft else _fetch(claim, objects, folder, heartbeat)
+            members = _fetch_members(claim, database, objects, folder, heartbeat) if claim.craft else []
+            task = worker.Task(logs, claim.configuration, folder / "results", members)
             task.folder.mkdir()
             problem = _analyse(workplace, claim, heartbeat, task, stopping)
             if problem is not None:
                 _persist(lambda: queue.fail(claim, problem))
                 return
-            found = read_found(task.folder / "report.json")
+            found, flown = read_found(task.folder / "report.json"), read_flown(task.folder)
             files = _keep(claim, objects, task.folder, heartbeat)
-            if not _persist(lambda: queue.finish(claim, files, found)):
+            if not _persist(lambda: queue.finish(claim, files, found, flown)):
                 objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
         except _StoppedError:
             queue.give_back(claim)
@@ -142,6 +146,22 @@ def _fetch(claim: Claim, objects: Objects, folder: Path, heartbeat: Heartbeat) -
         objects.fetch(f"logs/{log_id}", path)
         logs.append((path, name))
     return logs
+
+
+def _fetch_members(
+    claim: Claim, database: Database, objects: Objects, folder: Path, heartbeat: Heartbeat
+) -> list[worker.Member]:
+    """Bring the experiments of the flights of a craft to this computer."""
+    members = []
+    for number, flight in enumerate(members_of(database, claim), start=1):
+        experiments = {}
+        for kind, key in flight.experiments.items():
+            heartbeat.check()
+            experiments[kind] = folder / "flights" / str(number) / f"{kind}.parquet"
+            experiments[kind].parent.mkdir(parents=True, exist_ok=True)
+            objects.fetch(key, experiments[kind])
+        members.append(worker.Member(flight.name, flight.entry, experiments))
+    return members
 
 
 def _keep(claim: Claim, objects: Objects, folder: Path, heartbeat: Heartbeat) -> dict[str, int]:

@@ -10,35 +10,66 @@ import tempfile
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from multiprocessing.connection import Connection
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import logparse
 import pipeline
 import reports
 from api import log_lines
+from api.flown import write_flown
 from api.settings import LogFormat
-from logparse import RotoridError
+from logparse import LogError, RotoridError
 from logparse.containers import limit_unpacked
 from logparse.lazy import lazy
+from logparse.serialization import restored
 from pipeline.execution.stages import overall
+from pipeline.results.entry import FlightEntry
+from pipeline.results.report import FleetReport
 from pipeline.storage.manifest import MANIFEST
 from pipeline.storage.store import ENTRY, LOCK, RESULT
 
 if TYPE_CHECKING:
+    import sysid
+    import sysid.loops as sysid_loops
     from logparse import FlightLog
+    from pipeline.fleet import crafts as fleet_crafts
+    from pipeline.flight import kinds
+    from pipeline.flight import summary as flight_summary
+    from pipeline.results.flight import FlightResult
     from pipeline.storage import dataset
+    from pipeline.storage import store as store_of
+    from reports import fleet as reports_fleet
     from reports import folder as reports_folder
 else:
+    sysid, sysid_loops, store_of = lazy("sysid"), lazy("sysid.loops"), lazy("pipeline.storage.store")
     dataset, reports_folder = lazy("pipeline.storage.dataset"), lazy("reports.folder")
+    fleet_crafts, flight_summary = lazy("pipeline.fleet.crafts"), lazy("pipeline.flight.summary")
+    reports_fleet, kinds = lazy("reports.fleet"), lazy("pipeline.flight.kinds")
 
 _log = logging.getLogger("rotorid.api")
+
+#: Folder of the only flight of an analysis below the parts of its experiments.
+_FLIGHT = "flight"
+
+#: Settings of joint fits that are the service's own.
+_OURS = ("flights",)
 
 Progress: TypeAlias = Callable[[str, float], None]
 
 #: Linux's request for a signal at the death of the parent, of prctl(2).
 _PR_SET_PDEATHSIG = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A flight of a craft, analysed before."""
+
+    name: str
+    entry: Mapping[str, Any]  #: `pipeline.results.entry.FlightEntry`.
+    experiments: Mapping[str, Path]  #: File of each kind.
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +79,7 @@ class Task:
     logs: Sequence[tuple[Path, str]]  #: Every log's file, and what its user calls it.
     configuration: Mapping[str, Any]  #: Fields of `pipeline.AnalysisConfig` that differ from their defaults.
     folder: Path  #: Where the results go.
+    members: Sequence[Member] = ()  #: Flights of a craft to fit jointly; then there are no logs.
 
 
 #: Does a task and reports progress.
@@ -90,7 +122,10 @@ Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
 
 
 def analyze_logs(task: Task, progress: Progress) -> None:
-    """Run the pipeline on the logs of a task and write the report and the logs' tables."""
+    """Run the pipeline on the logs of a task, or on the flights of a craft, and write the report and tables."""
+    if task.members:
+        _join(task, progress)
+        return
     # Packages that are imported when they are used: the server itself never needs the 200 MB of numpy, numba, pandas.
     if len(task.logs) == 1 and len(flights := logparse.read_flights(task.logs[0][0])) == 1:
         _analyze_one(task, flights[0], progress)
@@ -108,8 +143,30 @@ def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
     reports.write(replace(result, log=replace(result.log, path=Path(name))), task.folder)
     try:
         dataset.write_tables(result, task.folder / "tables")
+        _hand_over(result, name, task.folder)
+        _propose(log, task.folder)
     except Exception:  # must not cost the report
         _log.exception("the tables of %s cannot be written", name)
+
+
+def _propose(log: "FlightLog", folder: Path) -> None:
+    """Write proposed gains and the way back where the log supports some."""
+    try:
+        tuning = sysid_loops.tune(log)
+        (folder / "proposed.param").write_text(tuning.proposed_file(), encoding="utf-8")
+        (folder / "rollback.param").write_text(tuning.rollback_file(), encoding="utf-8")
+    except RotoridError as error:
+        _log.debug("no gains are proposed: %s", error)
+
+
+def _hand_over(result: "FlightResult", name: str, folder: Path) -> None:
+    """Write what the craft of a flight keeps of it: its entry, and the experiments that joint models are fitted to."""
+    entry = flight_summary.flight_entry(result, folder=_FLIGHT, source=name, key=result.log.sha256)
+    for kind, file in dataset.write_experiments(result, folder / "experiments").items():
+        place = folder / dataset.part(dataset.EXPERIMENTS, kind, entry.vehicle, entry.folder)
+        place.parent.mkdir(parents=True)
+        file.rename(place)
+    write_flown([entry], folder)
 
 
 def _analyze_several(task: Task, progress: Progress) -> None:
@@ -120,9 +177,40 @@ def _analyze_several(task: Task, progress: Progress) -> None:
     progress("report", 0.99)
     reports.write_fleet(fleet)
     (task.folder / reports_folder.SHARED_SCRIPT).unlink(missing_ok=True)
+    write_flown((replace(entry, source=PurePath(entry.source).name) for entry in fleet.flights), task.folder)
     # What serves a second run names the places of the logs on this server, and there is none.
     for file in (*task.folder.rglob(ENTRY), *task.folder.rglob(RESULT), task.folder / MANIFEST, task.folder / LOCK):
         file.unlink(missing_ok=True)
+
+
+def _join(task: Task, progress: Progress) -> None:
+    """Fit the flights of one craft jointly, from their experiments."""
+    config = pipeline.AnalysisConfig(**{name: v for name, v in task.configuration.items() if name not in _OURS})
+    scratch = store_of.FolderStore(task.folder.parent / "joint")
+    flights = []
+    for number, member in enumerate(task.members, start=1):
+        folder = f"flight{number}"
+        entry = replace(
+            restored(member.entry, FlightEntry), name=member.name, folder=folder, craft="c", vehicle="craft"
+        )
+        flights.append(replace(entry, key=f"{entry.sha256}#{entry.number}"))
+        for kind, file in member.experiments.items():
+            record = replace(dataset.read_experiment(file.read_bytes()), name=member.name)
+            place = scratch.folder / dataset.part(dataset.EXPERIMENTS, kind, "craft", folder)
+            place.parent.mkdir(parents=True)
+            dataset.write_experiment(record, place)
+    found = fleet_crafts.identify_crafts(flights, config, scratch, reports.write, None, progress, redo=True)
+    if not found.entries:
+        raise LogError("; ".join(each.reason for each in found.failures) or "no flights that can be fitted jointly")
+    progress("report", 0.99)
+    craft = found.entries[0].folder
+    facts = FleetReport(rotorid=version("rotorid"), config=config, groups=(), flights=(), findings=(), timings_s={})
+    reports_fleet.compose(scratch, [], [f"crafts/{craft}"], facts)
+    for file in [each for each in scratch.folder.iterdir() if each.is_file() and not each.name.startswith(".")]:
+        file.rename(task.folder / file.name)
+    body = next((each.model for each in found.fitted[craft].models if each.key == kinds.RIGID_BODY_KEY), None)
+    if isinstance(body, sysid.RigidBodyModel):
+        sysid.write_craft(body, task.folder, config.mass)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from logparse.quantity import per_degree, with_unit
+from pipeline.results.craft_review import Note
 from pipeline.results.drift import Drift, History, MotorShares, Point
 from reports.figure import Figure, Trace, layout_of, plotly_text
 from reports.model_figures import INPUT_COLORS
@@ -16,8 +18,8 @@ MOST_PLOTS = 4
 FEWEST_POINTS = 3
 
 
-def drift_figures(drift: Drift | None, prefix: str) -> tuple[list[Figure], list[Figure]]:
-    """Draw motors and parameters over flights.
+def drift_figures(drift: Drift | None, prefix: str, notes: Sequence[Note] = ()) -> tuple[list[Figure], list[Figure]]:
+    """Draw motors and parameters over flights, with what was done to the craft where flights are dated.
 
     Returns
     -------
@@ -28,14 +30,15 @@ def drift_figures(drift: Drift | None, prefix: str) -> tuple[list[Figure], list[
         return [], []
     shown: list[Figure] = []
     folded: list[Figure] = []
-    motors = _motors(drift, f"{prefix}shares")
+    marks = [_mark(note) for note in notes] if _dated(drift) else []
+    motors = _motors(drift, f"{prefix}shares", marks)
     if motors is not None:
         shown.append(motors)
     worth = [each for each in drift.parameters if len(each.flights) >= FEWEST_POINTS]
     worth.sort(key=lambda each: each.change is None)
     for first in range(0, len(worth), MOST_PLOTS):
         some = worth[first : first + MOST_PLOTS]
-        (shown if first == 0 else folded).append(_parameters(some, drift, f"{prefix}course-{first}"))
+        (shown if first == 0 else folded).append(_parameters(some, drift, f"{prefix}course-{first}", marks))
     return shown, folded
 
 
@@ -68,7 +71,41 @@ def _axis(drift: Drift) -> dict[str, Any]:
     }
 
 
-def _parameters(parameters: Sequence[History], drift: Drift, name: str) -> Figure:
+def _mark(note: Note) -> Trace:
+    """Draw a line where something was done to the craft; it says what under the pointer."""
+    return {
+        "type": "line",
+        "xref": "x",
+        "yref": "paper",
+        "x0": _utc(note.at.isoformat()),
+        "x1": _utc(note.at.isoformat()),
+        "y0": 0,
+        "y1": 1,
+        "line": {"color": "@joint", "width": 1.5, "dash": "solid" if note.boundary else "dot"},
+        "layer": "below",
+    }
+
+
+def _band(each: History, degrees: float, suffix: str) -> Trace:
+    """Tint where 95 % of flights of an unchanged craft lie: two standard deviations, their own errors with them."""
+    own = sorted(point.sigma for point in each.flights)[len(each.flights) // 2]
+    reach = 2.0 * math.hypot(each.between, own, each.mean_sigma)
+    return {
+        "type": "rect",
+        "xref": "paper",
+        "yref": f"y{suffix}",
+        "x0": 0,
+        "x1": 1,
+        "y0": _short(each.mean - reach, degrees),
+        "y1": _short(each.mean + reach, degrees),
+        "fillcolor": "@joint",
+        "opacity": 0.1,
+        "line": {"width": 0},
+        "layer": "below",
+    }
+
+
+def _parameters(parameters: Sequence[History], drift: Drift, name: str, marks: Sequence[Trace]) -> Figure:
     data: list[Trace] = []
     axes: dict[str, Any] = {}
     labels = []
@@ -119,12 +156,17 @@ def _parameters(parameters: Sequence[History], drift: Drift, name: str) -> Figur
             }
         )
     axes["xaxis"] = _axis(drift) | {"anchor": f"y{count}" if count > 1 else "y"}
-    layout = layout_of(**axes, annotations=labels)
+    bands = [
+        _band(each, per_degree(each.unit.partition(",")[0])[0], "" if place == 0 else str(place + 1))
+        for place, each in enumerate(parameters)
+        if each.change is None
+    ]
+    layout = layout_of(**axes, annotations=labels, shapes=[*bands, *marks])
     layout["margin"] = layout["margin"] | {"t": 10}
     caption = (
         "Each parameter as every flight by itself gives it, with one standard error; the line is its mean, or its "
-        "trend or step where one is seen. Scatter beyond the error bars is what differs between flights: wind, "
-        "battery, temperature."
+        "trend or step where one is seen, and tinted is where 95 % of flights lie. Scatter beyond the "
+        "error bars is what differs between flights: wind, battery, temperature."
     )
     return Figure(name, caption, data, layout, 90 + 135 * count, time=False)
 
@@ -157,7 +199,7 @@ def _course(parameter: History, at: Sequence[Any], degrees: float, suffix: str) 
     ]
 
 
-def _motors(drift: Drift, name: str) -> Figure | None:
+def _motors(drift: Drift, name: str, marks: Sequence[Trace]) -> Figure | None:
     motors = drift.motors
     if motors is None or not motors.points:
         return None
@@ -187,7 +229,7 @@ def _motors(drift: Drift, name: str) -> Figure | None:
                 "hovertemplate": f"%{{text}}: %{{y:.4f}}<extra>{plotly_text(motor)}</extra>",
             }
         )
-    layout = layout_of(xaxis=_axis(drift), yaxis={"title": {"text": "command over mean of all"}})
+    layout = layout_of(xaxis=_axis(drift), yaxis={"title": {"text": "command over mean of all"}}, shapes=list(marks))
     caption = (
         "What each motor is commanded in hover, over the mean of all motors, flight by flight: a motor that weakens is "
         "told more from flight to flight, while its opposite is told the same."

@@ -4,8 +4,8 @@ Nothing is fitted to records here: a flight enters by its own parameters with th
 hundreds of flights is looked at anew in a second. Notes of the owner part the flights where they say so.
 
 An alert may be raised after any flight, and a craft is looked at after every one: with n flights the chance of a false
-alarm that is spent is `RATE` / ((n - 3)(n - 2)), which over all n from 4 on adds up to `RATE` (the union bound, whatever
-the looks have in common). Half of it goes to slopes and steps, half to the newest flight against those before it.
+alarm that is spent is `RATE` / ((n - 3)(n - 2)), which over all n from 4 on adds up to `RATE` (the union bound,
+whatever the looks have in common). Half of it goes to slopes and steps, half to the newest flight against those before.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from logparse.quantity import uncertain
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import ALPHA, FEWEST
 from pipeline.fleet.meta_analysis import holm, meta_regression
-from pipeline.flight.craft import in_order, once, took_off
+from pipeline.flight.craft import by_craft, in_order, once, took_off
 from pipeline.flight.flight_parameters import SHARES
 from pipeline.results.craft_review import Alert, CraftReview, Note, Since
 from pipeline.results.drift import Drift, History, Point
@@ -53,7 +53,9 @@ def review(entries: Sequence[FlightEntry], notes: Sequence[Note] = (), now: date
     clean = [_unset(entry, now or datetime.now(UTC)) for entry in entries]
     recorded = once(clean)
     flights, remarks = _dated(recorded)
-    remarks += _remarks_on(flights, {entry.name for entry in clean if entry.start_utc is None}, len(clean) - len(recorded))
+    remarks += _remarks_on(
+        flights, {entry.name for entry in clean if entry.start_utc is None}, len(clean) - len(recorded)
+    )
     boundary, pooled, before = _parted(flights, notes)
     built = [flight for flight in pooled if flight.build == pooled[-1].build]
     if len(built) < len(pooled):
@@ -70,8 +72,15 @@ def review(entries: Sequence[FlightEntry], notes: Sequence[Note] = (), now: date
         whole=follow(flights) if len(built) < len(flights) else None,
         since=tuple(_since(before, built)) if boundary is not None else (),
         alerts=tuple(_alerts(drift)),
+        joint=_joint(built),
         remarks=tuple(remarks),
     )
+
+
+def _joint(flights: Sequence[FlightEntry]) -> tuple[str, ...]:
+    """List the flights that a joint fit would use, by the rules of a folder of logs; their craft is settled."""
+    crafts = by_craft([replace(flight, craft="") for flight in flights])
+    return tuple(flight.name for flight in crafts[0]) if crafts and len(crafts[0]) > 1 else ()
 
 
 def _unset(entry: FlightEntry, now: datetime) -> FlightEntry:
@@ -82,7 +91,7 @@ def _unset(entry: FlightEntry, now: datetime) -> FlightEntry:
 
 
 def _dated(entries: Sequence[FlightEntry]) -> tuple[list[FlightEntry], list[str]]:
-    """Put flights in order: those without a date behind the one that came before them; all by name where none has one."""
+    """Put flights in order: one without a date behind the one that came before it; all by name where none has one."""
     known = [start for entry in entries if (start := took_off(entry)) is not None]
     undated = [entry.name for entry in entries if entry.start_utc is None]
     if not undated or not known:
@@ -104,7 +113,8 @@ def _remarks_on(flights: Sequence[FlightEntry], undated: Collection[str], copies
     """Report further recordings of a flight, and flights at the same time: then two craft have one board's id."""
     remarks = []
     if copies:
-        remarks.append(f"{copies} of the logs {'is a further recording' if copies == 1 else 'are further recordings'} of flights that are here")
+        are = "is a further recording" if copies == 1 else "are further recordings"
+        remarks.append(f"{copies} of the logs {are} of flights that are here")
     dated = [(flight, start) for flight in flights if flight.name not in undated and (start := took_off(flight))]
     for (a, start), (b, other) in pairwise(dated):
         length = 0.0 if a.flight is None else a.flight.stop - a.flight.start
@@ -120,7 +130,7 @@ def _remarks_on(flights: Sequence[FlightEntry], undated: Collection[str], copies
 def _parted(
     flights: Sequence[FlightEntry], notes: Sequence[Note]
 ) -> tuple[Note | None, list[FlightEntry], list[FlightEntry]]:
-    """Part flights at the last boundary that has flights after it; those between it and the boundary before come second."""
+    """Part flights at the last boundary with flights after it; those between it and the one before come second."""
     bounds = sorted((note for note in notes if note.boundary), key=lambda note: note.at)
     parts: list[tuple[Note | None, list[FlightEntry]]] = [(None, [])]
     for flight in flights:

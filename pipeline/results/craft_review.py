@@ -58,4 +58,6 @@ class CraftReview:
     whole: Drift | None  #: Of all flights, where not all are pooled.
     since: tuple[Since, ...]  #: What changed with the boundary.
     alerts: tuple[Alert, ...]
+    #: Of the pooled flights those that joint models can use; empty where they are fewer than two.
+    joint: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()  #: What about the flights as a series is strange, and what was done about it.

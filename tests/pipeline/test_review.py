@@ -1,4 +1,4 @@
-"""A craft looked at after each flight: alarms keep to their rate over a craft's whole life, and what changed is named."""
+"""A craft looked at after each flight: alarms keep to their rate over its whole life, what changed is named."""
 
 import dataclasses
 from datetime import UTC, datetime, timedelta

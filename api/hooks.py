@@ -1,0 +1,262 @@
+"""Webhooks: alerts sent to addresses of their owners' choice, and nowhere that only this service can reach.
+
+Only https, and only to addresses of the public internet: a name is resolved once, all its addresses are looked at, and
+the connection goes to the very address that was looked at, so that a name that changes its mind leads nowhere. Answers
+are not read, redirects not followed. An operator may allow any address (``ROTORID_WEBHOOKS=any``) or none (``off``).
+"""
+
+import hashlib
+import hmac
+import http.client
+import ipaddress
+import json
+import logging
+import socket
+import ssl
+import threading
+from datetime import UTC, datetime, timedelta
+from http import HTTPStatus
+from urllib.parse import urlsplit
+
+from sqlalchemy import delete, select, update
+from sqlalchemy.exc import SQLAlchemyError
+
+from api.database import Database
+from api.ids import new_id, new_secret
+from api.problems import Problem, ProblemError
+from api.records import AlertRecord, CraftRecord, DeliveryRecord, HookRecord
+from api.settings import Webhooks
+
+_log = logging.getLogger("rotorid.api")
+
+#: Seconds between two looks for alerts to send, and for an answer.
+_LOOK, _TIMEOUT = 2.0, 10.0
+
+#: Tries of one alert; after each the pause before the next doubles from this on.
+_TRIES, _PAUSE = 8, timedelta(seconds=30)
+
+#: Most hooks of one owner.
+_MOST = 20
+
+
+class ForbiddenAddressError(Exception):
+    """An address to which nothing is sent."""
+
+
+def check_address(url: str, webhooks: Webhooks) -> None:
+    """Refuse an address that a webhook may not have, as far as its name tells.
+
+    Raises
+    ------
+    ForbiddenAddressError
+    """
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError:
+        raise ForbiddenAddressError("it is no address") from None
+    if webhooks is Webhooks.OFF:
+        raise ForbiddenAddressError("this service sends no webhooks")
+    allowed = ("https",) if webhooks is Webhooks.PUBLIC else ("https", "http")
+    if parts.scheme not in allowed or not parts.hostname:
+        raise ForbiddenAddressError(f"it must begin with {' or '.join(f'{each}://' for each in allowed)} and a name")
+    if parts.username is not None or parts.password is not None:
+        raise ForbiddenAddressError("it must hold no user or password")
+    if webhooks is Webhooks.PUBLIC and port not in (None, 443, 8443):
+        raise ForbiddenAddressError("its port must be 443 or 8443")
+    try:
+        literal = ipaddress.ip_address(parts.hostname)
+    except ValueError:
+        return
+    _check(literal, webhooks)
+
+
+def _check(address: ipaddress.IPv4Address | ipaddress.IPv6Address, webhooks: Webhooks) -> None:
+    if webhooks is Webhooks.ANY:
+        return
+    # Addresses that carry an IPv4 address in themselves lead to it.
+    carried = getattr(address, "ipv4_mapped", None) or getattr(address, "sixtofour", None)
+    teredo = getattr(address, "teredo", None)
+    nat64 = address in ipaddress.ip_network("64:ff9b::/96") if address.version == 6 else False
+    if carried is not None or teredo is not None or nat64 or not address.is_global or address.is_multicast:
+        raise ForbiddenAddressError(f"{address} is no address of the public internet")
+
+
+def resolve(host: str, port: int, webhooks: Webhooks) -> str:
+    """Return the address that a name leads to, if none that it leads to is forbidden.
+
+    Raises
+    ------
+    ForbiddenAddressError
+    OSError
+        The name is unknown.
+    """
+    found = [str(each[4][0]) for each in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)]
+    for each in found:
+        _check(ipaddress.ip_address(each.partition("%")[0]), webhooks)
+    return found[0]
+
+
+def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
+    """Post a body and return the status of the answer.
+
+    Raises
+    ------
+    ForbiddenAddressError
+    OSError
+        Nobody answers there.
+    """
+    check_address(url, webhooks)
+    parts = urlsplit(url)
+    secure = parts.scheme == "https"
+    host, port = parts.hostname or "", parts.port or (443 if secure else 80)
+    address = resolve(host, port, webhooks)
+    raw = socket.create_connection((address, port), timeout=_TIMEOUT)
+    try:
+        stream = ssl.create_default_context().wrap_socket(raw, server_hostname=host) if secure else raw
+        connection = http.client.HTTPConnection(host, port, timeout=_TIMEOUT)
+        connection.sock = stream
+        signature = hmac.new(secret.encode(), body, hashlib.sha256).hexdigest()
+        target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+        connection.request(
+            "POST",
+            target,
+            body,
+            {
+                "Content-Type": "application/json",
+                "User-Agent": "rotorid",
+                "Rotorid-Signature": f"sha256={signature}",
+                "Connection": "close",
+            },
+        )
+        status = connection.getresponse().status
+        connection.close()
+        return status
+    except http.client.HTTPException as error:
+        raise OSError(f"no HTTP answer: {type(error).__name__}") from error
+    finally:
+        raw.close()
+
+
+class Hooks:
+    """The webhooks of all owners; what is due is sent by a thread of its own.
+
+    Parameters
+    ----------
+    database : Database
+    webhooks : Webhooks
+        Where they may lead.
+    """
+
+    def __init__(self, database: Database, webhooks: Webhooks) -> None:
+        self._database = database
+        self._webhooks = webhooks
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._go_on, name="hooks", daemon=True)
+
+    def open(self) -> None:
+        """Start."""
+        if self._webhooks is not Webhooks.OFF:
+            self._thread.start()
+
+    def close(self) -> None:
+        """Stop after what is being sent."""
+        self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def create(self, owner: str, url: str) -> HookRecord:
+        """Add a hook; its secret is told once."""
+        try:
+            check_address(url, self._webhooks)
+        except ForbiddenAddressError as error:
+            detail = f"Nothing is sent to this address: {error}."
+            raise ProblemError(
+                Problem.named("forbidden-address", "Forbidden address", HTTPStatus.UNPROCESSABLE_ENTITY, detail)
+            ) from error
+        with self._database.write() as session:
+            owned = session.scalars(select(HookRecord).where(HookRecord.owner == owner, HookRecord.url != "")).all()
+            if len(owned) >= _MOST:
+                detail = f"There are {_MOST} webhooks, the most that one user may have. Remove one, then try again."
+                raise ProblemError(Problem.named("too-many-hooks", "Too many webhooks", HTTPStatus.FORBIDDEN, detail))
+            record = HookRecord(
+                id=new_id(), owner=owner, url=url, secret=new_secret(), created=datetime.now(UTC), state=""
+            )
+            session.add(record)
+        return record
+
+    def list(self, owner: str) -> list[HookRecord]:
+        """List the webhooks of an owner."""
+        with self._database.read() as session:
+            query = select(HookRecord).where(HookRecord.owner == owner, HookRecord.url != "")
+            return list(session.scalars(query.order_by(HookRecord.created)))
+
+    def remove(self, owner: str, hook_id: str) -> bool:
+        """Remove a webhook; False when the owner has none of this id."""
+        with self._database.write() as session:
+            record = session.get(HookRecord, hook_id)
+            if record is None or record.owner != owner:
+                return False
+            session.delete(record)
+            return True
+
+    def _go_on(self) -> None:
+        while not self._closing.wait(_LOOK):
+            try:
+                self.deliver(datetime.now(UTC))
+            except SQLAlchemyError as error:
+                _log.warning("webhooks cannot be read: %s", error)
+            except Exception:
+                _log.exception("sending webhooks failed")
+
+    def deliver(self, now: datetime) -> None:
+        """Send what is due; each is taken before it is sent, so that no two servers send it."""
+        with self._database.read() as session:
+            due = session.execute(
+                select(DeliveryRecord, AlertRecord, CraftRecord, HookRecord)
+                .join(AlertRecord, AlertRecord.id == DeliveryRecord.alert_id)
+                .join(CraftRecord, CraftRecord.id == AlertRecord.craft_id)
+                .join(HookRecord, HookRecord.id == DeliveryRecord.hook_id)
+                .where(DeliveryRecord.due <= now)
+                .order_by(DeliveryRecord.due)
+                .limit(20)
+            ).all()
+        for delivery, alert, craft, hook in due:
+            if self._closing.is_set() or not self._take(delivery, now):
+                continue
+            body = {
+                "alert": alert.id,
+                "kind": alert.kind,
+                "severity": alert.severity,
+                "text": alert.text,
+                "flight": alert.flight,
+                "craft": {"id": craft.id, "name": craft.name or craft.kind},
+                "created": alert.created.isoformat(),
+            }
+            try:
+                status = send(hook.url, json.dumps(body).encode(), hook.secret, self._webhooks)
+                said = "" if status < HTTPStatus.MULTIPLE_CHOICES else f"answered {status}"
+            except (ForbiddenAddressError, OSError) as error:
+                said = str(error)[:200] or type(error).__name__
+            self._note(delivery, f"{now:%Y-%m-%d %H:%M} UTC: {said or 'delivered'}", done=not said)
+
+    def _take(self, delivery: DeliveryRecord, now: datetime) -> bool:
+        mine = (DeliveryRecord.alert_id == delivery.alert_id, DeliveryRecord.hook_id == delivery.hook_id)
+        later = now + _PAUSE * 2**delivery.attempts
+        with self._database.write() as session:
+            found = session.scalar(select(DeliveryRecord).where(*mine, DeliveryRecord.attempts == delivery.attempts))
+            if found is None:
+                return False
+            found.attempts += 1
+            found.due = later
+            return True
+
+    def _note(self, delivery: DeliveryRecord, said: str, *, done: bool) -> None:
+        with self._database.write() as session:
+            if done or delivery.attempts + 1 >= _TRIES:
+                session.execute(
+                    delete(DeliveryRecord).where(
+                        DeliveryRecord.alert_id == delivery.alert_id, DeliveryRecord.hook_id == delivery.hook_id
+                    )
+                )
+            session.execute(update(HookRecord).where(HookRecord.id == delivery.hook_id).values(state=said[:300]))

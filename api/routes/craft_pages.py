@@ -1,0 +1,150 @@
+"""The pages of craft, and what their buttons do; every form works without scripts."""
+
+from datetime import UTC, datetime
+from http import HTTPStatus
+from typing import Annotated, Any
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Form, Query, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+
+from api.craft_models import FILES, LeastTrust, latest
+from api.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.headers import REPORT_POLICY
+from api.page_templates import render
+from api.problems import Problem, ProblemError
+from api.routes.crafts import show_craft, unknown_craft
+from api.routes.paging import After
+
+router = APIRouter(include_in_schema=False)
+forms = APIRouter(include_in_schema=False, dependencies=[from_our_pages])
+
+#: Craft on one page of the list, flights that stand unfolded, and craft that flights can be moved to.
+_PAGE, _UNFOLDED, _CHOICES = 25, 30, 200
+
+#: Answers of a flight that its line shows.
+_PURPOSES = ("Healthy", "Loops", "Predict ahead")
+
+
+@router.head("/crafts")
+@router.get("/crafts")
+def list_crafts_page(
+    request: Request, parts: PartsOf, owner: Owner, after: After = None, q: Annotated[str, Query(max_length=200)] = ""
+) -> Response:
+    """Show a part of the list of craft, and the newest alerts."""
+    found = parts.crafts.list(owner, limit=_PAGE + 1, after=after, text=q.strip())
+    shown = found[:_PAGE]
+    older = urlencode({"after": shown[-1].id} | ({"q": q.strip()} if q.strip() else {})) if len(found) > _PAGE else ""
+    alerts = parts.crafts.alerts(owner, limit=5) if after is None and not q else []
+    view = {"crafts": shown, "older": older, "after": after, "q": q.strip(), "alerts": alerts}
+    return render(request, "crafts.html", view)
+
+
+@router.head("/crafts/{craft_id}")
+@router.get("/crafts/{craft_id}")
+def show_craft_page(request: Request, craft_id: str, parts: PartsOf, owner: Owner) -> Response:
+    """Show a craft: its state, what changed, its flights, notes and models."""
+    craft = show_craft(craft_id, parts, owner)
+    flights = parts.crafts.flights(craft_id, owner) or []
+    others = [each for each in parts.crafts.list(owner, limit=_CHOICES) if each.id != craft.id]
+    view: dict[str, Any] = {
+        "craft": craft,
+        "flights": flights,
+        "unfolded": _UNFOLDED,
+        "purposes": _PURPOSES,
+        "others": others,
+        "model": _model(parts, craft_id),
+        "now": datetime.now(UTC).strftime("%Y-%m-%d"),
+    }
+    return render(request, "craft.html", view)
+
+
+def _model(parts: Parts, craft_id: str) -> dict[str, Any]:
+    """Gather the latest models as far as they may be used, or say why there are none."""
+    refused = ""
+    for least in LeastTrust:
+        try:
+            found = latest(parts.database, craft_id, least)
+        except ProblemError as error:
+            refused = refused or error.problem.detail
+            continue
+        ending = "" if least is LeastTrust.YES else f"?trust={least}"
+        files = {
+            name: (what, f"/api/v1/crafts/{craft_id}/model/{name}{ending}")
+            for name, what in FILES.items()
+            if name in found.files
+        }
+        return {"found": found, "least": least, "files": files, "refused": refused}
+    return {"found": None, "least": None, "files": {}, "refused": refused}
+
+
+@router.get("/crafts/{craft_id}/report")
+def craft_report(craft_id: str, parts: PartsOf, owner: Owner) -> Response:
+    """Draw a craft over its flights: the page in the frame of `show_craft_page`."""
+    craft = show_craft(craft_id, parts, owner)
+    if craft.review is None:
+        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "This craft has not been looked at yet."))
+    notes = [{"at": each.at.isoformat(), "text": each.text, "boundary": each.boundary} for each in craft.notes]
+    page = parts.desk.ask("craft_page", craft.review, craft.name, notes)
+    return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
+
+
+@forms.post("/crafts/{craft_id}/name")
+def name_craft(
+    craft_id: str, parts: PartsOf, owner: Owner, name: Annotated[str, Form(max_length=100)] = ""
+) -> Response:
+    """Name a craft."""
+    return _go(craft_id, done=parts.crafts.rename(craft_id, owner, name))
+
+
+@forms.post("/crafts/{craft_id}/notes")
+def add_note(
+    craft_id: str,
+    parts: PartsOf,
+    owner: Owner,
+    text: Annotated[str, Form(min_length=1, max_length=500)],
+    day: Annotated[str, Form(max_length=40)] = "",
+    boundary: Annotated[bool, Form()] = False,
+) -> Response:
+    """Write down what was done to a craft."""
+    try:
+        at = datetime.fromisoformat(day.strip()) if day.strip() else None
+    except ValueError:
+        detail = "Write the day as 2026-03-14, or with a time as 2026-03-14 09:30."
+        raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, detail)) from None
+    return _go(craft_id, done=parts.crafts.add_note(craft_id, owner, text, at, boundary=boundary) is not None)
+
+
+@forms.post("/crafts/{craft_id}/notes/{note_id}/delete")
+def remove_note(craft_id: str, note_id: str, parts: PartsOf, owner: Owner) -> Response:
+    """Remove a note."""
+    return _go(craft_id, done=parts.crafts.remove_note(craft_id, note_id, owner))
+
+
+@forms.post("/crafts/{craft_id}/merge")
+def merge(
+    craft_id: str, parts: PartsOf, owner: Owner, other: Annotated[str, Form(alias="craft", max_length=64)] = ""
+) -> Response:
+    """Let another craft be part of this one."""
+    return _go(craft_id, done=parts.crafts.merge(craft_id, other, owner))
+
+
+@forms.post("/crafts/{craft_id}/move")
+def move(
+    craft_id: str,
+    parts: PartsOf,
+    owner: Owner,
+    flights: Annotated[list[str], Form(max_length=5000)],
+    to: Annotated[str, Form(max_length=64)] = "",
+    later: Annotated[bool, Form()] = False,
+) -> Response:
+    """Move flights to another craft, or to a new one."""
+    show_craft(craft_id, parts, owner)
+    target = parts.crafts.move(flights, to or None, owner, later=later)
+    return _go(target or "", done=target is not None)
+
+
+def _go(craft_id: str, *, done: bool) -> Response:
+    if not done:
+        raise unknown_craft()
+    return RedirectResponse(f"/crafts/{craft_id}", HTTPStatus.SEE_OTHER)

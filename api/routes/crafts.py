@@ -1,0 +1,149 @@
+"""Craft: listed, named, merged and split; their flights, notes and latest models."""
+
+from http import HTTPStatus
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import FileResponse
+from pydantic import BaseModel, Field
+
+from api import problems
+from api.craft_models import FILES, LeastTrust, latest
+from api.craft_resources import Craft, CraftAnswer, CraftChange, CraftFlight, Merge, Move, NewNote, Note
+from api.dependencies import Owner, PartsOf, from_our_pages
+from api.problems import Problem, ProblemError
+from api.resources import Page
+from api.results import file_response, local_copy
+from api.routes.paging import After, Limit, page
+
+router = APIRouter(prefix="/crafts", tags=["craft"], responses=problems.RESPONSES)
+
+Trusted = Annotated[LeastTrust, Query(description="How far a model must be trusted to be answered.")]
+
+
+class CraftModel(BaseModel):
+    """The latest models of a craft that may be trusted."""
+
+    analysis: str = Field(description="Id of the analysis that made them.")
+    trust: str = Field(description="The most that is said of one of them: yes or limited.", examples=["yes"])
+    joint: bool = Field(description="Whether they were fitted to several flights at once.")
+    flights: list[str] = Field(description="Names of the flights that they were fitted to and judged on.")
+    files: dict[str, str] = Field(description="Address of each file by its name; addresses stay, files change.")
+
+
+@router.get("", summary="Craft, those that changed last first")
+def list_crafts(
+    request: Request,
+    parts: PartsOf,
+    owner: Owner,
+    limit: Limit = 50,
+    after: After = None,
+    q: Annotated[str, Query(max_length=200, description="Part of the name or kind.")] = "",
+) -> Page[Craft]:
+    """List your craft."""
+    return page(request, parts.crafts.list(owner, limit=limit + 1, after=after, text=q), limit)
+
+
+@router.get("/{craft_id}", summary="A craft with what its flights say together")
+def show_craft(craft_id: str, parts: PartsOf, owner: Owner) -> CraftAnswer:
+    """Show a craft: drift and change points of every parameter and motor, notes, alerts, and its joint models."""
+    craft = parts.crafts.find(craft_id, owner)
+    if craft is None:
+        raise unknown_craft()
+    return craft
+
+
+@router.put("/{craft_id}", summary="Name a craft", dependencies=[from_our_pages])
+def name_craft(craft_id: str, change: CraftChange, parts: PartsOf, owner: Owner) -> CraftAnswer:
+    """Call a craft by a name."""
+    if not parts.crafts.rename(craft_id, owner, change.name):
+        raise unknown_craft()
+    return show_craft(craft_id, parts, owner)
+
+
+@router.get("/{craft_id}/flights", summary="The flights of a craft, the newest first")
+def list_flights(craft_id: str, parts: PartsOf, owner: Owner) -> list[CraftFlight]:
+    """List the flights of a craft, each with the answers of its first screen."""
+    flights = parts.crafts.flights(craft_id, owner)
+    if flights is None:
+        raise unknown_craft()
+    return list(flights)
+
+
+@router.post("/{craft_id}/merge", summary="Let another craft be part of this one", dependencies=[from_our_pages])
+def merge_crafts(craft_id: str, merge: Merge, parts: PartsOf, owner: Owner) -> CraftAnswer:
+    """Bring the flights, notes and alerts of another craft over; flights that look like its come here from now on."""
+    if not parts.crafts.merge(craft_id, merge.craft, owner):
+        raise unknown_craft()
+    return show_craft(craft_id, parts, owner)
+
+
+@router.post("/flights/move", summary="Move flights to another craft", dependencies=[from_our_pages])
+def move_flights(move: Move, parts: PartsOf, owner: Owner) -> CraftAnswer:
+    """Move flights to another craft or to a new one, which splits theirs."""
+    target = parts.crafts.move(move.flights, move.to, owner, later=move.later)
+    if target is None:
+        raise unknown_craft()
+    return show_craft(target, parts, owner)
+
+
+@router.post(
+    "/{craft_id}/notes",
+    status_code=HTTPStatus.CREATED,
+    summary="Write down what was done to a craft",
+    dependencies=[from_our_pages],
+)
+def add_note(craft_id: str, note: NewNote, parts: PartsOf, owner: Owner) -> Note:
+    """Note maintenance; with `boundary`, flights before it are not pooled with those after it."""
+    made = parts.crafts.add_note(craft_id, owner, note.text, note.at, boundary=note.boundary)
+    if made is None:
+        raise unknown_craft()
+    return made
+
+
+@router.delete(
+    "/{craft_id}/notes/{note_id}",
+    status_code=HTTPStatus.NO_CONTENT,
+    summary="Remove a note",
+    dependencies=[from_our_pages],
+)
+def remove_note(craft_id: str, note_id: str, parts: PartsOf, owner: Owner) -> None:
+    """Remove a note for good."""
+    if not parts.crafts.remove_note(craft_id, note_id, owner):
+        raise unknown_craft()
+
+
+@router.get("/{craft_id}/model", summary="The latest trusted models of a craft")
+def show_model(craft_id: str, parts: PartsOf, owner: Owner, trust: Trusted = LeastTrust.YES) -> CraftModel:
+    """Report which analysis made the latest models that may be trusted; 404 where there are none."""
+    show_craft(craft_id, parts, owner)
+    found = latest(parts.database, craft_id, trust)
+    here = f"/api/v1/crafts/{craft_id}/model"
+    ending = "" if trust is LeastTrust.YES else f"?trust={trust}"
+    files = {name: f"{here}/{name}{ending}" for name in FILES if name in found.files}
+    return CraftModel(
+        analysis=found.analysis, trust=found.trust, joint=found.joint, flights=list(found.flights), files=files
+    )
+
+
+@router.get("/{craft_id}/model/{name}", response_class=FileResponse, summary="A file of the latest trusted models")
+def fetch_model(craft_id: str, name: str, parts: PartsOf, owner: Owner, trust: Trusted = LeastTrust.YES) -> Response:
+    """Fetch `models.json`, `models.mat`, `craft.json`, `sitl_frame.json`, `parameters.csv` or `proposed.param`.
+
+    The address stays the same; the header `Rotorid-Analysis` names the analysis that made what it answers.
+    """
+    show_craft(craft_id, parts, owner)
+    if name not in FILES:
+        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, f"There is {', '.join(FILES)}."))
+    found = latest(parts.database, craft_id, trust, name)
+    path = local_copy(f"{found.results}/{name}", parts)
+    if path is None:
+        raise unknown_craft()
+    response = file_response(path, name)
+    response.headers["Rotorid-Analysis"] = found.analysis
+    return response
+
+
+def unknown_craft() -> ProblemError:
+    """Make the answer where there is no such craft, flight or note, or it is another's."""
+    return ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no craft, flight or note of this id."))

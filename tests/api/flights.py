@@ -1,0 +1,76 @@
+"""Logs of a few words whose analysis hands a flight over to its craft, in place of the pipeline."""
+
+import dataclasses
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from api import flown
+from api.worker import Progress, Task
+from logparse.serialization import as_json
+from pipeline.results.answer import AnswerLine, Tone
+from pipeline.results.entry import FlightParameter
+from pipeline.results.report import FleetReport, FlightReport
+from tests.pipeline.builders import flown as made_entry
+from tests.reports.made import made
+
+#: When the first of these flights took off.
+START = datetime(2025, 6, 1, 8, tzinfo=UTC)
+
+#: What such an analysis needs of the tests.
+PRELOAD = ("tests.api.flights",)
+
+
+def log(day: float, thrust: float = 8.5, craft: str = "octa", word: str = "yes", **facts: object) -> bytes:
+    """Write a log: a flight on a day, with what it says of its thrust, and whether it was healthy."""
+    return json.dumps({"day": day, "thrust": thrust, "craft": craft, "word": word, **facts}).encode()
+
+
+def analyze(task: Task, progress: Progress) -> None:
+    """Hand flights over, or fit those of a craft jointly, as the files say."""
+    progress("parsing", 0.0)
+    if task.members:
+        _join(task)
+        return
+    entries, reports = [], []
+    for path, name in task.logs:
+        content = path.read_bytes()
+        facts = json.loads(content)
+        start = None if facts["day"] is None else START + timedelta(days=facts["day"])
+        entry = made_entry(Path(name).stem, start=start, craft=facts["craft"], sha256=flown_digest(content))
+        row = FlightParameter(
+            parameter="thrust over mass", method="rigid body", value=facts["thrust"], sigma=0.03, unit="m/s^2"
+        )
+        entries.append(dataclasses.replace(entry, parameters=(row,), build={"frame class": facts["craft"]}))
+        tone = Tone.GOOD if facts["word"] == "yes" else Tone.BAD
+        line = AnswerLine(purpose="Healthy", word=facts["word"], tone=tone, text="No event.")
+        trust = facts.get("trust", "no")
+        model = {"verdict": {"trust": trust}}
+        reports.append((Path(name).stem, {"lines": [line]}, model))
+        place = task.folder / f"experiments/motors/vehicle={entry.vehicle}/flight={entry.folder}/part.parquet"
+        place.parent.mkdir(parents=True)
+        place.write_bytes(b"PAR1" + content)
+    name, answer, model = reports[0]
+    report = made(FlightReport, name=name, answer={"lines": answer["lines"]}, models=[model])
+    (task.folder / "report.json").write_text(as_json(report))
+    (task.folder / "report.html").write_text("<!doctype html><title>report</title>")
+    (task.folder / "models.json").write_text(json.dumps({"of": name}))
+    flown.write_flown(entries, task.folder)
+
+
+def flown_digest(content: bytes) -> str:
+    """Return the digest of a log."""
+    import hashlib
+
+    return hashlib.sha256(content).hexdigest()
+
+
+def _join(task: Task) -> None:
+    for member in task.members:
+        assert {kind: file.read_bytes()[:4] for kind, file in member.experiments.items()} == {"motors": b"PAR1"}
+    names = [member.name for member in task.members]
+    report = made(FleetReport, groups=[{"models": [{"verdict": {"trust": "yes"}}], "training": names}])
+    (task.folder / "report.json").write_text(as_json(report))
+    (task.folder / "report.html").write_text("<!doctype html><title>joint</title>")
+    (task.folder / "models.json").write_text(json.dumps({"joint": names}))
+    (task.folder / "sitl_frame.json").write_text(json.dumps({"mass": 4.3}))

@@ -1,0 +1,222 @@
+"""Craft: every upload finds its own, the owner puts right what a fingerprint got wrong, models follow the flights."""
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import httpx
+import pytest
+
+from api import Settings, create_app
+from api.settings import Access
+from tests.api import flights
+from tests.api.conftest import running
+from tests.api.programs import PATIENCE
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[httpx.Client]:
+    settings = Settings(data=tmp_path, workers=2)
+    with running(create_app(settings, flights.analyze, preload=flights.PRELOAD)) as client:
+        yield client
+
+
+def fly(client: httpx.Client, name: str, content: bytes) -> str:
+    """Upload a log, wait for its analysis and return the log's id."""
+    answer = client.post("/api/v1/logs", params={"analyze": True}, files={"file": (name, content)})
+    assert answer.status_code == 201, answer.text
+    return str(answer.json()["logs"][0]["id"])
+
+
+def wait(question: Callable[[], Any]) -> Any:
+    """Ask until the answer is true."""
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        if answer := question():
+            return answer
+        time.sleep(0.1)
+    raise AssertionError("it does not come to hold")
+
+
+def only_craft(client: httpx.Client) -> dict[str, Any]:
+    (craft,) = client.get("/api/v1/crafts").json()["items"]
+    return dict(craft)
+
+
+def settled(client: httpx.Client, craft_id: str) -> dict[str, Any]:
+    """Wait until a craft has been looked at and no joint fit of it waits."""
+
+    def look() -> dict[str, Any] | None:
+        craft: dict[str, Any] = client.get(f"/api/v1/crafts/{craft_id}").json()
+        return craft if craft["current"] and craft["joint"]["waiting"] is None else None
+
+    return dict(wait(look))
+
+
+def test_uploads_find_their_craft_and_joint_models_follow(service: httpx.Client) -> None:
+    assert service.get("/api/v1/crafts").json()["items"] == []
+    logs = [fly(service, f"flight{day}.bin", flights.log(day)) for day in (1, 0, 2)]  # out of order
+    fly(service, "other.bin", flights.log(5, craft="quad"))
+    fly(service, "again.bin", flights.log(1))  # the same bytes
+    listed = {each["flights"]: each for each in service.get("/api/v1/crafts").json()["items"]}
+    assert sorted(listed) == [1, 3]
+    craft = settled(service, listed[3]["id"])
+    assert craft["review"]["flights"] == ["flight0", "flight1", "flight2"]
+    assert (craft["health"], craft["tone"], craft["alerts"]) == ("yes", "good", 0)
+    assert craft["joint"]["flights"] == ["flight0", "flight1", "flight2"]
+    assert craft["joint"]["next_at"] == 5
+    model = service.get(f"/api/v1/crafts/{craft['id']}/model").json()
+    assert (model["trust"], model["joint"], model["analysis"]) == ("yes", True, craft["joint"]["analysis"])
+    answer = service.get(model["files"]["sitl_frame.json"])
+    assert (answer.json(), answer.headers["Rotorid-Analysis"]) == ({"mass": 4.3}, model["analysis"])
+    names = [each["name"] for each in service.get(f"/api/v1/crafts/{craft['id']}/flights").json()]
+    assert names == ["flight2", "flight1", "flight0"]
+    # A fourth flight enters the means, and leaves the joint models as they are.
+    fly(service, "flight3.bin", flights.log(3))
+    later = settled(service, craft["id"])
+    assert later["joint"]["analysis"] == craft["joint"]["analysis"]
+    assert len(later["review"]["drift"]["parameters"][0]["flights"]) == 4
+    # A deleted log is in no joint model: they are made anew, and say so meanwhile.
+    assert service.delete(f"/api/v1/logs/{logs[1]}").status_code == 204
+    lost = service.get(f"/api/v1/crafts/{craft['id']}").json()["joint"]
+    assert lost["analysis"] is None
+    assert lost["lost"] in ("they held flight0, which was deleted", "")
+    anew = wait(lambda: (j := settled(service, craft["id"])["joint"])["analysis"] and j)
+    assert anew["flights"] == ["flight1", "flight2", "flight3"]
+    assert anew["analysis"] != craft["joint"]["analysis"]
+
+
+def test_a_change_is_an_alert_once_in_list_feed_and_page(service: httpx.Client) -> None:
+    for day in range(14):
+        fly(service, f"flight{day:02d}.bin", flights.log(day, 8.5 + 0.01 * (day % 3) - (1.5 if day > 7 else 0.0)))
+    craft = settled(service, only_craft(service)["id"])
+    alerts = service.get("/api/v1/alerts").json()["items"]
+    assert {alert["kind"] for alert in alerts} <= {"parameter-changed", "parameter-outside"}
+    assert [each["kind"] for each in alerts].count("parameter-changed") == 1
+    feed = service.post("/api/v1/alerts/feed").json()["url"]
+    root = ElementTree.fromstring(service.get(feed).content)
+    atom = "{http://www.w3.org/2005/Atom}"
+    assert len(root.findall(f"{atom}entry")) == len(alerts)
+    assert service.get("/feeds/wrong.atom").status_code == 404
+    assert service.post("/api/v1/alerts/feed").json()["url"] != feed
+    assert service.get(feed).status_code == 404
+    page = service.get(f"/crafts/{craft['id']}")
+    assert page.status_code == 200
+    assert "alert" in page.text
+    # New propellers explain it: the flights since then are a craft of their own, so to say.
+    note = {"text": "new <b>propellers</b>", "at": "2025-06-08T20:00:00Z", "boundary": True}
+    assert service.post(f"/api/v1/crafts/{craft['id']}/notes", json=note).status_code == 201
+    parted = settled(service, craft["id"])
+    assert len(parted["review"]["pooled"]) == 6
+    (since,) = parted["review"]["since"]
+    assert since["significant"]
+    assert since["difference"] == pytest.approx(-1.5, abs=0.05)
+    drawn = service.get(f"/crafts/{craft['id']}/report")
+    assert drawn.status_code == 200, drawn.text
+    assert "new &lt;b&gt;propellers&lt;/b&gt;" in drawn.text
+    assert "sandbox" in drawn.headers["Content-Security-Policy"]
+
+
+def test_an_unhealthy_flight_is_an_alert(service: httpx.Client) -> None:
+    fly(service, "crash.bin", flights.log(0, word="no"))
+    craft = settled(service, only_craft(service)["id"])
+    assert [each["kind"] for each in craft["recent"]] == ["flight-unhealthy"]
+
+
+def test_a_board_that_was_moved_is_split_and_merged_by_its_owner(service: httpx.Client) -> None:
+    for day in range(4):
+        fly(service, f"flight{day}.bin", flights.log(day))
+    craft = only_craft(service)
+    found = service.get(f"/api/v1/crafts/{craft['id']}/flights").json()
+    theirs = [each["id"] for each in found if each["name"] in ("flight2", "flight3")]
+    moved = service.post("/api/v1/crafts/flights/move", json={"flights": theirs, "later": True}).json()
+    assert moved["flights"] == 2
+    assert moved["id"] != craft["id"]
+    fly(service, "flight4.bin", flights.log(4))  # goes where flights like it go now
+    assert service.get(f"/api/v1/crafts/{moved['id']}").json()["flights"] == 3
+    # Analysed again, a flight stays where its owner put it.
+    log = next(each["log"] for each in found if each["name"] == "flight0")
+    assert service.post("/api/v1/analyses", json={"logs": [log]}).status_code == 202
+    settled(service, craft["id"])
+    assert service.get(f"/api/v1/crafts/{craft['id']}").json()["flights"] == 2
+    named = service.put(f"/api/v1/crafts/{moved['id']}", json={"name": "Octo  2"}).json()
+    assert named["name"] == "Octo 2"
+    whole = service.post(f"/api/v1/crafts/{craft['id']}/merge", json={"craft": moved["id"]}).json()
+    assert (whole["flights"], whole["name"]) == (5, "Octo 2")
+    assert service.get(f"/api/v1/crafts/{moved['id']}").status_code == 404
+    merged = service.post(f"/api/v1/crafts/{craft['id']}/merge", json={"craft": craft["id"]})
+    assert merged.status_code == 404
+
+
+def test_clocks_of_1980_and_none(service: httpx.Client) -> None:
+    fly(service, "a.bin", flights.log(0))
+    fly(service, "b.bin", flights.log(-16600))  # January 1980
+    fly(service, "c.bin", flights.log(None))  # type: ignore[arg-type]
+    craft = settled(service, only_craft(service)["id"])
+    assert craft["review"]["flights"] == ["a", "b", "c"]
+    assert "the clock of b, c was not set" in craft["review"]["remarks"][0]
+    assert service.get(f"/crafts/{craft['id']}").status_code == 200
+
+
+def test_names_of_flights_are_told_apart(service: httpx.Client) -> None:
+    for day in range(3):
+        fly(service, "00000012.BIN", flights.log(day))
+    names = [each["name"] for each in service.get(f"{only_craft(service)['links']['flights']}").json()]
+    assert sorted(names) == ["00000012", "00000012 (2)", "00000012 (3)"]
+
+
+def test_another_owner_sees_and_touches_nothing(tmp_path: Path) -> None:
+    app = create_app(Settings(data=tmp_path, workers=1, access=Access.TOKENS), flights.analyze, preload=flights.PRELOAD)
+    ann, bob = (app.state.parts.tokens.create(name) for name in ("ann", "bob"))
+    with running(app) as client:
+        client.headers["Authorization"] = f"Bearer {ann}"
+        fly(client, "a.bin", flights.log(0))
+        craft = only_craft(client)
+        (flight,) = client.get(craft["links"]["flights"]).json()
+        client.headers["Authorization"] = f"Bearer {bob}"
+        assert client.get("/api/v1/crafts").json()["items"] == []
+        here = f"/api/v1/crafts/{craft['id']}"
+        for method, address, body in [
+            ("GET", here, None),
+            ("GET", f"{here}/flights", None),
+            ("GET", f"{here}/model", None),
+            ("GET", f"{here}/model/models.json?trust=limited", None),
+            ("PUT", here, {"name": "mine"}),
+            ("POST", f"{here}/merge", {"craft": craft["id"]}),
+            ("POST", f"{here}/notes", {"text": "mine"}),
+            ("DELETE", f"{here}/notes/{craft['id']}", None),
+            ("POST", "/api/v1/crafts/flights/move", {"flights": [flight["id"]]}),
+            ("GET", f"/crafts/{craft['id']}", None),
+            ("GET", f"/crafts/{craft['id']}/report", None),
+        ]:
+            assert client.request(method, address, json=body).status_code == 404, address
+        fly(client, "b.bin", flights.log(0))
+        assert only_craft(client)["id"] != craft["id"]
+
+
+def test_forms_work_without_scripts(service: httpx.Client) -> None:
+    for day in range(2):
+        fly(service, f"flight{day}.bin", flights.log(day))
+    craft = only_craft(service)
+    here = f"/crafts/{craft['id']}"
+    (flight, _) = service.get(craft["links"]["flights"]).json()
+    for address, fields in [
+        ("name", {"name": "Ours"}),
+        ("notes", {"text": "new ESC", "day": "2025-06-01 20:00", "boundary": "true"}),
+    ]:
+        answer = service.post(f"{here}/{address}", data=fields)
+        assert (answer.status_code, answer.headers["Location"]) == (303, here)
+    assert service.post(f"{here}/notes", data={"text": "x", "day": "someday"}).status_code == 422
+    text = service.get(here).text
+    assert "Ours" in text
+    assert "new ESC" in text
+    (note,) = service.get(f"/api/v1{here}").json()["notes"]
+    assert service.post(f"{here}/notes/{note['id']}/delete").status_code == 303
+    moved = service.post(f"{here}/move", data={"flights": flight["id"]})
+    assert moved.status_code == 303
+    assert moved.headers["Location"] != here
+    assert service.post(f"{moved.headers['Location']}/merge", data={"craft": craft["id"]}).status_code == 303
+    assert only_craft(service)["flights"] == 2
+    assert "Ours" in service.get("/crafts").text
