@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 Schema = Mapping[str, Any]
 
 #: Kinds of operations in the order in which one needs them.
-_KINDS = ("logs", "analyses", "sharing", "operation")
+_KINDS = ("logs", "analyses", "craft", "alerts", "questions", "sharing", "operation")
 
 #: How deep an example goes into schemas within schemas.
 _DEPTH = 6

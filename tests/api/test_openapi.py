@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
 from api import Settings, create_app
-from tests.api import standins
+from tests.api import flights
 from tests.api.conftest import running
 from tests.api.programs import PATIENCE
 
@@ -19,9 +19,9 @@ Upload = Callable[..., httpx.Response]
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
-    """Run a service in which there is a finished analysis, a shared one and a failed one."""
+    """Run a service in which there is a craft with a flight, whose analysis is done and shared."""
     chosen = Settings(data=tmp_path_factory.mktemp("data"), upload_rate="", workers=1)
-    with running(create_app(chosen, standins.analyze, preload=())) as client:
+    with running(create_app(chosen, flights.analyze, preload=flights.PRELOAD)) as client:
         yield client
 
 
@@ -59,7 +59,10 @@ def test_nothing_breaks_and_everything_is_as_documented(
     service: httpx.Client, document: dict[str, Any], upload: Upload
 ) -> None:
     """Requests made of the document, valid and not, by hypothesis; the same ones each time."""
-    done = upload(service, b"good log").json()
+    done = upload(service, flights.log(0, trust="yes")).json()
+    (craft,) = service.get("/api/v1/crafts").json()["items"]
+    note = service.post(f"{craft['links']['self']}/notes", json={"text": "new ESC"}).json()
+    hook = service.post("/api/v1/hooks", json={"url": "https://ops.example.org/"}).json()
     shared = service.post(f"/api/v1/analyses/{done['id']}/shares").json()["api"].rpartition("/")[2]
     known = {
         "log_id": done["log"]["id"],
@@ -67,6 +70,9 @@ def test_nothing_breaks_and_everything_is_as_documented(
         "secret": shared,
         "name": "report.json",
         "message": "IMU",
+        "craft_id": craft["id"],
+        "note_id": note["id"],
+        "hook_id": hook["id"],
     }
     schema = schemathesis.openapi.from_dict(document)
     schema.config.update(base_url=str(service.base_url))
