@@ -231,6 +231,19 @@ class FlightLog(Summarised):
             )
         return {name: value for name, value in found.items() if math.isfinite(value)}
 
+    @property
+    def parameters_flown(self) -> Mapping[str, float]:
+        """Parameters as they were when `flight` ended: what was set after it belongs to flights to come."""
+        flight = self.flight
+        if flight is None or "PARM" not in self.messages:
+            return self.parameters
+        rows = self.messages["PARM"]
+        later = rows.index.to_numpy(np.float64) > flight.stop
+        if not later.any():
+            return self.parameters
+        before = _last_values(rows[~later], "Name", "Value")
+        return dict(self.parameters) | {name: value for name, value in before.items() if math.isfinite(value)}
+
     @cached_property
     def vehicle(self) -> "Vehicle":
         """The craft as the log describes it."""
@@ -261,6 +274,18 @@ class FlightLog(Summarised):
         if self._shown is not None:
             return self.flights[self._shown]
         return max(self.flights, key=lambda flight: flight.stop - flight.start, default=None)
+
+    @property
+    def of_one_flight(self) -> bool:
+        """Whether `of_flight` chose the flight, so that nothing of others is asked for."""
+        return self._shown is not None
+
+    @property
+    def name(self) -> str:
+        """Name of the file, with the number of the flight where `of_flight` chose one of several."""
+        if self._shown is None or len(self.flights) == 1 or len(self.boots) > 1:
+            return self.path.name
+        return f"{self.path.name}#{self._shown + 1}"
 
     def of_boot(self, boot: Boot) -> Self:
         """Return another power-up of the same file."""

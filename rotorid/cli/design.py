@@ -6,10 +6,11 @@ from typing import Annotated
 import typer
 
 from rotorid.cli.exits import OK, SOME_FAILED
+from rotorid.cli.options import existing_log, open_log
 
 
 def design(
-    log: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A log of the craft.")],
+    log: Annotated[Path, typer.Argument(callback=existing_log, help="A log of the craft; LOG#2: its second flight.")],
     purpose: Annotated[str, typer.Option("--for", help="rates, drag, inertia, thrust or position.")] = "rates",
     out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("design"),
     lean: Annotated[float, typer.Option(min=2.0, max=25.0, help="Largest lean, deg.")] = 15.0,
@@ -22,12 +23,11 @@ def design(
 
     Example: rotorid design FLIGHT.bin --for rates --out next
     """
-    from logparse import read_log
     from rotorid.cli.output import prepare
     from sysid.loops.chirps import Limits
     from sysid.loops.design import design as plan
 
-    result = plan(read_log(log), purpose, Limits(lean_deg=lean, height_m=height))
+    result = plan(open_log(log), purpose, Limits(lean_deg=lean, height_m=height))
     if result.refused is not None:
         typer.echo(f"nothing is designed: {result.refused}")
         raise typer.Exit(SOME_FAILED)

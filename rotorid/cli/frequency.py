@@ -6,12 +6,14 @@ from typing import Annotated
 import typer
 
 from rotorid.cli.exits import SOME_FAILED
+from rotorid.cli.options import existing_log, open_log
 from rotorid.cli.output import prepare
 
 
 def frequency(
     logs: Annotated[
-        list[Path], typer.Argument(exists=True, dir_okay=False, help="Flights of one craft at one tuning; summed.")
+        list[Path],
+        typer.Argument(callback=existing_log, help="Flights of one craft at one tuning, summed; LOG#2: LOG's second."),
     ],
     axis: Annotated[
         list[str] | None, typer.Option(help="roll, pitch, yaw or vertical; may be repeated. Default: all.")
@@ -25,7 +27,6 @@ def frequency(
 
     Example: rotorid frequency chirps.bin sticks.bin --axis roll --out frequency
     """
-    import logparse
     from logparse.serialization import as_json as strict_json
     from pipeline.errors import ConfigError
     from pipeline.execution.progress import shown
@@ -42,7 +43,7 @@ def frequency(
     prepare(out)
     with shown() as progress:
         progress("reading", 0.0)
-        flights = [logparse.read_log(path) for path in logs]
+        flights = [open_log(path) for path in logs]
         progress("estimating", 0.3)
         found = survey(flights, wanted)
     (out / "frequency.html").write_text(frequency_page(found), encoding="utf-8")

@@ -1,8 +1,18 @@
-"""Options that several commands share."""
+"""Options that several commands share, and logs as they are named on the command line."""
 
-from typing import Annotated
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from logparse import FlightLog
+
+#: Number of a flight behind the name of a file: FLIGHT.bin#2.
+_NUMBERED = re.compile(r"(.+)#(\d+)")
 
 #: Which power-up of a log with several; shared by the commands that look into one log.
 Boot = Annotated[
@@ -16,3 +26,55 @@ Boot = Annotated[
 def power_up(boot: int | None) -> int | None:
     """Index of a power-up that the user counts from 1."""
     return None if boot is None else boot - 1
+
+
+def _parted(name: Path) -> tuple[Path, int | None]:
+    """Part a file and the number of one of its flights; a file whose own name ends so is that file."""
+    numbered = _NUMBERED.fullmatch(str(name))
+    if numbered is None or name.exists():
+        return name, None
+    return Path(numbered[1]), int(numbered[2])
+
+
+def existing_log(given: Path | list[Path] | None) -> Path | list[Path] | None:
+    """Check that logs on the command line are files, with or without the number of a flight.
+
+    Raises
+    ------
+    BadParameter
+        For one that is not.
+    """
+    for name in given if isinstance(given, list) else [given] if given is not None else []:
+        file, _ = _parted(name)
+        if not file.is_file():
+            raise typer.BadParameter(f"File '{file}' does not exist." if not file.exists() else f"'{file}' is no file.")
+    return given
+
+
+def open_log(name: Path, boot: int | None = None) -> FlightLog:
+    """Read a log from the command line, or one of its flights: FLIGHT.bin#2 is the second of all its power-ups.
+
+    Without a number the longest flight counts; that there are others is said on the standard error.
+
+    Raises
+    ------
+    LogError
+        For an unreadable file, or one with fewer flights.
+    """
+    from logparse import LogError, read_flights, read_log
+
+    file, number = _parted(name)
+    if number is None:
+        log = read_log(file, power_up(boot))
+        if len(log.flights) > 1 and log.flight is not None:
+            longest = log.flights.index(log.flight) + 1
+            typer.echo(
+                f"{file.name} holds {len(log.flights)} flights; the longest, {file.name}#{longest}, is looked at",
+                err=True,
+            )
+        return log
+    flights = read_flights(file)
+    if flights[0].flight is None or not 1 <= number <= len(flights):
+        count = 0 if flights[0].flight is None else len(flights)
+        raise LogError(f"{file.name} holds {count} flight{'' if count == 1 else 's'}, not {number}")
+    return flights[number - 1]

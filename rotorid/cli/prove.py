@@ -6,11 +6,14 @@ from typing import Annotated
 import typer
 
 from rotorid.cli.exits import OK, SOME_FAILED
+from rotorid.cli.options import existing_log, open_log
 
 
 def prove(
-    before: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="Log of before the change of gains.")],
-    after: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="Log of after it, with chirps again.")],
+    before: Annotated[
+        Path, typer.Argument(callback=existing_log, help="Log of before the change of gains; LOG#2: its second flight.")
+    ],
+    after: Annotated[Path, typer.Argument(callback=existing_log, help="Log of after it, with chirps again.")],
     as_json: Annotated[bool, typer.Option("--json", help="Write the numbers as JSON to stdout.")] = False,
 ) -> None:
     """Compare predicted with measured margins, bandwidth and responses after a change of gains.
@@ -20,14 +23,13 @@ def prove(
 
     Example: rotorid prove before.bin after.bin
     """
-    from logparse import read_log
     from logparse.quantity import uncertain
     from logparse.serialization import as_json as strict_json
     from reports.loops_report import proof_report
     from sysid.loops.proof import WANTED, WORSE
     from sysid.loops.proof import prove as compare
 
-    proof = compare(read_log(before), read_log(after))
+    proof = compare(open_log(before), open_log(after))
     if as_json:
         typer.echo(strict_json(proof_report(proof)), nl=False)
     elif proof.refused is not None:

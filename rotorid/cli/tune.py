@@ -6,12 +6,15 @@ from typing import Annotated
 import typer
 
 from rotorid.cli.exits import OK, SOME_FAILED
+from rotorid.cli.options import existing_log, open_log
 
 
 def tune(
     logs: Annotated[
         list[Path],
-        typer.Argument(exists=True, dir_okay=False, help="Flights of one craft with chirps of mode SYSTEMID."),
+        typer.Argument(
+            callback=existing_log, help="Flights of one craft with chirps of mode SYSTEMID; LOG#2 is the second of LOG."
+        ),
     ],
     aim: Annotated[
         str, typer.Option(help="rejection (of disturbances), quiet (actuators), or margins (wide).")
@@ -29,7 +32,6 @@ def tune(
 
     Example: rotorid tune FLIGHT.bin --out tuning
     """
-    from logparse import read_log
     from logparse.serialization import as_json as strict_json
     from reports.loops_page import loops_page
     from reports.loops_report import tuning_report
@@ -38,7 +40,7 @@ def tune(
 
     if out is not None:
         prepare(out)
-    result = propose([read_log(log) for log in logs], aim)
+    result = propose([open_log(log) for log in logs], aim)
     text = strict_json(tuning_report(result))
     if out is not None:
         (out / "tuning.json").write_text(text, encoding="utf-8")

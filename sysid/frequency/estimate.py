@@ -76,7 +76,7 @@ def response(data: Data | Sequence[Data], axis: str, within: Within | None = Non
     records = records_of(data, which, findings, within)
     sources = [data] if isinstance(data, FlightLog | Experiment) else list(data)
     logs = [source for source in sources if isinstance(source, FlightLog)]
-    filters = {log.parameters.get("INS_GYRO_FILTER") for log in logs}
+    filters = {log.parameters_flown.get("INS_GYRO_FILTER") for log in logs}
     gyro = filters.pop() if len(filters) == 1 and which.attitude else None
     if len(filters) > 1 and which.attitude:
         findings.append(

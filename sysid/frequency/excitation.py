@@ -52,12 +52,14 @@ class Chirp:
 def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ...]:
     """Find the runs of SYSTEMID mode in a log, or of those within a stretch of time [s] of it, in order.
 
-    A run ends where its clock (SIDD.Time) starts again, where the axis changes, or where SIDD pauses. Without SIDS the
+    Of a log whose flight was chosen (`FlightLog.of_flight`) only those of this flight are found. A run ends where its clock (SIDD.Time) starts again, where the axis changes, or where SIDD pauses. Without SIDS the
     parameter SID_AXIS tells the axis.
     """
     table = log.tables.systemid
     if table is None or len(table) < 8:
         return ()
+    if within is None and log.of_one_flight and log.flight is not None:
+        within = log.flight.start, log.flight.stop
     t = table.index.to_numpy(np.float64)
     elapsed = table["elapsed"].to_numpy(np.float64)
     axis = table["axis"].to_numpy(np.float64)

@@ -63,7 +63,7 @@ def survey(
         For an axis that does not exist.
     """
     given = [logs] if isinstance(logs, FlightLog) else list(logs)
-    return FrequencySurvey(tuple(log.path.name for log in given), tuple(_axis(given, axis, within) for axis in axes))
+    return FrequencySurvey(tuple(log.name for log in given), tuple(_axis(given, axis, within) for axis in axes))
 
 
 def _axis(logs: list[FlightLog], axis: str, within: Within | None) -> AxisSurvey:

@@ -87,9 +87,14 @@ def no_one_loop(log: FlightLog) -> str | None:
         return f"{name}: AutoTune ran in this log, so that gains changed within it; fly again with the gains it saved"
     changed = _changed_in_flight(log)
     if changed:
+        advice = (
+            f"give one flight at a time, as {name}#1"
+            if len(log.flights) > 1 and not log.of_one_flight
+            else "fly again without changing gains or filters in the air"
+        )
         return (
-            f"{name}: {', '.join(changed[:4])}{' ...' if len(changed) > 4 else ''} changed in flight, so that it has "
-            "no one loop; fly again without changing gains or filters in the air"
+            f"{name}: {', '.join(changed[:4])}{' ...' if len(changed) > 4 else ''} changed in flight or between its "
+            f"flights, so that it has no one loop; {advice}"
         )
     return None
 
@@ -104,13 +109,15 @@ def _autotuned(log: FlightLog) -> bool:
 
 
 def _changed_in_flight(log: FlightLog) -> list[str]:
-    """Return parameters of the loops that take another value after take-off."""
+    """Return parameters of the loops that take another value after take-off, or between chirps that count."""
     if "PARM" not in log.messages or log.flight is None:
         return []
     rows = log.messages["PARM"]
     if not {"Name", "Value"} <= set(rows.columns):
         return []
-    start, stop = log.flight.start, log.flight.stop
+    chirps = [chirp for chirp in find_chirps(log) if chirp.at_mixer]
+    start = min([log.flight.start, *(chirp.start for chirp in chirps)])
+    stop = max([log.flight.stop, *(chirp.stop for chirp in chirps)])
     before: dict[str, float] = {}
     changed = []
     for t, name, value in zip(rows.index, rows["Name"].astype(str), rows["Value"].to_numpy(np.float64), strict=True):

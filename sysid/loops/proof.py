@@ -82,7 +82,7 @@ def prove(before: FlightLog | Sequence[FlightLog], after: FlightLog | Sequence[F
     """Compare what flights foretell of later ones of the same craft with what those measured."""
     firsts = [before] if isinstance(before, FlightLog) else list(before)
     seconds = [after] if isinstance(after, FlightLog) else list(after)
-    names = tuple(log.path.name for log in firsts), tuple(log.path.name for log in seconds)
+    names = tuple(log.name for log in firsts), tuple(log.name for log in seconds)
     empty = pd.DataFrame(columns=["predicted", "predicted_sigma", "measured", "measured_sigma", "unit"])
 
     def refuse(reason: str) -> Proof:
@@ -226,7 +226,7 @@ def _verdict(table: pd.DataFrame, loops: dict[str, tuple[RateLoop, RateLoop]]) -
 def _other_craft(before: FlightLog, after: FlightLog) -> str | None:
     """Return why two logs are not of one craft."""
     for name in _OF_THE_CRAFT:
-        a, b = before.parameters.get(name), after.parameters.get(name)
+        a, b = before.parameters_flown.get(name), after.parameters_flown.get(name)
         if a is not None and b is not None and a != b:
             return f"{name} is {a:g} in {before.path.name} and {b:g} in {after.path.name}: these are two craft"
     first, second = before.vehicle, after.vehicle
@@ -241,8 +241,9 @@ def _changes(before: FlightLog, after: FlightLog) -> tuple[Changes, Changes]:
     """Return parameters that differ: those of the loops, and others."""
     ours: Changes = {}
     others: Changes = {}
-    for name in sorted(set(before.parameters) & set(after.parameters)):
-        a, b = before.parameters[name], after.parameters[name]
+    first, second = before.parameters_flown, after.parameters_flown
+    for name in sorted(set(first) & set(second)):
+        a, b = first[name], second[name]
         if a == b:
             continue
         if name.startswith(("ATC_RAT_", "ATC_ANG_", "INS_GYRO_FILTER", "INS_HNT")):

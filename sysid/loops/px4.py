@@ -104,7 +104,7 @@ def read_px4(log: FlightLog, axis: str) -> Px4Settings:
         For another version, or where parameters are missing.
     """
     check_version(log)
-    parameters, name = log.parameters, axis.upper()
+    parameters, name = log.parameters_flown, axis.upper()
     wanted = [f"MC_{name}RATE_{term}" for term in ("P", "I", "D")] + [f"MC_{name}_P", "IMU_GYRO_CUTOFF"]
     missing = [each for each in wanted if each not in parameters]
     if missing:

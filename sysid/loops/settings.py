@@ -124,7 +124,7 @@ def read_copter(log: FlightLog, axis: str) -> LoopSettings:
         For an unknown firmware, or where parameters are missing.
     """
     firmware_version(log)
-    parameters = log.parameters
+    parameters = log.parameters_flown
     letters = AXES[axis]
     wanted = [f"ATC_RAT_{letters}_{name}" for name in _NEEDED]
     wanted += [f"ATC_ANG_{letters}_P", "INS_GYRO_FILTER", "SCHED_LOOP_RATE"]
@@ -162,7 +162,7 @@ def _linear_angle(parameters: Mapping[str, float], axis: str, letters: str) -> f
 
 def _gyro_path(log: FlightLog) -> tuple[GyroPath, tuple[str, ...]]:
     """Read the gyro's filters; harmonic notches at their frequency in hover."""
-    parameters = log.parameters
+    parameters = log.parameters_flown
     rate, remarks = _GYRO_RATE, []
     if "IMU" in log.messages and {"GHz", "I"} & set(log.messages["IMU"].columns) >= {"GHz"}:
         imu = log.messages["IMU"]
@@ -196,7 +196,7 @@ def _gyro_path(log: FlightLog) -> tuple[GyroPath, tuple[str, ...]]:
 
 def _notch_base(log: FlightLog, prefix: str, nominal: float) -> tuple[float, str]:
     """Return the frequency of the first harmonic, Hz: as tracked in flight (FTN, FTN1), else from hover throttle."""
-    parameters = log.parameters
+    parameters = log.parameters_flown
     mode = int(parameters.get(f"{prefix}MODE", 0.0))
     reference = parameters.get(f"{prefix}REF", 0.0)
     name = prefix.rstrip("_")

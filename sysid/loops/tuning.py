@@ -186,7 +186,7 @@ def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") ->
             raise LoopError(f"there is no aim {aim!r}; the aims are {', '.join(AIMS)}")
         aim = AIMS[aim]
     flights = [logs] if isinstance(logs, FlightLog) else list(logs)
-    names = tuple(log.path.name for log in flights)
+    names = tuple(log.name for log in flights)
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
     def refuse(reason: str, axes: tuple[AxisTuning, ...] = ()) -> Tuning:
