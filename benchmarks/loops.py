@@ -18,7 +18,7 @@ from logparse import FlightLog, RotoridError, read_log
 from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, random_axis
 from sysid.frequency import fit
 from sysid.loops import Limits, prove, tune
-from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_MAGNITUDE, design_chirp, first_chirp
+from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp
 from sysid.loops.evidence import two_ways_apart, weak_band
 from sysid.loops.loop import Margins
 from sysid.loops.margins import margins_of
@@ -174,12 +174,12 @@ def _random_craft(count: int = 100) -> list[Row]:
 
 
 def _designs(count: int = 50, flights: int = 2) -> list[Row]:
-    """Fly designed chirps and default ones of equal time twice on each craft: scatter and errors against predictions.
+    """Fly designed chirps and the firmware's of equal time twice on each craft: scatter and errors against predictions.
 
-    The default chirp ends itself where the craft leans 30 deg; its scatter counts at the magnitude that keeps the
-    limits of the design.
+    The scatter of the firmware's counts twice: as flown at 0.05 of the mixer, where it leans and turns some craft
+    beyond the limits of the design and ends itself beyond 30 deg; and for the magnitude that keeps these limits.
     """
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(4)
     limits = Limits()
     bounds = np.array([limits.lean_deg, limits.rate_deg, limits.mixer])
     scatter: dict[str, list[float]] = defaultdict(list)
@@ -193,16 +193,19 @@ def _designs(count: int = 50, flights: int = 2) -> list[Row]:
         first = first_chirp(settings_of(axis, gains), limits)
         air["seconds"] = first.seconds
         band = (first.low, first.high)
-        flight = fly_chirp(axis, gains, seed=100 * tried, magnitude=first.magnitude, band=band, **air)
+        faded = {"fades": (first.fade_in, FADE_OUT)}
+        flight = fly_chirp(axis, gains, seed=100 * tried, magnitude=first.magnitude, band=band, **faded, **air)
         moved = [_motion(flight)]
         chirp = design_chirp(loop_of_flight(flight, axis, gains), limits)
         known, default, leaned = [], [], []
+        faded = {"fades": (chirp.fade_in, FADE_OUT)}
+        plain = {"band": DEFAULT_BAND, "fades": tuple(first.seconds * part for part in DEFAULT_FADES)}
         for seed in range(100 * tried + 1, 100 * tried + 1 + flights):
             band = (chirp.low, chirp.high)
-            flight = fly_chirp(axis, gains, seed=seed, magnitude=chirp.magnitude, band=band, **air)
+            flight = fly_chirp(axis, gains, seed=seed, magnitude=chirp.magnitude, band=band, **faded, **air)
             moved.append(_motion(flight))
             known.append(_gain_and_delay(flight, axis))
-            flight = fly_chirp(axis, gains, seed=seed + 50, magnitude=DEFAULT_MAGNITUDE, band=DEFAULT_BAND, **air)
+            flight = fly_chirp(axis, gains, seed=seed + 50, magnitude=DEFAULT_MAGNITUDE, **plain, **air)
             leaned.append(_motion(flight))
             default.append(_gain_and_delay(flight, axis))
         beyond += bool((np.max(moved, axis=0) > bounds).any())
@@ -219,6 +222,7 @@ def _designs(count: int = 50, flights: int = 2) -> list[Row]:
             scatter[f"{name} random"].append(own / error.random)
             scatter[f"{name} total"] += ((np.array(known)[:, k] - truth[k]) / size[k] / error.total).tolist()
             scatter[f"{name} default"].append(within * other / error.random)
+            scatter[f"{name} plain"].append(np.inf if np.max(leaned, axis=0)[0] > 30.0 else other / error.random)
 
     def rms(values: list[float]) -> float:
         return float(np.sqrt(np.nanmean(np.square(values))))
@@ -241,6 +245,13 @@ def _designs(count: int = 50, flights: int = 2) -> list[Row]:
                 "",
                 "",
                 "2",
+            ),
+            (
+                f"designs: {name}, the same at 0.05 of the mixer whatever its limits, medians",
+                f"{np.median(scatter[f'{name} plain']) / np.nanmedian(scatter[f'{name} random']):.1f}",
+                "",
+                "",
+                "",
             ),
         ]
     return [

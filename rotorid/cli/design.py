@@ -13,7 +13,7 @@ def design(
     log: Annotated[Path, typer.Argument(callback=existing_log, help="A log of the craft; LOG#2: its second flight.")],
     purpose: Annotated[str, typer.Option("--for", help="rates, drag, inertia, thrust or position.")] = "rates",
     out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("design"),
-    lean: Annotated[float, typer.Option(min=2.0, max=25.0, help="Largest lean, deg.")] = 15.0,
+    lean: Annotated[float, typer.Option(min=2.0, max=25.0, help="Largest lean, deg.")] = 20.0,
     height: Annotated[float, typer.Option(min=5.0, max=120.0, help="Height above ground, m.")] = 20.0,
 ) -> None:
     """Write what to fly next: SYSTEMID parameters, a mission or a Lua script, with the errors it will leave.

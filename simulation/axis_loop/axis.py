@@ -102,10 +102,11 @@ class Excitation:
 
     duration: float  #: s.
     #: Start and stop frequency, Hz, and magnitude; magnitude 0: none. The chirp lasts from `chirp_start` on for
-    #: `chirp_seconds`, faded in and out over a second, after two cycles at its start frequency.
+    #: `chirp_seconds`, faded in and out over `chirp_fades`, and sweeps after two cycles at its start frequency.
     chirp: tuple[float, float, float] = (0.5, 40.0, 0.0)
     chirp_start: float = 0.0
     chirp_seconds: float = 20.0
+    chirp_fades: tuple[float, float] = (1.0, 1.0)
     sid_axis: int = 10  #: 10 to 13: at the mixer; 7 to 9: on the rate target.
     stick: float = 0.0  #: Standard deviation of random sticks, rad (or m/s^2), held for 0.4 to 2.5 s each.
     #: Standard deviation of disturbing accelerations, rad/s^2 (or m/s^2), first-order with `gust_hz`.
@@ -210,8 +211,9 @@ def _chirp(t: Floats, excitation: Excitation) -> tuple[Floats, Floats, Floats]:
     sweep = np.clip(elapsed - hold, 0.0, None) / (excitation.chirp_seconds - hold)
     frequency = low * (high / low) ** np.clip(sweep, 0.0, 1.0)
     phase = 2.0 * np.pi * np.cumsum(np.where(during, frequency, 0.0)) / LOOP_HZ
-    fade = np.clip(np.minimum(elapsed, excitation.chirp_seconds - elapsed), 0.0, 1.0)
-    window = 0.5 - 0.5 * np.cos(np.pi * fade)
+    ends = (elapsed, excitation.chirp_seconds - elapsed)
+    faded = [np.clip(time / fade, 0.0, 1.0) for time, fade in zip(ends, excitation.chirp_fades, strict=True)]
+    window = 0.5 - 0.5 * np.cos(np.pi * np.minimum(*faded))
     chirp = np.where(during, magnitude * window * np.sin(phase), 0.0)
     return chirp, np.where(during, frequency, 0.0), np.where(during, elapsed, np.nan)
 

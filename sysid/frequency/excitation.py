@@ -52,8 +52,9 @@ class Chirp:
 def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ...]:
     """Find the runs of SYSTEMID mode in a log, or of those within a stretch of time [s] of it, in order.
 
-    Of a log whose flight was chosen (`FlightLog.of_flight`) only those of this flight are found. A run ends where its clock (SIDD.Time) starts again, where the axis changes, or where SIDD pauses. Without SIDS the
-    parameter SID_AXIS tells the axis.
+    Of a log whose flight was chosen (`FlightLog.of_flight`) only those of this flight are found. A run ends where its
+    clock (SIDD.Time) starts again, where the axis changes, or where SIDD pauses. Without SIDS the parameter SID_AXIS
+    tells the axis.
     """
     table = log.tables.systemid
     if table is None or len(table) < 8:

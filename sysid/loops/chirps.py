@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,31 +21,42 @@ SID_AXIS = {"roll": 10, "pitch": 11, "yaw": 12}
 _BELOW_RATE = 0.4
 
 #: Part of the limits of lean, and of rate and mixer, that a design uses: wind leans the craft, and gusts need the rest.
-_USED_LEAN, _USED = 0.7, 0.85
+_USED_LEAN, _USED = 0.75, 0.85
 
 #: Frequencies at which a chirp may start and stop, in parts of the crossover; the highest beyond which none stops [Hz,
 #: or three times the crossover]: frames bend there, and a fit without their modes errs by more than it gains.
 _STARTS, _STOPS, _RIGID = (0.1, 0.15, 0.2, 0.3, 0.4), (1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0), (8.0, 3.0)
 
+#: Times [s] over which a chirp may fade in. A slow one keeps it small at the frequencies that lean the craft, which
+#: a sweep passes first, and lets it grow towards those that the limits of rate and mixer allow.
+_FADES_IN, FADE_OUT = (1.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0), 1.0
+
+#: Part of its time that a chirp may spend at its start frequency.
+_HELD = 0.3
+
 #: Factor of the least product of both errors up to which a chirp that starts lower is taken.
-_AS_GOOD = 1.5
+_AS_GOOD = 1.3
 
 #: Standard deviation of ln G beyond which a frequency will not be coherent.
 _INCOHERENT = 0.4
 
+#: Time [s] over which the first chirp of a craft fades in.
+_FIRST_FADE = 3.0
+
 #: Peak of the sensitivity that a craft may have before it is known.
 _RESONANCE = 4.0
 
-#: What ArduPilot's documentation suggests, to compare with: band, Hz, and magnitude at the mixer.
-DEFAULT_BAND, DEFAULT_MAGNITUDE = (0.5, 40.0), 0.05
+#: A plain chirp to compare with: the firmware's own SID_F_START_HZ and SID_F_STOP_HZ, Hz, its SID_T_FADE_IN and
+#: SID_T_FADE_OUT in parts of its SID_T_REC, and a magnitude at the mixer (its own, 15, is meant for angles).
+DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE = (0.5, 40.0), (15.0 / 70.0, 2.0 / 70.0), 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """What an experiment may ask of the craft: lean [deg], rates [deg/s], part of the mixer's range, height [m]."""
 
-    lean_deg: float = 15.0
-    rate_deg: float = 120.0
+    lean_deg: float = 20.0
+    rate_deg: float = 150.0
     mixer: float = 0.3
     height_m: float = 20.0
 
@@ -65,11 +77,12 @@ class ChirpDesign:
     """One chirp and what is expected of it."""
 
     axis: str
-    #: SID_F_START_HZ, SID_F_STOP_HZ, SID_MAGNITUDE, SID_T_REC.
+    #: SID_F_START_HZ, SID_F_STOP_HZ, SID_MAGNITUDE, SID_T_REC, SID_T_FADE_IN.
     low: float
     high: float
     magnitude: float
     seconds: float
+    fade_in: float
     errors: tuple[PredictedError, ...]  #: Of the craft's parameters; empty before the first chirp.
     #: Largest that are expected.
     lean_deg: float
@@ -81,13 +94,24 @@ class ChirpDesign:
         return next((error for error in self.errors if error.name == name), None)
 
 
-def chirp_energy(hz: Floats, low: float, high: float, magnitude: float, seconds: float) -> Floats:
-    """Return the energy per Hz of a logarithmic sweep, ``A^2 / (4 f')`` at its speed f'; 0 outside its band.
+def chirp_window(hz: Floats, low: float, high: float, seconds: float, fade_in: float) -> Floats:
+    """Return which part of its magnitude a chirp of SYSTEMID has when it passes a frequency; 0 outside its band.
 
-    SYSTEMID holds the lowest frequency for two cycles of the time of the record before it sweeps.
+    It holds the lowest frequency for two cycles, then sweeps evenly in the logarithm of frequency.
     """
-    sweep = max(seconds - 2.0 / low, 0.5 * seconds)
-    return np.where((hz >= low) & (hz <= high), magnitude**2 * sweep / (4.0 * hz * np.log(high / low)), 0.0)
+    held = 2.0 / low
+    inside = (hz >= low) & (hz <= high)
+    t = held + (seconds - held) * np.log(np.where(inside, hz, low) / low) / np.log(high / low)
+    part = np.clip(np.minimum(t / fade_in, (seconds - t) / FADE_OUT), 0.0, 1.0)
+    return np.where(inside, 0.5 - 0.5 * np.cos(np.pi * part), 0.0)
+
+
+def chirp_energy(
+    hz: Floats, low: float, high: float, magnitude: float, seconds: float, fade_in: float = FADE_OUT
+) -> Floats:
+    """Return the energy per Hz of a logarithmic sweep, ``A^2 / (4 f')`` at its speed f'; 0 outside its band."""
+    passing = (seconds - 2.0 / low) / (hz * np.log(high / low))
+    return 0.25 * passing * (magnitude * chirp_window(hz, low, high, seconds, fade_in)) ** 2
 
 
 def flown_energy(loop: RateLoop) -> Floats:
@@ -175,18 +199,12 @@ def _delay_error(errors: tuple[PredictedError, ...]) -> float:
     return known.get("effective_delay", known.get("delay", np.inf))
 
 
-def expected_motion(loop: RateLoop, low: float, high: float) -> tuple[float, float, float]:
-    """Return the largest lean [rad], rate [rad/s] and mixer input per unit of a chirp, at the worst of the draws."""
-    inside = (loop.hz >= low) & (loop.hz <= high)
+def motion_per_unit(loop: RateLoop) -> Floats:
+    """Return lean [rad], rate [rad/s] and mixer input per unit of a chirp, at the worst of the draws, shape (3, n)."""
     own = loop.with_settings(loop.flown)
-    sensitivity = np.max(1.0 / np.abs(1.0 + own.draws[:, inside]), axis=0)
-    true = np.abs(own.plant.response / own.flown.gyro.response(own.hz))[inside]
-    rate = true * sensitivity
-    return (
-        float(np.max(rate / (2.0 * np.pi * own.hz[inside]))),
-        float(np.max(rate)),
-        float(np.max(sensitivity)),
-    )
+    sensitivity = np.max(1.0 / np.abs(1.0 + own.draws), axis=0)
+    rate = np.abs(own.plant.response / own.flown.gyro.response(own.hz)) * sensitivity
+    return np.stack([rate / (2.0 * np.pi * own.hz), rate, sensitivity])
 
 
 def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> ChirpDesign:
@@ -206,36 +224,35 @@ def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> Chirp
         raise LoopError(f"{loop.axis}: the crossover is not known, so that no chirp can be designed around it")
     found = fit(loop.frf)
     highest = min(_BELOW_RATE / loop.frf.step, loop.hz[-1], max(_RIGID[0], _RIGID[1] * crossover))
+    moved = motion_per_unit(loop)
+    allowed = (_USED_LEAN * np.radians(limits.lean_deg), _USED * np.radians(limits.rate_deg), _USED * limits.mixer)
     found_designs: list[tuple[float, ChirpDesign]] = []
-    for start in _STARTS:
-        for stop in _STOPS:
-            low = float(f"{max(start * crossover, loop.hz[0]):.2g}")
-            high = float(f"{min(stop * crossover, highest):.3g}")
-            if high < 3.0 * low:
-                continue
-            lean, rate, mixer = expected_motion(loop, low, high)
-            largest = min(
-                _USED_LEAN * np.radians(limits.lean_deg) / lean,
-                _USED * np.radians(limits.rate_deg) / rate,
-                _USED * limits.mixer / mixer,
-            )
-            magnitude = float(f"{0.995 * largest:.2g}")
-            magnitude = magnitude if magnitude <= largest else float(f"{0.9 * largest:.2g}")
-            errors = predicted_errors(loop, found, chirp_energy(loop.frf.hz, low, high, magnitude, seconds))
-            if not errors:
-                continue
-            design = ChirpDesign(
-                loop.axis,
-                low,
-                high,
-                magnitude,
-                seconds,
-                errors,
-                float(np.degrees(magnitude * lean)),
-                float(np.degrees(magnitude * rate)),
-                magnitude * mixer,
-            )
-            found_designs.append((errors[0].random * _delay_error(errors), design))
+    for start, stop, fade_in in itertools.product(_STARTS, _STOPS, _FADES_IN):
+        low = float(f"{max(start * crossover, loop.hz[0], 2.0 / (_HELD * seconds)):.2g}")
+        high = float(f"{min(stop * crossover, highest):.3g}")
+        if high < 3.0 * low or fade_in > seconds - FADE_OUT:
+            continue
+        largest_motion = (moved * chirp_window(loop.hz, low, high, seconds, fade_in)).max(axis=1)
+        largest = float(np.min(np.array(allowed) / largest_motion))
+        magnitude = float(f"{0.995 * largest:.2g}")
+        magnitude = magnitude if magnitude <= largest else float(f"{0.9 * largest:.2g}")
+        errors = predicted_errors(loop, found, chirp_energy(loop.frf.hz, low, high, magnitude, seconds, fade_in))
+        if not errors:
+            continue
+        lean, rate, mixer = magnitude * largest_motion
+        design = ChirpDesign(
+            axis=loop.axis,
+            low=low,
+            high=high,
+            magnitude=magnitude,
+            seconds=seconds,
+            fade_in=fade_in,
+            errors=errors,
+            lean_deg=float(np.degrees(lean)),
+            rate_deg=float(np.degrees(rate)),
+            mixer=float(mixer),
+        )
+        found_designs.append((errors[0].random * _delay_error(errors), design))
     if not found_designs:
         raise LoopError(f"{loop.axis}: RATE is logged too seldom for a chirp around {crossover:.1f} Hz")
     least = min(badness for badness, _ in found_designs)
@@ -265,6 +282,7 @@ def first_chirp(settings: LoopSettings, limits: Limits, seconds: float = 20.0) -
         high,
         magnitude,
         seconds,
+        _FIRST_FADE,
         (),
         float(np.degrees(magnitude * lean.max())),
         float(np.degrees(magnitude * rate.max())),

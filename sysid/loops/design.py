@@ -9,6 +9,7 @@ import numpy as np
 from logparse import FlightLog, RotoridError
 from sysid.frequency.fit import fit
 from sysid.loops.chirps import (
+    FADE_OUT,
     SID_AXIS,
     ChirpDesign,
     Limits,
@@ -160,9 +161,9 @@ def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
         "SID_MAGNITUDE": chirp.magnitude,
         "SID_F_START_HZ": chirp.low,
         "SID_F_STOP_HZ": chirp.high,
-        "SID_T_FADE_IN": 3.0,
+        "SID_T_FADE_IN": chirp.fade_in,
         "SID_T_REC": chirp.seconds,
-        "SID_T_FADE_OUT": 1.0,
+        "SID_T_FADE_OUT": FADE_OUT,
         "LOG_BITMASK": float(int(log.parameters.get("LOG_BITMASK", 0.0)) | _LOG_BITS),
     }
     comments = (

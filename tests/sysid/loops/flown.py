@@ -26,10 +26,18 @@ def fly_chirp(
     gust: float = 0.3,
     noise: float = 0.015,
     seconds: float | None = None,
+    fades: tuple[float, float] = (1.0, 1.0),
 ) -> AxisRun:
     """Fly a chirp at the mixer from hover, with gusts [rad/s^2] and noise of the raw gyro [rad/s]."""
     seconds = seconds or 2.0 / band[0] + 21.0
-    shaken = Excitation(duration=seconds, chirp=(*band, magnitude), chirp_seconds=seconds, gust=gust, gyro_noise=noise)
+    shaken = Excitation(
+        duration=seconds,
+        chirp=(*band, magnitude),
+        chirp_seconds=seconds,
+        chirp_fades=fades,
+        gust=gust,
+        gyro_noise=noise,
+    )
     return run_axis(plant, gains, shaken, seed)
 
 

@@ -14,7 +14,9 @@ from sysid.loops import Limits, LoopError, design
 from sysid.loops.chirps import (
     DEFAULT_BAND,
     DEFAULT_MAGNITUDE,
+    FADE_OUT,
     chirp_energy,
+    chirp_window,
     design_chirp,
     first_chirp,
     flown_energy,
@@ -23,7 +25,7 @@ from sysid.loops.chirps import (
 from sysid.loops.missions import drag_errors, drag_legs, thrust_legs, waypoints
 from sysid.loops.multisine import orthogonal_multisines
 from sysid.loops.parameter_file import read_parameter_file
-from tests.sysid.loops.flown import flown_loop, fly_chirp, settings_of
+from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, settings_of
 
 PAIRS = Path(__file__).parents[4] / "shared" / "logs" / "pairs"
 CRAFT = AxisPlant(gain=300.0, damping=1.0, lag=0.02, delay=0.003, filter_hz=30.0)
@@ -44,7 +46,8 @@ def test_a_designed_chirp_keeps_its_limits_and_tells_more_than_the_default():
     limits = Limits()
     loop = flown_loop(CRAFT, GAINS, 1, magnitude=0.03)
     chirp = design_chirp(loop, limits)
-    flight = fly_chirp(CRAFT, GAINS, seed=2, magnitude=chirp.magnitude, band=(chirp.low, chirp.high))
+    fades = chirp.fade_in, FADE_OUT
+    flight = fly_chirp(CRAFT, GAINS, seed=2, magnitude=chirp.magnitude, band=(chirp.low, chirp.high), fades=fades)
     assert np.degrees(np.abs(flight.attitude).max()) < limits.lean_deg
     assert np.degrees(np.abs(flight.measured).max()) < limits.rate_deg
     assert np.abs(flight.output).max() < limits.mixer
@@ -64,6 +67,16 @@ def test_the_energy_of_a_flown_chirp_is_that_of_the_formula():
     assert ratio.max() < 1.5
 
 
+def test_a_chirp_that_fades_in_slowly_has_the_energy_of_its_window():
+    flight = fly_chirp(CRAFT, GAINS, seed=1, magnitude=0.03, band=(0.5, 20.0), fades=(12.0, FADE_OUT), seconds=20.0)
+    loop = loop_of_flight(flight, CRAFT, GAINS)
+    inside = (loop.frf.hz > 2.0) & (loop.frf.hz < 15.0)
+    formula = chirp_energy(loop.frf.hz, 0.5, 20.0, 0.03, 20.0, 12.0)[inside]
+    ratio = flown_energy(loop)[inside] / formula
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.05)
+    assert chirp_window(np.array([0.5, 5.0, 30.0]), 0.5, 20.0, 20.0, 12.0) == pytest.approx([0.25, 1.0, 0.0], abs=0.02)
+
+
 @pytest.mark.slow
 def test_errors_are_those_predicted():
     """Ten flights of one design scatter by 0.5 to 1.8 of what was predicted (ten samples know a scatter to 24 %).
@@ -72,11 +85,11 @@ def test_errors_are_those_predicted():
     """
     loop = flown_loop(CRAFT, GAINS, 1, magnitude=0.03)
     chirp = design_chirp(loop, Limits())
-    band = (chirp.low, chirp.high)
+    shape = {"band": (chirp.low, chirp.high), "fades": (chirp.fade_in, FADE_OUT), "seconds": chirp.seconds}
     delay = CRAFT.lag + CRAFT.total_delay
     gains, delays = [], []
     for seed in range(10):
-        flown = flown_loop(CRAFT, GAINS, 50 + seed, magnitude=chirp.magnitude, band=band, seconds=chirp.seconds)
+        flown = flown_loop(CRAFT, GAINS, 50 + seed, magnitude=chirp.magnitude, **shape)
         found = fit(flown.frf).parameters
         gains.append(found["gain"].value / CRAFT.gain - 1.0)
         delays.append(found["effective_delay"].value - delay)
