@@ -56,6 +56,9 @@ _GUST_HZ = 1.0
 #: Least gain, dB, and phase, deg, that another filter of the gyro may take from an axis whose gains stay.
 _BYSTANDER_GAIN, _BYSTANDER_PHASE = 0.5, 3.0
 
+#: Scores that differ by less are one: the gyro filter is not changed for less.
+_SAME_SCORE = 0.02
+
 #: Candidates whose worst case is computed, best first.
 _CHECKED = 150
 
@@ -65,6 +68,12 @@ _SAME_SPARE = 0.8
 #: Part of the draws beyond the bound of each margin: so few that gain margin, phase margin, peak and rejection hold
 #: together for 95 % of what the data leave possible, and more.
 TAIL = 0.005
+
+#: Factors by which a loop's gain may be raised beyond the measured band, each tried only where the one before leaves no
+#: rejection gained, unless the rigid craft keeps it below `_UNSEEN_SMALL` there: a mode of 3 % damping that carries a
+#: fifth of the acceleration stands 10 dB above that, and 4 dB are left. The band is looked at up to this frequency, Hz,
+#: in so many steps.
+_UNSEEN_RAISED, _UNSEEN_SMALL, _UNSEEN_UP_TO, _UNSEEN_STEPS = (1.12, 1.5, 2.0), 0.2, 150.0, 24
 
 #: Horizontal vibration, m/s^2, above which the gyro filter is not opened.
 _CALM = 10.0
@@ -101,7 +110,15 @@ class AxisTuning:
     tuned: RateLoop | None = None  #: With the proposed values.
     worst: Mapping[str, float] = field(default_factory=dict)  #: Bound of each proposed margin that the 95 % set keeps.
     noise: float | None = None  #: Actuator noise over that of the flown settings.
-    score: float = 0.0  #: What was maximised: more is better, 0 as flown.
+    score: float = -np.inf  #: What was maximised: more is better, 0 as flown.
+    #: Factor by which the gain of the loop rises beyond the measured band where it may count.
+    unseen: float = 1.0
+    wider: bool = False  #: Whether disturbances are rejected up to a higher frequency than as flown.
+
+    @property
+    def gains(self) -> bool:
+        """Return whether the proposal rejects disturbances better than as flown, by bandwidth and by the score."""
+        return self.wider and self.score > 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -211,18 +228,20 @@ def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") ->
     known = all(item.loop is not None and weak_band(item.loop) is None for item in found)
     open_gyro = known and vibration is not None and vibration < _CALM
     options = [f for f in _GYRO if f == 1.0 or (open_gyro and _others_keep(found, loops, f))]
-    best, best_score = None, -np.inf
-    for factor in options:
+    best = {axis: tune_axis(loop, aim) for axis, loop in loops.items()}
+    for factor in options[1:]:
         tuned = {axis: tune_axis(loop, aim, factor) for axis, loop in loops.items()}
-        if any(item.tuned is None for item in tuned.values()) and factor != 1.0:
-            continue
-        score = sum(item.score for item in tuned.values())
-        if best is None or score > best_score + 0.02:
-            best, best_score = tuned, score
-    assert best is not None
+        if all(item.tuned is not None for item in tuned.values()) and _worth(tuned) > _worth(best):
+            best = tuned
     axes = tuple(best.get(item.axis, item) for item in found)
     proposed, rollback = _differences(axes)
     remarks = [remark for item in axes if item.loop is not None for remark in item.loop.flown.remarks]
+    remarks += [
+        f"{item.axis}: above {item.loop.hz[-1]:.0f} Hz, where no chirp looked for modes of the frame, the gain of the "
+        f"loop rises by up to {item.unseen:.1f}; a chirp to a higher SID_F_STOP_HZ, with RATE as fast, would tell"
+        for item in axes
+        if item.loop is not None and item.unseen > _UNSEEN_RAISED[0]
+    ]
     if not open_gyro:
         remarks.append(
             "INS_GYRO_FILTER stays: it serves all axes, so it is changed only where roll, pitch and yaw are identified "
@@ -232,6 +251,17 @@ def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") ->
         reasons = [item.refused or f"{item.axis}: the flown gains are the best that were found" for item in axes]
         return refuse("; ".join(dict.fromkeys(reasons)), axes)
     return Tuning(names, aim, proposed, rollback, None, axes, tuple(dict.fromkeys(remarks)), made)
+
+
+def _worth(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, float]:
+    """Return what one setting of the gyro filter is worth: axes that gain, little raised unseen, the score in steps."""
+    items = tuned.values()
+    return (
+        sum(item.wider for item in items),
+        sum(item.gains for item in items),
+        -max(next((k for k, most in enumerate(_UNSEEN_RAISED) if item.unseen <= most), 9) for item in items),
+        round(sum(item.score for item in items) / _SAME_SCORE),
+    )
 
 
 def _examined(logs: Sequence[FlightLog], axis: str) -> AxisTuning:
@@ -282,8 +312,22 @@ def _vibration(logs: Sequence[FlightLog]) -> float | None:
     return max(levels) if levels and np.all(np.isfinite(levels)) else None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Field:
+    """Candidates of an axis at one setting of the gyro filter, with what needs no draws; all of shape (K,)."""
+
+    bare: LoopSettings
+    values: tuple[Mapping[str, float], ...]
+    nominal: MarginSet
+    gained: Floats  #: Logarithm of the rejection bandwidth over the flown one.
+    score: Floats
+    unseen: Floats  #: Factor by which the gain rises beyond the measured band where it may count.
+
+
 def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim.
+
+    Gains that raise the loop where nothing was measured are tried only where others reject no more than as flown.
 
     Parameters
     ----------
@@ -292,12 +336,22 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     gyro_factor : float
         Of INS_GYRO_FILTER.
     """
+    candidates = _field(loop, gyro_factor)
+    best = _best(loop, aim, candidates, _UNSEEN_RAISED[0])
+    for most in _UNSEEN_RAISED[1:]:
+        if best.gains:
+            break
+        found = _best(loop, aim, candidates, most)
+        if found.tuned is not None and (found.wider, found.score) > (best.wider, best.score):
+            best = found
+    return best
+
+
+def _field(loop: RateLoop, gyro_factor: float) -> _Field:
+    """Lay out the candidates of an axis and compute their nominal margins."""
     flown = loop.flown.controller
     ranges = RANGES[loop.axis]
-    gyro = _gyro_filter(loop, gyro_factor)
-    rows, candidates = [], []
-    reference = loop.with_settings(loop.flown)
-    noise_flown = _actuator_noise(reference)
+    candidates = []
     for p, d, i, fltd in itertools.product(
         _P, _D if flown.D > 0.0 else (1.0,), _I, _FLTD if flown.FLTD > 0.0 else (1.0,)
     ):
@@ -307,35 +361,44 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
             "D": typed(flown.D * d),
             "FLTD": typed(flown.FLTD * fltd),
         }
-        if not all(_within(values[name], getattr(flown, name), ranges[name]) for name in ranges):
-            continue
-        candidates.append(values)
+        if all(_within(values[name], getattr(flown, name), ranges[name]) for name in ranges):
+            candidates.append(values)
     hz = loop.hz[::_EVERY]
-    bare = loop.flown.changed(gyro_filter=gyro)
+    bare = loop.flown.changed(gyro_filter=_gyro_filter(loop, gyro_factor))
     through = (loop.with_settings(bare).gyro_change * loop.plant.response)[::_EVERY]
     true_plant = through / bare.gyro.response(hz)
-    feedbacks = _Feedbacks(bare, hz)
-    gusts = np.empty(len(candidates))
+    feedbacks, beyond = _Feedbacks(bare, hz), _Unseen(loop, bare)
+    rows = []
+    gusts, unseen = np.empty(len(candidates)), np.empty(len(candidates))
     for first in range(0, len(candidates), _AT_ONCE):
-        broken = through * feedbacks.of(candidates[first : first + _AT_ONCE])
+        some = slice(first, first + _AT_ONCE)
+        broken = through * feedbacks.of(candidates[some])
         rows.append(margins_of(hz, broken))
-        gusts[first : first + _AT_ONCE] = _gust_response(hz, true_plant, broken)
+        gusts[some] = _gust_response(hz, true_plant, broken)
+        unseen[some] = beyond.raised(candidates[some])
     nominal = _stack(rows)
-    good = nominal.stable & _keeps(nominal, aim) & np.isfinite(nominal.rejection_hz)
     flown_loop = (loop.with_settings(loop.flown).response)[::_EVERY][None, :]
     flown_rejection = margins_of(hz, flown_loop).rejection_hz[0]
     flown_gust = _gust_response(hz, loop.plant.response[::_EVERY] / loop.flown.gyro.response(hz), flown_loop)[0]
     with np.errstate(invalid="ignore"):
         gained = np.log(nominal.rejection_hz / (flown_rejection if np.isfinite(flown_rejection) else hz[0]))
         score = _BANDWIDTH_WEIGHT * np.minimum(gained, _WANTED_GAIN) - np.log(gusts / flown_gust)
+    return _Field(bare, tuple(candidates), nominal, np.asarray(gained), np.asarray(score), unseen)
+
+
+def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
+    """Return the candidate of the best score that keeps the aim at its worst, or why there is none."""
+    nominal, score = field.nominal, field.score
+    good = (field.unseen <= unseen) & nominal.stable & _keeps(nominal, aim) & np.isfinite(nominal.rejection_hz)
     order = np.flatnonzero(good)[np.argsort(-score[good], kind="stable")]
+    noise_flown = _actuator_noise(loop.with_settings(loop.flown))
     # How far below its nominal margins a candidate's worst case lay: those with less in hand need no look.
     spare = {"gain_db": 0.0, "phase_deg": 0.0, "peak_db": 0.0}
     checked = 0
     for k in order:
         if not _in_hand(nominal, int(k), aim, spare):
             continue
-        tuned = loop.with_settings(bare.changed(**candidates[k]))
+        tuned = loop.with_settings(field.bare.changed(**field.values[k]))
         noise = max(_actuator_noise(tuned) / noise_flown)
         if noise > aim.noise:
             continue
@@ -346,7 +409,17 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
         if bounds is None:
             continue
         if _bounds_keep(bounds, aim):
-            return AxisTuning(loop.axis, None, loop, tuned, bounds, float(noise), float(score[k]))
+            return AxisTuning(
+                axis=loop.axis,
+                refused=None,
+                loop=loop,
+                tuned=tuned,
+                worst=bounds,
+                noise=float(noise),
+                score=float(score[k]),
+                unseen=float(field.unseen[k]),
+                wider=bool(field.gained[k] > 0.0),
+            )
         for name in spare:
             short = abs(bounds[name] - float(getattr(nominal, name)[k]))
             if np.isfinite(short):
@@ -381,6 +454,25 @@ class _Feedbacks:
 
     def _feedback(self, **values: float) -> Complexes:
         return self._settings.changed(**({"P": 0.0, "I": 0.0, "D": 0.0} | values)).feedback(self._hz)
+
+
+class _Unseen:
+    """The loop beyond the measured band, as the rigid craft would continue it: modes of the frame may stand above."""
+
+    def __init__(self, loop: RateLoop, settings: LoopSettings) -> None:
+        end = loop.hz[-1:]
+        self._hz = np.geomspace(end[0], max(_UNSEEN_UP_TO, 1.1 * end[0]), _UNSEEN_STEPS)
+        self._feedbacks = _Feedbacks(settings, self._hz)
+        self._gyro = np.abs(settings.gyro.response(self._hz))
+        self._flown = np.abs(loop.flown.feedback(self._hz) * loop.flown.gyro.response(self._hz))
+        craft = np.abs(loop.plant.response[-1:] / loop.flown.gyro.response(end))
+        self._craft = craft * end / self._hz  # it integrates; lags only lower it
+
+    def raised(self, candidates: Sequence[Mapping[str, float]]) -> Floats:
+        """Return the largest factor by which each raises it where it may count, shape (K,); 1 where nowhere."""
+        gain = np.abs(self._feedbacks.of(candidates)) * self._gyro
+        factor = np.where(gain * self._craft > _UNSEEN_SMALL, gain / self._flown, 1.0)
+        return np.asarray(np.maximum(factor.max(axis=1), 1.0))
 
 
 def _within(value: float, flown: float, span: tuple[float, float]) -> bool:
