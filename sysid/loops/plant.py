@@ -106,13 +106,13 @@ def _local(
     taper = (1.0 - (np.abs(x[near] - at) / reach) ** 3) ** 3
     weight = taper / np.maximum(sigma[near], 0.005) ** 2
     offset = (x[near] - at) / reach
-    basis = np.column_stack([np.ones(int(near.sum())), offset, offset**2])
-    information = (basis * weight[:, None]).T @ basis
-    solved = np.linalg.pinv(information) @ (basis * weight[:, None]).T
+    basis = np.stack([np.ones(len(offset)), offset, offset**2], axis=1)
+    weighted = (basis * weight[:, None]).T
+    solved = np.linalg.solve(weighted @ basis, weighted)
     beta = solved @ y[near]
     scatter = np.abs(y[near] - basis @ beta) ** 2 / 2.0
     spare = max(1.0 - 3.0 / max(float(independent[near].sum()), 4.0), 0.25)
-    variance = np.maximum(sigma[near] ** 2, np.average(scatter, weights=weight) / spare)
+    variance = np.maximum(sigma[near] ** 2, float(scatter @ weight / weight.sum()) / spare)
     # Points closer than the spectral window share their data: their errors do not average out.
     count = max(float(independent[near].sum()) / max(int(near.sum()), 1), 1e-3)
     return complex(beta[0]), float(np.sqrt(np.sum(solved[0] ** 2 * variance) / count)), reach

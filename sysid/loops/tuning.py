@@ -69,11 +69,13 @@ _SAME_SPARE = 0.8
 #: together for 95 % of what the data leave possible, and more.
 TAIL = 0.005
 
+#: Factor by which a mode of 3 % damping that carries a fifth of the acceleration stands above the rigid craft.
+_MODE = 3.2
+
 #: Factors by which a loop's gain may be raised beyond the measured band, each tried only where the one before leaves no
-#: rejection gained, unless the rigid craft keeps it below `_UNSEEN_SMALL` there: a mode of 3 % damping that carries a
-#: fifth of the acceleration stands 10 dB above that, and 4 dB are left. The band is looked at up to this frequency, Hz,
-#: in so many steps.
-_UNSEEN_RAISED, _UNSEEN_SMALL, _UNSEEN_UP_TO, _UNSEEN_STEPS = (1.12, 1.5, 2.0), 0.2, 150.0, 24
+#: rejection gained, unless the rigid craft keeps it below `_UNSEEN_SMALL` there, which leaves a mode 4 dB. The band is
+#: looked at up to this frequency, Hz, in so many steps.
+_UNSEEN_RAISED, _UNSEEN_SMALL, _UNSEEN_UP_TO, _UNSEEN_STEPS = (1.12, 1.5, 2.0), 0.63 / _MODE, 150.0, 24
 
 #: Horizontal vibration, m/s^2, above which the gyro filter is not opened.
 _CALM = 10.0
@@ -347,6 +349,16 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     return best
 
 
+def _promised(tuned: RateLoop, bounds: Mapping[str, float], aim: Aim) -> dict[str, float]:
+    """Return bounds that a mode just beyond the measured band does not break either: of what is kept, not more."""
+    beyond = _MODE * float(np.abs(tuned.response[-1]))
+    promised = dict(bounds)
+    promised["gain_db"] = min(bounds["gain_db"], max(aim.gain_db, -20.0 * np.log10(beyond)))
+    if beyond > 1.0:
+        promised["phase_deg"] = min(bounds["phase_deg"], aim.phase_deg)
+    return promised
+
+
 def _field(loop: RateLoop, gyro_factor: float) -> _Field:
     """Lay out the candidates of an axis and compute their nominal margins."""
     flown = loop.flown.controller
@@ -414,7 +426,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
                 refused=None,
                 loop=loop,
                 tuned=tuned,
-                worst=bounds,
+                worst=_promised(tuned, bounds, aim),
                 noise=float(noise),
                 score=float(score[k]),
                 unseen=float(field.unseen[k]),
