@@ -111,7 +111,7 @@ def chirp_energy(
 ) -> Floats:
     """Return the energy per Hz of a logarithmic sweep, ``A^2 / (4 f')`` at its speed f'; 0 outside its band."""
     passing = (seconds - 2.0 / low) / (hz * np.log(high / low))
-    return 0.25 * passing * (magnitude * chirp_window(hz, low, high, seconds, fade_in)) ** 2
+    return np.asarray(0.25 * passing * (magnitude * chirp_window(hz, low, high, seconds, fade_in)) ** 2, np.float64)
 
 
 def flown_energy(loop: RateLoop) -> Floats:
