@@ -1,5 +1,6 @@
 """What the service keeps and shows: logs and their analyses."""
 
+import math
 from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Annotated, Any, Generic, Self, TypeVar
@@ -7,6 +8,7 @@ from typing import Annotated, Any, Generic, Self, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, computed_field, model_validator
 
 from api.problems import Problem
+from pipeline.config import SETTINGS, AnalysisConfig
 
 
 class Log(BaseModel):
@@ -55,23 +57,25 @@ class State(StrEnum):
         return self in (State.DONE, State.FAILED, State.CANCELLED)
 
 
+def _offered(name: str, example: object = None, max_length: int | None = None) -> Any:
+    """Return the field of a setting of `AnalysisConfig`, in its words and limits."""
+    setting = SETTINGS[name]
+    limits = {"ge": setting.least, "le": setting.most} if math.isfinite(setting.most) else {"max_length": max_length}
+    default = AnalysisConfig.__dataclass_fields__[name].default
+    return Field(default=None, description=setting.help, examples=[example or default], **limits)
+
+
 class Configuration(BaseModel):
     """Settings of an analysis; what is left out has the default of `rotorid analyze`."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
-    rate: float | None = Field(
-        default=None, ge=0.5, le=400.0, description="Samples per second of the fit.", examples=[10]
-    )
-    poles: int | None = Field(default=None, ge=1, le=12, description="Poles of each transfer function.", examples=[5])
-    zeros: int | None = Field(default=None, ge=0, le=11, description="Zeros, fewer than poles.", examples=[3])
-    mass: float | None = Field(default=None, ge=0.01, le=1000.0, description="Take-off mass [kg].", examples=[4.3])
-    training_fraction: float | None = Field(
-        default=None, ge=0.1, le=0.95, description="Of a single flight, the part to fit on; the rest judges."
-    )
-    training: list[str] | None = Field(
-        default=None, max_length=200, description="Names or patterns of the flights to fit on; all others judge."
-    )
+    rate: float | None = _offered("rate")
+    poles: int | None = _offered("poles")
+    zeros: int | None = _offered("zeros")
+    mass: float | None = _offered("mass", example=4.3)
+    training_fraction: float | None = _offered("training_fraction")
+    training: list[str] | None = _offered("training", example=["march*"], max_length=200)
 
     def chosen(self) -> dict[str, Any]:
         """Return what was set."""

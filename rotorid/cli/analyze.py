@@ -12,6 +12,7 @@ import typer
 
 from pipeline.config import AnalysisConfig
 from rotorid.cli.exits import INTERRUPTED, OK, SOME_FAILED, fail
+from rotorid.cli.options import setting
 from rotorid.cli.output import console, prepare
 from rotorid.workers import PRELOAD
 
@@ -46,42 +47,15 @@ def analyze(
             "what is done: the same command again does only what is new or changed, or was interrupted."
         ),
     ],
-    rate: Annotated[
-        float,
-        typer.Option(help="Samples per second of the fit. Autopilots log motor outputs at 10 Hz; more adds nothing."),
-    ] = _DEFAULT.rate,
-    poles: Annotated[
-        int, typer.Option(help="Poles of each transfer function. More follow a flight closer and others worse.")
-    ] = _DEFAULT.poles,
-    zeros: Annotated[int, typer.Option(help="Zeros of each transfer function, fewer than poles.")] = _DEFAULT.zeros,
-    mass: Annotated[
-        float | None,
-        typer.Option(help="Take-off mass in kg. A flight shows only k/m; with the mass, thrust comes in newtons."),
-    ] = None,
-    training: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Name (or pattern such as 'paper0[1-3]') of a flight to fit on; all others judge. "
-            "May be given several times. Default: half of them, chosen alike by place, day and excitation."
-        ),
-    ] = None,
-    validation: Annotated[
-        list[str] | None,
-        typer.Option(help="Name (or pattern) of a flight to judge on, likewise. Default: all that do not train."),
-    ] = None,
-    training_fraction: Annotated[
-        float, typer.Option(help="Of a single flight, the part to fit on; the rest judges.")
-    ] = _DEFAULT.training_fraction,
-    scan_orders: Annotated[
-        bool,
-        typer.Option(
-            "--scan-orders",
-            help="Also try other numbers of poles and zeros, and recommend one. Takes as long as ten more fits.",
-        ),
-    ] = _DEFAULT.scan_orders,
-    time_limit: Annotated[
-        float, typer.Option(help="Seconds after which a fit of one log is given up.")
-    ] = _DEFAULT.time_limit,
+    rate: Annotated[float, setting("rate")] = _DEFAULT.rate,
+    poles: Annotated[int, setting("poles")] = _DEFAULT.poles,
+    zeros: Annotated[int, setting("zeros")] = _DEFAULT.zeros,
+    mass: Annotated[float | None, setting("mass")] = _DEFAULT.mass,
+    training: Annotated[list[str] | None, setting("training")] = None,
+    validation: Annotated[list[str] | None, setting("validation")] = None,
+    training_fraction: Annotated[float, setting("training_fraction")] = _DEFAULT.training_fraction,
+    scan_orders: Annotated[bool, setting("scan_orders", "--scan-orders")] = _DEFAULT.scan_orders,
+    time_limit: Annotated[float, setting("time_limit")] = _DEFAULT.time_limit,
     jobs: Annotated[
         int | None,
         typer.Option(

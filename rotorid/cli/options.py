@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from pipeline.config import SETTINGS
 
 if TYPE_CHECKING:
     from logparse import FlightLog
@@ -21,6 +23,11 @@ Boot = Annotated[
         min=1, help="Which power-up of a file with several, from 1. Default: the one with the longest flight."
     ),
 ]
+
+
+def setting(name: str, *flags: str) -> Any:
+    """Return the option of a setting of `AnalysisConfig`, in its words."""
+    return typer.Option(*flags, help=SETTINGS[name].help)
 
 
 def power_up(boot: int | None) -> int | None:

@@ -1,9 +1,13 @@
 """Settings that cannot be are refused with what they may be."""
 
 import pytest
+from typer.main import get_command
 
+from api.resources import Configuration
 from logparse import RotoridError
 from pipeline import AnalysisConfig, ConfigError
+from pipeline.config import SETTINGS
+from rotorid.cli.main import app
 
 
 @pytest.mark.parametrize(
@@ -32,3 +36,15 @@ def test_config_errors_are_errors_a_user_can_act_on():
 def test_defaults_are_the_papers():
     config = AnalysisConfig()
     assert (config.rate, config.poles, config.zeros) == (10.0, 5, 3)
+
+
+def test_python_command_line_and_service_say_the_same_of_a_setting():
+    (analyze,) = (each for each in get_command(app).commands.items() if each[0] == "analyze")
+    options = {each.name: each for each in analyze[1].params}
+    offered = Configuration.model_fields
+    for name, setting in SETTINGS.items():
+        assert options[name].help.startswith(setting.help), name
+        assert options[name].default == (getattr(AnalysisConfig(), name) or options[name].default), name
+        if name in offered:
+            assert offered[name].description == setting.help
+    assert set(offered) < set(SETTINGS) < set(AnalysisConfig.__dataclass_fields__)
