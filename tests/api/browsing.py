@@ -9,6 +9,7 @@ import httpx
 from playwright.sync_api import Browser, Page
 
 from tests.api.programs import PATIENCE
+from tests.axe import serious
 
 PHONE = {"width": 390, "height": 844}
 
@@ -113,7 +114,7 @@ def _ours(url: str, service: httpx.Client) -> bool:
 
 def assert_accessible(page: Page) -> None:
     """Everything has a name, an order and enough contrast."""
-    faults = page.evaluate(_FAULTS)
+    faults = page.evaluate(_FAULTS) + serious(page)
     assert not faults, (page.url, faults)
 
 

@@ -343,3 +343,23 @@ def test_a_token_opens_the_service(browser: Browser, tmp_path: Path) -> None:
         page.get_by_role("button", name="Sign out").click()
         page.goto("/")
         expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "viewport"), [("light", {"width": 1280, "height": 900}), ("dark", PHONE)])
+def test_signals_are_explored_by_everybody(
+    browser: Browser, tmp_path: Path, scheme: str, viewport: dict[str, int]
+) -> None:
+    """Pages of logs and of their signals: names, order, contrast and axe, at any width, with a plot drawn."""
+    sample = Path(__file__).resolve().parents[2] / "sample_logs" / "quad01_davos_esc.bin"
+    with running(create_app(Settings(data=tmp_path, workers=1))) as client:
+        answer = client.post("/api/v1/logs", files={"file": (sample.name, sample.read_bytes())})
+        log = answer.json()["id"]
+        with watched(browser, client, color_scheme=scheme, viewport=viewport) as page:
+            page.goto(f"/logs/{log}/explore?signal=ATT.Roll")
+            expect(page.locator(".main-svg").first).to_be_visible()
+            assert_accessible(page)
+            assert_fits(page)
+            page.goto("/logs")
+            assert_accessible(page)
+            assert_fits(page)
