@@ -69,7 +69,7 @@ def flight_report(result: FlightResult) -> FlightReport:
             rmse=tuple(row for model in models for row in model.rmse),
             models=tuple(models),
             thrust=_thrust(result),
-            parameters=_parameters(result.parameters),
+            parameters=None if result.parameters is None else parameter_rows(result.parameters),
             trajectory=_trajectory(result),
             coverage=result.coverage,
             health=_health(result.health),
@@ -103,7 +103,7 @@ def craft_report(group: GroupResult) -> CraftReport:
             rmse=tuple(row for model in models for row in model.rmse),
             models=tuple(models),
             thrust=_thrust(group),
-            parameters=_parameters(group.parameters),
+            parameters=None if group.parameters is None else parameter_rows(group.parameters),
             coverage=group.coverage,
             drift=group.drift,
             advice=group.advice,
@@ -122,7 +122,7 @@ def models_file(result: FlightResult | GroupResult) -> ModelsFile:
         name=result.name,
         models={each.key: _record(each.model) for each in result.models if each.model is not None},
         thrust=_thrust(result),
-        parameters=_parameters(result.parameters),
+        parameters=None if result.parameters is None else parameter_rows(result.parameters),
         missing={each.key: each.missing for each in result.models if each.model is None}
         | {key: result.missing[key] for key in ("experiment", "thrust", "parameters") if key in result.missing},
     )
@@ -192,10 +192,8 @@ def _thrust(result: FlightResult | GroupResult) -> ThrustReport | None:
     return None if result.thrust is None else cleaned(result.thrust.report(), ThrustReport)
 
 
-def _parameters(found: PhysicalParameters | None) -> tuple[ParameterRow, ...] | None:
+def parameter_rows(found: PhysicalParameters) -> tuple[ParameterRow, ...]:
     """List physical parameters, a row for each parameter and method."""
-    if found is None:
-        return None
     return cleaned(found.table.reset_index().to_dict("records"), tuple[ParameterRow, ...])
 
 

@@ -36,7 +36,8 @@ def craft(
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option(help="Folder for parameters.csv, craft.json, craft.mat and the simulator's sitl_frame.json.")
+        Path,
+        typer.Option(help="Folder for craft.html, parameters.csv, craft.json and .mat, and sitl_frame.json."),
     ] = Path("craft"),
     as_json: Annotated[bool, typer.Option("--json", help="Write the table as JSON to stdout.")] = False,
 ) -> None:
@@ -49,6 +50,7 @@ def craft(
     from estimation import estimate
     from pipeline.errors import ConfigError
     from pipeline.execution.progress import shown
+    from reports.parameters_page import parameters_page
 
     if bench and mass is None:
         raise ConfigError("a thrust stand gives newtons and flight gives thrust over mass: give --mass with --bench")
@@ -67,17 +69,23 @@ def craft(
         found = sysid.physical_parameters(records, mass, arm=arm, rigid_body=body)
     files, findings = sysid.write_craft(body, out, mass, arm=arm, disc_area=disc_area)
     found.table.to_csv(out / "parameters.csv")
+    page = parameters_page(found, records[0].vehicle, [path.name for path in logs], mass, findings)
+    (out / "craft.html").write_text(page, encoding="utf-8")
     if as_json:
         typer.echo(found.table.reset_index().to_json(orient="records", indent=1))
         return
-    console().print(_overview(found.table))
+    table, notes = _overview(found.table)
+    console().print(table)
+    for number, note in enumerate(notes, start=1):
+        typer.echo(f"({number}) {note}")
     for finding in findings:
         typer.echo(finding.reason)
-    for file in (out / "parameters.csv", *files):
+    for file in (out / "craft.html", out / "parameters.csv", *files):
         typer.echo(file)
 
 
-def _overview(table: pd.DataFrame) -> Table:
+def _overview(table: pd.DataFrame) -> tuple[Table, list[str]]:
+    """Tabulate every parameter by every method; reasons become numbers, explained below the table."""
     from rich.table import Table
 
     from logparse.quantity import uncertain
@@ -86,11 +94,15 @@ def _overview(table: pd.DataFrame) -> Table:
     for name in ("parameter", "method", "value", "unit", "in SI", "note"):
         shown.add_column(name, overflow="fold")
     last = ""
+    notes: list[str] = []
     for row in table.reset_index().to_dict("records"):
         si = f"{uncertain(row['si_value'], row['si_sigma'])} {row['si_unit']}" if math.isfinite(row["si_value"]) else ""
         unit = str(row["unit"]).partition(",")[0].partition(" (")[0]
-        parameter = str(row["parameter"])
+        parameter, note = str(row["parameter"]), str(row["note"])
         name = "" if parameter == last else parameter
-        shown.add_row(name, row["method"], uncertain(row["value"], row["sigma"]), unit, si, row["note"])
+        if note and note not in notes:
+            notes.append(note)
+        number = f"({notes.index(note) + 1})" if note else ""
+        shown.add_row(name, row["method"], uncertain(row["value"], row["sigma"]), unit, si, number)
         last = parameter
-    return shown
+    return shown, notes

@@ -36,6 +36,11 @@ def test_all_methods_and_files(tmp_path):
     assert json.loads((tmp_path / "sitl_frame.json").read_text())["mass"] == 4.3
     assert "no linear hover model" in done.output
     assert "not determined" in done.output
+    assert "(1) " in done.output
+    page = (tmp_path / "craft.html").read_text("utf-8")
+    assert page.count('<div class="line good"') >= 1, "thrust is known"
+    assert "Physical parameters by every method" in page
+    assert "4.3 kg" in page
 
 
 def test_a_stand_needs_the_mass(tmp_path):
