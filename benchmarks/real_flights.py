@@ -20,8 +20,7 @@ from scipy.signal import butter, sosfiltfilt
 from sysid import Experiment, SixDofModel, fit_six_dof
 from sysid.rigid_body.six_dof.air import estimate_trim, estimate_wind
 from sysid.rigid_body.six_dof.body_record import BodyRecord
-from sysid.rigid_body.six_dof.learning import learn_correction
-from sysid.rigid_body.six_dof.observer import Observer
+from sysid.rigid_body.six_dof.learning import choose_observer, learn_correction
 from sysid.rigid_body.six_dof.shooting import state_errors
 
 SHARED = Path("../shared/bench")
@@ -338,9 +337,9 @@ def tailsitter(files: list[Path], spare: list[Path]) -> list[Row]:
                 most_runs=1200,
                 attitude=attitude,
             )
-            watching = model.with_observer(Observer(3.0, 3.0))
-            for path in judged:
-                for horizon in (1.0, 5.0):
+            for horizon in (1.0, 5.0):
+                watching = choose_observer(model, [records[p] for p in known], horizon)
+                for path in judged:
                     for name, each in ((f"attitude {attitude}", model), (f"attitude {attitude}, observer", watching)):
                         errors.setdefault(f"{name}, {horizon:g} s", []).append(
                             axis_errors(each, records[path], horizon)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sysid.rigid_body.model_record import BodyParameter
     from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
     from sysid.rigid_body.six_dof.fit import fit_six_dof
-    from sysid.rigid_body.six_dof.learning import learn_correction
+    from sysid.rigid_body.six_dof.learning import choose_observer, learn_correction
     from sysid.rigid_body.six_dof.model import SixDofModel
     from sysid.rigid_body.wind import FlightTrim
     from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
@@ -77,6 +77,7 @@ __all__ = [
     "analyse_bench",
     "bifilar",
     "check_thread",
+    "choose_observer",
     "fit_arx",
     "fit_closed_loop",
     "fit_kim2017",

@@ -81,6 +81,9 @@ class InputShape:
     lags: Floats
     further_lag: float  #: First-order lag of further inputs, s.
     expo: float  #: Curvature of thrust over command; 1 for rotor speeds, whose square it is.
+    #: Change of thrust over thrust per second, 1/s, about the middle of each record: a battery runs down, and not every
+    #: record holds its voltage. 0 for rotor speeds, whose thrust does not depend on it.
+    drift: float
     scale: float  #: Strength of a rotor that counts as 1 over the number of rotors.
     reference_speed: float  #: Rotor speed that counts as 1, rad/s; 1 for commands.
     centre: Floats  #: Trim of the further inputs, in their unit.
@@ -172,13 +175,14 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
             for k, at in enumerate(kinds.thrusting)
         ]
     )
+    held = record.density * (1.0 + shape.drift * (record.t - 0.5 * (record.t[0] + record.t[-1])))
     if kinds.motors:
         if record.speeds:
             strengths, speeds = moved**2 / shape.scale, moved / shape.reference_speed
         else:
             strengths = curve(moved, shape.expo) / shape.scale
             speeds = np.sqrt(np.maximum(strengths * len(kinds.motors), 0.0))
-        strengths = strengths * record.density[:, None]
+        strengths = strengths * held[:, None]
         spin = np.array([float(motor.spin) for motor in kinds.geometry])
         out[:, 0] = strengths.sum(axis=1)
         out[:, 1] = strengths @ np.array([-np.sin(motor.angle) for motor in kinds.geometry])
@@ -190,8 +194,8 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
         out[:, 6] = speeds.mean(axis=1)
     else:
         by_name = {name: moved[:, k] for k, (name, _) in enumerate(kinds.mixer)}
-        out[:, 0] = by_name["thrust"] / shape.scale * record.density
-        out[:, 1], out[:, 2], out[:, 3] = (by_name[axis] * record.density for axis in ("roll", "pitch", "yaw"))
+        out[:, 0] = by_name["thrust"] / shape.scale * held
+        out[:, 1], out[:, 2], out[:, 3] = (by_name[axis] * held for axis in ("roll", "pitch", "yaw"))
         out[:, 6] = np.sqrt(np.maximum(out[:, 0], 0.0))
     for k, at in enumerate(kinds.further):
         value = (record.inputs[:, at] - shape.centre[k]) / shape.width[k]

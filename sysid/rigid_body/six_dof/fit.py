@@ -53,6 +53,8 @@ PRIORS: Mapping[str, tuple[float, float, float, float]] = {
     "delay": (0.0, 0.02, -0.05, 0.1),
     "lag": (0.02, 0.03, 0.0, 0.3),
     "expo": (0.65, 0.2, 0.0, 1.0),
+    # A tenth of thrust is lost in some ten minutes; quick draws lose it in one.
+    "drift": (0.0, 1e-3, -0.01, 0.01),
     "wind": (0.0, 8.0, -30.0, 30.0),
     "force": (0.0, 10.0, -100.0, 100.0),
     "torque": (0.0, 50.0, -1000.0, 1000.0),
@@ -73,6 +75,7 @@ ABSOLUTE: Mapping[str, float] = {
     "delay": 0.005,
     "lag": 0.01,
     "expo": 0.1,
+    "drift": 1e-4,
     "thrust_offset": 0.3,
     "force": 0.1,
     "torque": 1.0,
@@ -177,7 +180,7 @@ def fit_six_dof(
 
     def errors_from(starts: Sequence[np.ndarray], values: Floats) -> list[Floats]:
         theta, moved, wind = unpack(values)
-        key = np.concatenate([moved.delays, moved.lags, [moved.further_lag, moved.expo]]).tobytes()
+        key = np.concatenate([moved.delays, moved.lags, [moved.further_lag, moved.expo, moved.drift]]).tobytes()
         if key not in cache:
             if len(cache) > 2:
                 cache.pop(next(iter(cache)))
@@ -259,6 +262,8 @@ def _unknowns(
         out.append(_Unknown("lag_further", "lag", "further_lag", 0))
     if kinds.quantity is Quantity.PWM and kinds.motors:
         out.append(_Unknown("expo", "expo", "expo", 0))
+    if not speeds:
+        out.append(_Unknown("thrust_drift", "drift", "drift", 0))
     if not indoors:
         for body in bodies:
             if body.name not in winds:
@@ -288,6 +293,7 @@ def _shape(kinds: InputKinds, bodies: Sequence[BodyRecord], records: Sequence[Ex
         lags=np.zeros(len(used)),
         further_lag=0.0,
         expo=expo,
+        drift=0.0,
         scale=max(scale, 1e-12),
         reference_speed=max(reference, 1e-12),
         centre=extra.mean(axis=0),
@@ -307,7 +313,7 @@ def _unpack(
 ) -> tuple[Floats, InputShape, dict[str, Floats]]:
     theta = np.zeros(SHARED + PER_INPUT * len(kinds.further))
     delays, lags = shape.delays.copy(), shape.lags.copy()
-    further_lag, expo = shape.further_lag, shape.expo
+    further_lag, expo, drift = shape.further_lag, shape.expo, shape.drift
     wind = {name: np.array(value) for name, value in winds.items()}
     for value, unknown in zip(values, unknowns, strict=True):
         match unknown.kind:
@@ -321,16 +327,18 @@ def _unpack(
                 further_lag = float(value)
             case "expo":
                 expo = float(value)
+            case "drift":
+                drift = float(value)
             case _:
                 wind.setdefault(unknown.record, np.zeros(2))[unknown.at] = value
-    return theta, replace(shape, delays=delays, lags=lags, further_lag=further_lag, expo=expo), wind
+    return theta, replace(shape, delays=delays, lags=lags, further_lag=further_lag, expo=expo, drift=drift), wind
 
 
 def _priors(unknowns: Sequence[_Unknown]) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
     """Start, prior mean and spread, limits, and steps for differences."""
     table = np.array([PRIORS[unknown.family] for unknown in unknowns])
     mean, sigma, low, high = table.T
-    steps = {"delay": 1e-3, "lag": 1e-3, "expo": 0.02, "gain": 1e-2, "offset": 1e-2, "torque": 1e-2}
+    steps = {"delay": 1e-3, "lag": 1e-3, "expo": 0.02, "drift": 2e-4, "gain": 1e-2, "offset": 1e-2, "torque": 1e-2}
     return mean.copy(), mean, sigma, low, high, np.array([steps.get(unknown.family, 1e-3) for unknown in unknowns])
 
 

@@ -1,4 +1,4 @@
-"""Learn what a model leaves over (`correction.HorizonCorrection`), and keep it only where held-out records gain."""
+"""Learn what a model leaves over: how long an observer remembers, and corrections that held-out records gain from."""
 
 from __future__ import annotations
 
@@ -24,6 +24,47 @@ _RUNS, _TRIED, _ERRORS = 60_000, 15_000, 40_000_000
 _FOLDS, _WORTH = 4, 1.0
 
 _STATES = ("position", "velocity", "attitude", "rates")
+
+#: Memories of an observer that are tried, s, and starts of each record that they are tried on.
+_MEMORIES, _STARTS = (1.5, 3.0, 6.0, 12.0, 24.0), 300
+
+
+def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Experiment], horizon: float) -> SixDofModel:
+    """Return the model with the observer that predicts positions of its training records best, or with none.
+
+    A short memory follows gusts, a long one averages noise, and which is better depends on the air, the sensors and how
+    far ahead is asked for. Forces are chosen first, then torques.
+
+    Parameters
+    ----------
+    model : SixDofModel
+    experiments : Experiment or sequence of Experiment
+    horizon : float
+        s.
+
+    Raises
+    ------
+    ExperimentError
+        When no record is twice as long as the horizon.
+    """
+    records = [model.record(experiment) for experiment in require_alike(experiments)]
+    steps = horizon_steps(horizon, records[0].dt)
+    records = [record for record in records if len(record.t) > 2 * steps]
+    if not records:
+        raise ExperimentError(f"no record is longer than twice the horizon of {horizon:g} s")
+
+    def error(observer: Observer) -> float:
+        watching, total = model.with_observer(observer), 0.0
+        for record in records:
+            starts = np.linspace(steps // 2, len(record.t) - steps - 1, min(_STARTS, steps)).astype(np.int64)
+            found = watching.ahead(record, starts, np.array([steps]))[:, 0, :3]
+            total += float(np.mean(np.linalg.norm(found - record.states[starts + steps, :3], axis=1)))
+        return total
+
+    best = min((Observer(memory, 0.0) for memory in (0.0, *_MEMORIES)), key=error)
+    if not model.attitude_given:
+        best = min((Observer(best.force_memory, memory) for memory in (0.0, *_MEMORIES)), key=error)
+    return model.with_observer(None if best == Observer(0.0, 0.0) else best)
 
 
 def learn_correction(

@@ -42,6 +42,7 @@ LONGEST_STEP = 0.011
 UNITS: Mapping[str, str] = {
     "thrust": "m/s^2 at the mean strength of the rotors",
     "thrust_offset": "m/s^2",
+    "thrust_drift": "1/s, change of thrust over thrust, as the battery runs down",
     "tilt_x": "rad, thrust leans forward",
     "tilt_y": "rad, thrust leans right",
     "drag_rotor_x": "1/s at the usual rotor speed",

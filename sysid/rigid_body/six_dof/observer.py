@@ -15,6 +15,9 @@ from sysid.records.filtering import lfilter
 from sysid.rigid_body.six_dof._kernels import ahead
 from sysid.rigid_body.six_dof.body_record import BodyRecord
 
+#: Length of the past below which nothing is held, s.
+_ENOUGH = 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class Observer:
@@ -68,6 +71,7 @@ def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
             continue
         keep = float(np.exp(-dt / memory))
         known = lfilter([1.0 - keep], [1.0, -keep], np.r_[0.0, np.ones(len(missed) - 1)])
-        # The past is short at first: shrink to nothing rather than trust one sample.
-        out[:, columns] = lfilter([1.0 - keep], [1.0, -keep], missed[:, columns]) * (known > 0.5)[:, None]
+        # The past is short at first: a second of it is a mean, one sample is not.
+        mean = lfilter([1.0 - keep], [1.0, -keep], missed[:, columns]) / np.maximum(known, 1e-12)[:, None]
+        out[:, columns] = mean * (np.arange(len(missed)) * dt > min(_ENOUGH, memory))[:, None]
     return out

@@ -1,6 +1,6 @@
 """A quadrotor flown in closed loop by an independent simulator: quaternions, SI quantities, Runge-Kutta at 1 kHz."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -155,6 +155,14 @@ def fly(seconds: float, seed: int, rate: int = 100, wind=(0.0, 0.0), gust: float
         commands=commands,
         reference=goals,
     )
+
+
+def commanded(flown: Flown, name: str, seed: int = 0, drift: float = 0.0) -> Experiment:
+    """Measure a flight by its commands, which grow as the battery runs down: thrust drifts by `drift`, 1/s."""
+    measured = experiment(flown, name, seed)
+    middle = 0.5 * (flown.t[0] + flown.t[-1])
+    commands = (flown.commands / (2.0 * HOVER)) ** 2 / (1.0 + drift * (flown.t - middle))[:, None]
+    return replace(measured, u=commands, units={f"m{k + 1}": "1" for k in range(4)})
 
 
 def experiment(flown: Flown, name: str, seed: int = 0, noise: float = 1.0, delays=(0, 0, 0, 0)) -> Experiment:

@@ -9,7 +9,7 @@ from sysid import ExperimentError
 from sysid.rigid_body.six_dof import learning
 from sysid.rigid_body.six_dof.air import estimate_trim, estimate_wind
 from sysid.rigid_body.six_dof.fit import fit_six_dof
-from sysid.rigid_body.six_dof.learning import learn_correction
+from sysid.rigid_body.six_dof.learning import choose_observer, learn_correction
 from tests.sysid.six_dof import flown
 
 pytestmark = pytest.mark.slow
@@ -47,6 +47,29 @@ def test_a_force_that_the_model_lacks_is_learned_and_held_out_flights_gain(fligh
     assert learned.correction is not None
     assert learned.correction.gain_percent["position"] > 20.0
     assert errors(learned, flights[3]) < 0.8 * errors(lame, flights[3])
+
+
+@pytest.mark.parametrize("drift", [0.0, -1e-3])
+def test_thrust_that_fades_is_found_where_no_voltage_is_logged(drift):
+    """Commands that grow by 0.1 % a second for the same lift, as on a real tail-sitter: 0.1 m/s^2 in ten seconds."""
+    flights = [flown.fly(40.0, seed, shake=5.0) for seed in range(11, 15)]
+    records = [flown.commanded(flight, f"flight {k}", k, drift) for k, flight in enumerate(flights)]
+    model = fit_six_dof(records[:3], indoors=True, most_runs=600, horizons=(0.2, 0.5, 1.0), attitude="measured")
+    found = model.parameters["thrust_drift"]
+    assert found.value == pytest.approx(drift, abs=3.0 * found.sigma)
+    assert found.sigma < 1e-4
+    slope = np.polyfit(model.record(records[3]).t[1:], model.missed(model.record(records[3]))[1:, 2], 1)[0]
+    assert abs(slope) < 1.5e-3  # 0.01 without the drift
+
+
+def test_an_observer_remembers_as_long_as_predicts_best(fitted):
+    """Wind that the model does not know pushes for seconds: to remember it predicts better than not to."""
+    windy = [flown.experiment(flown.fly(16.0, seed, wind=(2.0, 1.0)), f"windy {seed}", seed) for seed in (21, 22)]
+    watching = choose_observer(fitted, windy, 1.0)
+    assert watching.observer.force_memory > 0.0
+    assert errors(watching, windy[0], 1.0) < 0.7 * errors(fitted, windy[0], 1.0)
+    with pytest.raises(ExperimentError, match="no record"):
+        choose_observer(fitted, windy, 9.0)
 
 
 def test_one_record_is_too_few_to_accept_a_correction(flights, fitted):
