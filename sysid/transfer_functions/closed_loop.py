@@ -31,13 +31,11 @@ from scipy.linalg import expm
 
 from logparse import Finding, Severity
 from logparse.serialization import plain, recorded, restored
-from logparse.summary import Summarised, listed
 from sysid.records.experiment import (
     Experiment,
     ExperimentError,
     Floats,
     ModelOrderError,
-    horizon_steps,
     require_alike,
     require_signals,
 )
@@ -47,50 +45,26 @@ from sysid.transfer_functions.model_record import ClosedLoopRecord, FitRecord
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.search import Progress
-from sysid.transfer_functions.transfer_function import FitReport, TransferFunction
+from sysid.transfer_functions.transfer_function import FitReport, FunctionsModel, TransferFunction
 
 #: Outputs that share a transfer function, by the last letter of their names.
 _SHARED = {"x": "horizontal", "y": "horizontal", "z": "vertical"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class ClosedLoopModel(Summarised):
-    """Response of position (or velocity) to its reference, axis by axis."""
+class ClosedLoopModel(FunctionsModel):
+    """Response of position (or velocity) to its reference, axis by axis.
 
-    name: str
-    #: ``transfer_functions[output][input]``; G on the diagonal, with covariance, and zero elsewhere.
-    transfer_functions: Mapping[str, Mapping[str, TransferFunction]]
-    #: References and what follows them, by the same names.
-    input_names: tuple[str, ...]
-    output_names: tuple[str, ...]
-    units: Mapping[str, str]
+    Inputs are references, outputs what follows them, by the same names; G is on the diagonal of `transfer_functions`,
+    with covariance, and zero elsewhere; poles and zeros are those of H, two of whose zeros are at s = 0.
+    """
+
     structure: str = "closed_loop"  #: ``"closed_loop"``.
-    #: Of H; two of its zeros are at s = 0.
-    poles: int
-    zeros: int
     hold: str = "foh"  #: ``"foh"``: references run straight between samples.
-    rate: float  #: Hz, of the records.
-    disturbance: Mapping[str, Disturbance]  #: Per output, how unexplained error is carried on by `predict`.
-    reports: Mapping[str, FitReport]  #: Per output, of the error; north and east have the same.
     #: Per output the part of the first three seconds' mean error that is taken for constant.
     offset_trust: Mapping[str, float]
     #: Per output the root mean square of ``y - r`` on the training records: what the model is to improve on.
     following: Mapping[str, float]
-    training: tuple[str, ...]
-    findings: tuple[Finding, ...] = ()
-
-    def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
-        return {
-            "name": self.name,
-            "inputs": listed(self.input_names, 8),
-            "outputs": listed(self.output_names),
-            "order": f"{self.poles} poles, {self.zeros} zeros",
-            "rate": f"{self.rate:.4g} Hz",
-            "fit on training": ", ".join(f"{name} {report.fit_percent:.1f} %" for name, report in self.reports.items()),
-            "training": listed(self.training),
-            "findings": listed([finding.id for finding in self.findings]) or "none",
-        }
 
     def simulate(self, experiment: Experiment) -> Floats:
         """Run freely from the references and the mean error of the first three seconds; shape (N, p)."""
@@ -101,19 +75,6 @@ class ClosedLoopModel(Summarised):
             answer = _respond(self.transfer_functions[name][name], experiment.u[:, column], experiment.dt)
             apart = float(np.mean((experiment.y[:, column] - answer)[early]))
             result[:, column] = answer + self.offset_trust[name] * apart
-        return result
-
-    def predict(self, experiment: Experiment, horizon: float = 1.0, simulated: Floats | None = None) -> Floats:
-        """Predict every sample from what was measured up to `horizon` seconds before it; shape (N, p).
-
-        References are taken as known; the error that the model does not explain is carried on. `simulated` is the free
-        run, where it is known already.
-        """
-        steps = horizon_steps(horizon, experiment.dt)
-        result = self.simulate(experiment) if simulated is None else simulated.copy()
-        residuals = experiment.y - result
-        for column, name in enumerate(self.output_names):
-            result[:, column] += self.disturbance[name].predict(residuals[:, column], experiment.dt, steps)
         return result
 
     def record(self) -> ClosedLoopRecord:

@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtrc as chi2_sf
 from threadpoolctl import threadpool_limits
 
-from logparse import Finding, Severity
 from sysid.records.excitation import Excitation, examine
-from sysid.records.experiment import Experiment, ExperimentError, Floats, ModelOrderError, require_alike
+from sysid.records.experiment import Experiment, Floats, ModelOrderError, require_alike
 from sysid.transfer_functions._kernels import compile_kernels
 from sysid.transfer_functions.disturbance import Disturbance, fit_disturbance
+from sysid.transfer_functions.fit_findings import few_samples, remarks
 from sysid.transfer_functions.problem import Cut, Problem
 from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
 from sysid.transfer_functions.search import FIRST_RESIDUAL, Found, Plan, Progress, expected_energy, search
@@ -32,9 +31,6 @@ from sysid.transfer_functions.uncertainty import parameter_covariance
 __all__ = ["Progress", "fit_transfer_functions"]
 
 Integers = NDArray[np.int64]
-
-#: An input whose effect has at least this chance of being none, over all inputs, is not seen to act.
-CHANCE = 0.001
 
 
 def fit_transfer_functions(
@@ -129,7 +125,11 @@ def fit_transfer_functions(
             starts,
             seed,
         )
-        findings += [finding for finding in _enough(records, task) if finding not in findings]
+        findings += [
+            finding
+            for finding in few_samples(records, _parameters(task), max(task.orders, default=0))
+            if finding not in findings
+        ]
         tasks.append(task)
     # The matrices are small: BLAS threads only wait for one another, ten times as long as the work takes.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -142,10 +142,12 @@ def fit_transfer_functions(
             limit = begun + time_limit * (column + 1) / len(outputs)
             fits[output] = _fit_output(records, excitation, task, limit, stage)
     report("fitted", 1.0)
-    findings += _judge(records, {output: fit.report for output, fit in fits.items()}, fits)
+    reports = {output: fit.report for output, fit in fits.items()}
+    functions = {output: fit.functions for output, fit in fits.items()}
+    findings += remarks(records, reports, functions)
     return TransferFunctionModel(
         name=_name(outputs, orders, counts, structure, fixed),
-        transfer_functions={output: fit.functions for output, fit in fits.items()},
+        transfer_functions=functions,
         input_names=records[0].input_names,
         output_names=outputs,
         units=records[0].units,
@@ -160,7 +162,7 @@ def fit_transfer_functions(
             record.name: {output: fit.initial_states[r] for output, fit in fits.items()}
             for r, record in enumerate(records)
         },
-        reports={output: fit.report for output, fit in fits.items()},
+        reports=reports,
         training=tuple(record.name for record in records),
         input_trim={
             name: float(np.average([record.input_trim[j] for record in records], weights=[len(r.t) for r in records]))
@@ -195,7 +197,6 @@ class _OutputFit:
     initial_energy: float
     initial_states: tuple[Floats, ...]
     report: FitReport
-    slowest: float
 
 
 def _spread(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.float64]:
@@ -306,7 +307,6 @@ def _fit_output(
         initial_energy=initial_energy,
         initial_states=tuple(scale * local for local in initial_states(found.descent.point)),
         report=report,
-        slowest=_slowest(functions),
     )
 
 
@@ -333,7 +333,6 @@ def _without_inputs(
             parameters=0,
             undetermined=0,
         ),
-        slowest=np.inf,
     )
 
 
@@ -401,121 +400,3 @@ def _transfer_functions(
         if problem.group.index(g) == lane:  # a common denominator counts once
             undetermined += int(np.sum(~determined[count : count + lags]))
     return functions, undetermined
-
-
-def _slowest(functions: Mapping[str, TransferFunction]) -> float:
-    """Decay rate of the slowest pole, rad/s."""
-    stable = [f.poles[f.poles != 0.0] for f in functions.values() if len(f.den) > 1]
-    return min((float(np.min(-poles.real)) for poles in stable if len(poles)), default=np.inf)
-
-
-def _enough(records: Sequence[Experiment], task: _Task) -> list[Finding]:
-    samples, parameters = sum(len(record.t) for record in records), _parameters(task)
-    needed = parameters + len(records) * (1 + max(task.orders, default=0))
-    if samples < needed:
-        raise ExperimentError(
-            f"{samples} samples for {parameters} coefficients per output and {len(records)} initial state(s): "
-            "too few; give longer or more records, or fewer poles and zeros"
-        )
-    if samples < 20 * parameters:
-        return [
-            Finding(
-                "few-samples",
-                Severity.WARNING,
-                f"{samples} samples must determine {parameters} coefficients per output; "
-                "expect the fit to describe these records and no others",
-                f"{_more_data(records)}, or use fewer poles and zeros (--poles, --zeros)",
-                {"samples": samples, "parameters": parameters},
-            )
-        ]
-    return []
-
-
-def _more_data(records: Sequence[Experiment]) -> str:
-    """Advise how to have more data: one flight can be joined by others, several can only be longer or livelier."""
-    return (
-        "fly longer, with more excitation" if len(records) > 1 else "analyse several flights of the craft in one folder"
-    )
-
-
-def _judge(
-    records: Sequence[Experiment], reports: Mapping[str, FitReport], fits: Mapping[str, _OutputFit]
-) -> list[Finding]:
-    findings = []
-    longest = max(record.duration for record in records)
-    for output, report in reports.items():
-        if not report.converged:
-            findings.append(
-                Finding(
-                    "fit-not-converged",
-                    Severity.WARNING,
-                    f"the fit of {output} stopped after {report.iterations} steps and {report.seconds:.1f} s "
-                    "before it settled; the model is the best found",
-                    "use fewer poles and zeros (--poles, --zeros), or a shorter flight",
-                    {"output": output, "seconds": report.seconds},
-                )
-            )
-        if report.undetermined:
-            findings.append(
-                Finding(
-                    "undetermined-coefficients",
-                    Severity.WARNING,
-                    f"{report.undetermined} of the {report.parameters} coefficients of {output} are not determined by "
-                    f"the data (standard deviation above half the value; condition number {report.condition:.1e})",
-                    f"do not read physics into them; {_more_data(records)}, or use fewer poles and zeros "
-                    "(--poles, --zeros)",
-                    {"output": output, "undetermined": report.undetermined, "parameters": report.parameters},
-                )
-            )
-        slowest = fits[output].slowest
-        if slowest * longest < 1.0:
-            findings.append(
-                Finding(
-                    "slow-poles",
-                    Severity.INFO,
-                    f"the slowest pole of {output} decays in {1.0 / slowest:.0f} s, longer than the longest record "
-                    f"({longest:.0f} s): it acts as an integrator, and its long-run gain is an extrapolation",
-                    "",
-                    {"output": output, "time_constant": 1.0 / slowest, "longest_record": longest},
-                )
-            )
-        if idle := _idle_inputs(output, report, fits[output].functions):
-            findings.append(idle)
-        if report.fit_percent == 0.0 and all(np.ptp(r.y[:, r.output_names.index(output)]) == 0.0 for r in records):
-            findings.append(
-                Finding("constant-output", Severity.WARNING, f"output {output} is constant: there is nothing to fit")
-            )
-    return findings
-
-
-def _idle_inputs(output: str, report: FitReport, functions: Mapping[str, TransferFunction]) -> Finding | None:
-    """Report when no input acts on the output by more than chance: what is explained is drift and initial state.
-
-    Wald's test of each input's numerator against zero, with the covariance that is valid for coloured residuals.
-    """
-    chances = []
-    for function in functions.values():
-        n = len(function.num)
-        if function.covariance is None or not function.num.any():
-            continue
-        covariance = function.covariance[:n, :n]
-        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        if not np.isfinite(covariance).all():
-            chances.append(1.0)
-        elif not sigma.all():
-            return None
-        else:
-            apart = function.num / sigma
-            wald = apart @ np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=1e-10, hermitian=True) @ apart
-            chances.append(float(chi2_sf(n, wald)))
-    if not chances or min(chances) * len(chances) < CHANCE:
-        return None
-    return Finding(
-        "inputs-explain-nothing",
-        Severity.WARNING,
-        f"no input is seen to act on {output}: the effect of each is no larger than chance gives. The fit of "
-        f"{report.fit_percent:.0f} % on the training records comes from drift, the initial state and noise",
-        "do not use this model; check that inputs and outputs belong to the same flight and time, and that the craft "
-        "was moved by these inputs",
-        {"output": output, "chance": min(chances), "fit_percent": report.fit_percent},
-    )

@@ -151,33 +151,23 @@ class FitReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class TransferFunctionModel(Summarised):
-    """Sum over inputs of one transfer function each, for every output: ``y_i = c_i + sum_j G_ij (u_j - trim_j)``."""
+class FunctionsModel(Summarised):
+    """What models made of transfer functions have in common."""
 
     name: str  #: What it is, for tables.
     transfer_functions: Mapping[str, Mapping[str, TransferFunction]]  #: ``[output][input]``.
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
     units: Mapping[str, str]
-    structure: str  #: {"per_input", "common"}
+    structure: str  #: {"per_input", "common", "closed_loop"}
     poles: int
     zeros: int
     hold: str  #: {"zoh", "foh"}: How inputs run between samples: held, or straight lines.
     rate: float  #: Samples per second of the training records.
     #: For each output, how the part that the model does not explain carries on (for `predict`).
     disturbance: Mapping[str, Disturbance]
-    #: For each output the energy that the response to an initial state is expected to have; see
-    #: `sysid.transfer_functions.response.free_run`.
-    initial_energy: Mapping[str, float]
-    #: ``[record][output]``: offset and initial response of each training record as the fit found them, from which
-    #: `simulate` starts such a record; empty for one that starts at rest.
-    initial_states: Mapping[str, Mapping[str, Floats]]
     reports: Mapping[str, FitReport]  #: For each output, how the fit went.
     training: tuple[str, ...]  #: Names of the records used for the fit.
-    #: Mean of each input over the training records, about which the model was fitted: for new inputs that are no flight
-    #: with a hover of its own (`simulate` works about the trim of the record that it is given). Empty where it is not
-    #: known.
-    input_trim: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
     def summary(self) -> Mapping[str, str]:
@@ -186,12 +176,65 @@ class TransferFunctionModel(Summarised):
             "name": self.name,
             "inputs": listed(self.input_names, 8),
             "outputs": listed(self.output_names),
-            "order": f"{self.poles} poles, {self.zeros} zeros, {self.structure.replace('_', ' ')} denominators",
+            "order": f"{self.poles} poles, {self.zeros} zeros",
             "rate": f"{self.rate:.4g} Hz",
             "fit on training": ", ".join(f"{name} {report.fit_percent:.1f} %" for name, report in self.reports.items()),
             "training": listed(self.training),
             "findings": listed([finding.id for finding in self.findings]) or "none",
         }
+
+    def simulate(self, experiment: Experiment) -> Floats:
+        """Run freely from the initial state; shape (N, p)."""
+        raise NotImplementedError
+
+    def predict(self, experiment: Experiment, horizon: float = 1.0, simulated: Floats | None = None) -> Floats:
+        """Predict every sample from what was measured up to `horizon` seconds before it.
+
+        The model carries the response to the inputs, which are taken as known; what it did not explain so far
+        (wind, drift) is carried on as `disturbance` says. The first samples, which have nothing measured before them,
+        are the free run: all of them, where the horizon is longer than the record.
+
+        Parameters
+        ----------
+        experiment : Experiment
+        horizon : float
+            s.
+        simulated : ndarray, shape (N, p), optional
+            The free run, where it is known already.
+
+        Returns
+        -------
+        ndarray, shape (N, p)
+        """
+        steps = horizon_steps(horizon, experiment.dt)
+        if simulated is None:
+            simulated = self.simulate(experiment)
+        result = simulated.copy()
+        for column, output in enumerate(self.output_names):
+            residual = experiment.y[:, column] - simulated[:, column]
+            result[:, column] += self.disturbance[output].predict(residual, experiment.dt, steps)
+        return result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class TransferFunctionModel(FunctionsModel):
+    """Sum over inputs of one transfer function each, for every output: ``y_i = c_i + sum_j G_ij (u_j - trim_j)``."""
+
+    #: For each output the energy that the response to an initial state is expected to have; see
+    #: `sysid.transfer_functions.response.free_run`.
+    initial_energy: Mapping[str, float]
+    #: ``[record][output]``: offset and initial response of each training record as the fit found them, from which
+    #: `simulate` starts such a record; empty for one that starts at rest.
+    initial_states: Mapping[str, Mapping[str, Floats]]
+    #: Mean of each input over the training records, about which the model was fitted: for new inputs that are no flight
+    #: with a hover of its own (`simulate` works about the trim of the record that it is given). Empty where it is not
+    #: known.
+    input_trim: Mapping[str, float] = field(default_factory=dict)
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        order = f"{self.poles} poles, {self.zeros} zeros, {self.structure.replace('_', ' ')} denominators"
+        return {**FunctionsModel.summary(self), "order": order}
 
     def __getitem__(self, names: tuple[str, str]) -> TransferFunction:
         """Return the function from an input to an output: ``model["z", "m1"]``."""
@@ -232,34 +275,6 @@ class TransferFunctionModel(Summarised):
                 initial=self.initial_states.get(experiment.name, {}).get(output),
                 delays=[row[name].delay for name in self.input_names],
             )
-        return result
-
-    def predict(self, experiment: Experiment, horizon: float = 1.0, simulated: Floats | None = None) -> Floats:
-        """Predict every sample from what was measured up to `horizon` seconds before it.
-
-        The model carries the response to the inputs, which are taken as known; what it did not explain so far
-        (wind, drift) is carried on as `disturbance` says. The first samples, which have nothing measured before them,
-        are the free run: all of them, where the horizon is longer than the record.
-
-        Parameters
-        ----------
-        experiment : Experiment
-        horizon : float
-            s.
-        simulated : ndarray, shape (N, p), optional
-            The free run, where it is known already.
-
-        Returns
-        -------
-        ndarray, shape (N, p)
-        """
-        steps = horizon_steps(horizon, experiment.dt)
-        if simulated is None:
-            simulated = self.simulate(experiment)
-        result = simulated.copy()
-        for column, output in enumerate(self.output_names):
-            residual = experiment.y[:, column] - simulated[:, column]
-            result[:, column] += self.disturbance[output].predict(residual, experiment.dt, steps)
         return result
 
     def from_rest(self, name: str) -> TransferFunctionModel:

@@ -1,0 +1,240 @@
+"""What flights determine of a rigid body's parameters: each with its standard error, or why it is not determined."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from logparse import Finding, Severity, Vehicle
+from sysid.records.experiment import Experiment, Floats
+from sysid.records.thrust_curve import REFERENCE_DENSITY
+from sysid.rigid_body.body_motion import SHARED, THETA, Motion
+from sysid.rigid_body.filter_error import FilterErrorFit
+from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS
+from sysid.rigid_body.model_record import BodyParameter
+from sysid.rigid_body.output_error import Prior
+from sysid.rigid_body.rotation import COHERENT, STILL, RotationFit, centre_of_gravity
+from sysid.rigid_body.systematic import unlike_motors, usual_speed
+
+#: Largest standard error of what is called determined: a part of the estimate; absolute where zero is a proper value.
+RELATIVE = {"thrust": 0.15, "roll_gain": 0.2, "pitch_gain": 0.2, "yaw_gain": 0.2}
+ABSOLUTE = {
+    "thrust_expo": 0.05,
+    "climb_loss": 0.02,
+    "tilt_x": 0.004,
+    "tilt_y": 0.004,
+    "motor_lag": 0.015,
+    "roll_damping": 1.0,
+    "pitch_damping": 1.0,
+    "yaw_damping": 1.0,
+    "yaw_lead": 0.01,
+    "torque_lag": 0.01,
+    "torque_delay": 0.01,
+    "cg_x": 0.03,
+    "cg_y": 0.03,
+}
+_DRAG_RELATIVE = 0.25
+
+#: Standard error that a lag and a delay of rotation are given, s: within it one stands for the other.
+_LAG_SIGMA = 0.005
+
+#: Part of a gain by which one lag and straight lines between samples misrepresent motors, filters and staircases of
+#: commands; the scatter of stretches, which all share it, does not show it. Torque about yaw goes with thrust only
+#: nearly: on ArduPilot's simulator, where it goes with command times thrust, gains come out 3 % off.
+GAIN_FLOOR = {"roll": 0.015, "pitch": 0.015, "yaw": 0.03}
+
+#: The same for damping, 1/s: a millisecond of lag that is not of first order damps a swing of 3 Hz by 0.3 1/s.
+DAMPING_FLOOR = 0.3
+
+#: Below this an estimate does not differ from zero.
+_NOTHING = 1e-6
+
+#: Speed below which drag is not worth telling, m/s.
+_SLOW = 0.5
+
+#: What to fly so that a parameter can be had.
+ADVICE = {
+    "thrust": "fly longer, or in one place so that gusts do not hide thrust",
+    "thrust_expo": "climb and descend with vigour, or fly with different loads or at different altitudes",
+    "drag_linear": "fly back and forth at several speeds along this axis",
+    "drag_quadratic": "fly back and forth at several speeds, the highest included, along this axis",
+    "climb_loss": "climb fast and descend fast",
+    "tilt": "turn in the wind, so that wind and a leaning thrust can be told apart",
+    "motor_lag": "log motor outputs faster, and move the throttle briskly",
+}
+
+
+def judge_parameters(
+    fine: FilterErrorFit,
+    prior: Prior,
+    records: Sequence[Experiment],
+    vehicle: Vehicle,
+    voltage: float | None,
+    turning: RotationFit | None,
+) -> tuple[dict[str, BodyParameter], Floats, tuple[str, ...]]:
+    """Judge every parameter; return them with the covariance, and the names, of those that were estimated."""
+    result: dict[str, BodyParameter] = {}
+    sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
+    unlogged = len(records[0].input_names) < len(vehicle.motors)
+    for k, name in enumerate(THETA):
+        value, reason = float(fine.values[k]), ""
+        if prior.sigma[k] == 0.0:
+            reason = "held at the value given"
+        elif name == "thrust" and unlogged:
+            reason = f"only {len(records[0].input_names)} of {len(vehicle.motors)} motors are logged"
+        else:
+            reason = _doubt(name, value, float(sigma[k]))
+            if not reason and name not in ("motor_lag", "climb_loss") and value in (prior.low[k], prior.high[k]):
+                reason = f"the estimate ran into its limit of {value:g}"
+        result[name] = _parameter(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason)
+    size = len(THETA) + len(ROTATION_UNITS)
+    covariance = np.zeros((size, size))
+    covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
+    numbers: dict[str, tuple[float, float, str]] = {}
+    if turning is None:
+        why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
+        why = "not all motors are logged" if unlogged else why
+        numbers = dict.fromkeys(ROTATION_UNITS, (0.0, float("inf"), why))
+    else:
+        for axis, fit in turning.axes.items():
+            reason = "" if fit.coherent >= COHERENT else _incoherent(axis, fit.coherent, fit.moved, turning.source)
+            # Noise in the command makes the gain too small by up to what is not coherent.
+            parts = np.array([fit.gain_sigma, (1.0 - fit.coherent) * fit.gain, GAIN_FLOOR[axis] * fit.gain])
+            spread = float(np.linalg.norm(parts))
+            numbers[f"{axis}_gain"] = (fit.gain, spread, reason)
+            numbers[f"{axis}_damping"] = (fit.damping, float(np.hypot(fit.damping_sigma, DAMPING_FLOOR)), reason)
+        # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
+        for name, value in (("torque_lag", turning.lag), ("torque_delay", turning.delay)):
+            best = max(turning.axes.values(), key=lambda fit: fit.coherent)
+            reason = "" if best.coherent >= COHERENT else "no axis has a determined gain"
+            numbers[name] = (value, _LAG_SIGMA, reason)
+        numbers["yaw_lead"] = (turning.axes["yaw"].lead, _LAG_SIGMA, numbers["yaw_gain"][2])
+        constant = constant_motors(records)
+        why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
+        for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, vehicle, voltage), strict=True):
+            apart = float(np.hypot(spread, unlike_motors(len(vehicle.motors))))
+            numbers[name] = (value, apart, why if constant else "")
+    for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):
+        value, spread, reason = numbers[name]
+        reason = reason or _doubt(name, value, spread)
+        result[name] = _parameter(name, unit, value, spread, reason)
+        covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
+    return result, covariance, (*THETA, *ROTATION_UNITS)
+
+
+def constant_motors(records: Sequence[Experiment]) -> list[str]:
+    """Motors whose output stands still in any of the flights."""
+    still = [np.ptp(record.u, axis=0) == 0.0 for record in records]
+    return [name for j, name in enumerate(records[0].input_names) if any(part[j] for part in still)]
+
+
+def _incoherent(axis: str, coherent: float, moved: float, source: str) -> str:
+    text = f"the {source} explain only {100.0 * max(coherent, 0.0):.0f} % of the angular acceleration in {axis}"
+    log = "log RATE and " if source == "motor outputs" else ""
+    if moved < STILL:
+        return f"{text}: the axis was hardly moved ({moved:.2g} rad/s); {log}fly sticks or SYSTEMID on it"
+    why = "outputs and rates do not belong together"
+    if source == "motor outputs":
+        why = "outputs are logged too slowly, or do not reach the motors"
+    advice = f"{log}check the motors' order, their outputs and the logs' times"
+    return f"{text}, although the axis moved ({moved:.2g} rad/s): {why}; {advice}"
+
+
+def _doubt(name: str, value: float, sigma: float) -> str:
+    """Why a parameter is not determined; empty when it is."""
+    group = name.rsplit("_", 1)[0] if name.startswith(("drag", "tilt")) else name
+    advice = f"; {ADVICE[group]}" if group in ADVICE else ""
+    if not np.isfinite(sigma):
+        return f"the flight does not tell it{advice}"
+    if name in ABSOLUTE:
+        limit = ABSOLUTE[name]
+        return "" if sigma <= limit else f"the standard error of {sigma:.2g} exceeds {limit:g}{advice}"
+    limit = RELATIVE.get(name, _DRAG_RELATIVE)
+    if value > 0.0 and sigma <= limit * value:
+        return ""
+    if value < _NOTHING or sigma > value:
+        return f"the estimate does not differ from zero (standard error {sigma:.2g}){advice}"
+    return f"the standard error is {100.0 * sigma / value:.0f} % of the estimate{advice}"
+
+
+def _parameter(name: str, unit: str, value: float, sigma: float, reason: str) -> BodyParameter:
+    known = not reason
+    return BodyParameter(
+        name=name,
+        unit=unit,
+        value=value if known else None,
+        sigma=sigma if known else None,
+        determined=known,
+        reason=reason,
+        used=value,
+    )
+
+
+def in_si(parameter: BodyParameter, all_of_them: Mapping[str, BodyParameter], mass: float | None) -> BodyParameter:
+    """Add what the mass turns a parameter into."""
+    name, value, sigma = parameter.name, parameter.value, parameter.sigma
+    if mass is None or value is None or sigma is None:
+        return parameter
+    factor, unit = 0.0, ""
+    if name == "thrust":
+        factor, unit = mass, "N at full command"
+    elif name.startswith("drag_linear"):
+        factor, unit = mass, "N s/m"
+    elif name.startswith("drag_quadratic"):
+        factor, unit = 2.0 * mass / REFERENCE_DENSITY, "m^2 (drag coefficient times area)"
+    elif name == "climb_loss":
+        factor, unit = mass, "N s^2/m^2"
+    if unit:
+        return replace(parameter, si_value=factor * value, si_sigma=factor * sigma, si_unit=unit)
+    thrust = all_of_them["thrust"]
+    if name in ("roll_gain", "pitch_gain") and thrust.value is not None and thrust.sigma is not None:
+        over_arm = mass * thrust.value / value
+        part = float(np.hypot(thrust.sigma / thrust.value, sigma / value))
+        return replace(parameter, si_value=over_arm, si_sigma=over_arm * part, si_unit="kg m (inertia over arm)")
+    return parameter
+
+
+def undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:
+    """Return a finding that names what is not determined, if anything."""
+    missing = [p for p in parameters.values() if not p.determined and p.reason != "held at the value given"]
+    if not missing:
+        return []
+    return [
+        Finding(
+            "not-determined",
+            Severity.INFO,
+            "not determined: " + "; ".join(f"{p.name} ({p.reason})" for p in missing),
+            "",
+            {"parameters": ", ".join(p.name for p in missing)},
+        )
+    ]
+
+
+def drag_apart(
+    parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: FilterErrorFit, covariance: Floats
+) -> list[Finding]:
+    """Return the whole drag at the speed flown where its linear and quadratic parts cannot be told apart."""
+    findings = []
+    for place, axis in enumerate("xyz"):
+        names = (f"drag_linear_{axis}", f"drag_quadratic_{axis}")
+        if all(parameters[name].determined for name in names):
+            continue
+        speed = usual_speed(motions, place)
+        weights = np.zeros(len(covariance))
+        weights[[THETA.index(name) for name in names]] = speed, speed**2
+        drag = float(weights[:SHARED] @ fine.values[:SHARED])
+        sigma = float(np.sqrt(max(float(weights @ covariance @ weights), 0.0)))
+        if speed > _SLOW and sigma < _DRAG_RELATIVE * drag:
+            findings.append(
+                Finding(
+                    "drag-together",
+                    Severity.INFO,
+                    f"linear and quadratic drag along {axis} cannot be told apart, but together they slow the craft "
+                    f"by {drag:.3g} +- {sigma:.1g} m/s^2 at {speed:.1f} m/s",
+                    ADVICE["drag_quadratic"],
+                    {"axis": axis, "speed": speed, "drag": drag, "sigma": sigma},
+                )
+            )
+    return findings
