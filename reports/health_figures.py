@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from logparse.quantity import number, uncertain
 from pipeline.results.flight import FlightResult
 from pipeline.results.health import FlightHealth, Panel, Spectrum
 from pipeline.results.span import Span
 from reports.figure import Figure, Trace, layout_of, limit_line, line, margin, plotly_text, time_axis
+from sysid.statistics.parameter import Parameter
 
 #: Unit shown and factor, by the unit kept.
 _SHOWN = {"rad": ("°", 180.0 / np.pi), "rad/s": ("°/s", 180.0 / np.pi)}
@@ -50,9 +53,21 @@ def health_figures(result: FlightResult) -> list[Figure]:
         )
         if panels
     ]
+    figures = [
+        replace(each, caption=f"{each.caption} {_sagging(result.health.sag)}") if each.id == "health-battery" else each
+        for each in figures
+    ]
     if signals.spectrum is not None:
         figures.append(_spectrum(signals.spectrum))
     return figures
+
+
+def _sagging(sag: Parameter | None) -> str:
+    """Say what the battery's resistance means for a pilot, or why it is not known."""
+    if sag is None or sag.value is None or sag.sigma is None:
+        return "" if sag is None else f"Its resistance is not determined: {sag.reason}."
+    ohms = uncertain(1e3 * sag.value, 1e3 * sag.sigma, "mΩ")
+    return f"Battery and wiring have {ohms}: every 10 A more cost {number(10.0 * sag.value, 2)} V."
 
 
 def attitude_figure(result: FlightResult) -> Figure | None:
@@ -70,8 +85,8 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[dict[
     shapes = list(marks)
     row = 1.0 / len(panels)
     named: set[str] = set()
-    for number, panel in enumerate(panels):
-        suffix = "" if number == 0 else str(number + 1)
+    for level, panel in enumerate(panels):
+        suffix = "" if level == 0 else str(level + 1)
         unit, factor = _SHOWN.get(panel.unit, (panel.unit, 1.0))
         for place, signal in enumerate(panel.signals):
             color = _OWN.get(signal.name, _COLORS[place % len(_COLORS)] if len(panel.signals) > 1 else "@ink")
@@ -85,7 +100,7 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[dict[
             if limit < 3.0 * top or limit == min(panel.limits.values()):
                 shapes.append(limit_line(factor * limit, f"y{suffix}"))
         title = f"{panel.title} ({unit})" if unit else panel.title
-        upper = 1.0 - number * row
+        upper = 1.0 - level * row
         axes[f"yaxis{suffix}"] = {
             "domain": [upper - 0.86 * row, upper],
             "title": {"text": plotly_text(title), "font": {"size": 11}},

@@ -342,7 +342,7 @@ def _health(health: FlightHealth | None) -> HealthReport | None:
     """List the events of a flight in the order of time, and which part of it serves models."""
     if health is None:
         return None
-    return HealthReport(events=health.events, sound=health.sound, motors_missing=health.motors_missing)
+    return HealthReport(events=health.events, sound=health.sound, motors_missing=health.motors_missing, sag=health.sag)
 
 
 def _findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from logparse import Finding, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
 from pipeline.flight.health_signals import health_signals
 from pipeline.results.health import FlightHealth
 from pipeline.results.span import Span, around
+from sysid.rotors.battery import sag_resistance
 from sysid.rotors.motor_dropout import Dropout, MotorDropouts, find_motor_dropouts
 from sysid.rotors.motor_loss import MotorLoss, find_motor_losses
+from sysid.statistics.parameter import Parameter
 
 #: Events after which the craft is no longer the one to model.
 _ENDING = ("crash", "disarmed-in-air", "motor-loss")
@@ -49,8 +53,17 @@ def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
         else Span(flight.start, max(flight.start, _begin(cause, events))),
         cause=cause,
         motors_missing=missing,
+        sag=None if flight is None else _sag(log, flight),
         signals=None if flight is None else health_signals(log, flight),
     )
+
+
+def _sag(log: FlightLog, flight: Span) -> Parameter | None:
+    if log.tables.battery is None:
+        return None
+    flown = log.tables.battery.loc[flight.start : flight.stop]
+    t, voltage, current = flown.index, flown["voltage"], flown["current"]
+    return sag_resistance(*(each.to_numpy(np.float64) for each in (t, voltage, current)))
 
 
 def health_findings(health: FlightHealth) -> tuple[Finding, ...]:

@@ -50,7 +50,8 @@ def health_signals(log: FlightLog, flight: Span) -> HealthSignals:
             "rad/s",
         ),
         vibration=_vibration(log.messages, flight),
-        battery=_columns(tables.battery, flight, {"voltage": ("voltage", "V"), "current": ("current", "A")}),
+        battery=_columns(tables.battery, flight, {"voltage": ("voltage", "V"), "current": ("current", "A")})
+        + _power(tables.battery, flight),
         estimator=_ratios(log.messages, flight),
         gps=_columns(
             tables.gps,
@@ -127,6 +128,13 @@ def _columns(table: pd.DataFrame | None, flight: Span, wanted: Mapping[str, tupl
         if len(values) and float(values.abs().max()) > 0.0:
             panels += _panel(title, unit, [_line(title, values, flight)])
     return panels
+
+
+def _power(battery: pd.DataFrame | None, flight: Span) -> tuple[Panel, ...]:
+    if battery is None:
+        return ()
+    watts = (battery["voltage"] * battery["current"]).dropna()
+    return _panel("power", "W", [_line("power", watts, flight)]) if len(watts) and float(watts.max()) > 0.0 else ()
 
 
 def _vibration(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, ...]:

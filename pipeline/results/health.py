@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from logparse import FlightEvent
     from pipeline.results.span import Span
+    from sysid.statistics.parameter import Parameter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +73,7 @@ class FlightHealth:
     sound: Span | None
     cause: FlightEvent | None = None  #: Why the rest is left out; None where nothing is.
     motors_missing: str = ""  #: Why failing motors could not be looked for; empty where they were.
+    sag: Parameter | None = None  #: Resistance by which the battery's voltage sags, ohm; None without a battery.
     signals: HealthSignals | None = None  #: Lines of the analysed flight for plots; None without a flight.
 
     @property

@@ -28,6 +28,7 @@ from pipeline.results.rotation_report import RotationReport
 from pipeline.results.span import Span
 from pipeline.results.verdict import Verdict
 from sysid.rotors.thrust_record import ThrustCoefficient, ThrustReport
+from sysid.statistics.parameter import Parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,6 +96,7 @@ class HealthReport:
     events: tuple[FlightEvent, ...]
     sound: Span | None
     motors_missing: str
+    sag: Parameter | None = None  #: Resistance by which the battery's voltage sags, ohm.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -72,6 +72,13 @@ def test_crash_disarming_and_jamming_are_named_to_half_a_second(health_of):
     assert "jammed" in jammed.reason
 
 
+def test_the_sag_of_a_firmware_pack_is_that_of_its_model(health_of):
+    """SITL's refBatRes is 0.012 ohm; its 10 Hz low-pass of the voltage is faster than the log."""
+    sag = health_of(SHARED / "sitl" / "octa11_auto_8kg.BIN").sag
+    assert abs(sag.value - 0.012) < 3.0 * sag.sigma
+    assert sag.sigma < 0.1 * sag.value
+
+
 def test_lack_of_thrust_is_named_from_the_take_off_on(health_of):
     health = health_of(FAULTS / "saturated_hexa.BIN.xz")
     event = only(health, "low-thrust-reserve")

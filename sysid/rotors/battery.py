@@ -1,0 +1,73 @@
+"""Resistance of a battery and its wiring, by how the voltage sags under the current of a flight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sysid.records.experiment import Floats
+from sysid.statistics.parameter import Parameter
+
+#: Fewest samples, and time over which noise may be correlated, s.
+_FEWEST, _MEMORY = 60, 3.0
+#: Least correlation of the current with itself one sample later, in standard errors of that of white noise: below it,
+#: noise of the sensor is all.
+_STRONG = 5.0
+#: Largest sigma, as a part of the resistance, of one that is stated.
+_SURE = 1.0 / 3.0
+_UNIT = "ohm"
+
+
+def sag_resistance(t: Floats, voltage: Floats, current: Floats) -> Parameter:
+    """Estimate the resistance that the voltage sags by when the current changes.
+
+    The open-circuit voltage falls with the charge drawn and relaxes slowly, which polynomials of charge and time take
+    up. Noise of the current sensor would make the resistance too small; the current one sample before shares the
+    current but not that noise, and serves as instrument (Wooldridge 2010, section 5.1). Errors are correlated over
+    seconds (Newey and West 1987).
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        s, increasing.
+    voltage, current : ndarray, shape (n,)
+        V and A, positive when discharging.
+
+    Returns
+    -------
+    Parameter
+        ohm; not determined where the current is missing or hardly changes.
+    """
+    known = np.isfinite(t) & np.isfinite(voltage) & np.isfinite(current)
+    t, voltage, current = t[known], voltage[known], current[known]
+    if len(t) < _FEWEST:
+        return Parameter(None, None, _UNIT, "voltage and current were not logged together")
+    if float(np.ptp(current)) <= 0.0 or float(np.ptp(voltage)) <= 0.0:
+        return Parameter(None, None, _UNIT, "voltage or current does not change: no sensor measures it")
+    charge = np.concatenate(([0.0], np.cumsum(np.diff(t) * 0.5 * (current[1:] + current[:-1]))))[1:]
+    clock = (t[1:] - t[0]) / (t[-1] - t[0])
+    drawn = charge / max(float(np.max(np.abs(charge))), 1e-9)
+    slow = np.linalg.qr(np.column_stack([np.ones(len(clock)), clock, clock**2, clock**3, drawn, drawn**2]))[0]
+
+    def fast(values: Floats) -> Floats:
+        return np.asarray(values - slow @ (slow.T @ values))
+
+    sag, load, before = -fast(voltage[1:]), fast(current[1:]), fast(current[:-1])
+    lags = max(round(_MEMORY / float(np.median(np.diff(t)))), 1)
+    power = float(before @ load)
+    # White noise alone is as likely as not to repeat itself, by one part in the root of the number of samples.
+    if power <= _STRONG * float(np.linalg.norm(before) * np.linalg.norm(load)) / np.sqrt(len(load)):
+        return Parameter(None, None, _UNIT, "the current hardly changes for longer than its noise")
+    resistance = float(before @ sag) / power
+    sigma = float(np.sqrt(_long_run(before * (sag - resistance * load), lags))) / power
+    if not resistance > 0.0 or sigma > _SURE * resistance:
+        return Parameter(None, None, _UNIT, "the voltage does not follow the current")
+    return Parameter(resistance, sigma, _UNIT)
+
+
+def _long_run(products: Floats, lags: int) -> float:
+    """Variance of the sum of correlated values, by Bartlett weights."""
+    lags = min(lags, len(products) // 4)
+    weights = 1.0 - np.arange(1, lags + 1) / (lags + 1.0)
+    covariances = [float(products[lag:] @ products[:-lag]) for lag in range(1, lags + 1)]
+    own = float(products @ products)
+    return max(own + 2.0 * float(weights @ np.array(covariances)), 0.2 * own, 1e-18)
