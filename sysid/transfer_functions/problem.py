@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -61,8 +62,7 @@ class Problem:
     @property
     def used(self) -> Floats:
         """1 for the coefficients that numerators have, 0 for those above their count; shape (numerators, m)."""
-        counts = self.counts or (self.numerators,) * len(self.group)
-        return (np.arange(self.numerators)[:, None] < np.array(counts)).astype(np.float64)
+        return _used(self.numerators, self.counts or (self.numerators,) * len(self.group))
 
     @property
     def start_delays(self) -> Floats:
@@ -73,6 +73,13 @@ class Problem:
     def delay_parameters(self) -> int:
         """How many delays are estimated: those of all inputs, or none."""
         return len(self.group) if self.longest_delay > 0.0 else 0
+
+
+@lru_cache(maxsize=64)
+def _used(numerators: int, counts: tuple[int, ...]) -> Floats:
+    used = (np.arange(numerators)[:, None] < np.array(counts)).astype(np.float64)
+    used.setflags(write=False)
+    return used
 
 
 @dataclass(frozen=True, slots=True)

@@ -260,6 +260,27 @@ def _gramian(a: Floats) -> Floats:
     return np.asarray(np.linalg.solve(equations, rhs)[:, moment, 0] * sign)
 
 
+def gramian_slopes(a: Floats, slope: Floats) -> Floats:
+    """Differentiate the gramians of denominators without integrators, all of one order.
+
+    Parameters
+    ----------
+    a : ndarray, shape (groups, n)
+    slope : ndarray, shape (groups, n, parameters)
+        Of the coefficients by the parameters.
+
+    Returns
+    -------
+    ndarray, shape (parameters, groups, n, n)
+    """
+    by_coefficient, constant, moment, sign = _moment_equations(a.shape[1])
+    inverse = np.linalg.inv((a @ by_coefficient).reshape(-1, *constant.shape) + constant)
+    moments = -0.5 * inverse[:, :, -1]
+    by_moments = np.einsum("krc,gc->grk", by_coefficient.reshape(-1, *constant.shape), moments)
+    slopes = -(inverse @ by_moments) @ slope
+    return np.asarray(np.moveaxis(slopes[:, moment] * sign[:, :, None], -1, 0))
+
+
 @cache
 def _moment_equations(n: int) -> tuple[Floats, Floats, NDArray[np.int64], Floats]:
     """Parts of the equations of moments that coefficients multiply and that they do not; index and sign of moments."""

@@ -13,6 +13,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.records.experiment import Floats
 from sysid.transfer_functions.problem import Problem
@@ -31,7 +32,7 @@ from sysid.transfer_functions.reduction import (
     slopes_at,
     sum_of,
 )
-from sysid.transfer_functions.response import Discretised, gramians
+from sysid.transfer_functions.response import Discretised, gramian_slopes, gramians
 from sysid.transfer_functions.sections import clip, denominators_of_orders
 
 #: Largest change in one step of a logarithmic parameter, and of a delay in samples.
@@ -45,6 +46,9 @@ MOST_RELIEF = 1.0 / 3.0
 #: parameter is worth a whole one. Residuals that resemble the one before are worth fewer independent ones, and the
 #: noise in a parameter more: then two such steps in a row are the last.
 ENOUGH = 0.02
+
+#: Steps after which a descent may be hopeless.
+ATTEMPT = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +199,7 @@ def descend(
     deadline: float = np.inf,
     delays: Floats | None = None,
     settled: float = 0.0,
+    hopeless: float = np.inf,
 ) -> Descent:
     """Follow Levenberg-Marquardt steps in poles and delays until the cost settles.
 
@@ -211,17 +216,24 @@ def descend(
         Start; by default the problem's.
     settled : float
         Take a step that lowers the cost by no more than this part for the last.
+    hopeless : float
+        End, not converged, where the cost is above this after `ATTEMPT` steps.
     """
     point = solve(problem, clip(theta, problem.band, _lag_orders(problem)), delays)
     if problem.lags == 0 and not problem.delay_parameters:
         return Descent(point, 0, True)
     damping, growth, small = 1e-1, 2.0, 0
     for iteration in range(iterations):
-        if time.monotonic() > deadline:
+        if time.monotonic() > deadline or (iteration == ATTEMPT and point.cost > hopeless):
             return Descent(point, iteration, False)
         hessian, gradient, independent = nonlinear_system(problem, point)
+        free = _free(problem, point, gradient)
         while True:
-            step = _bounded_step(problem, point, hessian, gradient, damping)
+            step = _bounded_step(free, hessian, gradient, damping)
+            expected = float(step @ (2.0 * gradient - hessian @ step))
+            # Even if it were as good as foreseen it would be the last. (One cut short foresees nothing.)
+            if expected * independent < ENOUGH * point.cost and np.abs(step).max() < LONGEST_STEP:
+                return Descent(point, iteration, True)
             trial = solve(problem, *_moved(problem, point, step))
             if trial.cost < point.cost:
                 break
@@ -229,7 +241,6 @@ def descend(
             if damping > 1e8 or time.monotonic() > deadline or not step.any():
                 return Descent(point, iteration, damping > 1e8 or not step.any())
         gain = (point.cost - trial.cost) / max(point.cost, 1e-300)
-        expected = float(step @ (2.0 * gradient - hessian @ step))
         quality = (point.cost - trial.cost) / expected if expected > 0.0 else 1.0
         damping, growth = damping * max(MOST_RELIEF, 1.0 - (2.0 * min(quality, 1.5) - 1.0) ** 3), 2.0
         damping = max(damping, 1e-9)
@@ -268,10 +279,31 @@ def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats, fl
 def _price_slopes(problem: Problem, point: Point, outer: Floats) -> Floats:
     """Half the derivatives of both penalties by the poles' parameters, parameter-major, linear parameters held.
 
-    Slow and lightly damped poles make impulse and initial responses of more energy. By central differences of the
-    gramians, each denominator in the unit of frequency it has now; that the weight of an input's energy moves with its
-    poles too is left out. `outer` holds the initial responses' coefficients times themselves, summed over the records.
+    Slow and lightly damped poles make impulse and initial responses of more energy. By the slopes of the gramians, each
+    denominator in the unit of frequency it has now; that the weight of an input's energy moves with its poles too is
+    left out. `outer` holds the initial responses' coefficients times themselves, summed over the records.
     """
+    system, k = point.system, problem.integrators
+    if k == 0 and not problem.orders:
+        free = forced = gramian_slopes(
+            system.a, point.basis.slope / (system.unit[:, None] ** missing_powers(problem))[:, :, None]
+        )
+    else:
+        free, forced = _differences(problem, point)
+    lanes, used = list(problem.group), problem.used
+    c, count = point.numerators, problem.numerators
+    now = np.diagonal(system.gramians[lanes, :count, :count], axis1=1, axis2=2).T
+    weight = (np.diag(point.penalty).reshape(used.shape) * used).sum(axis=0) / (now * used).sum(axis=0)
+    groups = problem.groups
+    each = weight * np.einsum("kj,ijkl,lj->ij", c, forced[:, lanes, :count, :count], c)
+    slopes: Floats = each @ np.equal.outer(lanes, np.arange(groups)).astype(np.float64)
+    price = np.einsum("gkl,igkl->ig", outer, free)
+    slopes += problem.initial * (np.array(problem.all_orders) - k) / system.unit * price
+    return 0.5 * slopes.ravel()
+
+
+def _differences(problem: Problem, point: Point) -> tuple[Floats, Floats]:
+    """Central differences of the gramians of initial responses and of those to inputs, (lags, groups, n, n)."""
     groups, lags, k, system = problem.groups, problem.lags, problem.integrators, point.system
     step = 1e-5
     moved = np.repeat(point.theta[None], 2 * lags, axis=0)
@@ -282,20 +314,11 @@ def _price_slopes(problem: Problem, point: Point, outer: Floats) -> Floats:
     a: Floats = (seconds / system.unit[:, None] ** missing_powers(problem)).reshape(-1, lags)
     free = gramians(a, orders, 0).reshape(2, lags, groups, lags, lags)
     free = (free[0] - free[1]) / (2.0 * step)
-    forced = free
-    if k:
-        a = np.hstack([np.zeros((len(a), k)), a])
-        forced = gramians(a, problem.all_orders * (2 * lags), k).reshape(2, lags, groups, k + lags, k + lags)
-        forced = (forced[0] - forced[1]) / (2.0 * step)
-    lanes, used = list(problem.group), problem.used
-    c, count = point.numerators, problem.numerators
-    now = np.diagonal(system.gramians[lanes, :count, :count], axis1=1, axis2=2).T
-    weight = (np.diag(point.penalty).reshape(used.shape) * used).sum(axis=0) / (now * used).sum(axis=0)
-    each = weight * np.einsum("kj,ijkl,lj->ij", c, forced[:, lanes, :count, :count], c)
-    slopes: Floats = each @ np.equal.outer(lanes, np.arange(groups)).astype(np.float64)
-    price = np.einsum("gkl,igkl->ig", outer, free)
-    slopes += problem.initial * (np.array(problem.all_orders) - k) / system.unit * price
-    return 0.5 * slopes.ravel()
+    if not k:
+        return free, free
+    a = np.hstack([np.zeros((len(a), k)), a])
+    forced = gramians(a, problem.all_orders * (2 * lags), k).reshape(2, lags, groups, k + lags, k + lags)
+    return free, (forced[0] - forced[1]) / (2.0 * step)
 
 
 def _moved(problem: Problem, point: Point, step: Floats) -> tuple[Floats, Floats]:
@@ -308,19 +331,20 @@ def _moved(problem: Problem, point: Point, step: Floats) -> tuple[Floats, Floats
     return theta, np.clip(point.delays + problem.dt * step[lags * groups :], 0.0, problem.longest_delay)
 
 
-def _bounded_step(problem: Problem, point: Point, hessian: Floats, gradient: Floats, damping: float) -> Floats:
-    step = np.zeros_like(gradient)
+def _free(problem: Problem, point: Point, gradient: Floats) -> NDArray[np.bool_]:
+    """Mark the parameters that no bound keeps from following the gradient."""
     theta, delays = _moved(problem, point, 1e-9 * np.sign(gradient))
     moves = (theta != point.theta).T.ravel()
-    if problem.delay_parameters:
-        moves = np.concatenate([moves, delays != point.delays])
-    free = np.flatnonzero(moves)
-    if len(free):
-        block = hessian[np.ix_(free, free)]
-        diagonal = np.diag(block)
-        block = block + np.diag(damping * diagonal + 1e-9 * max(float(diagonal.max()), 1e-300))
-        step[free] = np.linalg.solve(block, gradient[free])
-    return np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+    return np.concatenate([moves, delays != point.delays]) if problem.delay_parameters else moves
+
+
+def _bounded_step(free: NDArray[np.bool_], hessian: Floats, gradient: Floats, damping: float) -> Floats:
+    diagonal = np.where(free, hessian.diagonal(), 0.0)
+    # What does not move is solved for too, by equations of its own: no step.
+    block = hessian * (free & free[:, None])
+    block[np.diag_indices(len(block))] += np.where(free, damping * diagonal + 1e-9 * max(diagonal.max(), 1e-300), 1.0)
+    step = np.linalg.solve(block, np.where(free, gradient, 0.0))
+    return np.asarray(np.minimum(np.maximum(step, -LONGEST_STEP), LONGEST_STEP))
 
 
 def _lag_orders(problem: Problem) -> tuple[int, ...]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim, lti, step
 
-from sysid.transfer_functions.response import INITIAL_SECONDS, discretise, free_run
+from sysid.transfer_functions.response import INITIAL_SECONDS, discretise, free_run, gramian_slopes, gramians
 from sysid.transfer_functions.sections import denominators
 
 POLES = np.array(
@@ -95,3 +95,14 @@ def test_an_input_without_effect_leaves_the_offset():
         [np.zeros(1)], [np.ones(1)], np.ones((50, 1)), y, 5.0, 0.1, "zoh", shared=False, sigma=1, initial_energy=1
     )
     np.testing.assert_allclose(run, 7.0)
+
+
+def test_slopes_of_gramians_are_those_of_differences() -> None:
+    """The price of slow poles follows from them, and with it every step of a descent."""
+    theta = 0.5 * np.random.default_rng(0).standard_normal((3, 5))
+    a, slope = denominators(theta)
+    found = gramian_slopes(a, slope)
+    for i, change in enumerate(1e-6 * np.eye(5)):
+        up, down = (gramians(denominators(theta + sign * change)[0], [5] * 3, 0) for sign in (1.0, -1.0))
+        expected = (up - down) / 2e-6
+        assert found[i] == pytest.approx(expected, abs=1e-8 * np.abs(expected).max())
