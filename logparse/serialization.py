@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import threading
 import typing
@@ -69,8 +68,9 @@ def recorded(value: Any, kind: type[T]) -> T:
 
 
 def as_json(value: object, indent: int | None = 1) -> str:
-    """Write strict JSON."""
-    return json.dumps(plain(value), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+    """Write strict JSON, null for what is not finite; on one line without an indent."""
+    text = msgspec.json.encode(value, enc_hook=_unpacked)
+    return msgspec.json.format(text, indent=indent or 0).decode() + "\n"
 
 
 def from_json(content: str | bytes, kind: type[T]) -> T:
