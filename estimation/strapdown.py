@@ -28,7 +28,7 @@ from estimation.trust import (
     missed_steps,
     only_one_withdrawal,
 )
-from estimation.tuning import WINDOW, Tuned, relinearised, tune
+from estimation.tuning import RELINEARISED, WINDOW, Tuned, moves_bias, relinearised, settled, tune
 from logparse import Geodetic, MissingDataError, Tables
 
 #: Rows of the trajectory that are smoothed at a time; a multiple of `_kernels.SLOW_EVERY`.
@@ -240,9 +240,13 @@ class _Plan:
 
     def relinearise(self, observations: Observations, x: np.ndarray) -> np.ndarray:
         """Return the start with the attitude that its first minutes find, shape (27,)."""
-        start = self.signal.start
-        first = self.lay_out(observations, np.array([start]), x, self.aligned.P, start, start + WINDOW)
-        return relinearised(first, run(first), levelled=self.aligned.levelled)
+        start, levelled = self.signal.start, self.aligned.levelled
+        for _ in range(RELINEARISED if moves_bias(self.aligned.P, levelled=levelled) else 1):
+            first = self.lay_out(observations, np.array([start]), x, self.aligned.P, start, start + WINDOW)
+            before, x = x, relinearised(first, run(first), levelled=levelled)
+            if settled(before, x):
+                break
+        return x
 
     def filter(self, observations: Observations, x: np.ndarray) -> tuple[Filtered, Estimates]:
         """Filter only: each row knows what was measured before it."""

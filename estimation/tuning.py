@@ -57,6 +57,8 @@ LADDERS: Mapping[str, tuple[float, ...]] = {
 TILT_KNOWN, BIAS_KNOWN = 0.2, 0.5
 #: Biases of an IMU that was never calibrated, rad/s and m/s^2.
 WIDE_GYRO_BIAS, WIDE_ACCEL_BIAS = 0.1, 3.0
+#: Passes at most until the start of an IMU that was never calibrated settles, and what it then still turns by, rad.
+RELINEARISED, SETTLED = 8, np.radians(0.5)
 PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
 GPS_ERROR_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
@@ -154,13 +156,15 @@ def _find_start(problem: Problem, aligned: Alignment) -> _Start:
     """
     found, likelihoods = [], []
     wide = replace(problem.noise, gyro_bias=WIDE_GYRO_BIAS, accel_bias=WIDE_ACCEL_BIAS)
-    for noise, passes in ((problem.noise, 1), (wide, 2)):
+    for noise, passes in ((problem.noise, 1), (wide, RELINEARISED)):
         start = with_priors(aligned, problem.noise, noise)
         tried = replace(problem, noise=noise, P=start.P)
-        for _ in range(passes):
+        for k in range(passes):
             result = run(tried)
-            scale = matched_scale(tried, result)
+            before, scale = tried.x, matched_scale(tried, result)
             tried = replace(tried, x=relinearised(tried, result, levelled=aligned.levelled), white_scale=scale)
+            if k and settled(before, tried.x):
+                break
         found.append(_Start(replace(start, x=tried.x), noise, tried.white_scale))
         likelihoods.append(run(tried, keep=False).log_likelihood)
     return found[int(likelihoods[1] - likelihoods[0] > DECISIVE)]
@@ -180,12 +184,22 @@ def relinearised(problem: Problem, result: ForwardPass, *, levelled: bool) -> np
     x = problem.x.copy()
     smoothed = smooth(problem, result).x[0]
     turn = error_rotation(x[6:10], smoothed[6:10])
-    if levelled and problem.P[ACCEL_BIAS, ACCEL_BIAS] > BIAS_KNOWN**2:
+    if moves_bias(problem.P, levelled=levelled):
         x[13:16] = smoothed[13:16]
     elif problem.P[ATTITUDE, ATTITUDE] < TILT_KNOWN**2:
         turn[:2] = 0.0
     x[6:10] = turned_by(x[6:10], turn)
     return x
+
+
+def settled(before: np.ndarray, after: np.ndarray) -> bool:
+    """Return whether two starts, shape (27,), linearise about the same attitude."""
+    return bool(np.linalg.norm(error_rotation(before[6:10], after[6:10])) < SETTLED)
+
+
+def moves_bias(P: np.ndarray, *, levelled: bool) -> bool:
+    """Return whether a start's tilt is as unknown as the accelerometer's bias that made it, so that both move."""
+    return levelled and bool(P[ACCEL_BIAS, ACCEL_BIAS] > BIAS_KNOWN**2)
 
 
 def _find_lag(observations: Observations, kinds: tuple[int, ...], lay_out: Callable[[Observations], Problem]) -> float:
@@ -223,7 +237,8 @@ def _find_lag(observations: Observations, kinds: tuple[int, ...], lay_out: Calla
 def _set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence[float]) -> Problem:
     """Put one noise setting on its likeliest rung; to be quieter than its class it must gain `STRONG`.
 
-    A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little.
+    A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little. A prior
+    never becomes narrower: that it was wide is why the start, about which it is now, was found at all.
     """
 
     def at(value: float) -> Problem:
@@ -234,7 +249,8 @@ def _set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequenc
     documented = _nearest(ladder, getattr(problem.noise, setting))
     likelihoods, likeliest = _climb(at, ladder, documented)
     quieter = getattr(likeliest.noise, setting) < documented
-    if (quieter or setting in PRIORS) and max(likelihoods.values()) - likelihoods[documented] < STRONG:
+    unsure = max(likelihoods.values()) - likelihoods[documented] < STRONG
+    if (quieter or setting in PRIORS) and (unsure or (quieter and setting in PRIORS)):
         return at(documented)
     return likeliest
 

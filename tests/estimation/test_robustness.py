@@ -43,8 +43,11 @@ def biased(tables, force, rate):
         ([2.0, -2.0, 2.0], [0.0, 0.0, 0.0], True),
         ([0.0, 0.0, 0.0], [0.1, -0.1, 0.1], True),
         ([0.0, 0.0, -1.9], [0.0, 0.0, 0.0], False),
-        # Levelled by such forces alone, the craft begins with ten degrees of tilt and more of heading.
+        # Levelled by such forces alone, the craft begins with ten degrees of tilt and more of heading ...
         ([1.2, -1.2, 1.2], [0.1, -0.1, 0.1], False),
+        # ... or with twenty: the first attitudes that are found are still far off.
+        ([2.0, 2.0, 2.0], [0.0, 0.0, 0.0], False),
+        ([2.0, -2.0, 2.0], [0.1, -0.1, 0.1], False),
     ],
 )
 def test_biases_beyond_their_class_are_estimated(flight, truth, clean, force, rate, attitude):
