@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from estimation import estimate
-from logparse import read_log
+from logparse import MissingDataError, read_log
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
@@ -69,7 +69,10 @@ def firmware() -> Iterator[Stated]:
     for path in sorted([*LOGS.glob("sitl/*.BIN"), *LOGS.glob("pairs/*.BIN.xz")]):
         name = path.name.partition(".")[0]
         facts = json.loads((path.parent / f"{name}.json").read_text())
-        seen = _flight(path, name)
+        try:
+            seen = _flight(path, name)
+        except MissingDataError:  # a craft at the edge of its loops, whose trajectory is withdrawn
+            continue
         mass, arm = facts["truth"]["mass_kg"], facts["truth"]["arm_length_m"]
         model = fit_rigid_body([seen], mass=mass)
         truth = firmware_truth(facts, seen, model.reference_voltage, rotor_drag=model.rotor_drag)

@@ -1,8 +1,10 @@
 """Entry point: tables in, trajectory out."""
 
+from dataclasses import replace
 from datetime import datetime
 from importlib import import_module
 
+from estimation.frozen import without_frozen_fixes
 from estimation.observations import usable_fixes
 from estimation.segmentation import FEWEST_SAMPLES, SLOWEST_IMU
 from estimation.states import SensorNoise
@@ -50,19 +52,22 @@ def estimate(
         When neither an IMU of 15 Hz nor attitude with positions is there.
     """
     noise = noise or SensorNoise()
+    tables, frozen = without_frozen_fixes(tables)
+    trajectory: Trajectory
     if _has_fast_imu(tables):
-        return estimate_strapdown(tables, rate=rate, start=start, stop=stop, date=date, noise=noise, smoothed=smooth)
-    if _is_low_rate(tables):
+        trajectory = estimate_strapdown(
+            tables, rate=rate, start=start, stop=stop, date=date, noise=noise, smoothed=smooth
+        )
+    elif _is_low_rate(tables):
         # Only when it is needed: filterpy imports scipy.stats, which takes longer than to fuse a flight's fast IMU.
         lowrate = import_module("estimation.lowrate")
-        trajectory: Trajectory = lowrate.estimate_low_rate(
-            tables, rate=rate, start=start, stop=stop, noise=noise, smoothed=smooth
+        trajectory = lowrate.estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise, smoothed=smooth)
+    else:
+        raise MissingDataError(
+            "the log has neither IMU samples at 15 Hz or more nor GPS positions with attitude, so there is nothing to "
+            "make a trajectory from: log IMU and GPS (rotorid inspect names the setting)"
         )
-        return trajectory
-    raise MissingDataError(
-        "the log has neither IMU samples at 15 Hz or more nor GPS positions with attitude, so there is nothing to make "
-        "a trajectory from: log IMU and GPS (rotorid inspect names the setting)"
-    )
+    return replace(trajectory, findings=(*frozen, *trajectory.findings)) if frozen else trajectory
 
 
 def _has_fast_imu(tables: Tables) -> bool:

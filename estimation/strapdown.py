@@ -24,7 +24,8 @@ from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
 from estimation.trust import (
     contradicted_receiver,
     doubtful_sensors,
-    late_receivers,
+    impossible_biases,
+    late_sensors,
     missed_steps,
     only_one_withdrawal,
 )
@@ -99,13 +100,14 @@ def estimate_strapdown(
     diagnostics = _diagnostics(tables, done, place, tuned)
     doubts = doubtful_sensors(innovation_statistics([e.filtered for e in done]))
     doubts += missed_steps([e.filtered.shocks for e in done], sum(e.segment.length for e in done))
-    doubts += late_receivers(tuned.lags)
+    doubts += late_sensors(tuned.lags)
     lag = tuned.lags.get("gps", 0.0)
     rows = [e.rows for e in done]
     # What comes now is as large as the IMU's samples, which nobody needs any more.
     del found, longest, segment, estimated, done
     tables.release()
     states, sigma = _frames(rows)
+    doubts += impossible_biases(states)
     if place.origin is not None:
         doubts += contradicted_receiver(tables, states, place.origin, lag)
     findings += only_one_withdrawal(doubts)

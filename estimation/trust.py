@@ -29,8 +29,13 @@ BEST_POSITION, BEST_SPEED = 0.5, 0.3
 BEST_UNCORRECTED = 2.1
 #: Fix types from which on the receiver measures phases against a base (RTK).
 CORRECTED = 5.0
-#: A receiver's clock that is further off than this is named, s: some hundredths are its driver's.
+#: What no accelerometer (with its axes, units and scale right) and no gyro is off by, m/s^2 and rad/s.
+FARTHEST_ACCEL_BIAS, FARTHEST_GYRO_BIAS = 5.0, 0.5
+#: A sensor's clock that is further off than this is named, s: some hundredths are its driver's.
 LATE = 0.25
+
+#: What sensors whose lag is looked for are called.
+CALLED: Mapping[str, str] = {"gps": "GPS", "gps2": "second GPS", "mag": "compass", "baro": "barometer"}
 
 #: What each sensor is called in a sentence.
 SPOKEN: Mapping[str, str] = {
@@ -81,6 +86,30 @@ def inconsistent(why: str, evidence: Mapping[str, float] | None = None) -> Findi
         "Look at GPS, compass, barometer and the IMU's vibration; logs of flights before and after may tell which.",
         evidence or {},
     )
+
+
+def impossible_biases(states: pd.DataFrame) -> list[Finding]:
+    """Withdraw a trajectory that takes an IMU with wrong axes, units or scale for one that is merely off.
+
+    Parameters
+    ----------
+    states : DataFrame
+        `Trajectory.states`.
+    """
+    found = []
+    for what, columns, farthest, unit in (
+        ("accelerometer", ["b_ax", "b_ay", "b_az"], FARTHEST_ACCEL_BIAS, "m/s²"),
+        ("gyro", ["b_gx", "b_gy", "b_gz"], FARTHEST_GYRO_BIAS, "rad/s"),
+    ):
+        off = float(np.linalg.norm(states[columns].median()))
+        if off > farthest:
+            found.append(
+                inconsistent(
+                    f"they agree only if the {what} is off by {off:.2g} {unit}, as one with wrong axes, units or scale",
+                    {"bias": off},
+                )
+            )
+    return found
 
 
 def contradicted_receiver(
@@ -139,19 +168,21 @@ def contradicted_receiver(
     return found
 
 
-def late_receivers(lags: Mapping[str, float]) -> list[Finding]:
-    """Name receivers whose clock is off; their data are used at the times that were found."""
+def late_sensors(lags: Mapping[str, float]) -> list[Finding]:
+    """Name sensors whose clock is off; their data are used at the times that were found."""
     return [
         Finding(
-            "gps-late",
+            "gps-late" if sensor.startswith("gps") else "sensor-late",
             Severity.WARNING,
-            f"The {'second ' if sensor == 'gps2' else ''}GPS is {abs(lag):.2f} s {'later' if lag > 0 else 'earlier'} "
+            f"The {CALLED[sensor]} is {abs(lag):.2f} s {'later' if lag > 0 else 'earlier'} "
             "than its rows say, by the IMU's movement; its data are used at the times found.",
-            "Set GPS_DELAY_MS, and look at the receiver's rate and cable.",
+            "Set GPS_DELAY_MS, and look at the receiver's rate and cable."
+            if sensor.startswith("gps")
+            else "Look at how this sensor is connected, and at what filters its readings.",
             {"sensor": sensor, "lag_s": lag},
         )
         for sensor, lag in lags.items()
-        if sensor != "mag" and abs(lag) > LATE
+        if abs(lag) > LATE
     ]
 
 

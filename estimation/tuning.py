@@ -35,13 +35,15 @@ CLOSER, CLOSER_STEPS = 0.04, 4
 LAG_KNOWN = 0.05
 #: A lag beyond this, s, spoils what is found along with it.
 LAG_LARGE = 0.1
-#: The same of a magnetometer, whose rows may be means of what it measured since the row before.
-MAG_LAGS = (-0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
+#: The same of compass and barometer, whose rows may be means of what they measured since the row before.
+FINE_LAGS = (-1.5, -1.1, -0.8, -0.55, -0.36, -0.24, -0.16, -0.1, -0.05, 0.0)
+FINE_LAGS += tuple(-lag for lag in reversed(FINE_LAGS[:-1]))
 #: Sensors whose lag is looked for, and their kinds of measurement.
 LAGGING: Mapping[str, tuple[int, ...]] = {
     "mag": (_kernels.MAG,),
     "gps": (_kernels.GPS_POSITION, _kernels.GPS_VELOCITY),
     "gps2": (_kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY),
+    "baro": (_kernels.BARO,),
 }
 #: Ladders of the noise settings, with the names that they have in `SensorNoise`. A prior may only widen: that the three
 #: numbers which it is about came out small proves nothing.
@@ -215,7 +217,7 @@ def _find_lag(observations: Observations, kinds: tuple[int, ...], lay_out: Calla
     def posterior(lag: float) -> float:
         return run(at(lag), keep=False).log_likelihood - min(0.5 * (lag / LAG_KNOWN) ** 2, DECISIVE)
 
-    steps = MAG_LAGS if kinds == LAGGING["mag"] else GPS_LAGS
+    steps = GPS_LAGS if len(kinds) > 1 else FINE_LAGS
     likelihoods, _ = _climb(at, steps, 0.0)
     near = max(likelihoods, key=likelihoods.__getitem__)
     if near in (steps[0], steps[-1]):

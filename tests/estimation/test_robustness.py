@@ -74,6 +74,41 @@ def test_a_clock_that_is_off_is_found(flight, truth, clean, lag):
     assert nees(result, truth)["velocity"] < 3.0
 
 
+@pytest.mark.parametrize(("what", "lag"), [("baro", 1.0), ("mag", 0.6), ("mag", -0.4)])
+def test_other_clocks_that_are_off_are_found(flight, truth, clean, what, lag):
+    """Half a second of the compass is degrees of heading in every turn, one of the barometer a speed of climb."""
+    table = getattr(flight.tables, what)
+    late = replace(flight.tables, **{what: table.set_axis(table.index + lag)})
+    result = estimate(late, rate=10.0)
+    assert result.diagnostics["lags"][what] == pytest.approx(lag, abs=0.05)
+    assert [f.id for f in result.findings] == ["sensor-late"]
+    error = compare(result, truth)
+    assert error.vertical_velocity < 1.5 * clean.vertical_velocity
+    assert error.yaw < 1.5 * clean.yaw
+
+
+@pytest.mark.parametrize("start", [0.0, 60.0])
+def test_a_receiver_that_repeats_its_last_fix_is_not_believed(flight, start):
+    """It says that the craft stands, to the last digit, while the gyro says that it flies."""
+    gps = flight.tables.gps.copy()
+    old = gps.index >= max(start, gps.index[0])
+    columns = ["lat", "lon", "alt", "v_n", "v_e", "v_d"]
+    gps.loc[old, columns] = gps.loc[old, columns].iloc[0].to_numpy()
+    result = estimate(replace(flight.tables, gps=gps), rate=10.0)
+    finding = next(f for f in result.findings if f.id == "gps-frozen")
+    assert finding.evidence["fixes"] == pytest.approx(old.sum(), abs=30)
+    assert nees(result, flight.truth[flight.truth.index > SETTLED])["velocity"] < 3.0
+
+
+@pytest.mark.parametrize("factor", [1.0 / 9.80665, -1.0])
+def test_forces_of_another_unit_or_sign_are_no_bias(flight, factor):
+    """In g instead of m/s^2 the craft seems to fall all the time, which a bias of 8.8 m/s^2 would explain."""
+    imu = flight.tables.imu.copy()
+    imu[ACCEL] *= factor
+    result = estimate(replace(flight.tables, imu=imu), rate=10.0)
+    assert "trajectory-inconsistent" in [f.id for f in result.findings]
+
+
 def test_barometer_spikes_leave_no_trace(flight, truth, clean):
     baro = flight.tables.baro.copy()
     baro.iloc[np.random.default_rng(1).choice(len(baro), 20, replace=False), 0] = 210.0

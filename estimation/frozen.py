@@ -1,0 +1,74 @@
+"""Fixes of a receiver that repeats itself: where cable or driver failed, the last message stands for new ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from estimation.alignment import RUNNING_PWM
+from estimation.timing import GYRO, GYRO_MOVING
+from logparse import Finding, Severity, Tables
+
+#: A fix that stays the same to the last digit for longer than this while the craft turns is old, s. Hover is never so
+#: still: places are written to a centimetre.
+LONGEST_REPETITION = 2.0
+#: Rates beyond this are a craft that flies if its motors run, rad/s: a calm hover turns no faster.
+CALM = 0.05
+#: Attitude that changes by more than this is a craft that turns, rad; where no rates are logged.
+TURNED = 0.05
+_FIX = ["lat", "lon", "alt", "v_n", "v_e", "v_d"]
+
+
+def without_frozen_fixes(tables: Tables) -> tuple[Tables, list[Finding]]:
+    """Leave out repetitions of a fix while the craft turns, and report them."""
+    spans = [] if tables.gps is None else _repeated(tables.gps)
+    spans = [(first, last) for first, last in spans if _turns(tables, first, last)]
+    if not spans:
+        return tables, []
+    gps = tables.gps
+    assert gps is not None
+    t = gps.index.to_numpy(np.float64)
+    old = np.zeros(len(gps), np.bool_)
+    for first, last in spans:
+        old |= (t > first) & (t <= last)
+    frozen = sum(last - first for first, last in spans)
+    return replace(tables, gps=gps[~old]), [
+        Finding(
+            "gps-frozen",
+            Severity.WARNING,
+            f"The GPS repeats one fix to the last digit while the craft turns, {frozen:.0f} s in all from "
+            f"t = {spans[0][0]:.1f} s: the repetitions are not used.",
+            "Look at the receiver's cable and its driver.",
+            {"start": spans[0][0], "stop": spans[-1][1], "seconds": frozen, "fixes": int(old.sum())},
+        )
+    ]
+
+
+def _repeated(gps: pd.DataFrame) -> list[tuple[float, float]]:
+    """Return the times of the first and the last row of every repetition that lasts too long."""
+    values = gps[_FIX].to_numpy(np.float64)
+    same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
+    starts = np.flatnonzero(np.concatenate([[True], ~same.all(axis=1)]))
+    stops = np.append(starts[1:], len(gps)) - 1
+    t = gps.index.to_numpy(np.float64)
+    long = t[stops] - t[starts] > LONGEST_REPETITION
+    return list(zip(t[starts[long]].tolist(), t[stops[long]].tolist(), strict=True))
+
+
+def _turns(tables: Tables, first: float, last: float) -> bool:
+    """Return whether the craft turns between two times."""
+    if tables.imu is not None and len(rates := tables.imu.loc[first:last, GYRO].dropna().to_numpy(np.float64)):
+        fastest = np.max(np.abs(rates - np.median(rates, axis=0)))
+        return bool(fastest > (CALM if _motors_run(tables, first, last) else GYRO_MOVING))
+    if tables.attitude is not None:
+        angles = tables.attitude.loc[first:last, ["roll", "pitch"]].dropna().to_numpy(np.float64)
+        return bool(len(angles)) and bool(np.max(np.ptp(angles, axis=0)) > TURNED)
+    return False
+
+
+def _motors_run(tables: Tables, first: float, last: float) -> bool:
+    if tables.motors is None:
+        return False
+    outputs = tables.motors.loc[first:last].to_numpy(np.float64)
+    outputs = outputs[np.isfinite(outputs)]
+    return bool(outputs.size) and bool(np.median(outputs) > RUNNING_PWM)
