@@ -114,3 +114,10 @@ _KINDS = (
 def _alike(declared: str, unit: str) -> bool:
     """Whether two units measure the same kind of thing."""
     return any(declared in kind and unit in kind for kind in _KINDS)
+
+
+def sample_times(frame: pd.DataFrame) -> npt.NDArray[np.float64]:
+    """Return the boot time at which a sensor sampled, s: `SampleUS`, in seconds already where the log scales it."""
+    raw, written = numbers(frame, "SampleUS"), frame.index.to_numpy(dtype=np.float64)
+    scaled = (np.asarray(raw * scale, dtype=np.float64) for scale in (1e-6, 1.0))
+    return min(scaled, key=lambda times: float(np.median(np.abs(times - written))) if len(times) else 0.0)

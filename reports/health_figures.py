@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from logparse.quantity import number, uncertain
+from logparse.quantity import joined, number, uncertain
 from pipeline.results.flight import FlightResult
-from pipeline.results.health import FlightHealth, Panel, Spectrum
+from pipeline.results.health import FlightHealth, Panel, Peak, Spectrum
 from pipeline.results.span import Span
-from reports.figure import Figure, Trace, layout_of, limit_line, line, margin, plotly_text, time_axis
+from reports.figure import Figure, Trace, band, band_label, layout_of, limit_line, line, margin, plotly_text, time_axis
 from sysid.statistics.parameter import Parameter
 
 #: Unit shown and factor, by the unit kept.
@@ -136,8 +136,12 @@ def _spectrum(spectrum: Spectrum) -> Figure:
         hover = "%{x:.0f} Hz: %{y:.3g}"
         trace = line(spectrum.hz, factor * amplitude, axis, _COLORS[place], width=1.2, decimals=6, hover=hover)
         data.append(trace)
-    shapes, labels = [], []
-    for name, hz in spectrum.filters.items():
+    shapes: list[dict[str, Any]] = [
+        band(Span(notch.low, min(notch.high, float(spectrum.hz[-1]))), "@judged", 0.18) for notch in spectrum.notches
+    ]
+    marks = [(name, hz, "@judged") for name, hz in spectrum.filters.items()]
+    labels: list[dict[str, Any]] = []
+    for name, hz, color in marks:
         shapes.append(
             {
                 "type": "line",
@@ -147,30 +151,54 @@ def _spectrum(spectrum: Spectrum) -> Figure:
                 "x1": hz,
                 "y0": 0,
                 "y1": 1,
-                "line": {"color": "@judged", "width": 1, "dash": "dash"},
+                "line": {"color": color, "width": 1, "dash": "dash"},
             }
         )
-        labels.append(
-            {
-                "text": plotly_text(name),
-                "x": hz,
-                "y": 1,
-                "xref": "x",
-                "yref": "paper",
-                "xanchor": "left",
-                "yanchor": "top",
-                "showarrow": False,
-                "font": {"size": 10},
-            }
-        )
+        labels.append(band_label(Span(hz, hz), name))
+    labels += [band_label(Span(notch.low, notch.high), notch.name) for notch in spectrum.notches[:2]]
+    highest = max(float(np.max(factor * each)) for each in spectrum.amplitudes.values())
+    labels += [
+        {
+            "text": plotly_text(_peak_name(peak)),
+            "x": peak.hz,
+            "y": float(np.log10(min(factor * peak.amplitude, highest))),
+            "xref": "x",
+            "yref": "y",
+            "showarrow": True,
+            "arrowhead": 0,
+            "ax": 0,
+            "ay": -18,
+            "font": {"size": 10},
+        }
+        for peak in spectrum.peaks
+    ]
     layout = layout_of(
         xaxis={"title": {"text": "frequency (Hz)"}},
         yaxis={"title": {"text": f"amplitude ({unit})"}, "type": "log"},
         shapes=shapes,
         annotations=labels,
     )
-    caption = (
-        f"Spectrum of the angular rates ({spectrum.source}). Lines at the rotors' speed and its multiples are motor "
-        "vibration; notches (dashed) should lie on them."
-    )
+    caption = f"Spectrum of the angular rates ({spectrum.source}). {_said_of_peaks(spectrum)}"
     return Figure("health-spectrum", caption, data, layout, 330, time=False)
+
+
+def _peak_name(peak: Peak) -> str:
+    multiple = "" if peak.rotor_multiple < 2 else f" × {peak.rotor_multiple}"
+    return f"{peak.hz:.0f} Hz" + (f" (rotors{multiple})" if peak.rotor_multiple else "")
+
+
+def _said_of_peaks(spectrum: Spectrum) -> str:
+    """Say which peaks are the rotors', and which no notch covers."""
+    if not spectrum.peaks:
+        return "No line stands out."
+    named = joined([_peak_name(peak) for peak in spectrum.peaks])
+    text = f"Lines at {named}."
+    open_to = [f"{peak.hz:.0f} Hz" for peak in spectrum.peaks if peak.rotor_multiple and not peak.notch]
+    if spectrum.notches:
+        text += " Tinted: notches."
+        text += f" No notch covers {joined(open_to)}." if open_to else ""
+    elif open_to:
+        text += " No notch is set: INS_HNTCH_* would take the rotors' lines out."
+    if spectrum.rotors_hz is not None:
+        text += f" The rotors turned at {spectrum.rotors_hz[0]:.0f} to {spectrum.rotors_hz[1]:.0f} Hz by ESC telemetry."
+    return text

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from logparse.canonical.series import series
-from logparse.units import numbers
+from logparse.units import numbers, sample_times
 
 #: Name of the tables and of their columns by sensor type.
 _SENSORS: Mapping[int, tuple[str, str]] = {0: ("accel_batch", "accel"), 1: ("gyro_batch", "gyro")}
@@ -33,7 +33,8 @@ def batches(messages: Mapping[str, pd.DataFrame]) -> dict[str, tuple[pd.DataFram
     if "ISBH" not in messages or "ISBD" not in messages or not len(messages["ISBH"]) or not len(messages["ISBD"]):
         return {}
     heads, data = messages["ISBH"], messages["ISBD"]
-    head = {name: numbers(heads, name) for name in ("N", "type", "instance", "mul", "smp_cnt", "SampleUS", "smp_rate")}
+    head = {name: numbers(heads, name) for name in ("N", "type", "instance", "mul", "smp_cnt", "smp_rate")}
+    sampled = sample_times(heads)
     number, sequence = numbers(data, "N"), numbers(data, "seqno")
     if not {"x", "y", "z"} <= set(data.columns):
         return {}
@@ -55,7 +56,7 @@ def batches(messages: Mapping[str, pd.DataFrame]) -> dict[str, tuple[pd.DataFram
         if sensor is None or not rate > 0.0 or not scale > 0.0 or not np.isfinite(head["instance"][owner]):
             continue
         values = np.stack([_samples(data[axis], rows) for axis in "xyz"], axis=-1) / scale
-        first = head["SampleUS"][owner] * 1e-6 + sequence[rows] * (_BLOCK / rate)
+        first = sampled[owner] + sequence[rows] * (_BLOCK / rate)
         times = first[:, None] + np.arange(_BLOCK) / rate
         parts[sensor[0], int(head["instance"][owner])].append((times.ravel(), values.reshape(-1, 3), owner))
     result: dict[str, tuple[pd.DataFrame, ...]] = {}

@@ -13,7 +13,7 @@ from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, frozen, sample, series
 from logparse.findings import Finding, Severity
 from logparse.frames import Motor
-from logparse.units import numbers, quantity
+from logparse.units import numbers, quantity, sample_times
 
 Messages = Mapping[str, pd.DataFrame]
 Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
@@ -131,9 +131,9 @@ def _sampled(frame: pd.DataFrame) -> Array:
     """Boot time of the samples of a raw sensor message, where it is logged beside the write time."""
     t: Array = frame.index.to_numpy(dtype=np.float64)
     if "SampleUS" in frame:
-        sampled = numbers(frame, "SampleUS") * 1e-6
+        sampled = sample_times(frame)
         if np.all(np.abs(sampled - t) < 1.0):
-            return np.asarray(sampled, dtype=np.float64)
+            return sampled
     return t
 
 

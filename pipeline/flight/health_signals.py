@@ -11,16 +11,14 @@ from numpy.typing import NDArray
 from logparse import FlightLog, Tables
 from logparse.events.vibration import vibration_levels
 from logparse.vehicle import pwm_range
-from pipeline.results.health import HealthSignals, Panel, Signal, Spectrum
+from pipeline.flight.vibration_spectrum import vibration_spectrum
+from pipeline.results.health import HealthSignals, Panel, Signal
 from pipeline.results.span import Span
-from sysid.records.periodogram import welch
 
 Floats = NDArray[np.float64]
 
 #: Most points of a line.
 _MOST = 3000
-#: Slowest samples that a spectrum is made of [Hz], and its resolution [Hz].
-_FAST, _RESOLUTION = 90.0, 1.0
 #: Test ratio at which ArduPilot's failsafe counts (FS_EKF_THRESH).
 _RATIO = 0.8
 
@@ -59,7 +57,7 @@ def health_signals(log: FlightLog, flight: Span) -> HealthSignals:
             {"satellites": ("satellites", ""), "dilution (HDOP)": ("hdop", ""), "accuracy": ("h_acc", "m")},
         ),
         compass=_compass(tables, flight),
-        spectrum=_spectrum(tables, flight, log.parameters),
+        spectrum=vibration_spectrum(tables, flight, log.parameters),
         motor_limits={"MOT_SPIN_MIN": levels.pwm(levels.spin_min), "MOT_SPIN_MAX": levels.pwm(levels.spin_max)},
     )
 
@@ -187,78 +185,3 @@ def _compass(tables: Tables, flight: Span) -> tuple[Panel, ...]:
     return _panel("magnetic field", "µT", [_line("magnetic field", field, flight)]) + _panel(
         "throttle", "", [_line("throttle", throttle, flight)]
     )
-
-
-def _spectrum(tables: Tables, flight: Span, parameters: Mapping[str, float]) -> Spectrum | None:
-    """Transform bursts of the batch sampler, or the gyro where it was logged fast enough."""
-    found = _bursts(tables, flight) or _logged(tables, flight)
-    if found is None:
-        return None
-    source, hz, powers = found
-    shown = hz >= 5.0
-    amplitudes = {axis: np.sqrt(2.0 * power[shown] * (hz[1] - hz[0])) for axis, power in powers.items()}
-    return Spectrum(
-        source=source,
-        unit="rad/s",
-        hz=hz[shown],
-        amplitudes=amplitudes,
-        filters={name: value for name, value in _filters(parameters).items() if 5.0 <= value <= hz[-1]},
-    )
-
-
-def _bursts(tables: Tables, flight: Span) -> tuple[str, Floats, dict[str, Floats]] | None:
-    for table in tables.further.get("gyro_batch", ()):
-        inside = table.loc[flight.start : flight.stop]
-        total: dict[str, Floats] = {}
-        hz: Floats | None = None
-        count = 0
-        for _, burst in inside.groupby("batch"):
-            t = burst.index.to_numpy(np.float64)
-            if len(t) < 256:
-                continue
-            rate = 1.0 / float(np.median(np.diff(t)))
-            grid, power = _welch(burst, rate, 256)
-            if hz is not None and (len(grid) != len(hz) or abs(grid[1] - hz[1]) > 0.01 * hz[1]):
-                continue
-            hz, count = grid, count + 1
-            for axis, values in power.items():
-                total[axis] = total.get(axis, np.zeros(len(values))) + values
-        if hz is not None and count:
-            rate = 2.0 * hz[-1]
-            return f"gyro, {count} bursts at {rate:.0f} Hz", hz, {axis: value / count for axis, value in total.items()}
-    return None
-
-
-def _logged(tables: Tables, flight: Span) -> tuple[str, Floats, dict[str, Floats]] | None:
-    if tables.imu is None:
-        return None
-    inside = tables.imu.loc[flight.start : flight.stop].dropna()
-    if len(inside) < 512:
-        return None
-    rate = 1.0 / float(np.median(np.diff(inside.index.to_numpy(np.float64))))
-    if rate < _FAST:
-        return None
-    hz, power = _welch(inside, rate, round(rate / _RESOLUTION))
-    return f"gyro as logged, {rate:.0f} Hz, behind the autopilot's filters", hz, power
-
-
-def _welch(table: pd.DataFrame, rate: float, size: int) -> tuple[Floats, dict[str, Floats]]:
-    names = {"roll": "gyro_x", "pitch": "gyro_y", "yaw": "gyro_z"}
-    powers = {}
-    hz: Floats = np.zeros(0)
-    for axis, column in names.items():
-        values = table[column].to_numpy(np.float64)
-        hz, powers[axis] = welch(values - values.mean(), rate, min(size, len(values)))
-    return hz, powers
-
-
-def _filters(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return frequencies of the gyro's low pass and of enabled notches, Hz."""
-    found = {}
-    if parameters.get("INS_GYRO_FILTER", 0.0) > 0.0:
-        found["INS_GYRO_FILTER"] = parameters["INS_GYRO_FILTER"]
-    for name in ("INS_NOTCH", "INS_HNTCH", "INS_HNTC2"):
-        for enable in ("ENABLE", "ENA"):
-            if parameters.get(f"{name}_{enable}", 0.0) > 0.0 and parameters.get(f"{name}_FREQ", 0.0) > 0.0:
-                found[f"{name}_FREQ"] = parameters[f"{name}_FREQ"]
-    return found

@@ -36,6 +36,26 @@ class Panel:
     limits: Mapping[str, float] = field(default_factory=dict)  #: Published limits by name, same unit.
 
 
+@dataclass(frozen=True, slots=True)
+class Notch:
+    """Band of a notch filter over the flight, Hz."""
+
+    name: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Peak:
+    """A line that stands out of a spectrum."""
+
+    hz: float
+    amplitude: float  #: In the unit of the spectrum.
+    axis: str
+    rotor_multiple: int  #: Which multiple of the rotors' speed it is; 0 where it is none, or that is not known.
+    notch: str  #: The notch that covers it; empty where none does.
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spectrum:
     """Amplitude of vibration by frequency."""
@@ -44,8 +64,12 @@ class Spectrum:
     unit: str  #: Of the amplitude of a line.
     hz: NDArray[np.float64]  #: shape (n,)
     amplitudes: Mapping[str, NDArray[np.float64]]  #: mapping of str to ndarray, shape (n,): By axis.
-    #: Frequencies of the autopilot's filters and notches, Hz, by what they are.
+    #: Cut-off of the gyro's low pass, Hz, by the parameter's name.
     filters: Mapping[str, float] = field(default_factory=dict)
+    #: Speeds between which the rotors turned nine tenths of the time, Hz; None where no ESC reported them.
+    rotors_hz: tuple[float, float] | None = None
+    notches: tuple[Notch, ...] = ()
+    peaks: tuple[Peak, ...] = ()  #: The strongest first.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -509,7 +509,8 @@ def test_events_keep_all_that_happened_at_one_time():
     assert tables.events.index.tolist() == pytest.approx([5.0, 5.0, 5.0, 7.0, 9.0], abs=1e-5)
 
 
-def test_batches_are_timed_by_their_samples():
+@pytest.mark.parametrize("scale", [1, 1e-6], ids=["microseconds", "seconds, as logs that name multipliers"])
+def test_batches_are_timed_by_their_samples(scale):
     # Two bursts of 64 samples at 1 kHz, written half a second late and interleaved; the counter N comes again.
     heads = message(
         [1.0, 1.01, 9.0],
@@ -518,7 +519,7 @@ def test_batches_are_timed_by_their_samples():
         instance=[0, 0, 0],
         mul=[100, 10, 100],
         smp_cnt=[64] * 3,
-        SampleUS=[500_000, 600_000, 8_500_000],
+        SampleUS=[scale * each for each in (500_000, 600_000, 8_500_000)],
         smp_rate=[1000.0] * 3,
     )
     ramp = np.arange(32)
