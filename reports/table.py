@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 
 import rich.table
 from rich.text import Text
@@ -38,6 +39,16 @@ class Table:
             part = row.kind == "part"
             lines.append(_line(row.label, [""] * len(self.heads) if part else row.cells, bold=part))
         return "\n".join([*caption, *lines])
+
+    def html(self) -> str:
+        """Write the table for a notebook."""
+        head = "".join(f"<th>{escape(each)}</th>" for each in (self.label, *self.heads))
+        rows = "".join(
+            f"<tr><th>{escape(row.label)}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in row.cells)}</tr>"
+            for row in self.rows
+        )
+        caption = f"<caption>{escape(self.caption)}</caption>" if self.caption else ""
+        return f"<table>{caption}<tr>{head}</tr>{rows}</table>"
 
     def terminal(self, title: str | None = None) -> rich.table.Table:
         """Return the table for the terminal."""

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from logparse.quantity import number
 from logparse.summary import Summarised
+from reports.table import Row, Table
 from sysid.records.experiment import Experiment
 from sysid.validation.assessment import HORIZONS, Predictor, Validation
 from sysid.validation.assessment import validate as validate_model
@@ -47,7 +49,14 @@ class Comparison(Summarised):
         }
 
     def _repr_html_(self) -> str:
-        return self.table.to_html(float_format=lambda value: f"{value:.3g}")
+        rows = [
+            Row(
+                row["model"],
+                [row["output"], number(row["rmse"]), number(row["best_baseline"]), "yes" if row["trusted"] else "no"],
+            )
+            for row in self.table.reset_index().to_dict("records")
+        ]
+        return Table("model", ["output", "RMSE", "best of the baselines", "trusted"], rows).html()
 
 
 _BASELINES = ["rmse_mean", "rmse_constant_position", "rmse_constant_velocity"]

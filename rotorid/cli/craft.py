@@ -12,7 +12,8 @@ from rotorid.cli.output import console, prepare
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.table import Table
+
+    from reports.table import Table
 
 #: Samples per second: rotation needs more than the transfer functions' ten.
 RATE = 50.0
@@ -75,7 +76,7 @@ def craft(
         typer.echo(found.table.reset_index().to_json(orient="records", indent=1))
         return
     table, notes = _overview(found.table)
-    console().print(table)
+    console().print(table.terminal("Physical parameters, every method on the same flights"))
     for number, note in enumerate(notes, start=1):
         typer.echo(f"({number}) {note}")
     for finding in findings:
@@ -84,25 +85,23 @@ def craft(
         typer.echo(file)
 
 
-def _overview(table: pd.DataFrame) -> tuple[Table, list[str]]:
+def _overview(found: pd.DataFrame) -> tuple[Table, list[str]]:
     """Tabulate every parameter by every method; reasons become numbers, explained below the table."""
-    from rich.table import Table
-
     from logparse.quantity import uncertain
+    from reports.table import Row, Table
 
-    shown = Table(title="Physical parameters, every method on the same flights")
-    for name in ("parameter", "method", "value", "unit", "in SI", "note"):
-        shown.add_column(name, overflow="fold")
-    last = ""
+    rows: list[Row] = []
     notes: list[str] = []
-    for row in table.reset_index().to_dict("records"):
-        si = f"{uncertain(row['si_value'], row['si_sigma'])} {row['si_unit']}" if math.isfinite(row["si_value"]) else ""
-        unit = str(row["unit"]).partition(",")[0].partition(" (")[0]
-        parameter, note = str(row["parameter"]), str(row["note"])
-        name = "" if parameter == last else parameter
-        if note and note not in notes:
-            notes.append(note)
-        number = f"({notes.index(note) + 1})" if note else ""
-        shown.add_row(name, row["method"], uncertain(row["value"], row["sigma"]), unit, si, number)
-        last = parameter
-    return shown, notes
+    for parameter, methods in found.reset_index().groupby("parameter", sort=False):
+        rows.append(Row(str(parameter), kind="part"))
+        for row in methods.to_dict("records"):
+            known = math.isfinite(row["si_value"])
+            si_unit = str(row["si_unit"]).partition(" at ")[0].partition(" (")[0]
+            si = f"{uncertain(row['si_value'], row['si_sigma'])} {si_unit}" if known else ""
+            unit = str(row["unit"]).partition(",")[0].partition(" (")[0]
+            note = str(row["note"])
+            if note and note not in notes:
+                notes.append(note)
+            number = f"({notes.index(note) + 1})" if note else ""
+            rows.append(Row(f"  {row['method']}", [uncertain(row["value"], row["sigma"]), unit, si, number]))
+    return Table(label="parameter, by method", heads=["value", "unit", "in SI", "note"], rows=rows), notes
