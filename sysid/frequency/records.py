@@ -157,6 +157,18 @@ def chirp_signal(log: FlightLog, t: Floats, chirp: Chirp) -> Floats:
     return np.asarray(np.interp(t, times[inside], table["target"].to_numpy(np.float64)[inside], 0.0, 0.0))
 
 
+def below_folding(log: FlightLog, chirp: Chirp, step: float) -> Chirp:
+    """Cut a chirp to the time in which it sweeps what rows `step` [s] apart can show; above, it folds onto the rest."""
+    table = log.tables.systemid
+    assert table is not None
+    times = table.index.to_numpy(np.float64)
+    hz = table["frequency"].to_numpy(np.float64) / (2.0 * np.pi)
+    shown = times[(times >= chirp.start) & (times <= chirp.stop) & (hz <= 0.5 / step)]
+    if chirp.high <= 0.5 / step or len(shown) < 8:
+        return chirp
+    return replace(chirp, start=float(shown[0]), stop=float(shown[-1]), high=0.5 / step)
+
+
 def on_uniform_clock(t: Floats, columns: Sequence[Floats]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Bring samples that are nearly even in time onto an even clock by cubic splines.
 
@@ -198,6 +210,7 @@ def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp)
     FrequencyError
         When the log lacks the signals of the axis within the chirp.
     """
+    chirp = below_folding(log, chirp, signals.step)
     rows = (signals.t >= chirp.start) & (signals.t <= chirp.stop)
     t = signals.t[rows]
     if len(t) < 16:

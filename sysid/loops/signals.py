@@ -11,7 +11,14 @@ from logparse import FlightLog
 from sysid.frequency.axes import axis_of
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Chirp, Within, find_chirps
-from sysid.frequency.records import AxisRecord, RateSignals, chirp_record, on_uniform_clock, rate_signals
+from sysid.frequency.records import (
+    AxisRecord,
+    RateSignals,
+    below_folding,
+    chirp_record,
+    on_uniform_clock,
+    rate_signals,
+)
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Floats
@@ -84,6 +91,7 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
     which = axis_of(axis)
     table = log.tables.systemid
     assert table is not None
+    chirp = below_folding(log, chirp, signals.step)
     rows = (signals.t >= chirp.start) & (signals.t <= chirp.stop)
     t, total = signals.t[rows], signals.columns[which.input][rows]
     times = table.index.to_numpy(np.float64)

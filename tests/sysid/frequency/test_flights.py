@@ -54,6 +54,16 @@ def test_chirp_in_a_closed_loop_with_gusts_gives_the_true_response(chirped: Flig
     assert 0.4 < score < 1.6
 
 
+def test_a_chirp_above_half_the_rate_of_rows_does_not_fold_onto_the_response_below(tmp_path: Path) -> None:
+    """A chirp to 40 Hz in rows at 25 Hz: swept on beyond 12.5 Hz, it took a third of the gain at 6 Hz."""
+    frf = frequency.response(flown(tmp_path, CHIRP, rate=25.0), "roll")
+    good = frf.usable & (frf.hz >= 0.6) & (frf.hz <= 8.0)
+    error = np.log(frf.response / PLANT.response(frf.hz))[good]
+    assert np.mean(good[(frf.hz >= 0.6) & (frf.hz <= 8.0)]) > 0.9
+    assert np.max(np.abs(error.real)) * 8.686 < 1.0
+    assert np.max(np.degrees(np.abs(error.imag))) < 5.0
+
+
 def test_plain_regression_is_biased_where_the_instrument_is_not(tmp_path: Path) -> None:
     # Gusts beat the chirp at low frequency: regression finds the controller's inverse, not the craft.
     logs = [flown(tmp_path, replace(CHIRP, gust=5.0), seed) for seed in range(3)]
