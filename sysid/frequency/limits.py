@@ -32,7 +32,7 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
             )
         )
     for log in logs:
-        share = _saturated(log, records)
+        share = share_at_limits(log, records)
         if share > _SATURATED:
             findings.append(
                 Finding(
@@ -47,7 +47,7 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
     return findings
 
 
-def _saturated(log: FlightLog, records: Sequence[AxisRecord]) -> float:
+def share_at_limits(log: FlightLog, records: Sequence[AxisRecord]) -> float:
     """Return the part of a log's records in which a motor was at its lowest or highest output."""
     motors = log.tables.motors
     if motors is None or not len(motors):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from logparse import FlightLog
 from sysid.frequency.axes import axis_of
 from sysid.frequency.excitation import find_chirps
+from sysid.frequency.limits import share_at_limits
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.plant import plant_of
@@ -228,6 +229,17 @@ def limited_chirp(log: FlightLog, axis: str) -> str | None:
             "its chirp; fly the chirp with half of SID_MAGNITUDE"
         )
     return None
+
+
+def motors_limited(log: FlightLog, loop: RateLoop) -> str | None:
+    """Return that motors were at a limit during the axis' chirps: what they give then is not what was asked of them."""
+    share = share_at_limits(log, [record.plant for record in loop.records])
+    if share <= SATURATED:
+        return None
+    return (
+        f"{log.path.name}: a motor was at a limit for {100.0 * share:.0f} % of the chirp on the {loop.axis} axis; "
+        "fly it with half of SID_MAGNITUDE, or with less weight"
+    )
 
 
 def at_their_limits(loop: RateLoop) -> str | None:

@@ -15,12 +15,10 @@ from sysid.loops.errors import LoopError
 from sysid.loops.evidence import limited_chirp, oscillation, two_ways_apart, unfit_log
 from sysid.loops.loop import MARGINS, RateLoop, rate_loop
 from sysid.loops.responses import attitude_bandwidth, flown_fit
+from sysid.loops.same_craft import REBUILT, gain_apart, other_craft
 from sysid.loops.settings import AXES
 from sysid.loops.tuning import Aim
 from sysid.statistics.parameter import Parameter
-
-#: Parameters that make another craft of it.
-_OF_THE_CRAFT = ("FRAME_CLASS", "FRAME_TYPE")
 
 #: Parameters that change by themselves.
 _BY_THEMSELVES = (
@@ -33,9 +31,6 @@ Changes = dict[str, tuple[float, float]]
 
 #: Standard deviations, and sizes, beyond which a measured margin differs from the one foretold.
 DIFFERENT, SIZES = 3.0, {"gain_db": 1.0, "phase_deg": 6.0, "peak_db": 1.5}
-
-#: Factor of the craft's gain that two flights of one craft do not differ by.
-_SAME_CRAFT = 1.5
 
 #: Margins below which a loop is thin, those that a tune keeps, and the same in words.
 _KEPT = {"gain_db": (Aim().gain_db, "dB of gain margin"), "phase_deg": (Aim().phase_deg, "deg of phase margin")}
@@ -102,7 +97,7 @@ def prove(before: FlightLog | Sequence[FlightLog], after: FlightLog | Sequence[F
                 return refuse(f"nothing can be foretold from a flight that oscillates: {reason}")
     except RotoridError as error:
         return refuse(str(error))
-    other = _other_craft(firsts[0], seconds[0])
+    other = other_craft(firsts[0], seconds[0])
     if other is not None:
         return refuse(other)
     changed, beyond = _changes(firsts[0], seconds[0])
@@ -122,8 +117,8 @@ def prove(before: FlightLog | Sequence[FlightLog], after: FlightLog | Sequence[F
             reasons.append(str(error))
             continue
         predicted = first.with_settings(second.flown)
-        apart = _gain_apart(first, second)
-        if shaking is None and apart > _SAME_CRAFT:
+        apart = gain_apart(first, second)
+        if shaking is None and apart > REBUILT:
             return refuse(
                 f"{axis} answers {apart:.1f} times as strongly in one flight as in the other, at equal input: "
                 "these are logs of two craft, or of one that was rebuilt"
@@ -223,20 +218,6 @@ def _verdict(table: pd.DataFrame, loops: dict[str, tuple[RateLoop, RateLoop]]) -
     return BETTER if better else AS_PREDICTED
 
 
-def _other_craft(before: FlightLog, after: FlightLog) -> str | None:
-    """Return why two logs are not of one craft."""
-    for name in _OF_THE_CRAFT:
-        a, b = before.parameters_flown.get(name), after.parameters_flown.get(name)
-        if a is not None and b is not None and a != b:
-            return f"{name} is {a:g} in {before.path.name} and {b:g} in {after.path.name}: these are two craft"
-    first, second = before.vehicle, after.vehicle
-    if first.board_id and second.board_id and first.board_id != second.board_id:
-        return f"{before.path.name} and {after.path.name} were logged by two autopilots: these are two craft"
-    if first.motors and second.motors and len(first.motors) != len(second.motors):
-        return f"{len(first.motors)} motors before and {len(second.motors)} after: these are two craft"
-    return None
-
-
 def _changes(before: FlightLog, after: FlightLog) -> tuple[Changes, Changes]:
     """Return parameters that differ: those of the loops, and others."""
     ours: Changes = {}
@@ -251,14 +232,3 @@ def _changes(before: FlightLog, after: FlightLog) -> tuple[Changes, Changes]:
         elif not name.startswith(_BY_THEMSELVES):
             others[name] = (a, b)
     return ours, others
-
-
-def _gain_apart(first: RateLoop, second: RateLoop) -> float:
-    """Return by which factor the craft's gain differs between flights, around the crossover; at least 1."""
-    low, high = max(first.hz[0], second.hz[0], 2.0), min(first.hz[-1], second.hz[-1], 20.0)
-    hz = np.geomspace(low, high, 40) if high > low else first.hz
-    gains = [
-        np.interp(hz, loop.hz, np.log(np.abs(loop.plant.response / loop.flown.gyro.response(loop.hz))))
-        for loop in (first, second)
-    ]
-    return float(np.exp(abs(np.median(gains[0] - gains[1]))))

@@ -23,6 +23,7 @@ from sysid.loops.errors import LoopError
 from sysid.loops.evidence import (
     RANGES,
     at_their_limits,
+    motors_limited,
     oscillation,
     saturation,
     two_ways_apart,
@@ -33,6 +34,7 @@ from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import parameter_file, typed
+from sysid.loops.same_craft import SUMMED, gain_apart, other_craft
 from sysid.loops.settings import AXES, LoopSettings
 
 #: Factors of P and D, of I over P's factor, and of the filters of derivative and gyro that are tried.
@@ -219,6 +221,7 @@ def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") ->
             reason = unfit_log(log) or next((r for a in AXES if (r := oscillation(log, a))), None)
         except RotoridError as error:
             reason = str(error)
+        reason = reason or other_craft(flights[0], log)
         if reason is not None:
             return refuse(reason)
     found = [_examined(flights, axis) for axis in AXES]
@@ -270,11 +273,20 @@ def _examined(logs: Sequence[FlightLog], axis: str) -> AxisTuning:
     """Identify an axis and look at the evidence."""
     try:
         loop = rate_loop(logs, axis)
+        alone = [rate_loop(log, axis) for log in logs] if len(logs) > 1 else [loop]
     except RotoridError as error:
         return AxisTuning(axis, str(error))
+    apart = max(gain_apart(alone[0], other) for other in alone)
+    if apart > SUMMED:
+        return AxisTuning(
+            axis,
+            f"{axis} answers {apart:.2f} times as strongly in one flight as in another, at equal input: give flights "
+            "of one craft with one load",
+            loop,
+        )
     reason = (
         at_their_limits(loop)
-        or next((r for log in logs if (r := saturation(log, axis))), None)
+        or next((r for log in logs if (r := saturation(log, axis) or motors_limited(log, loop))), None)
         or weak_band(loop)
         or two_ways_apart(loop)
     )

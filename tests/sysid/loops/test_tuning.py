@@ -9,10 +9,11 @@ import pytest
 
 from logparse import read_log
 from simulation.axis_loop import AxisPlant, LoopGains, random_axis
-from sysid.loops import LoopError, prove, tune
+from sysid.loops import LoopError, prove, tune, tuning
 from sysid.loops.evidence import two_ways_apart, weak_band
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file, read_parameter_file, typed
+from sysid.loops.same_craft import gain_apart
 from sysid.loops.tuning import Aim, tune_axis
 from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, true_loop
 
@@ -187,6 +188,17 @@ def test_no_log_and_an_unknown_aim():
     assert tune([]).refused == "no log was given"
     with pytest.raises(LoopError, match="aim"):
         tune([], aim="fastest")
+
+
+def test_flights_that_answer_differently_are_not_summed(flown, monkeypatch):
+    """Logs of two craft with the same settings, whose sum has the margins of neither."""
+    axis, gains = AxisPlant(gain=300.0, lag=0.02, filter_hz=30.0), LoopGains(P=0.07, I=0.07, D=0.002)
+    loops = [flown_loop(plant, gains, 1) for plant in (axis, replace(axis, gain=400.0))]
+    assert gain_apart(*loops) == pytest.approx(4.0 / 3.0, rel=0.02)
+    logs = [flown("octa3_id"), flown("octa3_id")]
+    alone = dict(zip(map(id, logs), loops, strict=True))
+    monkeypatch.setattr(tuning, "rate_loop", lambda log, axis: loops[0] if isinstance(log, list) else alone[id(log)])
+    assert "1.33 times as strongly" in tune(logs).refused
 
 
 @pytest.mark.slow
