@@ -267,10 +267,26 @@ def _real() -> Iterator[Row]:
                 known |= frequency.fit(frequency.response(log, axis)).parameters["gain"].value is not None
             if axis != "vertical":
                 known |= _attitude(log, axis, scores)
+            _gains_of_halves(log, axis, scores)
         determined += known
     yield f"real logs with a determined axis, of {flights} (%)", 100.0 * determined / max(flights, 1), "", "", "70"
     rms = float(np.sqrt(np.mean(np.square(scores)))) if scores else float("nan")
     yield f"halves of real flights, difference over sigma, n = {len(scores)}", rms, "", "", "below 1.5"
+
+
+def _gains_of_halves(log: FlightLog, axis: str, scores: list[float]) -> None:
+    """Compare the gains of the two halves of a flight, where the whole has one."""
+    assert log.flight is not None
+    start, stop = log.flight.start, log.flight.stop
+    middle = 0.5 * (start + stop)
+    gains = []
+    with suppress(frequency.FrequencyError):
+        for within in ((start, stop), (start, middle), (middle, stop)):
+            gains.append(frequency.fit(frequency.response(log, axis, within)).parameters["gain"])
+    if len(gains) == 3 and all(gain.value is not None for gain in gains):
+        _, first, second = gains
+        assert first.value is not None and second.value is not None  # noqa: PT018
+        scores.append((first.value - second.value) / float(np.hypot(first.sigma or 0.0, second.sigma or 0.0)))
 
 
 def _attitude(log: FlightLog, axis: str, scores: list[float]) -> bool:

@@ -36,6 +36,9 @@ AXES: Mapping[str, Axis] = MappingProxyType(
     }
 )
 
+#: Name of the instrument of the vertical axis where RATE is not logged.
+PILOTS_THROTTLE = "pilot's throttle"
+
 #: Which axis of the craft each SID_AXIS turns or lifts, and whether its chirp is added after the controller.
 SID_AXES: Mapping[int, tuple[str, bool]] = MappingProxyType(
     {k: (name, False) for first in (1, 4, 7) for k, name in enumerate(("roll", "pitch", "yaw"), first)}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import Finding, FlightLog, Severity
-from sysid.frequency.axes import Axis, FrequencyError, axis_of
+from sysid.frequency.axes import PILOTS_THROTTLE, Axis, FrequencyError, axis_of
 from sysid.frequency.composite import merge
 from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.fit import FrequencyFit, fit, refit
@@ -20,6 +20,7 @@ from sysid.frequency.records import AxisRecord, chirp_record, experiment_record,
 from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.smoothness import roughness
 from sysid.frequency.spectra import RecordWindows, band_of_window, estimate, window_lengths, windows_of
+from sysid.frequency.throttle import throttle_record
 from sysid.records.experiment import Experiment
 
 #: Frequencies per decade of the grid.
@@ -37,6 +38,10 @@ _FEWEST = 3.0
 #: Standard deviation of ln |G| that all frequencies of a flight have in common: outputs are rounded to 1 us, and thrust
 #: is linear in the command only to a few percent between one trim and another.
 _ROUNDED = 0.015
+
+#: The same from the throttle of firmware that compensates neither battery nor thrust curve well: thrust per throttle
+#: sinks by a tenth over a battery.
+_TRIMMED = 0.05
 
 #: Most times that the model is taken out again.
 _PASSES = 7
@@ -89,8 +94,9 @@ def response(data: Data | Sequence[Data], axis: str, within: Within | None = Non
         )
     findings += limits_of(records, logs)
     frf = response_of_records(records, which, gyro_filter_hz=gyro or None)
-    rounded = any(log.tables.has("motors") for log in logs)
-    return replace(frf, findings=tuple(findings), systematic=_ROUNDED if rounded else 0.0)
+    rounded = _ROUNDED if any(log.tables.has("motors") for log in logs) else 0.0
+    common = _TRIMMED if frf.instrument == PILOTS_THROTTLE else rounded
+    return replace(frf, findings=tuple(findings), systematic=common)
 
 
 def records_of(
@@ -126,7 +132,7 @@ def records_of(
             found = _chirped(source, axis, [] if findings is None else findings, reasons, within)
             chirped += found
             if not found:
-                ordinary.append(flight_record(source, rate_signals(source), axis, within))
+                ordinary.append(_ordinary(source, axis, within))
         except FrequencyError as error:
             reasons.append(str(error))
     records = chirped or ordinary
@@ -136,6 +142,19 @@ def records_of(
     if not records:
         raise FrequencyError("; ".join(reasons) or f"no excitation of the {axis.name} axis")
     return records
+
+
+def _ordinary(log: FlightLog, axis: Axis, within: Within | None) -> AxisRecord:
+    """Cut the record of ordinary flying, of the vertical axis from throttle and accelerometer where RATE is not logged.
+
+    Raises
+    ------
+    FrequencyError
+        Without the signals.
+    """
+    if not axis.attitude and "RATE" not in log.messages:
+        return throttle_record(log, within)
+    return flight_record(log, rate_signals(log), axis, within)
 
 
 def _chirped(
@@ -294,4 +313,5 @@ def _composite(
         gyro_filter_hz=gyro_filter_hz,
         records=tuple(record.name for record in records),
         duration=float(sum(record.duration for record in records)),
+        trim=float(np.mean(trims)) if (trims := [r.trim for r in records if r.trim is not None]) else None,
     )

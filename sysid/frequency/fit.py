@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from logparse.summary import Summarised, listed
-from sysid.frequency.axes import FrequencyError
+from sysid.frequency.axes import PILOTS_THROTTLE, FrequencyError
 from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, POOR, cost
 from sysid.frequency.rational import RationalModel
 from sysid.frequency.response import Complex, Floats, FrequencyResponse
@@ -24,6 +24,10 @@ _PER_PARAMETER = 1.0
 
 #: Lags and leads beyond this [s] are no part of the response any more; modes more damped than this are none.
 _LARGEST_LAG, _MODE_DAMPED = 0.5, 0.4
+
+#: Powers of the throttle with which thrust may rise about hover: by the square of a speed that is linear in it, or
+#: linearised by the firmware, less where the battery sinks; more where motors start late.
+_POWERS = (0.7, 4.0)
 
 #: Damping [1/s] and delay [s] that a multirotor can have.
 _POSSIBLE: Mapping[str, tuple[float, float]] = {"damping": (-8.0, 40.0), "delay": (-0.06, 0.3)}
@@ -340,7 +344,9 @@ def _search(
         model = structure.response(values[list(places)], response.hz[good])
         model = model * low_pass(response.hz[good], response.gyro_filter_hz)
         costs.append(cost(response.response[good], model, response.coherence[good]))
-    reason = _refusal(parameters, max(costs))
+    # Coarse rows, averaged, leave a poor fit no excuse that the structure were too simple.
+    coarse = any(response.instrument == PILOTS_THROTTLE for response in responses)
+    reason = _refusal(parameters, max(costs), ACCEPTABLE if coarse else POOR) or _power_refusal(responses[0], values[0])
     if reason:
         parameters = {name: Parameter(None, None, known.unit, reason) for name, known in parameters.items()}
     return FrequencyFit(
@@ -359,15 +365,26 @@ def _search(
     )
 
 
-def _refusal(parameters: Mapping[str, Parameter], worst: float) -> str:
+def _refusal(parameters: Mapping[str, Parameter], worst: float, most: float) -> str:
     """Return why the parameters of a fit mean nothing; empty where they may."""
-    if worst > POOR:
+    if worst > most:
         return f"the structure misses the response: cost J {worst:.0f}"
     for name, known in parameters.items():
         limits = _POSSIBLE.get(name.rpartition(".")[2])
         if limits is not None and known.value is not None and not limits[0] < known.value < limits[1]:
             return f"no craft has {name} {known.value:.3g} {known.unit}: the data say something else than the structure"
     return ""
+
+
+def _power_refusal(response: FrequencyResponse, gain: float) -> str:
+    """Return that thrust would follow no power of the throttle that there is; empty where it may, or none is known."""
+    power = gain / response.trim if response.trim else 1.0
+    if _POWERS[0] < power < _POWERS[1]:
+        return ""
+    return (
+        f"thrust would rise with the power {power:.2g} of the throttle, in which it hovers: something else than the "
+        "throttle moved the craft"
+    )
 
 
 def _effective_delays(names: Sequence[str], values: Floats, covariance: Floats) -> dict[str, Parameter]:

@@ -61,6 +61,9 @@ class AxisRecord:
     #: Whether the output is the central difference of what was measured. An integrator remembers everything before a
     #: window, which bends its response at fewer than some twenty cycles per window; its derivative remembers nothing.
     differenced: bool = False
+    trim: float | None = (
+        None  #: Output per input in steady flight, where both are known as they are (thrust, throttle).
+    )
 
     @property
     def duration(self) -> float:

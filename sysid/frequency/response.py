@@ -62,6 +62,8 @@ class FrequencyResponse(Summarised):
     records: tuple[str, ...] = ()  #: The records that were summed.
     duration: float = 0.0  #: Their length together, s.
     systematic: float = 0.0  #: Standard deviation of ln abs(G) that all frequencies have in common, beside `sigma`.
+    #: Output per input in steady flight, where both are known as they are: specific force per throttle in hover.
+    trim: float | None = None
     findings: tuple[Finding, ...] = field(default=())
 
     @property

@@ -14,7 +14,7 @@ from sysid.loops.filters import Complexes, Floats
 DENSITY = 110.0
 
 #: Half-widths of the local regression in ln f, narrow to wide, and how few points it may hold.
-REACHES, FEWEST = (0.1, 0.2, 0.4), 5
+REACHES, FEWEST = (0.1, 0.2, 0.4, 0.8), 5
 
 #: A wider regression is taken while it stays within this many standard deviations of the narrower ones.
 AGREEMENT = 2.5

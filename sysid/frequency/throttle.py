@@ -1,0 +1,91 @@
+"""Vertical axis of logs without RATE: throttle output to what the accelerometer feels, the pilot's stick as instrument.
+
+Throttle is logged ten times a second whatever LOG_BITMASK says, and no GPS is needed. What is felt along the thrust is
+thrust per mass less drag, whatever the lean; thrust that leans is compensated in the throttle output itself.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from logparse import FlightLog
+from logparse.units import quantity
+from sysid.frequency.axes import PILOTS_THROTTLE, FrequencyError
+from sysid.frequency.excitation import Within
+from sysid.frequency.records import ORDINARY_BAND, AxisRecord, flight_span, on_uniform_clock
+from sysid.frequency.response import Floats
+
+#: Names of the pilot's throttle in CTUN of firmware of all ages.
+_STICK = ("ThI", "ThrIn")
+
+#: Least throttle output [1] of a motor that turns, and standard deviation of the stick that is an input.
+_TURNING, _MOVED = 0.02, 0.01
+
+
+def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
+    """Cut the record of a flight: throttle output, specific force along the thrust, and the pilot's throttle.
+
+    All are averaged over the step of the throttle's rows, so that the average cancels in their ratio and vibration does
+    not fold.
+
+    Raises
+    ------
+    FrequencyError
+        Without these signals, or where the pilot did not move the throttle.
+    """
+    name = log.path.name
+    setpoints, imu = log.tables.setpoints, log.tables.imu
+    stick = next((column for column in _STICK if "CTUN" in log.messages and column in log.messages["CTUN"]), None)
+    if setpoints is None or "throttle" not in setpoints or stick is None or imu is None or len(imu) < 64:
+        raise FrequencyError(f"{name}: no RATE, and no throttle (CTUN) with an accelerometer (IMU) in its place")
+    output = setpoints["throttle"].dropna()
+    frame = log.messages["CTUN"]
+    if len(output) < 64:
+        raise FrequencyError(f"{name}: {len(output)} rows of throttle are no record")
+    start, stop = flight_span(log, float(output.index[0]), float(output.index[-1]), within)
+    times = output.index.to_numpy(np.float64)
+    step = float(np.median(np.diff(times)))
+    rows = times[(times >= start) & (times <= stop)]
+    rows = rows[np.concatenate([[True], np.diff(rows) > 0.0])]
+    if len(rows) < 64:
+        raise FrequencyError(f"{name}: too few rows of throttle in the air")
+    columns = [
+        _averaged(times, output.to_numpy(np.float64), rows, step),
+        _averaged(imu.index.to_numpy(np.float64), -imu["accel_z"].to_numpy(np.float64), rows, step),
+        _averaged(frame.index.to_numpy(np.float64), quantity(frame, stick, ""), rows, step),
+    ]
+    clock, values, usable = on_uniform_clock(rows, columns)
+    span = float(np.nanmax(np.abs(quantity(frame, stick, ""))))
+    if span == 0.0 or np.std(values[:, 2]) < _MOVED * span:
+        raise FrequencyError(
+            f"{name}: the pilot's throttle hardly moved; climb and sink by short movements of it for a minute"
+        )
+    turning = values[:, 0] > _TURNING
+    if np.count_nonzero(turning) < 64:
+        raise FrequencyError(f"{name}: the throttle output is zero in the air")
+    return AxisRecord(
+        name=f"{name} [{clock[0]:.1f}-{clock[-1]:.1f} s]",
+        start=float(clock[0]),
+        dt=float(clock[1] - clock[0]),
+        inputs=values[:, :1],
+        output=values[:, 1],
+        instruments=values[:, 2:],
+        usable=usable & turning,
+        band=ORDINARY_BAND,
+        instrument=PILOTS_THROTTLE,
+        trim=float(np.median(values[turning, 1]) / np.median(values[turning, 0])),
+    )
+
+
+def _averaged(times: Floats, values: Floats, at: Floats, width: float) -> Floats:
+    """Average a signal, straight between its samples, over `width` [s] about the times `at`."""
+    known = np.isfinite(values) & np.concatenate([[True], np.diff(times) > 0.0])
+    times, values = times[known], values[known]
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(times))])
+    grid = np.concatenate([at - 0.5 * width, at + 0.5 * width])
+    # Between samples the integral of a straight line is a parabola.
+    k = np.clip(np.searchsorted(times, grid) - 1, 0, len(times) - 2)
+    past = np.clip(grid, times[0], times[-1]) - times[k]
+    slope = (values[k + 1] - values[k]) / (times[k + 1] - times[k])
+    whole = integral[k] + values[k] * past + 0.5 * slope * past**2
+    return np.asarray((whole[len(at) :] - whole[: len(at)]) / width)
