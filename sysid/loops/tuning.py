@@ -71,13 +71,15 @@ _SAME_SPARE = 0.8
 #: together for 95 % of what the data leave possible, and more.
 TAIL = 0.005
 
-#: Factor by which a mode of 3 % damping that carries a fifth of the acceleration stands above the rigid craft.
-_MODE = 3.2
+#: Factor by which a mode of 3 % damping that carries a third of the acceleration stands above the rigid craft.
+_MODE = 6.0
 
 #: Factors by which a loop's gain may be raised beyond the measured band, each tried only where the one before leaves no
 #: rejection gained, unless the rigid craft keeps it below `_UNSEEN_SMALL` there, which leaves a mode 4 dB. The band is
-#: looked at up to this frequency, Hz, in so many steps.
+#: looked at up to this frequency, Hz, in so many steps. Only the first counts for chirps that ended below
+#: `_FIRST_MODES` [Hz], where the first modes of frames lie.
 _UNSEEN_RAISED, _UNSEEN_SMALL, _UNSEEN_UP_TO, _UNSEEN_STEPS = (1.12, 1.5, 2.0), 0.63 / _MODE, 150.0, 24
+_FIRST_MODES = 30.0
 
 #: Horizontal vibration, m/s^2, above which the gyro filter is not opened.
 _CALM = 10.0
@@ -353,7 +355,7 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     candidates = _field(loop, gyro_factor)
     best = _best(loop, aim, candidates, _UNSEEN_RAISED[0])
     for most in _UNSEEN_RAISED[1:]:
-        if best.gains:
+        if best.gains or loop.hz[-1] < _FIRST_MODES:
             break
         found = _best(loop, aim, candidates, most)
         if found.tuned is not None and (found.wider, found.score) > (best.wider, best.score):
