@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from logparse.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
 from pipeline.fleet.current import Crafts, is_current
-from pipeline.fleet.homogeneity import unlike_findings
+from pipeline.fleet.homogeneity import alike_flights, unlike_findings
 from pipeline.fleet.joint import identify_craft
 from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
@@ -49,17 +49,19 @@ def identify_crafts(
         for flight in flights
         if flight.experiments and flight.position_known and flight.name not in used
     ]
-    joint = sorted((craft for craft in crafts if len(craft) > 1), key=lambda craft: (-len(craft), craft[0].craft))
+    joint = sorted(_builds(crafts, config), key=lambda build: (-len(build[1]), build[1][0].craft, build[0]))
+    pooled = {flight.name for build, craft in joint if build > 1 for flight in craft}
     entries, failures, unstored = [], [], []
     fitted: dict[str, GroupResult] = {}
-    for number, craft in enumerate(joint):
+    for number, (build, craft) in enumerate(joint):
         first = craft[0]
         split = choose_split(craft, config)
-        left_out += [(each.source, split.unused[each.name]) for each in craft if each.name in split.unused]
+        unused = {name: reason for name, reason in split.unused.items() if name not in pooled}
+        left_out += [(each.source, unused[each.name]) for each in craft if each.name in unused]
         findings = (*changes(craft), *apart.get(first.craft, ()), *unlike_findings(craft))
         entry = GroupEntry(
-            name=first.craft_name,
-            folder=first.vehicle,
+            name=first.craft_name if build == 1 else f"{first.craft_name}, build {build}",
+            folder=first.vehicle if build == 1 else f"{first.vehicle}-build-{build}",
             key=craft_key(craft, split, findings, config),
             craft=first.craft,
             vehicle=first.vehicle,
@@ -96,6 +98,21 @@ def identify_crafts(
         unstored=tuple(unstored),
         fitted=fitted,
     )
+
+
+def _builds(
+    crafts: Sequence[tuple[FlightEntry, ...]], config: AnalysisConfig
+) -> Iterator[tuple[int, tuple[FlightEntry, ...]]]:
+    """Yield what is fitted jointly: each craft, which leaves out flights unlike the rest, and these among themselves.
+
+    Flights that the user names are fitted as asked.
+    """
+    for craft in crafts:
+        if len(craft) > 1:
+            yield 1, craft
+        if not (config.training or config.validation):
+            further = (alike for alike in alike_flights(craft)[1:] if len(alike) > 1)
+            yield from enumerate(further, start=2)
 
 
 def _light(result: GroupResult) -> GroupResult:

@@ -87,6 +87,19 @@ def unlike_flights(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
     return found
 
 
+def alike_flights(flights: Sequence[FlightEntry]) -> list[tuple[FlightEntry, ...]]:
+    """Divide the flights of one craft into those that may be pooled, the largest set first.
+
+    Each set is found among what the ones before left over, as another payload is flown more than once.
+    """
+    found, left = [], tuple(flights)
+    while left:
+        apart = unlike_flights(left)
+        found.append(tuple(flight for flight in left if flight.name not in apart))
+        left = tuple(flight for flight in left if flight.name in apart)
+    return found
+
+
 def unlike_findings(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
     """Name the flights of a craft that are not like the others."""
     return tuple(

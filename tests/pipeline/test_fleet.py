@@ -13,7 +13,8 @@ import pytest
 import reports
 from pipeline import AnalysisConfig, ConfigError, analyze_fleet
 from pipeline.fleet import analysis as fleet_module
-from pipeline.fleet import job, joint
+from pipeline.fleet import homogeneity, job, joint, split
+from pipeline.fleet.homogeneity import Unlike
 from pipeline.storage import manifest
 from pipeline.storage.dataset import part
 from pipeline.storage.store import RESULT, FolderStore, open_store
@@ -99,6 +100,36 @@ def test_every_flight_of_a_log_is_kept_and_joined_with_the_others_of_its_craft(l
     assert [flight.name for flight in fleet.flights if flight.log_name == "octa1"] == several[:2]
     assert not (out / "flights" / "octa1~3").exists()
     assert not list(out.glob("tables/*/*/flight=octa1~3"))
+
+
+def test_flights_of_another_payload_are_a_build_of_their_own(logs, tmp_path, monkeypatch):
+    """Two flights unlike the rest are fitted with each other; they were lost to every joint fit before."""
+    for number in (5, 6):
+        (logs / f"octa{number}.bin").write_text(f"octa {number}")
+
+    def heavy(flights):
+        apart = {flight.name for flight in flights} & {"octa5", "octa6"}
+        return {
+            name: Unlike(flight=name, quantity="thrust over mass", ratio=0.6, sigmas=9.0)
+            for name in apart
+            if len(apart) < len(flights)
+        }
+
+    for module in (split, homogeneity):
+        monkeypatch.setattr(module, "unlike_flights", heavy)
+    fleet, _ = run(logs, tmp_path / "out")
+    assert [(group.name, group.folder) for group in fleet.groups] == [
+        ("ArduCopter quad plus", fleet.groups[0].folder),
+        ("ArduCopter quad plus, build 2", f"{fleet.groups[0].folder}-build-2"),
+    ]
+    first, second = ({*group.training, *group.held_out} for group in fleet.groups)
+    assert (first, second) == ({"octa1", "octa2", "octa3"}, {"octa5", "octa6"})
+    assert not [each for each in fleet.passed_over if "octa" in each.source]
+    assert sorted(fitted(fleet)) == [group.name for group in fleet.groups]
+    again, analyzed = run(logs, tmp_path / "out")
+    assert (analyzed, fitted(again), again.groups) == ([], [], fleet.groups)
+    asked = AnalysisConfig(poles=1, zeros=0, training=("octa1", "octa5"))
+    assert len(run(logs, tmp_path / "out", asked)[0].groups) == 1
 
 
 def test_the_name_of_a_log_chooses_all_its_flights(logs, tmp_path):

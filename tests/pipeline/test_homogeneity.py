@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.fleet.homogeneity import unlike_findings, unlike_flights
+from pipeline.fleet.homogeneity import alike_flights, unlike_findings, unlike_flights
 from pipeline.flight.flight_parameters import BATTERY
 from pipeline.results.entry import FlightParameter
 
@@ -58,6 +58,20 @@ def test_a_fuller_battery_is_not_another_craft_but_twice_the_voltage_is():
         *(SimpleNamespace(**{**vars(f), "name": f"heavy {f.name}"}) for f in heavy),
     ]
     assert sorted(unlike_flights(mixed)) == [f"heavy flight {k}" for k in range(3)]
+
+
+def test_flights_of_each_payload_are_pooled_among_themselves():
+    """Five flights as built, three with a camera, two with a heavier one: three sets; five flights were lost before."""
+    payload = dict.fromkeys((1, 4, 7), 1.6) | dict.fromkeys((2, 8), 2.6)
+    for seed in range(10):
+        sets = alike_flights(fleet(seed, count=10, payload=payload))
+        assert [[int(flight.name.split()[1]) for flight in part] for part in sets] == [
+            [0, 3, 5, 6, 9],
+            [1, 4, 7],
+            [2, 8],
+        ]
+    assert [len(part) for part in alike_flights(fleet(1, count=7))] == [7]
+    assert alike_flights([]) == []
 
 
 def test_nothing_known_is_no_reason():
