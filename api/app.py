@@ -38,13 +38,14 @@ from api.routes import (
     logs,
     page_forms,
     pages,
+    questions,
     shares,
     sign_in,
 )
 from api.scratch import Scratch
 from api.settings import Settings
 from api.watch import PRELOAD, Workplace
-from api.worker import Analyze, Limits, analyze_logs
+from api.worker import Analyze, analyze_logs
 
 _log = logging.getLogger("rotorid.api")
 
@@ -129,6 +130,7 @@ def create_app(
     app.include_router(alerts.feeds)
     app.include_router(craft_pages.router)
     app.include_router(craft_pages.forms)
+    app.include_router(questions.router, prefix="/api/v1")
     app.include_router(health.router)
     app.include_router(pages.router)
     app.include_router(page_forms.router)
@@ -145,18 +147,8 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
     database = Database(settings.database_url)
     database.migrate()
     catalog = Catalog(database, objects, Quota(settings.bytes_limit, settings.queue_limit))
-    workplace = Workplace(
-        database=settings.database_url,
-        objects=settings.storage_url,
-        # A cluster's computers have a place of their own for what is temporary.
-        scratch=None if settings.scheduler else scratch.folder,
-        analyze=analyze,
-        limits=Limits(settings.time_limit, settings.memory_limit, settings.upload_limit),
-        lease=settings.lease,
-        deaths=settings.deaths,
-        preload=preload,
-        log_format=settings.log_format,
-    )
+    # A cluster's computers have a place of their own for what is temporary.
+    workplace = Workplace.of(settings, analyze, preload, None if settings.scheduler else scratch.folder)
     desk = Desk(settings.memory_limit)
     found = Crafts(database)
     runner = Runner(database, workplace, workers=settings.workers, scheduler=settings.scheduler or None)

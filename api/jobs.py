@@ -50,7 +50,9 @@ class Runner:
         self._prolonged = 0.0
 
     def open(self) -> None:
-        """Start to work."""
+        """Start to work; a server without workers leaves that to others."""
+        if self._workers == 0:
+            return
         if self._scheduler is None:
             self._workplace.warm_up()
         self._thread.start()

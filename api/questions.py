@@ -20,7 +20,7 @@ from pipeline.results.entry import FlightEntry
 from reports.comparison import compare_reports
 from reports.comparison_page import comparison_page
 from reports.craft_page import craft_page as render_craft
-from reports.reading import report_of
+from reports.reading import parse_report, report_of
 
 #: Logs kept open, signals kept, and bytes of signals kept.
 _LOGS, _SIGNALS, _BYTES = 3, 64, 512 << 20
@@ -104,6 +104,15 @@ def review_craft(entries: list[dict[str, Any]], notes: list[dict[str, Any]]) -> 
 def craft_page(found: dict[str, Any], name: str, notes: list[dict[str, Any]]) -> str:
     """Render what the flights of a craft say together."""
     return render_craft(restored(found, CraftReview), name, restored(notes, list[Note]))
+
+
+def compare_numbers(a: bytes, b: bytes, names: tuple[str, str]) -> list[dict[str, Any]]:
+    """Compare the parameters of two reports."""
+    try:
+        older, newer = (parse_report(content, name) for content, name in zip((a, b), names, strict=True))
+        return [plain(row) for pair in compare_reports(older, newer, names).pairs for row in pair.parameters]
+    except RotoridError as error:
+        raise QuestionError(str(error)) from None
 
 
 def compare(a: dict[str, Any], b: dict[str, Any], names: tuple[str, str]) -> str:

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from socket import socket
+from typing import TYPE_CHECKING, Any
 
 import uvicorn
 from alembic.util import CommandError
@@ -20,7 +21,16 @@ from api.connections import PatientProtocol
 from api.database import Database, NewerDatabaseError
 from api.jobs import Runner
 from api.local_only import LOOPBACK
+from api.objects import Objects
+from api.service_library import ServiceLibrary
 from api.settings import Access, Settings
+from api.working import work_until_told
+from logparse.lazy import lazy
+
+if TYPE_CHECKING:
+    from api import questions
+else:
+    questions = lazy("api.questions")  # with the numerical packages, which the server does without
 
 #: Seconds that requests still being answered get when the service is told to stop.
 _GRACE = 5
@@ -41,19 +51,8 @@ def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None)
     local_only = settings.access is Access.AUTO and host in LOOPBACK
     if settings.access is Access.AUTO:
         settings = settings.model_copy(update={"access": Access.OPEN if local_only else Access.TOKENS})
-    try:
+    with _usable(settings):
         app = create_app(settings, local_only=local_only)
-    except OSError as error:
-        sys.exit(
-            f"rotorid cannot keep logs in {settings.data.resolve()}: {error.strerror or error}. "
-            "Set ROTORID_DATA to a folder that it can write, or ROTORID_STORAGE to a storage that it can."
-        )
-    except NewerDatabaseError as error:
-        sys.exit(f"rotorid cannot use its database: {error}.")
-    except (SQLAlchemyError, CommandError) as error:
-        sys.exit(f"rotorid cannot use its database: {_in_short(error)}. Check ROTORID_DATABASE.")
-    except (ValueError, ImportError) as error:
-        sys.exit(f"rotorid cannot use what ROTORID_DATABASE or ROTORID_STORAGE names: {error}.")
     if host not in LOOPBACK and settings.access is Access.OPEN:
         _log.warning("anyone who can reach %s may upload and read logs: ROTORID_ACCESS is open", host)
     config = uvicorn.Config(
@@ -72,6 +71,34 @@ def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None)
         sys.exit(1)
 
 
+def work(workers: int | None = None) -> None:
+    """Run a worker until it is told to stop; ends the program with a message where a setting is wrong."""
+    settings = _settings()
+    log_lines.configure(settings.log_format)
+    os.umask(0o077)
+    settings = settings.model_copy(update={"workers": workers or settings.workers or 1})
+    with _usable(settings):
+        work_until_told(settings)
+
+
+@contextmanager
+def _usable(settings: Settings) -> Iterator[None]:
+    """End the program with a sentence where database or storage cannot be used."""
+    try:
+        yield
+    except OSError as error:
+        sys.exit(
+            f"rotorid cannot keep logs in {settings.data.resolve()}: {error.strerror or error}. "
+            "Set ROTORID_DATA to a folder that it can write, or ROTORID_STORAGE to a storage that it can."
+        )
+    except NewerDatabaseError as error:
+        sys.exit(f"rotorid cannot use its database: {error}.")
+    except (SQLAlchemyError, CommandError) as error:
+        sys.exit(f"rotorid cannot use its database: {_in_short(error)}. Check ROTORID_DATABASE.")
+    except (ValueError, ImportError) as error:
+        sys.exit(f"rotorid cannot use what ROTORID_DATABASE or ROTORID_STORAGE names: {error}.")
+
+
 class Server(uvicorn.Server):
     """Ends the analyses before it waits for the requests that wait for them."""
 
@@ -88,13 +115,31 @@ class Server(uvicorn.Server):
 @contextmanager
 def open_tokens() -> Iterator[Tokens]:
     """Open the tokens of the service that the environment describes; it may be running or not."""
+    with _opened(_settings()) as database:
+        yield Tokens(database)
+
+
+@contextmanager
+def open_library(owner: str) -> Iterator[ServiceLibrary]:
+    """Open what one owner has in the service that the environment describes, to be read only."""
     settings = _settings()
+
+    def compare(a: bytes, b: bytes, names: tuple[str, str]) -> list[dict[str, Any]]:
+        return questions.compare_numbers(a, b, names)
+
+    with _opened(settings) as database:
+        yield ServiceLibrary(database, Objects(settings.storage_url), owner, compare)
+
+
+@contextmanager
+def _opened(settings: Settings) -> Iterator[Database]:
+    """Open the database; the program ends with a sentence where it cannot be used."""
     try:
         settings.data.mkdir(parents=True, exist_ok=True)
         database = Database(settings.database_url)
         try:
             database.migrate()
-            yield Tokens(database)
+            yield database
         finally:
             database.close()
     except NewerDatabaseError as error:

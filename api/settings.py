@@ -80,7 +80,10 @@ class Settings(BaseSettings):
         description="Names under which the service answers besides localhost, separated by commas, such as "
         "rotorid.lab; by default any.",
     )
-    workers: PositiveInt = Field(default_factory=_spare_cores, description="Analyses that run at the same time.")
+    workers: NonNegativeInt = Field(
+        default_factory=_spare_cores,
+        description="Analyses that run at the same time; 0 leaves them to `rotorid worker` on other computers.",
+    )
     scheduler: str = Field(
         default="",
         description="Address of a Dask scheduler, such as tcp://cluster:8786, whose workers analyse (needs the extra "

@@ -30,7 +30,7 @@ from api.heartbeat import Heartbeat, LostError
 from api.objects import Objects
 from api.problems import Problem
 from api.queue import Claim, Queue
-from api.settings import LogFormat
+from api.settings import LogFormat, Settings
 from pipeline.names import folder_names
 
 _log = logging.getLogger("rotorid.api")
@@ -59,6 +59,23 @@ class Workplace:
     deaths: int  #: How many processes may die of one analysis.
     preload: Sequence[str] = PRELOAD  #: Modules that `analyze` uses and that are worth importing once for all analyses.
     log_format: LogFormat = LogFormat.TEXT  #: How processes of analyses write what goes wrong in them.
+
+    @classmethod
+    def of(
+        cls, settings: Settings, analyze: worker.Analyze, preload: Sequence[str], scratch: Path | None
+    ) -> "Workplace":
+        """Return the workplace that settings describe."""
+        return cls(
+            database=settings.database_url,
+            objects=settings.storage_url,
+            scratch=scratch,
+            analyze=analyze,
+            limits=worker.Limits(settings.time_limit, settings.memory_limit, settings.upload_limit),
+            lease=settings.lease,
+            deaths=settings.deaths,
+            preload=preload,
+            log_format=settings.log_format,
+        )
 
     def queue(self, database: Database) -> Queue:
         """Return the queue as this workplace's rules are."""

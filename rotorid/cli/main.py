@@ -23,6 +23,7 @@ from rotorid.cli.exits import INTERRUPTED, OK, SOME_FAILED, WRONG_USAGE, fail
 from rotorid.cli.export import export
 from rotorid.cli.frequency import frequency
 from rotorid.cli.inspect import inspect
+from rotorid.cli.mcp import mcp
 from rotorid.cli.plot import plot
 from rotorid.cli.prove import prove
 from rotorid.cli.report import report
@@ -32,6 +33,7 @@ from rotorid.cli.simulate import simulate
 from rotorid.cli.token import tokens
 from rotorid.cli.tune import tune
 from rotorid.cli.wording import in_words
+from rotorid.cli.worker import worker
 
 
 class Group(TyperGroup):
@@ -89,6 +91,8 @@ for _command, _summary in (
     (simulate, "Fly a case of the papers, or run models.json."),
     (schema, "JSON Schema of report.json or models.json."),
     (serve, "Start the web service."),
+    (worker, "Analyse for a service on another computer."),
+    (mcp, "Answer an assistant's questions about flights."),
 ):
     app.command(short_help=_summary)(_command)
 app.add_typer(tokens, cls=Group, short_help="Make, list and revoke the service's tokens.")

@@ -1,0 +1,115 @@
+"""The flights and craft of one owner of the service, for machine access."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import load_only
+
+from api.database import Database
+from api.ids import is_id
+from api.library import CraftRef, FlightRef
+from api.objects import Objects
+from api.records import AnalysisRecord, CraftRecord, FlightRecord
+from logparse.serialization import restored
+from pipeline.errors import ConfigError
+from pipeline.results.craft_review import CraftReview
+from pipeline.results.report import FlightReport
+from reports.reading import parse_report
+
+#: Compares two reports, as JSON has them, with the names of both.
+Compare = Callable[[bytes, bytes, tuple[str, str]], list[dict[str, Any]]]
+
+
+class ServiceLibrary:
+    """What one owner has.
+
+    Parameters
+    ----------
+    database : Database
+    objects : Objects
+    owner : str
+    compare : callable
+    """
+
+    def __init__(self, database: Database, objects: Objects, owner: str, compare: Compare) -> None:
+        self._database = database
+        self._objects = objects
+        self._owner = owner
+        self._compare = compare
+
+    def flights(self) -> Sequence[FlightRef]:
+        """List the flights, the newest first."""
+        light = load_only(
+            FlightRecord.id, FlightRecord.name, FlightRecord.craft_id, FlightRecord.start, FlightRecord.answers
+        )
+        with self._database.read() as session:
+            rows = session.execute(
+                select(FlightRecord, CraftRecord.name, CraftRecord.kind)
+                .options(light)
+                .join(CraftRecord, CraftRecord.id == FlightRecord.craft_id)
+                .where(FlightRecord.owner == self._owner)
+                .order_by(func.coalesce(FlightRecord.start, FlightRecord.added).desc(), FlightRecord.id)
+            ).all()
+            return [
+                FlightRef(
+                    id=flight.id,
+                    name=flight.name,
+                    craft=flight.craft_id,
+                    craft_name=name or kind,
+                    start_utc=None if flight.start is None else flight.start.isoformat(),
+                    healthy=next((x["word"] for x in flight.answers if x["purpose"] == "Healthy"), "not determined"),
+                )
+                for flight, name, kind in rows
+            ]
+
+    def crafts(self) -> Sequence[CraftRef]:
+        """List the craft."""
+        with self._database.read() as session:
+            rows = session.execute(
+                select(CraftRecord, func.count(FlightRecord.id))
+                .outerjoin(FlightRecord, FlightRecord.craft_id == CraftRecord.id)
+                .where(CraftRecord.owner == self._owner)
+                .group_by(CraftRecord.id)
+                .order_by(CraftRecord.created)
+            ).all()
+            return [CraftRef(id=c.id, name=c.name or c.kind, kind=c.kind, flights=count) for c, count in rows]
+
+    def report(self, flight: str) -> FlightReport | None:
+        """Read the report of a flight."""
+        content = self._content(flight)
+        try:
+            report = None if content is None else parse_report(content)
+        except ConfigError:
+            return None
+        return report if isinstance(report, FlightReport) else None
+
+    def review(self, craft: str) -> CraftReview | None:
+        """Read what the flights of a craft say together."""
+        with self._database.read() as session:
+            found = session.get(CraftRecord, craft) if is_id(craft) else None
+            if found is None or found.owner != self._owner or found.review is None:
+                return None
+            return restored(found.review, CraftReview)
+
+    def compare(self, a: str, b: str) -> Sequence[dict[str, Any]] | None:
+        """Compare the parameters of two flights."""
+        older, newer = self._content(a), self._content(b)
+        return None if older is None or newer is None else self._compare(older, newer, (a, b))
+
+    def _content(self, flight: str) -> bytes | None:
+        """Read the report.json of a flight: of its log's analysis, or in its folder below that of several logs."""
+        with self._database.read() as session:
+            found = session.get(FlightRecord, flight) if is_id(flight) else None
+            if found is None or found.owner != self._owner or found.analysis_id is None:
+                return None
+            analysis = session.get(AnalysisRecord, found.analysis_id)
+            if analysis is None or analysis.results is None:
+                return None
+            names = (f"flights/{found.folder}/report.json", "report.json")
+            name = next((each for each in names if each in analysis.files), None)
+            key = f"analyses/{analysis.id}/{analysis.results}/{name}"
+        try:
+            return None if name is None else self._objects.read(key)
+        except FileNotFoundError:
+            return None

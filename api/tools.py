@@ -1,0 +1,136 @@
+"""What programs and assistants can ask: numbers with unit, error and provenance, and nothing that changes anything.
+
+The same questions are asked over HTTP (`api.routes.questions`) and over the Model Context Protocol (`api.mcp_server`).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from api.library import Library
+from logparse.serialization import plain
+from pipeline.results.report import FlightReport
+from reports.quantities import answers_of, craft_parameters, health_of, margins_of, parameters_of, predictions_of
+
+#: What stands in every answer where there is no number.
+NOT_DETERMINED = "not determined"
+
+#: Most items of one answer.
+MOST = 1000
+
+
+class UnknownError(Exception):
+    """There is no flight or craft of this id or name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tools:
+    """The questions, asked of a library."""
+
+    library: Library
+
+    def list_flights(self, craft: str = "", text: str = "", limit: int = 100) -> dict[str, Any]:
+        """List flights, the newest first: id, name, craft, take-off (UTC), and whether they were healthy.
+
+        `craft` is the id or name of a craft; `text` is part of a flight's name. The answer says how many there are.
+        """
+        chosen = self._craft(craft) if craft else ""
+        found = [
+            each
+            for each in self.library.flights()
+            if (not chosen or each.craft == chosen) and text.casefold() in each.name.casefold()
+        ]
+        return {"flights": plain(found[: min(max(limit, 1), MOST)]), "total": len(found)}
+
+    def list_craft(self) -> dict[str, Any]:
+        """List craft: id, name, kind, and how many flights each has."""
+        return {"craft": plain(list(self.library.crafts()))}
+
+    def get_answers(self, flight: str) -> dict[str, Any]:
+        """Get the first screen of a flight: flown, healthy, loops, predict ahead, parameters, simulate."""
+        return {"answers": plain(answers_of(self._report(flight)))}
+
+    def get_parameters(self, flight: str = "", craft: str = "") -> dict[str, Any]:
+        """Get physical parameters by every method: of one flight, or of a craft over its flights (name one of both)."""
+        if craft and not flight:
+            review = self.library.review(self._craft(craft))
+            if review is None:
+                raise UnknownError(f"{craft} has not been looked at yet")
+            return {"parameters": plain(craft_parameters(review))}
+        return {"parameters": plain(parameters_of(self._report(flight)))}
+
+    def get_margins(self, flight: str) -> dict[str, Any]:
+        """Get gain and phase margins, crossover, disturbance rejection and peaks of each axis, and bandwidths."""
+        return {"margins": plain(margins_of(self._report(flight)))}
+
+    def get_health(self, flight: str) -> dict[str, Any]:
+        """Get what happened in a flight, when (s on the log's boot clock), how grave it was, and what to do."""
+        return {"events": plain(health_of(self._report(flight)))}
+
+    def get_predictions(self, flight: str) -> dict[str, Any]:
+        """Get how far ahead each model of a flight predicts (s), and its RMS error there (m) on held-out time."""
+        return {"predictions": plain(predictions_of(self._report(flight)))}
+
+    def get_changes(self, craft: str) -> dict[str, Any]:
+        """Get what changes over the flights of a craft: slopes and steps of each parameter, motors, what is strange."""
+        review = self.library.review(self._craft(craft))
+        if review is None:
+            raise UnknownError(f"{craft} has not been looked at yet")
+        drift = review.drift
+        return {
+            "flights": list(review.flights),
+            "pooled": list(review.pooled),
+            "changes": [] if drift is None else plain([each for each in drift.parameters if each.change is not None]),
+            "motors": NOT_DETERMINED if drift is None or drift.motors is None else drift.motors.sentence,
+            "since": plain(review.since),
+            "alerts": plain(review.alerts),
+            "remarks": list(review.remarks),
+        }
+
+    def compare(self, before: str, after: str) -> dict[str, Any]:
+        """Compare the parameters of two flights: values, difference with its error, and the chance of it (p)."""
+        rows = self.library.compare(self._flight(before), self._flight(after))
+        if rows is None:
+            raise UnknownError(f"{before} and {after} cannot be compared")
+        return {"parameters": list(rows) or NOT_DETERMINED}
+
+    def what_to_fly(self, flight: str) -> dict[str, Any]:
+        """Get what to log and fly next time, the most useful first: what a flight lacked, what it would bring."""
+        return {"advice": plain(sorted(self._report(flight).advice, key=lambda each: each.rank))}
+
+    def all(self) -> Sequence[Callable[..., dict[str, Any]]]:
+        """List the questions."""
+        return (
+            self.list_flights,
+            self.list_craft,
+            self.get_answers,
+            self.get_parameters,
+            self.get_margins,
+            self.get_health,
+            self.get_predictions,
+            self.get_changes,
+            self.compare,
+            self.what_to_fly,
+        )
+
+    def _report(self, flight: str) -> FlightReport:
+        report = self.library.report(self._flight(flight))
+        if report is None:
+            raise UnknownError(f"{flight} has no report of this version; analyse its log again")
+        return report
+
+    def _flight(self, name: str) -> str:
+        """Find a flight by its id or its name."""
+        flights = self.library.flights()
+        found = [each.id for each in flights if name == each.id] or [each.id for each in flights if name == each.name]
+        if not found:
+            raise UnknownError(f"there is no flight {name!r}; list_flights tells which there are")
+        return found[0]
+
+    def _craft(self, name: str) -> str:
+        """Find a craft by its id or its name, which must not mean several."""
+        crafts = self.library.crafts()
+        found = [each.id for each in crafts if name == each.id] or [each.id for each in crafts if name == each.name]
+        if len(found) != 1:
+            raise UnknownError(f"{'several craft are' if found else 'no craft is'} called {name!r}; see list_craft")
+        return found[0]

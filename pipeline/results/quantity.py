@@ -1,0 +1,42 @@
+"""A number for programs and assistants: with unit, error and where it comes from, or why it is not determined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """Where a number comes from."""
+
+    log: str  #: The file; empty for a number over several flights.
+    flights: tuple[str, ...]
+    #: Stretch of time on the log's boot clock, s; None where several flights or no flight were looked at.
+    start_s: float | None
+    stop_s: float | None
+    method: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """A number; `value` is None where `reason` says why it is not determined."""
+
+    name: str
+    value: float | None
+    sigma: float | None  #: One standard deviation; None where none is known.
+    unit: str
+    provenance: Provenance
+    reason: str = ""  #: "not determined: ..." where there is no value.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HealthEvent:
+    """What happened in a flight, when, and what to do about it."""
+
+    id: str
+    severity: str
+    t_s: float | None  #: On the log's boot clock.
+    end_s: float | None
+    reason: str
+    advice: str
+    provenance: Provenance

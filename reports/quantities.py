@@ -1,0 +1,165 @@
+"""The numbers of a report one by one, with unit, error and provenance: what programs and assistants are answered."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pipeline.results.craft_review import CraftReview
+from pipeline.results.quantity import HealthEvent, Provenance, Quantity
+from pipeline.results.report import FlightReport
+from pipeline.results.rotation_report import AxisReport, Estimate, MarginsReport
+
+_UNKNOWN = "not determined"
+
+_MARGINS = ("gain_db", "phase_deg", "crossover_hz", "rejection_hz", "peak_db")
+
+
+def parameters_of(report: FlightReport) -> list[Quantity]:
+    """List the physical parameters of a flight by every method, and how its loops turn it."""
+    rows = [
+        _quantity(report, row.parameter, row.value, row.sigma, row.unit, row.method, row.note)
+        for row in report.parameters or ()
+    ]
+    if not rows:
+        reason = report.missing.get("parameters", "the flight gives no physical parameters")
+        rows.append(_quantity(report, "physical parameters", None, None, "", "all", reason))
+    for axis in () if report.rotation is None else report.rotation.axes:
+        if axis.rate is None:
+            rows.append(_quantity(report, f"{axis.axis} rate response", None, None, "", "frequency", axis.reason))
+            continue
+        rows += [
+            _estimate(report, f"{axis.axis} {name}", each, f"{axis.rate.method} fit of {axis.rate.structure}")
+            for name, each in axis.rate.parameters.items()
+        ]
+    return rows
+
+
+def margins_of(report: FlightReport) -> list[Quantity]:
+    """List margins and bandwidths of each axis, computed from response and controller and measured by chirps."""
+    axes = () if report.rotation is None else report.rotation.axes
+    if not axes:
+        reason = report.missing.get("rotation", "the log does not tell how the craft turns")
+        return [
+            _quantity(report, f"{axis} margins", None, None, "", "loops", reason) for axis in ("roll", "pitch", "yaw")
+        ]
+    return [row for axis in axes for row in _axis(report, axis)]
+
+
+def _axis(report: FlightReport, axis: AxisReport) -> Iterator[Quantity]:
+    if axis.loop is None:
+        reason = axis.loop_reason or axis.reason
+        yield _quantity(report, f"{axis.axis} margins", None, None, "", "loops", reason)
+    else:
+        yield from _margins(report, axis.axis, "computed", axis.loop.computed)
+        if axis.loop.measured is not None:
+            yield from _margins(report, axis.axis, "measured", axis.loop.measured)
+    if axis.attitude is None:
+        reason = axis.attitude_reason or axis.reason
+        yield _quantity(report, f"{axis.axis} attitude bandwidth", None, None, "", "attitude following", reason)
+    else:
+        following = axis.attitude
+        yield _estimate(report, f"{axis.axis} attitude bandwidth", following.bandwidth, "attitude following")
+        yield _estimate(report, f"{axis.axis} phase delay", following.phase_delay, "attitude following")
+
+
+def _margins(report: FlightReport, axis: str, how: str, margins: MarginsReport) -> Iterator[Quantity]:
+    for name in _MARGINS:
+        estimate: Estimate = getattr(margins, name)
+        yield _estimate(report, f"{axis} {name}", estimate, f"margins {how}")
+
+
+def predictions_of(report: FlightReport) -> list[Quantity]:
+    """List how far ahead each model predicts, and how well there, judged on time that it was not fitted to."""
+    found = []
+    for model in report.models:
+        use = model.uses.prediction
+        reason = model.missing or use.sentence
+        found.append(_quantity(report, f"{model.title}: horizon", use.horizon_s, None, "s", "held-out", reason))
+        found += [
+            _quantity(report, f"{model.title}: error in {output} there", error, None, "m", "held-out RMS", reason)
+            for output, error in use.rmse_m.items()
+        ]
+    return found or [_quantity(report, "horizon", None, None, "s", "held-out", "no model was fitted")]
+
+
+def answers_of(report: FlightReport) -> list[Quantity]:
+    """List the answers of the first screen; the word is in the name, the explanation in the method."""
+    lines = () if report.answer is None else report.answer.lines
+    return [
+        _quantity(report, f"{line.purpose}: {line.word}", line.value, line.sigma, line.unit, line.text, line.text)
+        for line in lines
+    ]
+
+
+def health_of(report: FlightReport) -> list[HealthEvent]:
+    """List what happened in a flight, and what the log and the fits had to say of it."""
+    events = () if report.health is None else report.health.events
+    found = [
+        HealthEvent(
+            id=event.id,
+            severity=str(event.severity),
+            t_s=event.t,
+            end_s=event.end,
+            reason=event.reason,
+            advice=event.advice,
+            provenance=_provenance(report, event.source or "events of the log"),
+        )
+        for event in events
+    ]
+    return found + [
+        HealthEvent(
+            id=each.id,
+            severity=str(each.severity),
+            t_s=None,
+            end_s=None,
+            reason=each.reason,
+            advice=each.advice,
+            provenance=_provenance(report, "findings"),
+        )
+        for each in report.findings
+    ]
+
+
+def craft_parameters(review: CraftReview) -> list[Quantity]:
+    """List the parameters of a craft over its pooled flights: random-effects means of what each flight says."""
+    drift = review.drift
+    if drift is None:
+        nothing = Provenance(log="", flights=review.pooled, start_s=None, stop_s=None, method="mean over flights")
+        reason = f"{_UNKNOWN}: two flights with parameters are needed"
+        return [Quantity(name="parameters", value=None, sigma=None, unit="", provenance=nothing, reason=reason)]
+    rows = []
+    for each in drift.parameters:
+        place = Provenance(
+            log="",
+            flights=tuple(point.flight for point in each.flights),
+            start_s=None,
+            stop_s=None,
+            method=f"{each.method}, random-effects mean over flights; {each.sentence}",
+        )
+        rows.append(
+            Quantity(name=each.parameter, value=each.mean, sigma=each.mean_sigma, unit=each.unit, provenance=place)
+        )
+    return rows
+
+
+def _estimate(report: FlightReport, name: str, estimate: Estimate, method: str) -> Quantity:
+    return _quantity(report, name, estimate.value, estimate.sigma, estimate.unit, method, estimate.reason)
+
+
+def _quantity(
+    report: FlightReport, name: str, value: float | None, sigma: float | None, unit: str, method: str, reason: str
+) -> Quantity:
+    why = "" if value is not None else f"{_UNKNOWN}: {reason}" if reason else _UNKNOWN
+    place = _provenance(report, method)
+    return Quantity(name=name, value=value, sigma=sigma, unit=unit, provenance=place, reason=why)
+
+
+def _provenance(report: FlightReport, method: str) -> Provenance:
+    flown = report.flight
+    return Provenance(
+        log=report.log.file,
+        flights=(report.name,),
+        start_s=None if flown is None else flown.start_s,
+        stop_s=None if flown is None else flown.stop_s,
+        method=method,
+    )

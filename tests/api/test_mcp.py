@@ -1,0 +1,147 @@
+"""An assistant that has only the machine access answers questions about flights with the numbers of report.json.
+
+The assistant is a script: it speaks the protocol to `rotorid mcp`, a process of its own.
+"""
+
+import asyncio
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from api import Settings, create_app
+from tests.api import flights, standins
+from tests.api.conftest import running
+from tests.api.programs import PROJECT
+
+mcp = pytest.importorskip("mcp")
+
+SAMPLES = PROJECT / "sample_logs"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Analyse two sample logs into a folder, as the command line does."""
+    import pipeline
+    import reports
+
+    out = tmp_path_factory.mktemp("out")
+    logs = [SAMPLES / "octa01_zurich_calm.bin", SAMPLES / "quad02_delft_systemid.bin"]
+    config = pipeline.AnalysisConfig(time_limit=3600.0)
+    pipeline.analyze_fleet(logs, config, None, None, store=out, publish=reports.write)
+    return out
+
+
+def ask(folder: Path, *questions: tuple[str, dict[str, Any]]) -> list[Any]:
+    """Put questions to `rotorid mcp`; an error is answered with its text."""
+
+    async def talk() -> list[Any]:
+        program = mcp.StdioServerParameters(
+            command=sys.executable, args=["-m", "rotorid", "mcp", str(folder)], cwd=PROJECT
+        )
+        answers = []
+        async with mcp.Client(program) as client:
+            tools = {tool.name: tool for tool in (await client.list_tools()).tools}
+            assert all(tool.annotations.read_only_hint and tool.description for tool in tools.values())
+            for name, arguments in questions:
+                assert name in tools
+                answer = await client.call_tool(name, arguments)
+                answers.append(answer.content[0].text if answer.is_error else json.loads(answer.content[0].text))
+        return answers
+
+    return asyncio.run(talk())
+
+
+@pytest.mark.slow
+def test_an_assistant_answers_ten_questions_with_the_numbers_of_the_report(folder: Path) -> None:
+    octa, quad = "octa01_zurich_calm", "quad02_delft_systemid"
+    truth = {name: json.loads((folder / "flights" / name / "report.json").read_text()) for name in (octa, quad)}
+    listed, crafts, first, known, margins, none, events, ahead, changes, advice, compared, unknown = ask(
+        folder,
+        ("list_flights", {}),
+        ("list_craft", {}),
+        ("get_answers", {"flight": octa}),
+        ("get_parameters", {"flight": octa}),
+        ("get_margins", {"flight": quad}),
+        ("get_margins", {"flight": octa}),
+        ("get_health", {"flight": octa}),
+        ("get_predictions", {"flight": octa}),
+        ("get_changes", {"craft": json.loads((folder / "flights" / octa / "entry.json").read_text())["vehicle"]}),
+        ("what_to_fly", {"flight": octa}),
+        ("compare", {"before": octa, "after": quad}),
+        ("get_health", {"flight": "none of ours"}),
+    )
+    # 1 Which flights are there? 2 Of how many craft?
+    assert {each["name"] for each in listed["flights"]} == {octa, quad}
+    assert [each["flights"] for each in crafts["craft"]] == [1, 1]
+    # 3 How far did it fly, was it healthy?
+    lines = truth[octa]["answer"]["lines"]
+    assert [(q["value"], q["sigma"], q["unit"]) for q in first["answers"]] == [
+        (line["value"], line["sigma"], line["unit"]) for line in lines
+    ]
+    # 4 What is its thrust over mass, by which method, from which seconds of which log?
+    rows = {(q["name"], q["provenance"]["method"]): q for q in known["parameters"]}
+    for row in truth[octa]["parameters"]:
+        found = rows[row["parameter"], row["method"]]
+        assert (found["value"], found["sigma"], found["unit"]) == (row["value"], row["sigma"], row["unit"])
+        assert found["provenance"]["log"] == f"{octa}.bin"
+        assert found["provenance"]["start_s"] == truth[octa]["flight"]["start_s"]
+        assert (found["value"] is None) == found["reason"].startswith("not determined")
+    # 5 What phase margin has roll? 6 And where no chirp was flown?
+    (roll,) = (axis for axis in truth[quad]["rotation"]["axes"] if axis["axis"] == "roll")
+    phase = next(
+        q
+        for q in margins["margins"]
+        if (q["name"], q["provenance"]["method"]) == ("roll phase_deg", "margins computed")
+    )
+    said = roll["loop"]["computed"]["phase_deg"]
+    assert (phase["value"], phase["sigma"], phase["unit"]) == (said["value"], said["sigma"], said["unit"])
+    for quantity in none["margins"]:
+        assert quantity["value"] is not None or quantity["reason"].startswith("not determined")
+    assert any("margins" in q["name"] and q["value"] is None for q in none["margins"])
+    # 7 What happened, and when?
+    told = [(e["id"], e["t_s"]) for e in events["events"] if e["t_s"] is not None]
+    assert told == [(e["id"], e["t"]) for e in truth[octa]["health"]["events"]]
+    # 8 How far ahead does which model predict?
+    horizons = {q["name"]: q["value"] for q in ahead["predictions"] if q["name"].endswith(": horizon")}
+    assert horizons == {f"{m['title']}: horizon": m["uses"]["prediction"]["horizon_s"] for m in truth[octa]["models"]}
+    # 9 Does the craft change? One flight cannot tell. 10 What to fly next?
+    assert changes["changes"] == []
+    assert {each["id"] for each in advice["advice"]} == {each["id"] for each in truth[octa]["advice"]}
+    assert compared["parameters"] == "not determined" or all("difference" in row for row in compared["parameters"])
+    assert "there is no flight 'none of ours'" in unknown
+
+
+def test_the_same_questions_over_http(tmp_path: Path) -> None:
+    settings = Settings(data=tmp_path, workers=1)
+    with running(create_app(settings, flights.analyze, preload=flights.PRELOAD)) as client:
+        for day in range(2):
+            client.post(
+                "/api/v1/logs", params={"analyze": True}, files={"file": (f"flight{day}.bin", flights.log(day))}
+            ).raise_for_status()
+        found = client.get("/api/v1/questions/flights", params={"text": "1"}).json()
+        assert ([each["name"] for each in found["flights"]], found["total"]) == (["flight1"], 1)
+        answers = client.get("/api/v1/questions/answers", params={"flight": "flight1"}).json()["answers"]
+        assert [each["name"] for each in answers] == ["Healthy: yes"]
+        nothing = client.get("/api/v1/questions/parameters", params={"flight": "flight1"}).json()["parameters"]
+        assert nothing[0]["reason"].startswith("not determined")
+        answer = client.get("/api/v1/questions/margins", params={"flight": "another"})
+        assert (answer.status_code, "no flight" in answer.json()["detail"]) == (404, True)
+        assert client.get("/api/v1/questions/changes", params={"craft": "octa"}).status_code in (200, 404)
+
+
+def test_a_store_of_1000_flights_is_listed(tmp_path: Path) -> None:
+    app = create_app(Settings(data=tmp_path), standins.analyze, preload=())
+    from api.craft_flights import keep
+    from api.flown import Flown
+    from tests.pipeline.builders import flown
+
+    with app.state.parts.database.write() as session:
+        for number in range(1000):
+            keep(session, "", f"{number:032x}", Flown(flown(f"flight{number}")), (None, None, ""))
+    with running(app) as client:
+        answer: httpx.Response = client.get("/api/v1/questions/flights", params={"limit": 1000})
+        assert answer.json()["total"] == 1000
