@@ -14,6 +14,7 @@ from jinja2 import StrictUndefined
 
 from api import sizes
 from api.access import COOKIE
+from api.form_tokens import fill_in
 from api.resources import Analysis, State
 
 _FOLDER = Path(__file__).parent
@@ -92,7 +93,8 @@ def render(
 ) -> Response:
     """Fill a template; `signed_in` says whether there is a token that the visitor could forget."""
     signed_in = COOKIE in request.cookies
-    return _templates.TemplateResponse(request, template, {"signed_in": signed_in, **context}, status, headers)
+    page = _templates.TemplateResponse(request, template, {"signed_in": signed_in, **context}, status, headers)
+    return fill_in(page, request)
 
 
 def local_path(address: str) -> str:

@@ -9,7 +9,8 @@ from fastapi import APIRouter, Form, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 
 from api.craft_models import FILES, LeastTrust, latest
-from api.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.dependencies import Owner, Parts, PartsOf
+from api.form_tokens import from_our_forms
 from api.headers import REPORT_POLICY
 from api.page_templates import render
 from api.problems import Problem, ProblemError
@@ -17,7 +18,7 @@ from api.routes.crafts import show_craft, unknown_craft
 from api.routes.paging import After
 
 router = APIRouter(include_in_schema=False)
-forms = APIRouter(include_in_schema=False, dependencies=[from_our_pages])
+forms = APIRouter(include_in_schema=False, dependencies=from_our_forms)
 
 #: Craft on one page of the list, flights that stand unfolded, and craft that flights can be moved to.
 _PAGE, _UNFOLDED, _CHOICES = 25, 30, 200

@@ -9,7 +9,8 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 from pydantic import ValidationError
 
-from api.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.dependencies import Owner, Parts, PartsOf
+from api.form_tokens import from_our_forms
 from api.page_templates import local_path, render
 from api.problems import ProblemError
 from api.resources import Analysis, AnalysisOrder, Configuration
@@ -17,7 +18,7 @@ from api.results import answer
 from api.routes.analyses import check, find_analysis, in_words, unknown_analysis
 from api.routes.logs import unknown_log
 
-router = APIRouter(include_in_schema=False, dependencies=[from_our_pages])
+router = APIRouter(include_in_schema=False, dependencies=from_our_forms)
 
 Next = Annotated[str, Form(max_length=2000)]
 

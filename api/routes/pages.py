@@ -11,7 +11,8 @@ from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
 from pydantic import ValidationError
 
 from api.access import bearer
-from api.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.dependencies import Owner, Parts, PartsOf
+from api.form_tokens import from_our_forms
 from api.headers import REPORT_POLICY
 from api.page_templates import render
 from api.problems import Problem, ProblemError
@@ -54,7 +55,7 @@ def home(request: Request, parts: PartsOf, owner: Owner) -> Response:
     return render(request, "home.html", view)
 
 
-@router.post("/", dependencies=[from_our_pages])
+@router.post("/", dependencies=from_our_forms)
 async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Response:
     """Accept the form of a browser that runs no scripts, and lead it to the analysis."""
     fields: dict[str, str] = {}
@@ -71,7 +72,7 @@ async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Respons
     return RedirectResponse(f"/analyses/{analysis.id}", HTTPStatus.SEE_OTHER)
 
 
-@router.post("/samples", dependencies=[from_our_pages])
+@router.post("/samples", dependencies=from_our_forms)
 async def open_sample(request: Request, parts: PartsOf, owner: Owner) -> Response:
     """Analyse a sample log as if it had been uploaded."""
     form = await request.form(max_files=0, max_fields=5)

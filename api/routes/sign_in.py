@@ -7,7 +7,8 @@ from fastapi import APIRouter, Form, Query, Request, Response
 from fastapi.responses import RedirectResponse
 
 from api.access import COOKIE
-from api.dependencies import PartsOf, from_our_pages
+from api.dependencies import PartsOf
+from api.form_tokens import from_our_forms
 from api.page_templates import local_path, render
 from api.settings import Access
 
@@ -28,7 +29,7 @@ def ask_for_token(
     return render(request, "sign_in.html", {"next": local_path(following), "wrong": False})
 
 
-@router.post("/sign-in", dependencies=[from_our_pages])
+@router.post("/sign-in", dependencies=from_our_forms)
 def sign_in(
     request: Request,
     parts: PartsOf,
@@ -49,7 +50,7 @@ def sign_in(
     return response
 
 
-@router.post("/sign-out", dependencies=[from_our_pages])
+@router.post("/sign-out", dependencies=from_our_forms)
 def sign_out(request: Request) -> Response:
     """Remove the browser's token."""
     response = RedirectResponse("/sign-in", HTTPStatus.SEE_OTHER)

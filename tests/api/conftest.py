@@ -9,7 +9,7 @@ import pytest
 import uvicorn
 from fastapi import FastAPI
 
-from api import Settings, create_app
+from api import Settings, create_app, form_tokens
 from api.connections import PatientProtocol
 from api.server import Server
 from tests.api import standins
@@ -33,6 +33,9 @@ def running(app: FastAPI) -> Iterator[httpx.Client]:
     listener = socket.create_server(("127.0.0.1", 0))
     address = f"http://127.0.0.1:{listener.getsockname()[1]}"
     with listener, httpx.Client(base_url=address, timeout=PATIENCE) as client:
+        # A browser has these from the page whose form it posts.
+        client.cookies.set(form_tokens.COOKIE, "t" * 43)
+        client.headers[form_tokens.HEADER] = "t" * 43
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:

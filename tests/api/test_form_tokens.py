@@ -1,0 +1,105 @@
+"""Forms work for who loaded their page, and for nobody else: schemes, hosts, ports and access modes."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from fastapi import FastAPI
+from fastapi.routing import APIRoute
+
+from api import Settings, create_app
+from api.form_tokens import COOKIE, FIELD, HEADER
+from api.routes import craft_pages, page_forms, pages, sign_in
+from api.settings import Access
+from tests.api import standins
+from tests.api.conftest import running
+
+
+@pytest.fixture(scope="module", params=[Access.OPEN, Access.TOKENS])
+def app(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
+    settings = Settings(data=tmp_path_factory.mktemp("data"), access=request.param, workers=1)
+    return create_app(settings, standins.analyze, preload=())
+
+
+@pytest.fixture(scope="module")
+def service(app: FastAPI) -> Iterator[httpx.Client]:
+    with running(app) as client:
+        del client.headers[HEADER]
+        client.cookies.clear()
+        client.cookies.set("rotorid_token", app.state.parts.tokens.create("ann"))
+        yield client
+
+
+@pytest.mark.parametrize("scheme", ["http", "https"])
+@pytest.mark.parametrize("host", ["127.0.0.1:8000", "localhost", "drone.lab", "drone.lab:8443", "[fd00::1]:8000"])
+@pytest.mark.parametrize(
+    ("origin", "token", "taken"),
+    [
+        ("own", "own", True),
+        (None, "own", True),  # an old browser, which tells no origin
+        ("own", None, False),
+        ("own", "guessed", False),
+        ("own", "", False),
+        (None, None, False),
+        ("other port", "own", False),
+        ("other scheme", "own", False),
+        ("null", "own", False),
+        ("http://evil.example", "own", False),
+    ],
+)
+def test_a_form_is_taken_from_its_own_page_only(
+    service: httpx.Client, scheme: str, host: str, origin: str | None, token: str | None, *, taken: bool
+) -> None:
+    headers = {"Host": host, "X-Forwarded-Proto": scheme, "Cookie": service.headers.get("Cookie", "")}
+    name = host.rpartition(":")[0] if re.search(r":\d+$", host) else host
+    other = {"http": "https", "https": "http"}[scheme]
+    headers |= {
+        None: {},
+        "own": {"Origin": f"{scheme}://{host}"},
+        "other port": {"Origin": f"{scheme}://{name}:3000"},
+        "other scheme": {"Origin": f"{other}://{host}"},
+    }.get(origin, {"Origin": str(origin)})
+    kept = service.cookies.get("rotorid_token")
+    jar = f"rotorid_token={kept}; {COOKIE}={'s' * 43}"
+    fields = {} if token is None else {FIELD: {"own": "s" * 43, "guessed": "g" * 43, "": ""}[token]}
+    mine = service.post(
+        "/api/v1/logs", files={"file": ("mine.bin", b"kept")}, headers={"Cookie": f"rotorid_token={kept}"}
+    ).json()["id"]
+    answer = service.post(f"/logs/{mine}/delete", data=fields, headers=headers | {"Cookie": jar})
+    assert answer.status_code == (303 if taken else 403), answer.text
+    assert (service.get(f"/api/v1/logs/{mine}").status_code == 404) is taken
+
+
+def test_no_form_is_taken_without_its_token(app: FastAPI, service: httpx.Client) -> None:
+    routes = [
+        route.path
+        for router in (pages.router, page_forms.router, sign_in.router, craft_pages.forms)
+        for route in router.routes
+        if isinstance(route, APIRoute) and "POST" in route.methods
+    ]
+    assert len(routes) >= 15
+    for path in routes:
+        address = re.sub(r"{\w+(:path)?}", "0" * 32, path)
+        for files in (None, {"file": ("a.bin", b"theirs")}):
+            answer = service.post(address, files=files, data={"text": "x", "flights": "x"})
+            assert (answer.status_code, answer.json()["type"].rpartition(":")[2]) == (403, "foreign-form"), path
+
+
+def test_every_form_of_our_pages_carries_it(service: httpx.Client) -> None:
+    assert service.post("/api/v1/logs", files={"file": ("a.bin", b"slow log")}).status_code == 201
+    for path in ("/", "/logs", "/analyses", "/crafts", "/sign-in"):
+        page = service.get(path)
+        secret = service.cookies.get(COOKIE)
+        forms = re.findall(r'<form\b[^>]*method="post"[^>]*>(?:<input[^>]*>)?', page.text)
+        assert all(f'value="{secret}"' in form or f"{FIELD}={secret}" in form for form in forms), path
+    assert service.get("/").text.count(FIELD) >= 1
+
+
+def test_the_secret_is_kept_from_scripts_and_other_sites(tmp_path: Path) -> None:
+    with running(create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())) as client:
+        client.cookies.clear()
+        cookie = client.get("/", headers={"X-Forwarded-Proto": "https"}).headers["Set-Cookie"]
+    assert cookie.startswith(f"{COOKIE}=")
+    assert {"HttpOnly", "SameSite=strict", "Secure"} <= set(cookie.split("; "))
