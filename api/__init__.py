@@ -1,7 +1,7 @@
 """The web service: uploads in, models and reports out."""
 
 from api.app import create_app
-from api.server import serve, work
+from api.server import backup, restore, serve, work
 from api.settings import Settings
 
-__all__ = ["Settings", "create_app", "serve", "work"]
+__all__ = ["Settings", "backup", "create_app", "restore", "serve", "work"]

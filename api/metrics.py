@@ -1,7 +1,9 @@
 """What can be measured about the service, in the text format of Prometheus."""
 
 import time
+from collections import Counter as Tally
 from collections.abc import Iterator
+from datetime import UTC, datetime
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
@@ -39,15 +41,35 @@ class _Stock(Collector):
         self._database = database
 
     def collect(self) -> Iterator[Metric]:
-        """Count analyses by state, and logs and their bytes."""
+        """Count analyses by state, stage and problem, the age of the queue, and logs and their bytes."""
         with self._database.read() as session:
             by_state = select(AnalysisRecord.state, func.count()).group_by(AnalysisRecord.state)
             states = {state: count for state, count in session.execute(by_state)}  # noqa: C416 -- rows, not pairs
+            queued = select(func.min(AnalysisRecord.created)).where(AnalysisRecord.state == State.QUEUED)
+            oldest = session.scalar(queued)
+            running_now = select(AnalysisRecord.stage).where(AnalysisRecord.state == State.RUNNING)
+            stages = Tally(session.scalars(running_now))
+            problems = session.scalars(select(AnalysisRecord.problem).where(AnalysisRecord.state == State.FAILED))
+            failures = Tally(str((each or {}).get("type", "")).rpartition(":")[2] or "unknown" for each in problems)
             logs, size = session.execute(select(func.count(), func.coalesce(func.sum(LogRecord.size), 0))).one()
         analyses = GaugeMetricFamily("rotorid_analyses", "Analyses by state.", labels=("state",))
         for state in State:
             analyses.add_metric((state.value,), states.get(state, 0))
         yield analyses
+        age = GaugeMetricFamily(
+            "rotorid_queue_age_seconds",
+            "How long the oldest waiting analysis has waited.",
+            value=0.0 if oldest is None else max(0.0, (datetime.now(UTC) - oldest).total_seconds()),
+        )
+        yield age
+        running = GaugeMetricFamily("rotorid_stage", "Analyses that run, by stage.", labels=("stage",))
+        for stage, count in stages.items():
+            running.add_metric((stage.partition(":")[0] or "starting",), count)
+        yield running
+        failed = GaugeMetricFamily("rotorid_failures", "Failed analyses by problem.", labels=("problem",))
+        for problem, count in sorted(failures.items()):
+            failed.add_metric((problem,), count)
+        yield failed
         yield GaugeMetricFamily("rotorid_logs", "Logs kept.", value=logs)
         yield GaugeMetricFamily("rotorid_logs_bytes", "Bytes of the logs kept.", value=float(size))
 

@@ -150,13 +150,12 @@ def _next(session: Session, ready: ColumnElement[bool]) -> AnalysisRecord | None
     """Choose among the analyses that are ready, and keep others from choosing it."""
     owners = list(session.scalars(select(AnalysisRecord.owner).where(ready).distinct()))
     if len(owners) > 1:
-        running = dict(
-            session.execute(
-                select(AnalysisRecord.owner, func.count())
-                .where(AnalysisRecord.state == State.RUNNING)
-                .group_by(AnalysisRecord.owner)
-            ).tuples()
+        counted = session.execute(
+            select(AnalysisRecord.owner, func.count())
+            .where(AnalysisRecord.state == State.RUNNING)
+            .group_by(AnalysisRecord.owner)
         )
+        running = {row[0]: row[1] for row in counted}
         last = {
             owner: session.scalar(select(func.max(AnalysisRecord.started)).where(AnalysisRecord.owner == owner))
             for owner in owners

@@ -4,6 +4,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from api import sizes
+from api.flown import FILE
 from api.resources import Analysis
 
 #: What people call our files, in the order in which they are offered.
@@ -19,6 +20,11 @@ _KNOWN = {
     "track.gpx": "Track for GPS programs (GPX)",
     "report.json": "All numbers of the report",
     "report.md": "Report in short, as Markdown",
+    "proposed.param": "Proposed gains and filters",
+    "rollback.param": "Gains and filters as flown, to go back to",
+    "sitl_frame.json": "Frame for ArduPilot's simulator",
+    "craft.json": "Rigid body with its covariance, and linear hover model",
+    "craft.mat": "The same for MATLAB",
 }
 
 _FLIGHTS, _TABLES = "flights/", "tables/"
@@ -48,7 +54,7 @@ def downloads(analysis: Analysis, address: str) -> list[Download]:
     Without tables, and without what belongs to single flights and crafts of several.
     """
     order = list(_KNOWN)
-    offered = [name for name in analysis.files if "/" not in name]
+    offered = [name for name in analysis.files if "/" not in name and name != FILE]
     offered.sort(key=lambda name: (order.index(name) if name in _KNOWN else len(order), name))
     return _files(analysis, address, offered)
 

@@ -3,8 +3,9 @@
 import logging
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from socket import socket
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import ValidationError
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
+from api import backup as backups
 from api import log_lines
 from api.access import Tokens
 from api.app import create_app
@@ -79,6 +81,29 @@ def work(workers: int | None = None) -> None:
     settings = settings.model_copy(update={"workers": workers or settings.workers or 1})
     with _usable(settings):
         work_until_told(settings)
+
+
+def backup(file: Path) -> tuple[int, int]:
+    """Write the service that the environment describes into a file; return the number of rows and files."""
+    if file.exists():
+        sys.exit(f"{file} is there already; give another name.")
+    return _carried(backups.save, file)
+
+
+def restore(file: Path) -> tuple[int, int]:
+    """Bring a backup back into the empty service that the environment describes."""
+    return _carried(backups.restore, file)
+
+
+def _carried(work: Callable[[Settings, Path], tuple[int, int]], file: Path) -> tuple[int, int]:
+    settings = _settings()
+    os.umask(0o077)
+    with _usable(settings):
+        settings.data.mkdir(parents=True, exist_ok=True)
+        try:
+            return work(settings, file.absolute())
+        except backups.BackupError as error:
+            sys.exit(f"rotorid: {error}.")
 
 
 @contextmanager

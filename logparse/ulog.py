@@ -7,6 +7,7 @@ columns ``level``, ``message``).
 
 import contextlib
 import io
+import traceback
 from collections.abc import Mapping
 from typing import Any
 
@@ -83,7 +84,11 @@ class UlogSource:
             # pyulog reports damage by printing.
             with contextlib.redirect_stdout(said):
                 self._log = ULog(_Handle(buffer))
+        except MemoryError:
+            raise
         except Exception as error:  # damage makes pyulog raise whatever its parsing stumbles over
+            if _is_ours(error):
+                raise
             raise LogError(f"pyulog cannot read this PX4 log, it is damaged: {error}") from error
         self._topics: dict[str, list[Any]] = {}
         for topic in self._log.data_list:
@@ -231,6 +236,12 @@ class UlogSource:
                 )
             )
         return tuple(findings)
+
+
+def _is_ours(error: Exception) -> bool:
+    """Return whether an error was raised by our own code, which pyulog calls: then it is a bug and no damage."""
+    *_, last = traceback.walk_tb(error.__traceback__)
+    return last[0].f_code.co_filename == __file__
 
 
 def _is_number(value: object) -> bool:

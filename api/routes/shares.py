@@ -1,7 +1,9 @@
 """Links that let whoever has them read one analysis, without a token."""
 
+import re
 from datetime import datetime
 from http import HTTPStatus
+from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import quote
 
@@ -11,12 +13,17 @@ from pydantic import BaseModel, Field
 
 from api import problems
 from api.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.flown import FILE
 from api.problems import Problem, ProblemError
 from api.resources import Analysis, SharedAnalysis, SharedLog
 from api.results import answer, file_of
 from api.routes.analyses import find_analysis
 
 router = APIRouter(tags=["sharing"], responses=problems.RESPONSES)
+
+#: Files in which a SHA-256 may stand, and what one looks like.
+_TEXT = frozenset({".html", ".json", ".md", ".csv"})
+_DIGEST = re.compile(rb"\b[0-9a-f]{64}\b")
 
 
 class Share(BaseModel):
@@ -61,10 +68,12 @@ def show_shared(secret: str, parts: PartsOf) -> SharedAnalysis:
     """Show a shared analysis."""
     found = answer(find_shared(secret, parts), parts)
     here = f"/api/v1/shared/{secret}"
-    links = {"self": here, "page": f"/shared/{secret}"} | {name: f"{here}/{quote(name)}" for name in found.files}
+    files = shared_files(found)
+    links = {"self": here, "page": f"/shared/{secret}"} | {name: f"{here}/{quote(name)}" for name in files}
     shown = {name: value for name, value in dict(found).items() if name in SharedAnalysis.model_fields}
     logs = [SharedLog(name=log.name, size=log.size) for log in found.logs]
-    return SharedAnalysis(**shown | {"logs": logs, "links": links, "report": _without_hashes(found.report)})
+    shown |= {"logs": logs, "links": links, "files": files, "report": _without_hashes(found.report)}
+    return SharedAnalysis(**shown)
 
 
 def _without_hashes(value: Any) -> Any:
@@ -77,10 +86,21 @@ def _without_hashes(value: Any) -> Any:
 @router.get("/shared/{secret}/{name:path}", response_class=FileResponse, summary="A file of a shared analysis")
 def fetch_shared(secret: str, name: str, parts: PartsOf) -> Response:
     """Fetch a file of a shared analysis."""
-    response = file_of(find_shared(secret, parts), name, parts)
+    analysis = find_shared(secret, parts)
+    response = file_of(analysis, name, parts) if name in shared_files(analysis) else None
     if response is None:
         raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, f"This analysis has no {name}."))
-    return response
+    if Path(name).suffix not in _TEXT:
+        return response
+    # A report names the content of its log, by which it could be told among others.
+    content = _DIGEST.sub(b"withheld", Path(response.path).read_bytes())
+    headers = {key: value for key, value in response.headers.items() if key in ("content-security-policy",)}
+    return Response(content, media_type=response.media_type, headers=headers)
+
+
+def shared_files(analysis: Analysis) -> dict[str, int]:
+    """List the files of an analysis that whoever has a link may read: not what the service keeps for craft."""
+    return {name: size for name, size in analysis.files.items() if name != FILE and not name.startswith("experiments/")}
 
 
 def find_shared(secret: str, parts: Parts) -> Analysis:

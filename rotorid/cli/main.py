@@ -14,6 +14,7 @@ from typer.completion import install_callback, show_callback
 from typer.core import TyperGroup, TyperOption
 
 from rotorid.cli.analyze import analyze
+from rotorid.cli.backup import backup, restore
 from rotorid.cli.bench import bench
 from rotorid.cli.bifilar import bifilar
 from rotorid.cli.compare import compare
@@ -91,6 +92,8 @@ for _command, _summary in (
     (simulate, "Fly a case of the papers, or run models.json."),
     (schema, "JSON Schema of report.json or models.json."),
     (serve, "Start the web service."),
+    (backup, "Write a whole service into one file."),
+    (restore, "Bring such a file back."),
     (worker, "Analyse for a service on another computer."),
     (mcp, "Answer an assistant's questions about flights."),
 ):

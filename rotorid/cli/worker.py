@@ -16,7 +16,7 @@ def worker(
     ROTORID_DATABASE and ROTORID_STORAGE name the database (PostgreSQL) and the storage (S3, a shared folder) of the
     service; ROTORID_LEASE must be the same as there. The server may run with ROTORID_WORKERS=0.
 
-    Example: ROTORID_DATABASE=postgresql+psycopg://rotorid@db/rotorid ROTORID_STORAGE=s3://bucket/key rotorid worker
+    Example: rotorid worker --workers 4
     """
     import api
 

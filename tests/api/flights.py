@@ -55,9 +55,11 @@ def analyze(task: Task, progress: Progress) -> None:
         place.parent.mkdir(parents=True)
         place.write_bytes(b"PAR1" + content)
     name, answer, model = reports[0]
-    report = made(FlightReport, name=name, answer={"lines": answer["lines"]}, models=[model])
+    log = {"sha256": entries[0].sha256}
+    report = made(FlightReport, name=name, log=log, answer={"lines": answer["lines"]}, models=[model])
     (task.folder / "report.json").write_text(as_json(report))
-    (task.folder / "report.html").write_text("<!doctype html><title>report</title>")
+    page = f"<!doctype html><title>report</title>SHA-256 {entries[0].sha256}"
+    (task.folder / "report.html").write_text(page)
     (task.folder / "models.json").write_text(json.dumps({"of": name}))
     flown.write_flown(entries, task.folder)
 

@@ -1,5 +1,6 @@
 """Craft: every upload finds its own, the owner puts right what a fingerprint got wrong, models follow the flights."""
 
+import json
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -220,3 +221,22 @@ def test_forms_work_without_scripts(service: httpx.Client) -> None:
     assert service.post(f"{moved.headers['Location']}/merge", data={"craft": craft["id"]}).status_code == 303
     assert only_craft(service)["flights"] == 2
     assert "Ours" in service.get("/crafts").text
+
+
+def test_a_shared_link_shows_no_ids_or_hashes_of_logs(service: httpx.Client) -> None:
+    log = fly(service, "flight.bin", flights.log(0))
+    content = service.get(f"/api/v1/logs/{log}").json()["sha256"]
+    (analysis,) = service.get("/api/v1/analyses").json()["items"]
+    assert {"flights.json", "report.json", "report.html"} <= analysis["files"].keys()
+    assert content in service.get(analysis["links"]["report.json"]).text
+    shared = service.post(f"/api/v1/analyses/{analysis['id']}/shares").json()
+    told = service.get(shared["api"]).json()
+    assert not [name for name in told["files"] if name == "flights.json" or name.startswith("experiments/")]
+    texts = [service.get(shared["url"]).text, json.dumps(told)]
+    texts += [service.get(address).text for name, address in told["links"].items() if name not in ("self", "page")]
+    assert len(texts) >= 5
+    for secret in (content, log, analysis["id"]):
+        assert not [text for text in texts if secret in text]
+    assert "sandbox" in service.get(told["links"]["report.html"]).headers["Content-Security-Policy"]
+    for name in analysis["files"].keys() - told["files"].keys():
+        assert service.get(f"{shared['api']}/{name}").status_code == 404

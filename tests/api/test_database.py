@@ -253,3 +253,21 @@ def _let_expire(database: Database, claim: Claim) -> None:
     past = datetime.now(UTC) - timedelta(days=1)
     with database.write() as session:
         session.execute(update(AnalysisRecord).where(AnalysisRecord.id == claim.analysis).values(lease_until=past))
+
+
+def test_owners_take_turns(database: Database, catalog: Catalog, keep: Callable[..., str]) -> None:
+    """Whoever orders 20 at once keeps nobody waiting for more than one of them."""
+    many = [catalog.order([keep(b"ann %d" % number)], {}, "ann").id for number in range(20)]
+    few = [catalog.order([keep(b"bob %d" % number, "bob")], {}, "bob").id for number in range(2)]
+    queue, turns = Queue(database, lease=60.0, deaths=3), []
+    for _ in range(6):
+        claim = queue.claim()
+        assert claim is not None
+        turns.append(claim.analysis)
+        assert queue.finish(claim, {})
+    assert turns == [many[0], few[0], many[1], few[1], many[2], many[3]]
+    assert queue.claim() is not None  # one of ann's runs now: a newcomer comes first
+    late = catalog.order([keep(b"eve", "eve")], {}, "eve").id
+    claim = queue.claim()
+    assert claim is not None
+    assert claim.analysis == late

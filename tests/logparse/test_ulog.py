@@ -167,3 +167,18 @@ def test_shared_logs_hold_what_pyulog_reads(path):
 def test_crash_dump_is_a_finding():
     source = UlogSource((SHARED / "PX4-pyulog__sample_appended_multiple.ulg").read_bytes())
     assert "autopilot-crashed" in [finding.id for finding in source.findings]
+
+
+def test_a_bug_of_ours_is_no_damage_of_the_log(monkeypatch):
+    """What pyulog stumbles over is the log's fault; what our own code beneath it raises is not, nor is memory."""
+    with monkeypatch.context() as broken:
+        broken.setattr("logparse.ulog._Handle._asked", property(lambda self: 0))
+        with pytest.raises(AttributeError, match="no setter"):
+            UlogSource(small_log())
+
+    def full(self, *_):
+        raise MemoryError
+
+    monkeypatch.setattr("pyulog.ULog._load_file", full)
+    with pytest.raises(MemoryError):
+        UlogSource(small_log())
