@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 from logparse.quantity import per_degree
 from pipeline.results.envelope import Envelope, FlightWind, RangeFlown
-from reports.figure import Figure, Trace, layout_of, plotly_text
+from reports.figure import Drawn, Figure, Trace, layout_of, plotly_text
 
 #: Parts of the flights and how they are drawn, the same in every plot.
 PARTS = (("training", "fitted", "@fitted"), ("held_out", "judged", "@judged"))
@@ -111,7 +110,7 @@ def distributions(coverage: Envelope, name: str) -> Figure | None:
     if not quantities:
         return None
     data: list[Trace] = []
-    axes: dict[str, Any] = {}
+    axes: Drawn = {}
     rows = math.ceil(len(quantities) / 2)
     for place, each in enumerate(quantities):
         suffix = "" if place == 0 else str(place + 1)

@@ -9,7 +9,7 @@ from typing import Any
 from logparse.quantity import per_degree, with_unit
 from pipeline.results.craft_review import Note
 from pipeline.results.drift import Drift, History, MotorShares, Point
-from reports.figure import Figure, Trace, layout_of, plotly_text
+from reports.figure import Drawn, Figure, Trace, layout_of, plotly_text
 from reports.model_figures import INPUT_COLORS
 
 #: Parameters that one figure holds, a small plot for each.
@@ -57,7 +57,7 @@ def _dated(drift: Drift) -> bool:
     return drift.order == "date" and all(point.start_utc for point in points)
 
 
-def _axis(drift: Drift) -> dict[str, Any]:
+def _axis(drift: Drift) -> Drawn:
     if _dated(drift):
         return {"type": "date", "title": {"text": "start of the flight (UTC)"}}
     return {
@@ -107,7 +107,7 @@ def _band(each: History, degrees: float, suffix: str) -> Trace:
 
 def _parameters(parameters: Sequence[History], drift: Drift, name: str, marks: Sequence[Trace]) -> Figure:
     data: list[Trace] = []
-    axes: dict[str, Any] = {}
+    axes: Drawn = {}
     labels = []
     count = len(parameters)
     for place, each in enumerate(parameters):

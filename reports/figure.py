@@ -27,7 +27,9 @@ TIME_TITLE = "time on the log’s clock (s)"
 #: Colour of each kind of model, everywhere; further kinds share the last.
 MODEL_COLORS = {"motors": "@own", "mixer": "@mixer", "reference": "@joint", "rigid_body": "@body"}
 
-Trace = dict[str, Any]
+#: Part of a figure in Plotly's own JSON: a trace, an axis, a shape, a layout.
+Drawn = dict[str, Any]
+Trace = Drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +40,12 @@ class Figure:
     caption: str  #: What to see in it.
     #: As Plotly takes them.
     data: list[Trace]
-    layout: dict[str, Any]
+    layout: Drawn
     height: int  #: Pixels.
     time: bool = True  #: Whether its x axis is the time shared by the page.
     place: str = ""  #: Of several figures with one place the page shows one, as its reader chooses; its own when empty.
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Drawn:
         """Return what JSON can hold, long lines as differences (`reports.packing`)."""
         return {
             "id": self.id,
@@ -55,7 +57,7 @@ class Figure:
             "place": self.place,
         }
 
-    def packed(self) -> dict[str, Any]:
+    def packed(self) -> Drawn:
         """Return what travels in a page."""
         drawing = self.to_dict()
         return {
@@ -77,9 +79,9 @@ def model_color(key: str) -> str:
     return MODEL_COLORS.get(key, "@body")
 
 
-def layout_of(**parts: Any) -> dict[str, Any]:
+def layout_of(**parts: Any) -> Drawn:
     """Lay a plot out as all of a report are: transparent, legend above, quiet grid."""
-    base: dict[str, Any] = {
+    base: Drawn = {
         "margin": {"l": 58, "r": 14, "t": 46, "b": 44},
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
@@ -99,9 +101,9 @@ def layout_of(**parts: Any) -> dict[str, Any]:
     return base
 
 
-def time_axis(span: Span | None) -> dict[str, Any]:
+def time_axis(span: Span | None) -> Drawn:
     """Lay out an axis of time that begins by showing a stretch of it."""
-    axis: dict[str, Any] = {"title": {"text": TIME_TITLE}, "hoverformat": ".1f"}
+    axis: Drawn = {"title": {"text": TIME_TITLE}, "hoverformat": ".1f"}
     return axis if span is None else axis | {"range": [span.start, span.stop]}
 
 
@@ -110,7 +112,7 @@ def margin(span: Span | None) -> Span | None:
     return None if span is None else Span(span.start - 0.02 * span.duration, span.stop + 0.02 * span.duration)
 
 
-def band(span: Span, color: str, opacity: float) -> dict[str, Any]:
+def band(span: Span, color: str, opacity: float) -> Drawn:
     """Tint a stretch of time behind the lines."""
     return {
         "type": "rect",
@@ -127,7 +129,7 @@ def band(span: Span, color: str, opacity: float) -> dict[str, Any]:
     }
 
 
-def limit_line(value: float, axis: str) -> dict[str, Any]:
+def limit_line(value: float, axis: str) -> Drawn:
     """Draw a limit across a plot, on one of its vertical axes."""
     return {
         "type": "line",
@@ -141,7 +143,7 @@ def limit_line(value: float, axis: str) -> dict[str, Any]:
     }
 
 
-def band_label(span: Span, text: str) -> dict[str, Any]:
+def band_label(span: Span, text: str) -> Drawn:
     """Name a tinted stretch of time above the plot."""
     return {
         "x": span.start,

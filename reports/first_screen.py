@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from pipeline.results.answer import Picture
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span
 from reports.figure import (
+    Drawn,
     Figure,
     Trace,
     band,
@@ -80,9 +80,9 @@ def _matters(result: FlightResult) -> Figure | None:
     )
 
 
-def _names(result: FlightResult, around: Span) -> list[dict[str, Any]]:
+def _names(result: FlightResult, around: Span) -> list[Drawn]:
     """Name the events above their lines, as many as do not cover each other."""
-    names: list[dict[str, Any]] = []
+    names: list[Drawn] = []
     free = around.start
     for event in () if result.health is None else result.health.notable:
         if free <= event.t <= around.stop:
@@ -118,7 +118,7 @@ def _motors(result: FlightResult) -> Figure | None:
     return Figure("first-motors", _CAPTIONS["motors"], data, layout, _HEIGHT)
 
 
-def _happened(result: FlightResult) -> list[dict[str, Any]]:
+def _happened(result: FlightResult) -> list[Drawn]:
     """Draw a line at each event that endangered the flight."""
     events = () if result.health is None else result.health.notable
     return [
@@ -147,7 +147,7 @@ def _prediction(result: FlightResult) -> Figure | None:
     outputs = part.experiment.output_names
     row = 1.0 / len(outputs)
     data: list[Trace] = []
-    axes: dict[str, Any] = {}
+    axes: Drawn = {}
     for k, output in enumerate(outputs):
         suffix = "" if k == 0 else str(k + 1)
         truth, predicted = part.experiment.y[:, k], part.y_hat[:, k]

@@ -15,6 +15,7 @@ from logparse.quantity import uncertain
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span
 from reports.figure import (
+    Drawn,
     Figure,
     Trace,
     band,
@@ -144,7 +145,7 @@ def _happened(result: FlightResult, states: pd.DataFrame) -> list[Trace]:
     ]
 
 
-def _wind_arrow(result: FlightResult) -> list[dict[str, Any]]:
+def _wind_arrow(result: FlightResult) -> list[Drawn]:
     """Draw where the wind goes, beside the map's corner; nothing where it is not known better than its error."""
     wind = None if result.coverage is None else result.coverage.wind
     if wind is None or wind.sigma is None:
@@ -222,7 +223,7 @@ def motors(result: FlightResult) -> Figure | None:
     pad = max(0.15 * (high - low), 10.0)
     row = 1.0 / count
     data: list[Trace] = []
-    axes: dict[str, Any] = {}
+    axes: Drawn = {}
     labels = []
     for number in range(count):
         suffix = "" if number == 0 else str(number + 1)
@@ -271,7 +272,7 @@ def motors(result: FlightResult) -> Figure | None:
     return Figure("motors", caption, data, layout, 70 + 58 * count)
 
 
-def _modes(result: FlightResult) -> dict[str, Any]:
+def _modes(result: FlightResult) -> Drawn:
     """Draw flight modes as quiet bands, every other one tinted, with their names on top."""
     shapes, labels = [], []
     for number, mode in enumerate(mode_spans(result)):

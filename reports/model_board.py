@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from pipeline.results.flight import ModelResult
-from reports.figure import Figure, Trace, layout_of, line, model_color, plotly_text, short
+from reports.figure import Drawn, Figure, Trace, layout_of, line, model_color, plotly_text, short
 from reports.model_figures import INPUT_COLORS, response_figures
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel
 from sysid.transfer_functions.frequency_response import LARGEST_SIGMA, frequency_response
@@ -81,8 +80,8 @@ def residual_figure(models: Sequence[ModelResult], hidden: Collection[str]) -> F
     outputs = list(dict.fromkeys(output for _, tests in judged for output in tests))
     row = 1.0 / len(outputs)
     data: list[Trace] = []
-    axes: dict[str, Any] = {}
-    shapes: list[dict[str, Any]] = []
+    axes: Drawn = {}
+    shapes: list[Drawn] = []
     for number, output in enumerate(outputs):
         left, right = (f"{2 * number + side}" if 2 * number + side > 1 else "" for side in (1, 2))
         upper = 1.0 - number * row
@@ -131,7 +130,7 @@ def residual_figure(models: Sequence[ModelResult], hidden: Collection[str]) -> F
     return Figure("residuals", caption, data, layout, 80 + 150 * len(outputs), time=False)
 
 
-def _limit(x: str, y: str, value: float) -> dict[str, Any]:
+def _limit(x: str, y: str, value: float) -> Drawn:
     return {
         "type": "line",
         "xref": f"{x} domain",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.results.flight import ModelResult
 from pipeline.results.model_report import HorizonRow, ModelReport
 from pipeline.results.verdict import Trust
-from reports.figure import Figure, Trace, layout_of, model_color, plotly_text, short
+from reports.figure import Drawn, Figure, Trace, layout_of, model_color, plotly_text, short
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel
 from sysid.transfer_functions.frequency_response import frequency_response
 from sysid.transfer_functions.roots import Root
@@ -51,7 +50,7 @@ def horizon_figure(
     outputs = list(dict.fromkeys(row.output for row in judged[0].horizons))
     block = 1.0 / len(outputs)
     data: list[Trace] = []
-    axes: dict[str, Any] = {}
+    axes: Drawn = {}
     for number, output in enumerate(outputs):
         suffix = "" if number == 0 else str(number + 1)
         guesses = (
@@ -235,7 +234,7 @@ def _roots(functions: dict[str, TransferFunction], name: str) -> Figure:
         named.add(trace["legendgroup"])
     # Roots that nobody knows may lie anywhere; those that are known decide what is shown at first.
     reach = 1.15 * max((abs(root) for root in known), default=0.0)
-    shown: dict[str, Any] = {"range": [-reach, 0.3 * reach]} if reach > 0.0 else {}
+    shown: Drawn = {"range": [-reach, 0.3 * reach]} if reach > 0.0 else {}
     layout = layout_of(
         xaxis={"title": {"text": "real part (rad/s)"}, "zeroline": True} | shown,
         yaxis={"title": {"text": "imaginary part (rad/s)"}, "zeroline": True, "scaleanchor": "x", "scaleratio": 1},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure as Sheet
 
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
-from reports.figure import Figure
+from reports.figure import Drawn, Figure
 from reports.flight_figures import flight_figures
 from reports.health_figures import health_figures
 
@@ -116,7 +116,7 @@ def draw(figure: Figure) -> Sheet:
     return sheet
 
 
-def _axes(sheet: Sheet, layout: dict[str, Any], name: str) -> Axes:
+def _axes(sheet: Sheet, layout: Drawn, name: str) -> Axes:
     described = layout.get(f"yaxis{name[1:]}", {})
     low, high = described.get("domain", (0.0, 1.0))
     height = max(sheet.get_figheight(), 1.0)
@@ -134,7 +134,7 @@ def _axes(sheet: Sheet, layout: dict[str, Any], name: str) -> Axes:
     return axes
 
 
-def _title(axis: dict[str, Any]) -> str:
+def _title(axis: Drawn) -> str:
     title = axis.get("title", "")
     return _plain(str(title.get("text", "") if isinstance(title, dict) else title))
 
@@ -144,7 +144,7 @@ def _plain(text: str) -> str:
     return text.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&").replace("$", r"\$")
 
 
-def _scale(axes: Axes, described: dict[str, Any], which: str) -> None:
+def _scale(axes: Axes, described: Drawn, which: str) -> None:
     logarithmic = described.get("type") == "log"
     if logarithmic:
         (axes.set_xscale if which == "x" else axes.set_yscale)("log")
@@ -154,7 +154,7 @@ def _scale(axes: Axes, described: dict[str, Any], which: str) -> None:
         (axes.set_xlim if which == "x" else axes.set_ylim)(low, high)
 
 
-def _trace(axes: Axes, trace: dict[str, Any]) -> None:
+def _trace(axes: Axes, trace: Drawn) -> None:
     if trace.get("type", "scatter") not in ("scatter", "scattergl"):
         return
     x, y = (np.array([np.nan if v is None else v for v in trace.get(name, ())], dtype=float) for name in "xy")
@@ -179,9 +179,9 @@ def _trace(axes: Axes, trace: dict[str, Any]) -> None:
     )
 
 
-def _shape(panels: dict[str, Axes], shape: dict[str, Any]) -> None:
+def _shape(panels: dict[str, Axes], shape: Drawn) -> None:
     line = shape.get("line", {})
-    style: dict[str, Any] = {
+    style: Drawn = {
         "color": _color(line.get("color")),
         "linewidth": 0.8,
         "linestyle": _DASHES.get(str(line.get("dash")), "-"),

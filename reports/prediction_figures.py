@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from pipeline.results.flight import FlightResult, ModelResult, Prediction
 from pipeline.results.span import Span
 from reports.figure import (
     MOST_POINTS,
+    Drawn,
     Figure,
     Trace,
     band,
@@ -101,7 +101,7 @@ def compare(
     runs = [(result, part) for result in models for part in result.predictions]
     outputs = whole.output_names
     data: list[Trace] = []
-    axes: dict[str, Any] = {}
+    axes: Drawn = {}
     for number, output in enumerate(outputs):
         main, below = ("" if number == 0 else str(2 * number + 1)), str(2 * number + 2)
         shown = []
@@ -183,11 +183,11 @@ def _drift(
     }
 
 
-def _axes(output: str, number: int, count: int, main: str, below: str, shown: list[float]) -> dict[str, Any]:
+def _axes(output: str, number: int, count: int, main: str, below: str, shown: list[float]) -> Drawn:
     """Lay out the axes of one output: the signal, and its residual below where there is one."""
     block = 1.0 / count
     top = 1.0 - number * block
-    axes: dict[str, Any] = {
+    axes: Drawn = {
         f"yaxis{main}": {
             "domain": [top - block * (0.60 if below else 0.90), top],
             "title": {"text": f"{output} (m)"},

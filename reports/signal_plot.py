@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from logparse.signals import LoggedSignal
 from pipeline.names import printable
 from pipeline.results.span import Span
 from reports import html
-from reports.figure import Figure, Trace, layout_of, line, plotly_text, time_axis
+from reports.figure import Drawn, Figure, Trace, layout_of, line, plotly_text, time_axis
 
 #: Points of a line: smallest and largest value of each stretch.
 _MOST = 8000
@@ -60,7 +59,7 @@ def signal_figure(signals: Sequence[LoggedSignal], start: float | None = None, s
     """Draw signals, those of one unit over each other."""
     units = list(dict.fromkeys(signal.unit for signal in signals))
     data: list[Trace] = []
-    axes: dict[str, Any] = {}
+    axes: Drawn = {}
     row = 1.0 / len(units)
     drawn = []
     for place, signal in enumerate(signals):

@@ -97,10 +97,10 @@ class Layout:
         scales = zip(self._fields[table], self._scales[table], strict=True)
         return {item.name: up / down for item, (up, down) in scales if up != down}
 
-    def columns(self, table: int) -> dict[str, Any]:
+    def columns(self, table: int) -> dict[str, object]:
         """Columns by name."""
         slot = self.slots[table]
-        columns: dict[str, Any] = {}
+        columns: dict[str, object] = {}
         for k, item in enumerate(self._fields[table]):
             raw = self._raw(table, k)
             if item.char == "a":

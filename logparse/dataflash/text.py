@@ -236,7 +236,7 @@ class DataflashTextSource:
         return joined
 
     def _frame(self, group: _Group, selected: range, boot: Boot) -> pd.DataFrame:
-        columns: dict[str, Any] = {}
+        columns: dict[str, object] = {}
         multipliers: dict[str, float] = {}
         stated = group.multipliers.ljust(len(group.fields), "-")
         for field, cells, multiplier_id in zip(group.fields, group.cells, stated, strict=False):

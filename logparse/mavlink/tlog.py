@@ -240,7 +240,7 @@ class TlogSource:
 
     def _frame(self, plan: "_Plan", k: int) -> pd.DataFrame:
         name = plan.names[k]
-        columns: dict[str, Any] = {}
+        columns: dict[str, object] = {}
         for column in _columns(name):
             values = plan.values(k, column.name)
             columns[column.name] = _texts(values) if column.dtype.kind == "S" else values
