@@ -293,8 +293,12 @@ def fit_kim2017(
 
 
 def _torque_sigma(torque: TorqueEstimate, air: float, law: Law) -> float:
-    """Add to the standard error that of the air, and for commands what they leave unexplained and `TORQUE_LAW`."""
-    indirect = 0.0 if law is Law.SPEED else float(np.hypot(1.0 - torque.explained, TORQUE_LAW))
+    """Add to the standard error that of the air, and for commands what they leave unexplained and `TORQUE_LAW`.
+
+    What is left over (damping, lag, gusts that the controller answers) goes with the commands by an unknown part of its
+    amplitude, -1 to 1: of a uniform one the standard deviation is the root of a third.
+    """
+    indirect = 0.0 if law is Law.SPEED else float(np.hypot(np.sqrt((1.0 - torque.explained) / 3.0), TORQUE_LAW))
     return float(np.hypot(torque.sigma, float(np.hypot(air, indirect)) * torque.value))
 
 
