@@ -23,7 +23,7 @@ _OTHER = ("rate", "training_fraction")
 
 
 def register(session: Session, analysis: AnalysisRecord, flown: Sequence[Flown]) -> None:
-    """Give the flights of an analysis that is done to their craft."""
+    """Assign the flights of an analysis that is done to their craft."""
     odd = any(name in analysis.configuration for name in _OTHER)
     logs = {member.log.sha256: member.log_id for member in analysis.members}
     for each in without_experiments(flown) if odd else flown:

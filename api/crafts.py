@@ -110,7 +110,7 @@ class Crafts:
             return True
 
     def merge(self, craft_id: str, other_id: str, owner: str) -> bool:
-        """Let another craft be part of this one; False when the owner has not both, or they are one."""
+        """Merge another craft into this one; False when the owner has not both, or they are one."""
         with self._database.write() as session:
             craft, other = _owned(session, craft_id, owner), _owned(session, other_id, owner)
             if craft is None or other is None or craft is other:

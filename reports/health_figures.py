@@ -63,7 +63,7 @@ def health_figures(result: FlightResult) -> list[Figure]:
 
 
 def _sagging(sag: Parameter | None) -> str:
-    """Say what the battery's resistance means for a pilot, or why it is not known."""
+    """Explain what the battery's resistance means for a pilot, or why it is not known."""
     if sag is None or sag.value is None or sag.sigma is None:
         return "" if sag is None else f"Its resistance is not determined: {sag.reason}."
     ohms = uncertain(1e3 * sag.value, 1e3 * sag.sigma, "mΩ")
@@ -188,7 +188,7 @@ def _peak_name(peak: Peak) -> str:
 
 
 def _said_of_peaks(spectrum: Spectrum) -> str:
-    """Say which peaks are the rotors', and which no notch covers."""
+    """Name the peaks that are the rotors', and those that no notch covers."""
     if not spectrum.peaks:
         return "No line stands out."
     named = joined([_peak_name(peak) for peak in spectrum.peaks])

@@ -126,7 +126,7 @@ def remove_note(craft_id: str, note_id: str, parts: PartsOf, owner: Owner) -> Re
 def merge(
     craft_id: str, parts: PartsOf, owner: Owner, other: Annotated[str, Form(alias="craft", max_length=64)] = ""
 ) -> Response:
-    """Let another craft be part of this one."""
+    """Merge another craft into this one."""
     return _go(craft_id, done=parts.crafts.merge(craft_id, other, owner))
 
 

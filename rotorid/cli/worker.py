@@ -11,7 +11,7 @@ def worker(
         typer.Option(min=1, help="Analyses at the same time. Default: ROTORID_WORKERS, or all processors but one."),
     ] = None,
 ) -> None:
-    """Take analyses out of the queue of a service, on this computer, until told to stop (Ctrl-C, SIGTERM).
+    """Run analyses from the queue of a service on this computer, until told to stop (Ctrl-C, SIGTERM).
 
     ROTORID_DATABASE and ROTORID_STORAGE name the database (PostgreSQL) and the storage (S3, a shared folder) of the
     service; ROTORID_LEASE must be the same as there. The server may run with ROTORID_WORKERS=0.

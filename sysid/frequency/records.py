@@ -172,6 +172,24 @@ def below_folding(log: FlightLog, chirp: Chirp, step: float) -> Chirp:
     return replace(chirp, start=float(shown[0]), stop=float(shown[-1]), high=0.5 / step)
 
 
+def record_of_chirp(
+    log: FlightLog, chirp: Chirp, t: Floats, command: Floats, answer: Floats, added: Floats
+) -> AxisRecord:
+    """Arrange what went in and came out within a chirp, at times t [s], with what the chirp added as instrument."""
+    clock, values, usable = on_uniform_clock(t, [command, answer, added])
+    return AxisRecord(
+        name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
+        start=float(clock[0]),
+        dt=float(clock[1] - clock[0]),
+        inputs=values[:, :1],
+        output=values[:, 1],
+        instruments=values[:, 2:],
+        usable=usable,
+        band=(chirp.low, chirp.high),
+        instrument=f"chirp of SID_AXIS {chirp.sid_axis}",
+    )
+
+
 def on_uniform_clock(t: Floats, columns: Sequence[Floats]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Bring samples that are nearly even in time onto an even clock by cubic splines.
 
@@ -225,18 +243,7 @@ def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp)
     command = signals.columns[axis.input][rows]
     if chirp.at_mixer and not signals.with_chirp and chirp.axis == axis.name:
         command = command + added
-    clock, values, usable = on_uniform_clock(t, [command, signals.columns[axis.output][rows], added])
-    return AxisRecord(
-        name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
-        start=float(clock[0]),
-        dt=float(clock[1] - clock[0]),
-        inputs=values[:, :1],
-        output=values[:, 1],
-        instruments=values[:, 2:],
-        usable=usable,
-        band=(chirp.low, chirp.high),
-        instrument=f"chirp of SID_AXIS {chirp.sid_axis}",
-    )
+    return record_of_chirp(log, chirp, t, command, signals.columns[axis.output][rows], added)
 
 
 def flight_span(log: FlightLog, first: float, last: float, within: Within | None = None) -> tuple[float, float]:

@@ -16,8 +16,8 @@ from sysid.frequency.records import (
     RateSignals,
     below_folding,
     chirp_record,
-    on_uniform_clock,
     rate_signals,
+    record_of_chirp,
 )
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.errors import LoopError
@@ -115,18 +115,7 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
         back[same] = pid[1][nearest[same]]
     else:
         back = total - np.where((t + lag >= times[inside][0]) & (t + lag <= times[inside][-1]), added(t + lag), 0.0)
-    clock, values, usable = on_uniform_clock(t, [total, back, added(t)])
-    return AxisRecord(
-        name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
-        start=float(clock[0]),
-        dt=float(clock[1] - clock[0]),
-        inputs=values[:, :1],
-        output=values[:, 1],
-        instruments=values[:, 2:],
-        usable=usable,
-        band=(chirp.low, chirp.high),
-        instrument=f"chirp of SID_AXIS {chirp.sid_axis}",
-    )
+    return record_of_chirp(log, chirp, t, total, back, added(t))
 
 
 def _pid_sum(log: FlightLog, message: str) -> tuple[Floats, Floats] | None:
