@@ -1,18 +1,21 @@
-"""The page of tables of other origin: prediction by horizon for each state, parameters, findings."""
+"""The page of tables of other origin: the answer, the flight beside its prediction, errors by horizon, parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from logparse import Finding
 from logparse.quantity import number, uncertain
 from pipeline.results.tables import TableResult
-from reports.figure import Figure, Trace, layout_of
+from reports.figure import Figure, Trace, layout_of, line, time_axis
 from reports.html import render
+from reports.summary import ShownAnswer, answer_lines
 from reports.table import Row, Table
+from sysid.validation.state_residuals import PredictedStates
 
 _UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "rates": "rad/s"}
 
@@ -23,26 +26,36 @@ class TablesPage:
 
     title: str
     facts: str
-    verdicts: Sequence[str]
+    answer: Sequence[ShownAnswer]
+    predictions: Sequence[Figure]  #: The flight beside its prediction, position and attitude.
+    by_horizon: Sequence[Figure]
     errors: Table
+    missed: Table
+    tests: Sequence[str]
     parameters: Table
+    undetermined: Sequence[tuple[str, str]]
     findings: Sequence[Finding]
-    state_figures: Sequence[Figure]
 
 
 def tables_page(result: TableResult) -> str:
     """Render the page."""
-    figures = [figure for state in _UNITS if (figure := _figure(result, state)) is not None]
+    by_horizon = [figure for state in _UNITS if (figure := _figure(result, state)) is not None]
+    predictions = [] if result.prediction is None else _predictions(result.prediction, result.model.attitude_given)
+    parameters, undetermined = _parameters(result)
     page = TablesPage(
         title=result.title,
         facts=_facts(result),
-        verdicts=result.verdicts,
+        answer=answer_lines(result.answer),
+        predictions=predictions,
+        by_horizon=by_horizon,
         errors=_errors(result),
-        parameters=_parameters(result),
+        missed=_missed(result),
+        tests=[f"{each.name}: {each.test.sentence}" for each in result.missed if each.test is not None],
+        parameters=parameters,
+        undetermined=undetermined,
         findings=result.findings,
-        state_figures=figures,
     )
-    return render("tables.html", figures, page)
+    return render("tables.html", [*predictions, *by_horizon], page)
 
 
 def _facts(result: TableResult) -> str:
@@ -83,25 +96,63 @@ def _errors(result: TableResult) -> Table:
     )
 
 
-def _parameters(result: TableResult) -> Table:
-    rows = []
+def _missed(result: TableResult) -> Table:
+    rows = [
+        Row(each.name, [f"{number(each.rms)} {each.unit}", f"{number(each.whole)} {each.unit}"])
+        for each in result.missed
+    ]
+    return Table(
+        label="In body axes",
+        heads=["missed", "of"],
+        rows=rows,
+        caption="Acceleration that the model misses from one sample to the next (RMS), of how much there is (spread); "
+        "noise of the sensors is part of both.",
+    )
+
+
+def _parameters(result: TableResult) -> tuple[Table, list[tuple[str, str]]]:
+    """Parameters that are determined, and why the others are not."""
+    rows, missing = [], []
     for name, each in result.model.parameters.items():
-        if each.reason == "not part of the model for these inputs":
-            continue
-        if each.value is None or each.sigma is None:
-            cells = [f"not determined: {each.reason}", each.unit, ""]
-        else:
+        label = name.replace("_", " ")
+        if each.value is not None and each.sigma is not None:
             si = ""
             if each.si_value is not None and each.si_sigma is not None:
                 si = f"{uncertain(each.si_value, each.si_sigma)} {each.si_unit}"
-            cells = [uncertain(each.value, each.sigma), each.unit, si]
-        rows.append(Row(name.replace("_", " "), cells))
-    return Table(
+            rows.append(Row(label, [uncertain(each.value, each.sigma), each.unit, si]))
+        elif each.reason != "not part of the model for these inputs":
+            missing.append((label, each.reason))
+    table = Table(
         label="Parameter",
         heads=["value", "unit", "in units of the inputs"],
         rows=rows,
         caption="Thrust, drag, effectiveness and delays, with one standard error.",
     )
+    return table, missing
+
+
+def _predictions(found: PredictedStates, given: bool) -> list[Figure]:
+    """Draw a record beside its prediction, position and attitude; only position where attitude is an input."""
+    groups = [("position", "m", 1.0, ("north", "east", "up"), 0)]
+    if not given:
+        groups.append(("attitude", "°", float(np.degrees(1.0)), ("roll", "pitch", "yaw"), 3))
+    figures = []
+    for what, unit, factor, names, first in groups:
+        data: list[Trace] = []
+        axes: dict[str, Any] = {}
+        for k, name in enumerate(names):
+            axis = "" if k == 0 else str(k + 1)
+            label = f"{found.horizon:g} s ahead"
+            for values, title, color in ((found.measured, "measured", "@ink"), (found.predicted, label, "@body")):
+                style = {"yaxis": f"y{axis}", "legendgroup": title, "showlegend": k == 0}
+                data.append(line(found.t, factor * values[:, first + k], title, color, width=1.6) | style)
+            top = 1.0 - k / 3.0
+            axes[f"yaxis{axis}"] = {"domain": [top - 0.29, top], "title": {"text": f"{name} ({unit})"}}
+        axes["xaxis"] = time_axis(None) | {"title": {"text": "time (s)"}, "anchor": "y3"}
+        before = f"as predicted from the state {found.horizon:g} s before"
+        caption = f"{what.capitalize()} of {found.record} as measured, and {before}."
+        figures.append(Figure(f"prediction-{what}", caption, data, layout_of(**axes), 480))
+    return figures
 
 
 def _figure(result: TableResult, state: str) -> Figure | None:

@@ -44,7 +44,7 @@ def overview(numbers: FlightReport | FleetReport, width: int = 120) -> Renderabl
 
 
 def _one_flight(numbers: FlightReport) -> Group:
-    parts: list[RenderableType] = [Text(numbers.name, style="bold"), *_answer(numbers.answer)]
+    parts: list[RenderableType] = [Text(numbers.name, style="bold"), *answer_rows(numbers.answer)]
     if numbers.health is not None and any(event.notable for event in numbers.health.events):
         parts += [Text(sentence(numbers.health), style="yellow"), Text()]
     if line := rotation_line(numbers.rotation):
@@ -69,7 +69,7 @@ def _many_flights(numbers: FleetReport, width: int) -> Group:
     return Group(*parts)
 
 
-def _answer(answer: Answer | None) -> list[RenderableType]:
+def answer_rows(answer: Answer | None) -> list[RenderableType]:
     """Tabulate the answer for each purpose, as the first screen of the report does."""
     lines = summary.answer_lines(answer)
     if not lines:

@@ -10,8 +10,13 @@ from logparse.foreign.columns import read_column_map
 from logparse.foreign.motion import read_motion
 from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
+from pipeline.flight.table_answer import table_answer
 from pipeline.results.tables import TableResult
-from sysid import Experiment, fit_six_dof, validate_states
+from sysid import Experiment, choose_observer, fit_six_dof, validate_states
+from sysid.validation.state_residuals import missed_motion, predict_record
+
+#: How far ahead the observer is chosen for and the prediction is shown, s.
+AHEAD = 1.0
 
 
 def analyze_tables(paths: Sequence[Path], columns: Path, config: AnalysisConfig) -> TableResult:
@@ -39,6 +44,8 @@ def analyze_tables(paths: Sequence[Path], columns: Path, config: AnalysisConfig)
     training, judged = _parted(records, config)
     mass = config.mass if config.mass is not None else declared.mass
     model = fit_six_dof(training, mass=mass, indoors=declared.indoors)
+    if max(record.duration for record in training) > 2.0 * AHEAD:
+        model = choose_observer(model, training, AHEAD)
     validation = validate_states(model, judged)
     findings = (*(finding for record in records for finding in record.findings), *model.findings)
     return TableResult(
@@ -47,8 +54,11 @@ def analyze_tables(paths: Sequence[Path], columns: Path, config: AnalysisConfig)
         judged=tuple(record.name for record in judged),
         duration=float(sum(record.duration for record in records)),
         model=model,
+        answer=table_answer(validation.verdicts, model, findings),
         errors=validation.errors,
         verdicts=validation.verdicts,
+        missed=missed_motion(model, judged),
+        prediction=predict_record(model, max(judged, key=lambda record: record.duration), AHEAD),
         findings=findings,
     )
 

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from logparse import Finding
+from pipeline.results.answer import Answer
 from sysid.rigid_body.six_dof.model import SixDofModel, SixDofReport
-from sysid.validation.states import StateErrors
+from sysid.validation.state_residuals import Missed, PredictedStates
+from sysid.validation.states import StateErrors, StateVerdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,8 +21,11 @@ class TableResult:
     judged: tuple[str, ...]  #: Records, or parts of one, that the model has not seen.
     duration: float  #: Of all records, s.
     model: SixDofModel
+    answer: Answer
     errors: tuple[StateErrors, ...]  #: On what the model has not seen.
-    verdicts: tuple[str, ...]  #: One sentence for each state.
+    verdicts: tuple[StateVerdict, ...]  #: One for each state.
+    missed: tuple[Missed, ...]  #: Accelerations that the model leaves over there.
+    prediction: PredictedStates | None  #: The longest record that the model has not seen, one second ahead.
     findings: tuple[Finding, ...]
 
     def report(self) -> TablesReport:
@@ -30,8 +35,10 @@ class TableResult:
             records=self.records,
             judged=self.judged,
             duration=self.duration,
+            answer=self.answer,
             verdicts=self.verdicts,
             errors=self.errors,
+            missed=self.missed,
             model=self.model.report(),
             findings=self.findings,
         )
@@ -46,7 +53,9 @@ class TablesReport:
     records: tuple[str, ...]
     judged: tuple[str, ...]
     duration: float
-    verdicts: tuple[str, ...]
+    answer: Answer
+    verdicts: tuple[StateVerdict, ...]
     errors: tuple[StateErrors, ...]
+    missed: tuple[Missed, ...]
     model: SixDofReport
     findings: tuple[Finding, ...]

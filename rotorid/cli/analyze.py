@@ -142,6 +142,7 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
     from pipeline.errors import ConfigError
     from pipeline.flight.table_analysis import analyze_tables
     from reports.tables_page import tables_page
+    from reports.terminal import answer_rows
 
     files: list[Path] = []
     for path in map(Path, _existing(paths)):
@@ -156,8 +157,8 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
     if as_json:
         sys.stdout.write(text)
         return
-    for verdict in result.verdicts:
-        console().print(verdict, markup=False, soft_wrap=True)
+    for row in answer_rows(result.answer):
+        console().print(row)
     for finding in result.findings:
         console().print(f"{finding.severity}: {finding.reason}", markup=False, soft_wrap=True)
     console().print(f"\nReport: {Path(out) / 'report.html'}", markup=False, soft_wrap=True)

@@ -385,7 +385,7 @@ class Experiment(Summarised):
             raise ExperimentError(f"{self.name}: a window of {len(t)} samples; a record needs at least {MIN_SAMPLES}")
         return replace(
             self,
-            name=f"{self.name} [{t[0]:.1f}-{t[-1]:.1f} s]",
+            name=f"{self.name} [{t[0]:z.1f}-{t[-1]:.1f} s]",
             t=t,
             u=self.u[rows],
             y=self.y[rows],

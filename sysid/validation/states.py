@@ -38,11 +38,34 @@ class StateErrors:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StateVerdict:
+    """How far ahead a state is predicted better than by the simplest means."""
+
+    state: str
+    unit: str
+    useful: bool  #: Whether the model is better at any horizon.
+    #: The longest horizon at which it is, else the longest that was judged, s; None when the records are too short.
+    horizon: float | None
+    #: There, mean over records of the RMS of the model, and of the better of a state that stays and constant velocity.
+    model: float | None
+    simple: float | None
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        if self.horizon is None:
+            return f"{self.state}: not judged, the records are too short"
+        warning = "" if self.useful else "do not use it: "
+        ahead = f"{self.model:.3g} {self.unit} {self.horizon:g} s ahead"
+        return f"{self.state}: {warning}{ahead}, against {self.simple:.3g} {self.unit} without a model"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StateValidation:
-    """Errors of every state, horizon and record, and a sentence for each state."""
+    """Errors of every state, horizon and record, and a verdict for each state."""
 
     errors: tuple[StateErrors, ...]
-    verdicts: tuple[str, ...]
+    verdicts: tuple[StateVerdict, ...]
 
     @property
     def table(self) -> pd.DataFrame:
@@ -52,7 +75,7 @@ class StateValidation:
     def _repr_html_(self) -> str:
         """Return the table and the verdicts for a notebook."""
         rows = str(self.table.round(4).to_html(index=False))
-        return rows + "".join(f"<p>{each}</p>" for each in self.verdicts)
+        return rows + "".join(f"<p>{each.sentence}</p>" for each in self.verdicts)
 
 
 def validate_states(model: SixDofModel, experiments: Experiment | Sequence[Experiment]) -> StateValidation:
@@ -117,21 +140,17 @@ def _rms(errors: np.ndarray) -> list[float]:
     return [float(value) for value in np.sqrt(squares)]
 
 
-def _verdict(state: str, unit: str, errors: Sequence[StateErrors]) -> str:
-    """Explain how far ahead a state is predicted better than by the simplest means."""
+def _verdict(state: str, unit: str, errors: Sequence[StateErrors]) -> StateVerdict:
+    """Find the longest horizon at which the model beats the simplest means."""
     rows = [each for each in errors if each.state == state]
     if not rows:
-        return f"{state}: not judged, the records are too short"
-    better = []
+        return StateVerdict(state=state, unit=unit, useful=False, horizon=None, model=None, simple=None)
+    judged = []
     for horizon in sorted({row.horizon for row in rows}):
         here = [row for row in rows if row.horizon == horizon]
         ours = float(np.mean([row.model for row in here]))
         simple = float(np.mean([min(row.held, row.carried_on or row.held) for row in here]))
-        better.append((horizon, ours, simple, ours < (1.0 - _MARGIN) * simple))
-    good = [row for row in better if row[3]]
-    if not good:
-        horizon, ours, simple, _ = better[-1]
-        against = f"against {simple:.3g} {unit} without a model"
-        return f"{state}: do not use it: {ours:.3g} {unit} {horizon:g} s ahead, {against}"
-    horizon, ours, simple, _ = good[-1]
-    return f"{state}: {ours:.3g} {unit} {horizon:g} s ahead, against {simple:.3g} {unit} without a model"
+        judged.append((horizon, ours, simple))
+    good = [row for row in judged if row[1] < (1.0 - _MARGIN) * row[2]]
+    horizon, ours, simple = (good or judged)[-1]
+    return StateVerdict(state=state, unit=unit, useful=bool(good), horizon=horizon, model=ours, simple=simple)

@@ -110,8 +110,8 @@ def test_validation_judges_every_state_by_horizon(fitted):
     errors = state_errors(model.predict_states(unseen, 0.5), record.states)[50:]
     rms = np.sqrt((errors[:, 6:9] ** 2).sum(axis=1).mean())
     assert rows.loc[("attitude", 0.5), "model"] == pytest.approx(rms, rel=0.1)  # starts to 2 s before the end only
-    assert [verdict.split(":")[0] for verdict in found.verdicts] == ["position", "velocity", "attitude", "rates"]
-    assert not [verdict for verdict in found.verdicts if "do not use" in verdict]
+    assert [verdict.state for verdict in found.verdicts] == ["position", "velocity", "attitude", "rates"]
+    assert all(verdict.useful for verdict in found.verdicts)
 
 
 def test_too_short_a_record_is_refused():
