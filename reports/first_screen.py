@@ -73,7 +73,9 @@ def _matters(result: FlightResult) -> Figure | None:
     if around is not None:
         layout["annotations"] = [*layout.get("annotations", ()), *_names(result, around)]
         layout["xaxis"] = layout["xaxis"] | {"range": [around.start, _end(drawn, around.stop)]}
-    caption = _CAPTIONS.get(str(picture), drawn.caption)
+    caption = drawn.caption
+    if picture is not Picture.ATTITUDE or any(trace["name"] == "asked" for trace in drawn.data):
+        caption = _CAPTIONS.get(str(picture), caption)
     # A stretch of its own must not pull the other plots along, nor be pulled by them.
     return replace(
         drawn, id=f"first-{picture}", height=_HEIGHT, layout=layout, caption=caption, time=drawn.time and around is None

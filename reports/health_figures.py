@@ -19,6 +19,8 @@ from sysid.statistics.parameter import Parameter
 _SHOWN = {"rad": ("°", 180.0 / np.pi), "rad/s": ("°/s", 180.0 / np.pi)}
 #: Colours of several signals of one panel; asked and flown have their own.
 _COLORS = ("@c1", "@c2", "@c3", "@c4")
+#: Highest frequency of a spectrum that is shown at first, Hz: rotors and a few multiples of them.
+_ROTORS_REACH = 600.0
 _OWN = {"asked": "@own", "flown": "@ink"}
 
 _CAPTIONS = {
@@ -31,6 +33,11 @@ _CAPTIONS = {
     "estimator": "Test ratios of the estimator: innovations over what it expects. Above 1 a measurement is refused.",
     "gps": "What the GPS receiver says of its own quality.",
     "compass": "Magnetic field and throttle. A field that follows the throttle is disturbed by currents.",
+}
+#: Captions where the log does not hold what was asked.
+_ALONE = {
+    "attitude": "Attitude flown; what was asked for was not logged.",
+    "rates": "Angular rates flown; what was asked for was not logged.",
 }
 
 
@@ -108,7 +115,10 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[dict[
         }
     axes["xaxis"] = time_axis(margin(flight)) | {"anchor": f"y{len(panels)}" if len(panels) > 1 else "y"}
     layout = layout_of(**axes, shapes=shapes)
-    return Figure(f"health-{name}", _CAPTIONS[name], data, layout, 120 + 110 * len(panels))
+    caption = _CAPTIONS[name]
+    if name in _ALONE and "asked" not in named:
+        caption = _ALONE[name]
+    return Figure(f"health-{name}", caption, data, layout, 120 + 110 * len(panels))
 
 
 def _marks(health: FlightHealth, flight: Span) -> list[dict[str, Any]]:
@@ -156,6 +166,8 @@ def _spectrum(spectrum: Spectrum) -> Figure:
         )
         labels.append(band_label(Span(hz, hz), name))
     labels += [band_label(Span(notch.low, notch.high), notch.name) for notch in spectrum.notches[:2]]
+    # Below each other: filters and notches lie close together.
+    labels = [label | {"yshift": -14 * (k + 1)} for k, label in enumerate(labels)]
     highest = max(float(np.max(factor * each)) for each in spectrum.amplitudes.values())
     labels += [
         {
@@ -173,7 +185,7 @@ def _spectrum(spectrum: Spectrum) -> Figure:
         for peak in spectrum.peaks
     ]
     layout = layout_of(
-        xaxis={"title": {"text": "frequency (Hz)"}},
+        xaxis={"title": {"text": "frequency (Hz)"}, "range": [0.0, min(float(spectrum.hz[-1]), _ROTORS_REACH)]},
         yaxis={"title": {"text": f"amplitude ({unit})"}, "type": "log"},
         shapes=shapes,
         annotations=labels,
