@@ -128,7 +128,9 @@ def _healthy(result: FlightResult) -> AnswerLine:
         loss = worst.evidence.get("thrust_loss")
         if isinstance(loss, float):
             sigma = 100.0 * float(worst.evidence["thrust_loss_sigma"] or 0.0)
-            text = f"of motor {worst.evidence['motor']}'s thrust lost from {worst.t:.1f} s{more}"
+            output = worst.evidence.get("output_loss")
+            part = f" ({100.0 * output:.0f} % of its output)" if isinstance(output, float) and loss <= 0.9 else ""
+            text = f"of motor {worst.evidence['motor']}'s thrust{part} lost from {worst.t:.1f} s{more}"
             return line(word, tone, text, 100.0 * loss, sigma=sigma, unit="%")
         where = "" if worst in _during(health, result.flight) or worst is health.cause else " in another flight"
         before = _led_to(worst, health)
