@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from logparse import FlightLog, RotoridError, check_is_log, read_log
-from logparse.canonical.instances import instance_column
+from logparse.canonical.instances import INSTANCE_NAMES, instance_column
 from logparse.expressions import evaluate
 from logparse.serialization import plain, restored
 from logparse.signals import LoggedSignal
@@ -59,12 +59,19 @@ def list_fields(path: Path, name: str, message: str) -> dict[str, Any]:
         log = _opened(path)
         if message not in log.messages:
             raise QuestionError(f"{name} has no {message}.")
-        frame = log.messages.once(message)
+        # What tells instances apart is enough where the format names the fields: a log may hold millions of rows.
+        frame = log.messages.once(message, set(INSTANCE_NAMES))
+        own = frame.attrs.get("instance")
+        if own is not None and own not in frame:
+            frame = log.messages.once(message, {*INSTANCE_NAMES, own})
+        if "numeric" not in frame.attrs:
+            frame = log.messages.once(message)
         units = frame.attrs.get("units", {})
         column = instance_column(frame) or frame.attrs.get("instance")
         numbers = [] if column is None else [int(each) for each in np.unique(frame[column].dropna())]
         sensors = [f"{message}[{number}]" for number in numbers] if len(numbers) > 1 else [message]
-        fields = [str(field) for field in frame.columns if frame[field].dtype.kind in "iufb" and field != column]
+        numeric = frame.attrs.get("numeric") or [name for name in frame.columns if frame[name].dtype.kind in "iufb"]
+        fields = [str(field) for field in numeric if field != column]
         return {
             "fields": [
                 {"text": f"{sensor}.{field}", "unit": str(units.get(field) or "")}

@@ -149,6 +149,11 @@ class Field:
         """What the format character stands for."""
         return FIELD_TYPES[self.char]
 
+    @property
+    def is_number(self) -> bool:
+        """Whether the field holds one number."""
+        return self.type.items == 1 and not self.type.is_text
+
 
 @dataclass(frozen=True)
 class Definition:
