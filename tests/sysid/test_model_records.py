@@ -1,0 +1,70 @@
+"""What a model holds is in its record, or is left out knowingly: nothing is missing from report.json by mistake."""
+
+from dataclasses import fields
+from typing import get_type_hints
+
+import pytest
+
+from sysid import (
+    ClosedLoopModel,
+    FitReport,
+    FlightTrim,
+    HoverModel,
+    OrderScan,
+    RigidBodyModel,
+    SixDofModel,
+    ThrustModel,
+    TransferFunction,
+    TransferFunctionModel,
+    Validation,
+)
+from sysid.bench.pendulum import BifilarReport, BifilarResult
+from sysid.rigid_body.hover import HoverRecord
+from sysid.rigid_body.model_record import RigidBodyRecord, TrimRecord
+from sysid.rigid_body.six_dof.model import SixDofReport
+from sysid.rotors.thrust_record import ThrustReport
+from sysid.statistics.residuals import ResidualTest
+from sysid.transfer_functions.disturbance import Disturbance
+from sysid.transfer_functions.model_record import (
+    ClosedLoopRecord,
+    DisturbanceRecord,
+    FitRecord,
+    FunctionRecord,
+    TransferFunctionsRecord,
+)
+from sysid.validation.report import OrdersReport, ResidualReport, ValidationReport
+
+FUNCTIONS = {"rate": "rate_hz", "input_names": "inputs", "output_names": "outputs", "reports": "fits"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "record", "renamed", "left_out"),
+    [
+        # What training records started from serves their own plots alone.
+        (TransferFunctionModel, TransferFunctionsRecord, FUNCTIONS, {"initial_states"}),
+        (ClosedLoopModel, ClosedLoopRecord, FUNCTIONS | {"following": "following_rms"}, set()),
+        (TransferFunction, FunctionRecord, {}, set()),
+        (Disturbance, DisturbanceRecord, {"memory": "memory_seconds"}, set()),
+        (FitReport, FitRecord, {}, set()),
+        # The report has the vehicle once, beside its models; winds that were followed are found anew.
+        (RigidBodyModel, RigidBodyRecord, {}, {"vehicle", "carried"}),
+        (FlightTrim, TrimRecord, {}, set()),
+        (ThrustModel, ThrustReport, {}, set()),
+        (HoverModel, HoverRecord, {}, set()),
+        # Free runs are arrays of the flight's length; `inside` is in `drift`.
+        (Validation, ValidationReport, {}, {"predictions", "inside", "findings"}),
+        (ResidualTest, ResidualReport, {}, {"output"}),
+        (OrderScan, OrdersReport, {}, {"findings"}),
+        (BifilarResult, BifilarReport, {}, set()),
+        (
+            SixDofModel,
+            SixDofReport,
+            {"scales": "errors"},
+            {"theta", "shape", "kinds", "observer", "attitude_given", "wind_sigma"},
+        ),
+    ],
+)
+def test_a_record_has_every_field(kind, record, renamed, left_out):
+    held = {renamed.get(field.name, field.name) for field in fields(kind)}
+    written = set(get_type_hints(record))
+    assert held - written == left_out
