@@ -18,6 +18,7 @@ from api.database import Database
 from api.dependencies import Parts
 from api.desk import Desk
 from api.feed import Feeds
+from api.folder_flights import FolderFlights
 from api.headers import SafeHeaders
 from api.hooks import Hooks
 from api.housekeeping import Housekeeping
@@ -151,6 +152,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
     workplace = Workplace.of(settings, analyze, preload, None if settings.scheduler else scratch.folder)
     desk = Desk(settings.memory_limit)
     found = Crafts(database)
+    folder = FolderFlights(database, settings.out)
     runner = Runner(database, workplace, workers=settings.workers, scheduler=settings.scheduler or None)
     return Parts(
         settings=settings,
@@ -168,7 +170,8 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         rates=Rates(settings.upload_rate),
         metrics=Metrics(database),
         crafts=found,
-        reviews=Reviews(database, found, desk, runner.wake),
+        reviews=Reviews(database, found, desk, runner.wake, folder.look),
+        folder=folder,
         hooks=Hooks(database, settings.webhooks),
         feeds=Feeds(database),
         housekeeping=Housekeeping(

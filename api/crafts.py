@@ -88,6 +88,12 @@ class Crafts:
             ]
         return sorted(flights, key=lambda each: (each.start or each.added, each.name), reverse=True)
 
+    def folder_of(self, flight_id: str, owner: str) -> str | None:
+        """Return where a flight of no upload is in its folder; None where the owner has no such flight."""
+        with self._database.read() as session:
+            found = session.get(FlightRecord, flight_id) if is_id(flight_id) else None
+            return found.folder if found is not None and found.owner == owner and found.log_id is None else None
+
     def entries(self, craft_id: str) -> tuple[Sequence[dict[str, Any]], Sequence[dict[str, Any]]]:
         """Return the entries of a craft's flights in the order in which they came, and its notes, for a review."""
         with self._database.read() as session:

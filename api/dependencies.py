@@ -17,6 +17,7 @@ from api.crafts import Crafts
 from api.database import Database
 from api.desk import Desk
 from api.feed import Feeds
+from api.folder_flights import FolderFlights
 from api.hooks import Hooks
 from api.housekeeping import Housekeeping
 from api.incoming import Incoming
@@ -52,6 +53,7 @@ class Parts:
     reviews: Reviews
     hooks: Hooks
     feeds: Feeds
+    folder: FolderFlights
 
 
 async def _parts(request: Request) -> Parts:

@@ -42,9 +42,19 @@ class Reviews:
     desk : Desk
     wake : callable
         Told when something was put into the queue.
+    bring : callable, optional
+        Brings flights from elsewhere, before each look.
     """
 
-    def __init__(self, database: Database, crafts: Crafts, desk: Desk, wake: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        database: Database,
+        crafts: Crafts,
+        desk: Desk,
+        wake: Callable[[], None],
+        bring: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._bring = bring
         self._database = database
         self._crafts = crafts
         self._desk = desk
@@ -65,6 +75,7 @@ class Reviews:
     def _go_on(self) -> None:
         while not self._closing.wait(_LOOK):
             try:
+                self._bring()
                 self.look()
             except (SQLAlchemyError, ProblemError) as error:
                 _log.warning("craft cannot be looked at: %s", error)

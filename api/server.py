@@ -40,7 +40,7 @@ _GRACE = 5
 _log = logging.getLogger("rotorid.api")
 
 
-def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None) -> None:
+def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None, out: Path | None = None) -> None:
     """Run the service until it is told to stop (Ctrl-C, SIGTERM); its other settings come from the environment.
 
     Ends the program with a message when a setting is wrong, the data folder cannot be written or the address is taken.
@@ -50,6 +50,8 @@ def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None)
     os.umask(0o077)  # logs are their owners', and no other user of this computer's
     if workers is not None:
         settings = settings.model_copy(update={"workers": workers})
+    if out is not None:
+        settings = settings.model_copy(update={"out": out})
     local_only = settings.access is Access.AUTO and host in LOOPBACK
     if settings.access is Access.AUTO:
         settings = settings.model_copy(update={"access": Access.OPEN if local_only else Access.TOKENS})
@@ -153,7 +155,7 @@ def open_library(owner: str) -> Iterator[ServiceLibrary]:
         return questions.compare_numbers(a, b, names)
 
     with _opened(settings) as database:
-        yield ServiceLibrary(database, Objects(settings.storage_url), owner, compare)
+        yield ServiceLibrary(database, Objects(settings.storage_url), owner, compare, settings.out)
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """The flights and craft of one owner of the service, for machine access."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import func, select
@@ -30,9 +31,14 @@ class ServiceLibrary:
     objects : Objects
     owner : str
     compare : callable
+    folder : Path, optional
+        With the flights that are of no upload.
     """
 
-    def __init__(self, database: Database, objects: Objects, owner: str, compare: Compare) -> None:
+    def __init__(
+        self, database: Database, objects: Objects, owner: str, compare: Compare, folder: Path | None = None
+    ) -> None:
+        self._folder = folder
         self._database = database
         self._objects = objects
         self._owner = owner
@@ -97,12 +103,22 @@ class ServiceLibrary:
         older, newer = self._content(a), self._content(b)
         return None if older is None or newer is None else self._compare(older, newer, (a, b))
 
+    def _of_folder(self, place: str) -> bytes | None:
+        if self._folder is None:
+            return None
+        try:
+            return (self._folder / place / "report.json").read_bytes()
+        except OSError:
+            return None
+
     def _content(self, flight: str) -> bytes | None:
         """Read the report.json of a flight: of its log's analysis, or in its folder below that of several logs."""
         with self._database.read() as session:
             found = session.get(FlightRecord, flight) if is_id(flight) else None
-            if found is None or found.owner != self._owner or found.analysis_id is None:
+            if found is None or found.owner != self._owner:
                 return None
+            if found.analysis_id is None:
+                return self._of_folder(found.folder)
             analysis = session.get(AnalysisRecord, found.analysis_id)
             if analysis is None or analysis.results is None:
                 return None

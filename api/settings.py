@@ -57,6 +57,10 @@ class Settings(BaseSettings):
         description="Where logs and results are kept: a folder, or a URL that fsspec knows, such as s3://bucket/key "
         "(needs the extra `s3`). By default a folder in `data`.",
     )
+    out: Path | None = Field(
+        default=None,
+        description="A folder that `rotorid analyze` wrote, whose flights an open service shows with its craft.",
+    )
     access: Access = Field(
         default=Access.AUTO,
         description="`open`: whoever reaches the service sees everything. `tokens`: only with a token made by "

@@ -90,6 +90,17 @@ def craft_report(craft_id: str, parts: PartsOf, owner: Owner) -> Response:
     return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
 
 
+@router.head("/folder/{flight_id}")
+@router.get("/folder/{flight_id}")
+def show_folder_flight(flight_id: str, parts: PartsOf, owner: Owner) -> Response:
+    """Show the page of a flight that is of a folder and of no upload."""
+    place = parts.crafts.folder_of(flight_id, owner)
+    page = None if place is None else parts.folder.page(place)
+    if page is None:
+        raise unknown_craft()
+    return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
+
+
 @forms.post("/crafts/{craft_id}/name")
 def name_craft(
     craft_id: str, parts: PartsOf, owner: Owner, name: Annotated[str, Form(max_length=100)] = ""

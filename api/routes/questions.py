@@ -21,7 +21,7 @@ def _tools(parts: PartsOf, owner: Owner) -> Tools:
         found: list[dict[str, Any]] = parts.desk.ask("compare_numbers", a, b, names)
         return found
 
-    return Tools(ServiceLibrary(parts.database, parts.objects, owner, compare))
+    return Tools(ServiceLibrary(parts.database, parts.objects, owner, compare, parts.folder.folder))
 
 
 Asked = Annotated[Tools, Depends(_tools)]

@@ -1,5 +1,6 @@
 """``rotorid serve``: the web service."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,6 +15,10 @@ def serve(
         int | None,
         typer.Option(min=1, help="Analyses at the same time. Default: ROTORID_WORKERS, or all processors but one."),
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(exists=True, file_okay=False, help="Show the craft of a folder that `rotorid analyze` wrote."),
+    ] = None,
 ) -> None:
     """Start the web service: a page to drop logs on, and the HTTP interface behind it.
 
@@ -24,4 +29,4 @@ def serve(
     """
     import api
 
-    api.serve(host, port, workers)
+    api.serve(host, port, workers, out)

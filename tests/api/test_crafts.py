@@ -240,3 +240,40 @@ def test_a_shared_link_shows_no_ids_or_hashes_of_logs(service: httpx.Client) -> 
     assert "sandbox" in service.get(told["links"]["report.html"]).headers["Content-Security-Policy"]
     for name in analysis["files"].keys() - told["files"].keys():
         assert service.get(f"{shared['api']}/{name}").status_code == 404
+
+
+def test_a_folder_of_the_command_line_shows_the_same_craft(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`rotorid analyze` of a folder, then `rotorid serve --out`: the same flights, craft, pages; uploads join."""
+    import pipeline
+    import reports
+    from pipeline.fleet import job, joint
+    from tests.pipeline import flown
+
+    monkeypatch.setattr(job, "analyze_flights", flown.analyze_flights)
+    monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
+    logs, out = tmp_path / "logs", tmp_path / "out"
+    logs.mkdir()
+
+    def analyze(count: int) -> None:
+        for number in range(count):
+            (logs / f"flight{number}.bin").write_text(f"octa {number}")
+        pipeline.analyze_fleet([logs], None, None, None, store=out, publish=reports.write)
+
+    analyze(2)
+    settings = Settings(data=tmp_path / "data", workers=1, out=out)
+    with running(create_app(settings, flights.analyze, preload=flights.PRELOAD)) as client:
+        wait(lambda: client.get("/api/v1/crafts").json()["items"])
+        craft = settled(client, only_craft(client)["id"])
+        assert craft["review"]["flights"] == ["flight0", "flight1"]
+        found = client.get(craft["links"]["flights"]).json()
+        assert {each["log"] for each in found} == {None}
+        page = client.get(f"/folder/{found[0]['id']}")
+        assert (page.status_code, "sandbox" in page.headers["Content-Security-Policy"]) == (200, True)
+        assert page.text == (out / "flights" / found[0]["name"] / "report.html").read_text("utf-8")
+        known = client.get("/api/v1/questions/parameters", params={"flight": "flight1"})
+        assert known.status_code == 200
+        fly(client, "upload.bin", flights.log(9))
+        assert only_craft(client)["flights"] == 3
+        analyze(3)
+        wait(lambda: only_craft(client)["flights"] == 4)
+        assert client.get(f"/crafts/{craft['id']}").status_code == 200
