@@ -71,8 +71,9 @@ def _matters(result: FlightResult) -> Figure | None:
         return None
     layout = dict(drawn.layout)
     if around is not None:
-        layout["annotations"] = [*layout.get("annotations", ()), *_names(result, around)]
-        layout["xaxis"] = layout["xaxis"] | {"range": [around.start, _end(drawn, around.stop)]}
+        shown = Span(around.start, _end(drawn, around.stop))
+        layout["annotations"] = [*layout.get("annotations", ()), *_names(result, shown)]
+        layout["xaxis"] = layout["xaxis"] | {"range": [shown.start, shown.stop]}
     caption = drawn.caption
     if picture is not Picture.ATTITUDE or any(trace["name"] == "asked" for trace in drawn.data):
         caption = _CAPTIONS.get(str(picture), caption)
@@ -83,14 +84,19 @@ def _matters(result: FlightResult) -> Figure | None:
 
 
 def _names(result: FlightResult, around: Span) -> list[Drawn]:
-    """Name the events above their lines, as many as do not cover each other."""
+    """Name the events above their lines, what endangered first, as many as do not cover each other."""
+    events = () if result.health is None else result.health.notable
+    inside = [event for event in events if around.start <= event.t <= around.stop]
     names: list[Drawn] = []
-    free = around.start
-    for event in () if result.health is None else result.health.notable:
-        if free <= event.t <= around.stop:
-            text = event.id.replace("-", " ")
-            names.append(band_label(Span(event.t, event.t), text))
-            free = event.t + _LETTER * len(text) * around.duration
+    taken: list[tuple[float, float]] = []
+    for event in sorted(inside, key=lambda each: (str(each.severity) != "error", each.t)):
+        text = event.id.replace("-", " ")
+        width = _LETTER * len(text) * around.duration
+        ends = event.t + width > around.stop
+        low, high = (event.t - width, event.t) if ends else (event.t, event.t + width)
+        if all(high <= other[0] or low >= other[1] for other in taken):
+            taken.append((low, high))
+            names.append(band_label(Span(event.t, event.t), text) | {"xanchor": "right" if ends else "left"})
     return names
 
 

@@ -167,7 +167,7 @@ def _spectrum(spectrum: Spectrum) -> Figure:
         labels.append(band_label(Span(hz, hz), name))
     labels += [band_label(Span(notch.low, notch.high), notch.name) for notch in spectrum.notches[:2]]
     # Below each other: filters and notches lie close together.
-    labels = [label | {"yshift": -14 * (k + 1)} for k, label in enumerate(labels)]
+    labels = [label | {"y": 0, "yshift": 14 * k} for k, label in enumerate(labels)]
     highest = max(float(np.max(factor * each)) for each in spectrum.amplitudes.values())
     labels += [
         {
