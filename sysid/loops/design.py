@@ -40,6 +40,10 @@ PURPOSES = ("rates", "drag", "inertia", "thrust", "position")
 #: Unit of an expected error that is a share of the quantity itself.
 RELATIVE = "1 (relative)"
 
+#: Frequency [Hz] below which a chirp that ends leaves modes of frames unseen, and what to do for `tune`.
+_WIDE = 30.0
+_TUNE_BOTH = "rotorid tune takes this log together with that of a chirp up to 40 Hz, which looks for modes of the frame"
+
 #: Bits of LOG_BITMASK that the loops need: fast attitude (RATE) and PID.
 _LOG_BITS = 1 | 1 << 12
 
@@ -174,6 +178,7 @@ def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
         f"fly in calm air, {limits.height_m:.0f} m or more above ground; hover, switch to SYSTEMID, sticks still",
         "SYSTEMID ends itself beyond 30 deg of lean; switch back to ALT_HOLD or LOITER at any time",
         "load these before the flight, one axis a run; put SID_AXIS back to 0 afterwards",
+        *(() if chirp.high >= _WIDE else (_TUNE_BOTH,)),
     )
     return parameter_file(values, comments)
 

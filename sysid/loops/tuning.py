@@ -76,8 +76,8 @@ _MODE = 6.0
 
 #: Factors by which a loop's gain may be raised beyond the measured band, each tried only where the one before leaves no
 #: rejection gained, unless the rigid craft keeps it below `_UNSEEN_SMALL` there, which leaves a mode 4 dB. The band is
-#: looked at up to this frequency, Hz, in so many steps. Only the first counts for chirps that ended below
-#: `_FIRST_MODES` [Hz], where the first modes of frames lie.
+#: looked at up to this frequency, Hz, in so many steps. Chirps that ended below `_FIRST_MODES` [Hz], where
+#: the first modes of frames lie, raise nothing beyond.
 _UNSEEN_RAISED, _UNSEEN_SMALL, _UNSEEN_UP_TO, _UNSEEN_STEPS = (1.12, 1.5, 2.0), 0.63 / _MODE, 150.0, 24
 _FIRST_MODES = 30.0
 
@@ -353,9 +353,11 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
         Of INS_GYRO_FILTER.
     """
     candidates = _field(loop, gyro_factor)
+    if loop.hz[-1] < _FIRST_MODES:
+        return _best(loop, aim, candidates, 1.0)
     best = _best(loop, aim, candidates, _UNSEEN_RAISED[0])
     for most in _UNSEEN_RAISED[1:]:
-        if best.gains or loop.hz[-1] < _FIRST_MODES:
+        if best.gains:
             break
         found = _best(loop, aim, candidates, most)
         if found.tuned is not None and (found.wider, found.score) > (best.wider, best.score):
