@@ -1,5 +1,6 @@
 """What holds for all tests: kernels are compiled before they start, no example has a deadline, Ctrl-C is heard."""
 
+import shutil
 import signal
 import subprocess
 import sys
@@ -45,3 +46,17 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         programs = [subprocess.Popen([sys.executable, "-c", program], cwd=ROOT) for program in _KERNELS]
         for program in programs:
             program.wait()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Run Chromium; for one module only, for its event loop would be in the way of other tests'."""
+    sync_playwright = pytest.importorskip("playwright.sync_api").sync_playwright
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("Chromium is not installed (Debian: apt-get install chromium)")
+    with sync_playwright() as playwright:
+        # Chromium's own sandbox does not work for root, as whom CI runs.
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield browser
+        browser.close()

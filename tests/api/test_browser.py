@@ -1,13 +1,12 @@
 """What people do on the pages, in a real browser: upload, follow, read, share, delete, sign in; at any width."""
 
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect, sync_playwright
+from playwright.sync_api import Browser, Page, Route, expect
 
 from api import Settings, create_app
 from api.settings import Access
@@ -17,19 +16,6 @@ from tests.api.conftest import running
 from tests.api.programs import PATIENCE
 
 expect.set_options(timeout=PATIENCE * 1000.0)  # only what never comes may meet it, on a busy computer too
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """Run Chromium; for this module only, for its event loop would be in the way of other tests'."""
-    program = shutil.which("chromium")
-    if program is None:
-        pytest.skip("Chromium is not installed (Debian: apt-get install chromium)")
-    with sync_playwright() as playwright:
-        # Chromium's own sandbox does not work for root, as whom CI runs.
-        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture

@@ -1,25 +1,10 @@
 """Reports in a browser: axe-core finds nothing serious in them, bright or dark, wide or narrow, with all unfolded."""
 
-import shutil
-
 import pytest
 
 from reports.html import flight_page
 from reports.numbers import flight_report
 from tests.reports.conftest import composed
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """Run Chromium; for this module only, for its event loop would be in the way of other tests'."""
-    sync_playwright = pytest.importorskip("playwright.sync_api").sync_playwright
-    program = shutil.which("chromium")
-    if program is None:
-        pytest.skip("Chromium is not installed (Debian: apt-get install chromium)")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import dataclasses
 import io
 import re
-import shutil
 
 import numpy as np
 import pytest
@@ -285,24 +284,17 @@ def test_the_terminal_shows_the_same_lines(kinds):
     assert "99.0 ± 1.0 % of motor 2's thrust lost from 70.0 s" in text
 
 
-def test_a_phone_need_not_scroll_sideways(kinds, tmp_path):
-    sync_playwright = pytest.importorskip("playwright.sync_api").sync_playwright
-    program = shutil.which("chromium")
-    if program is None:
-        pytest.skip("Chromium is not installed (Debian: apt-get install chromium)")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        for width in (390, 1280):
-            page = browser.new_page(viewport={"width": width, "height": 900})
-            faults: list[str] = []
-            page.on("pageerror", lambda error, faults=faults: faults.append(str(error)))
-            for name in ("lost motor", "no flight"):
-                path = tmp_path / "page.html"
-                path.write_text(flight_page(kinds[name], flight_report(kinds[name])), encoding="utf-8")
-                page.goto(path.as_uri())
-                assert page.evaluate("document.documentElement.scrollWidth") <= width
-                if width == 1280:
-                    assert page.evaluate("document.getElementById('first').getBoundingClientRect().bottom") <= 900
-            assert not faults
-            page.close()
-        browser.close()
+def test_a_phone_need_not_scroll_sideways(kinds, tmp_path, browser):
+    for width in (390, 1280):
+        page = browser.new_page(viewport={"width": width, "height": 900})
+        faults: list[str] = []
+        page.on("pageerror", lambda error, faults=faults: faults.append(str(error)))
+        for name in ("lost motor", "no flight"):
+            path = tmp_path / "page.html"
+            path.write_text(flight_page(kinds[name], flight_report(kinds[name])), encoding="utf-8")
+            page.goto(path.as_uri())
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            if width == 1280:
+                assert page.evaluate("document.getElementById('first').getBoundingClientRect().bottom") <= 900
+        assert not faults
+        page.close()

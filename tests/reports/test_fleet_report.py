@@ -5,8 +5,6 @@ import re
 import shutil
 from dataclasses import replace
 
-import pytest
-
 from pipeline.names import folder_names
 from pipeline.results.report import FleetReport
 from pipeline.storage.store import open_store
@@ -88,20 +86,6 @@ def test_names_of_folders_are_those_of_links(flight, tmp_path):
     page = composed(tmp_path, [odd]).read_text("utf-8")
     folder = folder_names([odd.name])[odd.name]
     assert f'href="flights/{folder}/report.html"' in page
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """Run Chromium; for this module only, for its event loop would be in the way of other tests'."""
-    from playwright.sync_api import sync_playwright
-
-    program = shutil.which("chromium")
-    if program is None:
-        pytest.skip("Chromium is not installed (Debian: apt-get install chromium)")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 def test_plots_are_drawn_for_paper_and_for_the_flight_chosen(fleet, browser):

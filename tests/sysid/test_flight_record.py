@@ -1,45 +1,24 @@
 """From log and trajectory to a record: axes, clock, filtering and what may be missing."""
 
-from dataclasses import dataclass
-from pathlib import Path
-from types import SimpleNamespace
-
 import numpy as np
-import pandas as pd
 import pytest
 
-from estimation import STATE_COLUMNS
-from logparse import Geodetic, MissingDataError, Tables, Vehicle
+from logparse import Geodetic, MissingDataError, Tables
 from sysid import Experiment
 from sysid.records.context import air_density, standard_density
 from sysid.records.resampling import resample
-
-
-@dataclass
-class Log:
-    tables: Tables
-    flight: object
-    path: Path = Path("flight.bin")
-    vehicle: Vehicle | None = None
-
-
-def frame(t, **columns):
-    return pd.DataFrame(columns, index=pd.Index(t, name="t"))
+from tests.sysid import flights
+from tests.sysid.flights import frame
 
 
 def made(motors=None, flight=(10.0, 50.0)):
     """Make a climb to the north-west at sea level, 60 s with motors at 10 Hz and states at 50 Hz."""
-    t, tm = np.arange(0.0, 60.0, 0.02), np.arange(0.0, 60.0, 0.1)
-    zero = np.zeros_like(t)
-    states = dict.fromkeys(STATE_COLUMNS, zero) | {"q_w": zero + 1.0, "f_z": zero - 9.8}
-    states |= {"p_n": 100.0 + t, "p_e": -t, "p_d": -3.0 - 2.0 * t}
-    sigma = frame(t, **{f"phi_{axis}": zero for axis in "ned"})
-    trajectory = SimpleNamespace(states=frame(t, **states), sigma=sigma, inconsistency="")
+    tm = np.arange(0.0, 60.0, 0.1)
     if motors is None:
         motors = frame(tm, m1=1500.0 + tm, m2=1400.0 - tm)
     baro = frame(tm, alt=tm, pressure=np.full_like(tm, 101325.0), temperature=np.full_like(tm, 310.0))
-    interval = flight and SimpleNamespace(start=flight[0], stop=flight[1])
-    return Log(Tables(motors=motors, baro=baro), interval), trajectory
+    path = {"north": lambda t: 100.0 + t, "east": lambda t: -t, "down": lambda t: -3.0 - 2.0 * t}
+    return flights.made(Tables(motors=motors, baro=baro), flight=flight, **path)
 
 
 def test_position_is_north_east_up_of_the_first_airborne_sample():
