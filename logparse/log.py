@@ -387,8 +387,15 @@ def read_log(path: str | Path, boot: int | None = None, *, kind: type[FlightLog]
         return kind(path, source, boots[boot], findings)
     if len(boots) == 1:
         return kind(path, source, boots[0], findings)
-    longest = sorted(boots, key=lambda b: b.t_start - b.t_end)[:_MOST_BOOTS]
-    return max((kind(path, source, b, findings) for b in longest), key=_flown)
+    shown, most = kind(path, source, boots[0], findings), (-1.0, 0.0)
+    for each in sorted(boots, key=lambda b: b.t_start - b.t_end)[:_MOST_BOOTS]:
+        if most[0] >= each.t_end - each.t_start:
+            break  # neither this power-up nor any behind it is as long as the longest flight so far
+        log = kind(path, source, each, findings)
+        flown = _flown(log)
+        if flown > most:
+            shown, most = log, flown
+    return shown
 
 
 def read_flights(path: str | Path) -> tuple[FlightLog, ...]:

@@ -88,9 +88,12 @@ def numbers(frame: pd.DataFrame, column: str) -> npt.NDArray[np.float64]:
     """Read a column without a unit: flags, counts, states. NaN where the message has none or it is no number."""
     if column not in frame:
         return np.full(len(frame), np.nan)
+    logged = frame[column]
     # Damaged floats can be signalling NaN, of which numpy warns when it widens them.
     with np.errstate(invalid="ignore"):
-        values = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        if isinstance(logged.dtype, np.dtype) and logged.dtype.kind in "iuf":
+            return np.asarray(logged.to_numpy().astype(np.float64))
+        values = pd.to_numeric(logged, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
     return np.asarray(values, dtype=np.float64)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse import LogError, containers, read_log
+from logparse import FlightLog, LogError, Tables, containers, read_log
 from logparse.dataflash.writer import DataflashWriter, write_dataflash
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs"
@@ -166,6 +166,24 @@ def test_boot_is_chosen_by_the_user_or_by_length(tmp_path: Path) -> None:
     assert first.messages["ATT"].index[0] == pytest.approx(90.0)
     with pytest.raises(LogError, match="holds 2 power-ups, not 3"):
         read_log(tmp_path / "both.bin", boot=2)
+
+
+def test_power_ups_shorter_than_a_flight_found_are_not_looked_into(tmp_path: Path) -> None:
+    """A file of many power-ups took as long as building all tables of each."""
+    flown = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"
+    (tmp_path / "both.bin").write_bytes(small_log(tmp_path / "a.bin", 90, 5).read_bytes() + flown.read_bytes())
+    looked_into: list[int] = []
+
+    class Watched(FlightLog):
+        @property
+        def tables(self) -> Tables:
+            looked_into.append(self.boots.index(self.boot))
+            return super().tables
+
+    log = read_log(tmp_path / "both.bin", kind=Watched)
+    assert log.flight is not None
+    assert log.boot == log.boots[1]
+    assert set(looked_into) == {1}
 
 
 def test_a_log_of_nothing_but_definitions(tmp_path: Path) -> None:
