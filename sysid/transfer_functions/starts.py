@@ -56,8 +56,8 @@ MODES_SETTLED = 2e-3
 #: Sets of poles from which each channel starts.
 CHANNEL_STARTS = 8
 
-#: Damping ratios that channels start with, and that of the grid of shared modes.
-CHANNEL_DAMPING, GRID_DAMPING = (0.01, 2.0), 0.2
+#: Damping ratios that channels start with, and those of the grid of shared modes: the second where the first is stuck.
+CHANNEL_DAMPING, GRID_DAMPING = (0.01, 2.0), (0.2, 0.1)
 
 #: Differences of twice the logarithm of the likelihood up to this are none; rest, which is simpler, is then taken.
 TIE = 2.0
@@ -97,12 +97,19 @@ def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: f
     sections = max((sum(problem.all_orders) + 1) // 2, LEAST_SECTIONS)
     if problem.integrators or not _enough(problem, sections):
         return None
-    modes, rough = _shared_modes(problem, sections, band, deadline)
-    residuals = rough.point.residuals
-    if rough.point.cost > HOPELESS * sum(map(len, residuals)):
-        return None
-    # What the modes leave is noise, or something else moves the craft (wind) and hides in what is ascribed to inputs.
-    if independent_samples(residuals) < ENOUGH_INDEPENDENT * 2 * sections * len(problem.group):
+    for damping in GRID_DAMPING:
+        modes, rough = _shared_modes(problem, sections, band, damping, deadline)
+        residuals = rough.point.residuals
+        left = rough.point.cost / sum(map(len, residuals))
+        if left > HOPELESS:
+            return None
+        # What modes leave is noise, or something else moves the craft (wind) and hides in what is ascribed to inputs.
+        if independent_samples(residuals) >= ENOUGH_INDEPENDENT * 2 * sections * len(problem.group):
+            break
+        # So little of the output is left in a local minimum too, which another grid may pass by.
+        if left > EXPLAINED:
+            return None
+    else:
         return None
     fit = descend(modes, rough.point.theta, MODES_STEPS[1], deadline, settled=MODES_SETTLED)
     parts = [_parts(part.states, fit.point, sections) for part in fit.point.parts]
@@ -152,7 +159,9 @@ def _enough(problem: Problem, sections: int) -> bool:
     return problem.samples >= ENOUGH_SAMPLES * 2 * sections * len(problem.group)
 
 
-def _shared_modes(problem: Problem, sections: int, band: Band, deadline: float) -> tuple[Problem, Descent]:
+def _shared_modes(
+    problem: Problem, sections: int, band: Band, damping: float, deadline: float
+) -> tuple[Problem, Descent]:
     """Respond to every input with every section, from rest where that explains half of the records."""
     m = len(problem.group)
     modes = replace(
@@ -168,7 +177,7 @@ def _shared_modes(problem: Problem, sections: int, band: Band, deadline: float) 
         ridge=MODES_RIDGE,
     )
     grid = np.column_stack(
-        [np.log(np.geomspace(band.lowest, band.highest, sections)), np.full(sections, np.log(GRID_DAMPING))]
+        [np.log(np.geomspace(band.lowest, band.highest, sections)), np.full(sections, np.log(damping))]
     )
     half = replace(modes, inputs=modes.inputs[::2], outputs=modes.outputs[::2])
     few = half if _enough(half, sections) else modes
