@@ -41,7 +41,7 @@ class FolderFlights:
         self._seen = -1
 
     def look(self) -> None:
-        """Take over what changed since the last look: a run writes its manifest last."""
+        """Adopt what changed since the last look: a run writes its manifest last."""
         if self.folder is None:
             return
         try:
