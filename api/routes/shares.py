@@ -73,6 +73,7 @@ def show_shared(secret: str, parts: PartsOf) -> SharedAnalysis:
     shown = {name: value for name, value in dict(found).items() if name in SharedAnalysis.model_fields}
     logs = [SharedLog(name=log.name, size=log.size) for log in found.logs]
     shown |= {"logs": logs, "links": links, "files": files, "report": _without_hashes(found.report)}
+    shown["configuration"] = {name: value for name, value in found.configuration.items() if name != "flights"}
     return SharedAnalysis(**shown)
 
 

@@ -72,6 +72,9 @@ def test_uploads_find_their_craft_and_joint_models_follow(service: httpx.Client)
     assert (model["trust"], model["joint"], model["analysis"]) == ("yes", True, craft["joint"]["analysis"])
     answer = service.get(model["files"]["sitl_frame.json"])
     assert (answer.json(), answer.headers["Rotorid-Analysis"]) == ({"mass": 4.3}, model["analysis"])
+    joint = craft["joint"]["analysis"]
+    for path in ("/analyses", f"/analyses/{joint}", f"/analyses/{joint}/again", "/logs", "/"):
+        assert service.get(path).status_code == 200, path
     names = [each["name"] for each in service.get(f"/api/v1/crafts/{craft['id']}/flights").json()]
     assert names == ["flight2", "flight1", "flight0"]
     # A fourth flight enters the means, and leaves the joint models as they are.

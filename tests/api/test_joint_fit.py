@@ -1,0 +1,39 @@
+"""The pipeline itself hands flights over to their craft, and fits them jointly from what was handed over."""
+
+from pathlib import Path
+
+import pytest
+
+from api.flown import read_flown
+from api.found import read_found
+from api.worker import Member, Task, analyze_logs
+from logparse.serialization import plain
+from tests.api.programs import PROJECT
+
+SAMPLES = PROJECT / "sample_logs"
+
+
+def member(name: str, folder: Path) -> Member:
+    """Analyse a sample log as the service does, and take what it hands over."""
+    results = folder / name
+    results.mkdir()
+    analyze_logs(Task([(SAMPLES / f"{name}.bin", f"{name}.bin")], {"time_limit": 3600.0}, results), lambda *_: None)
+    (flown,) = read_flown(results)
+    assert (flown.entry.name, len(flown.answers)) == (name, 6)
+    files = {path.parts[-4]: path for path in (results / "experiments").rglob("part.parquet")}
+    assert set(files) == set(flown.entry.experiments)
+    return Member(name, plain(flown.entry), files)
+
+
+@pytest.mark.slow
+def test_two_flights_are_fitted_jointly_from_what_they_handed_over(tmp_path: Path) -> None:
+    members = [member(name, tmp_path) for name in ("octa01_zurich_calm", "octa03_quito_high")]
+    results = tmp_path / "joint" / "results"
+    results.mkdir(parents=True)
+    chosen = {"flights": ["of the service"], "mass": 4.3, "time_limit": 3600.0}
+    analyze_logs(Task([], chosen, results, members), lambda *_: None)
+    assert {"report.html", "report.json", "models.json", "models.mat", "craft.json", "sitl_frame.json"} <= {
+        path.name for path in results.iterdir()
+    }
+    found = read_found(results / "report.json")
+    assert (found.craft, found.trust in ("yes", "limited", "no")) == ("ArduCopter octa plus", True)
