@@ -34,6 +34,8 @@ from logparse import Geodetic, MissingDataError, Tables
 
 #: Rows of the trajectory that are smoothed at a time; a multiple of `_kernels.SLOW_EVERY`.
 PIECE = 512
+#: Fewer fixes tell where the log was flown, and nothing of the flight.
+FEWEST_FIXES = 10
 #: What a segment learned of the sensors' errors serves the next one after a hole no longer than this, s.
 LONGEST_MEMORY = 600.0
 
@@ -88,8 +90,9 @@ def estimate_strapdown(
     ]
     if not done:
         raise ValueError(f"the log has no IMU samples between start = {start} and stop = {stop} s")
+    fixes = usable_fixes(tables.gps)
     findings = missing_sensors(
-        gps=usable_fixes(tables.gps) is not None, mag=mag, baro=usable(tables.baro, ["alt"]) is not None
+        gps=fixes is not None and len(fixes) >= FEWEST_FIXES, mag=mag, baro=usable(tables.baro, ["alt"]) is not None
     )
     findings += stuck_magnetometer() if place.compass_stuck else []
     findings += imu_holes([segment.samples for segment in found])

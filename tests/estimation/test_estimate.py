@@ -73,7 +73,7 @@ def test_a_wrong_gps_lag_is_found(flight):
 
 def test_a_known_lag_is_left_alone(trajectory):
     """Likelihood knows the lag of either sensor to some milliseconds on 100 s of flight."""
-    assert trajectory.diagnostics["lags"] == pytest.approx({"mag": 0.0, "gps": 0.0}, abs=0.02)
+    assert trajectory.diagnostics["lags"] == pytest.approx({"mag": 0.0, "gps": 0.0, "baro": 0.0}, abs=0.02)
 
 
 def test_an_outage_is_bridged(flight):

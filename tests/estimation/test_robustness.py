@@ -98,6 +98,8 @@ def test_a_receiver_that_repeats_its_last_fix_is_not_believed(flight, start):
     finding = next(f for f in result.findings if f.id == "gps-frozen")
     assert finding.evidence["fixes"] == pytest.approx(old.sum(), abs=30)
     assert nees(result, flight.truth[flight.truth.index > SETTLED])["velocity"] < 3.0
+    # One fix tells the place and nothing of the flight: as without a receiver.
+    assert ("no-gps" in [f.id for f in result.findings]) == (start == 0.0)
 
 
 @pytest.mark.parametrize("factor", [1.0 / 9.80665, -1.0])
