@@ -10,6 +10,7 @@ import scipy
 
 from logparse import FlightLog
 from logparse.canonical.series import wrap
+from logparse.quantity import uncertain
 from logparse.units import quantity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of
 from sysid.frequency.cost import POOR
@@ -226,7 +227,7 @@ def _known(
     if found.cost > POOR:
         return Parameter(None, None, unit, f"the structure misses the response: cost J {found.cost:.0f}")
     if not (np.isfinite(sigma) and good(value, sigma)):
-        return Parameter(None, None, unit, f"{value:.3g} ± {sigma:.2g} {unit}: too uncertain to be of use")
+        return Parameter(None, None, unit, f"{uncertain(value, sigma, unit)}: too uncertain to be of use")
     beyond = value > 4.0 * np.pi * float(found.responses[0].hz[found.responses[0].usable][-1])
     if unit == "rad/s" and beyond:
         return Parameter(None, None, unit, f"{value:.3g} {unit} lies beyond the frequencies that were excited")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
+from logparse.quantity import uncertain
 from logparse.summary import Summarised, listed
 from sysid.frequency.axes import PILOTS_THROTTLE, FrequencyError
 from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, POOR, cost
@@ -120,7 +121,7 @@ class FrequencyFit(Summarised):
         parts = []
         for name, value in self.parameters.items():
             known = value.value is not None and value.sigma is not None
-            parts.append(f"{name} {value.value:.4g} ± {value.sigma:.2g} {value.unit}" if known else f"{name} unknown")
+            parts.append(f"{name} {uncertain(value.value, value.sigma, value.unit) if known else 'unknown'}")
         kinds = "; ".join(dict.fromkeys(structure.name for structure in self.structure))
         return {
             "axes": listed(self.axes),
@@ -420,5 +421,5 @@ def _parameter(spec: ParameterSpec, value: float, sigma: float, responses: tuple
     low = min(float(response.hz[_good(response)][0]) for response in responses)
     high = max(float(response.hz[_good(response)][-1]) for response in responses)
     return Parameter(
-        None, None, spec.unit, f"not determined by {low:.2g} to {high:.2g} Hz: {value:.3g} ± {sigma:.2g} {spec.unit}"
+        None, None, spec.unit, f"not determined by {low:.2g} to {high:.2g} Hz: {uncertain(value, sigma, spec.unit)}"
     )

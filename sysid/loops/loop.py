@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from logparse import FlightLog
+from logparse.quantity import uncertain
 from logparse.summary import Summarised
 from sysid.frequency.excitation import Within
 from sysid.frequency.response import FrequencyResponse
@@ -57,7 +58,7 @@ class Margins(Summarised):
     def summary(self) -> dict[str, str]:
         """Return each margin that the band shows, and whether the loop is stable."""
         found = {name: e for name in MARGINS if (e := getattr(self, name)).value is not None}
-        told = {name: f"{e.value:.3g} ± {e.sigma:.2g} {e.unit}" for name, e in found.items()}
+        told = {name: uncertain(e.value, e.sigma, e.unit) for name, e in found.items()}
         return {"loop": "stable" if self.stable else "UNSTABLE"} | told
 
 
