@@ -34,6 +34,10 @@ _FADES_IN, FADE_OUT = (1.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0), 1.0
 #: Part of its time that a chirp may spend at its start frequency.
 _HELD = 0.3
 
+#: How far past a mode that was found a chirp may go, in parts of its frequency, and where none ends: too near to it to
+#: know it, too near not to be bent by it.
+_PAST_MODE, _ON_MODE = 1.6, (0.7, 1.4)
+
 #: Factor of the least product of both errors up to which a chirp that starts lower is taken.
 _AS_GOOD = 1.3
 
@@ -223,14 +227,16 @@ def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> Chirp
     if crossover is None:
         raise LoopError(f"{loop.axis}: the crossover is not known, so that no chirp can be designed around it")
     found = fit(loop.frf)
-    highest = min(_BELOW_RATE / loop.frf.step, loop.hz[-1], max(_RIGID[0], _RIGID[1] * crossover))
+    mode = found.parameters.get("mode_frequency")
+    bends = 0.0 if mode is None or mode.value is None else mode.value / (2.0 * np.pi)
+    highest = min(_BELOW_RATE / loop.frf.step, loop.hz[-1], max(_RIGID[0], _RIGID[1] * crossover, _PAST_MODE * bends))
     moved = motion_per_unit(loop)
     allowed = (_USED_LEAN * np.radians(limits.lean_deg), _USED * np.radians(limits.rate_deg), _USED * limits.mixer)
     found_designs: list[tuple[float, ChirpDesign]] = []
     for start, stop, fade_in in itertools.product(_STARTS, _STOPS, _FADES_IN):
         low = float(f"{max(start * crossover, loop.hz[0], 2.0 / (_HELD * seconds)):.2g}")
         high = float(f"{min(stop * crossover, highest):.3g}")
-        if high < 3.0 * low or fade_in > seconds - FADE_OUT:
+        if high < 3.0 * low or fade_in > seconds - FADE_OUT or _ON_MODE[0] * bends < high < _ON_MODE[1] * bends:
             continue
         largest_motion = (moved * chirp_window(loop.hz, low, high, seconds, fade_in)).max(axis=1)
         largest = float(np.min(np.array(allowed) / largest_motion))
