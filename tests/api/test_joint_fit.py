@@ -34,6 +34,6 @@ def test_two_flights_are_fitted_jointly_from_what_they_handed_over(tmp_path: Pat
     analyze_logs(Task([], chosen, results, members), lambda *_: None)
     assert {"report.html", "report.json", "models.json", "models.mat", "craft.json", "sitl_frame.json"} <= {
         path.name for path in results.iterdir()
-    }
+    }, (results / "report.json").read_text("utf-8")[:4000]
     found = read_found(results / "report.json")
     assert (found.craft, found.trust in ("yes", "limited", "no")) == ("ArduCopter octa plus", True)

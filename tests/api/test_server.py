@@ -145,7 +145,10 @@ def test_the_server_itself_does_not_load_the_numerical_packages() -> None:
 
 @pytest.mark.parametrize(
     ("variable", "value", "says"),
-    [("ROTORID_WORKERS", "0", "ROTORID_WORKERS: "), ("ROTORID_DATA", "/dev/null/data", "Set ROTORID_DATA to a folder")],
+    [
+        ("ROTORID_WORKERS", "-1", "ROTORID_WORKERS: "),
+        ("ROTORID_DATA", "/dev/null/data", "Set ROTORID_DATA to a folder"),
+    ],
 )
 def test_a_wrong_setting_is_told_in_a_line(variable: str, value: str, says: str) -> None:
     result = subprocess.run(
