@@ -4,6 +4,8 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 SEED   := $(or $(SEED),$(shell date +%s))
 READY  := $(VENV)/.ready
+# One worker more than there are cores: tests of services and schedulers wait a good part of their time.
+JOBS    = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 # One BLAS thread: our matrices are small and threads only hurt them.
 export OPENBLAS_NUM_THREADS := 1
 
@@ -29,12 +31,12 @@ analyze: setup  ## analyse sample_logs/, print a summary, write out/report.html 
 	@$(BIN)/rotorid analyze sample_logs --out out
 
 check: lint  ## lint and the fast tests: what to run before a commit
-	@$(BIN)/python -m pytest -n auto --dist loadscope -m "not slow"
+	@$(BIN)/python -m pytest -n $(JOBS) --dist loadscope -m "not slow"
 
 # Tests of a module stay together, so that what its fixtures make is made once; all else is in random order.
 test: setup  ## run all tests in random order; SEED=n repeats an order
 	@echo "Running all tests in random order, SEED=$(SEED) ..."
-	@$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder --randomly-seed=$(SEED) --durations=20
+	@$(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-reorder --randomly-seed=$(SEED) --durations=20
 
 lint: setup  ## ruff, mypy --strict and the import direction
 	@$(BIN)/ruff check .

@@ -10,9 +10,9 @@ from dataclasses import replace
 from logparse.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
+from pipeline.fleet import joint
 from pipeline.fleet.current import Crafts, is_current
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings
-from pipeline.fleet.joint import identify_craft
 from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.results.entry import FlightEntry, GroupEntry
@@ -49,11 +49,11 @@ def identify_crafts(
         for flight in flights
         if flight.experiments and flight.position_known and flight.name not in used
     ]
-    joint = sorted(_builds(crafts, config), key=lambda build: (-len(build[1]), build[1][0].craft, build[0]))
-    pooled = {flight.name for build, craft in joint if build > 1 for flight in craft}
+    builds = sorted(_builds(crafts, config), key=lambda build: (-len(build[1]), build[1][0].craft, build[0]))
+    pooled = {flight.name for build, craft in builds if build > 1 for flight in craft}
     entries, failures, unstored = [], [], []
     fitted: dict[str, GroupResult] = {}
-    for number, (build, craft) in enumerate(joint):
+    for number, (build, craft) in enumerate(builds):
         first = craft[0]
         split = choose_split(craft, config)
         unused = {name: reason for name, reason in split.unused.items() if name not in pooled}
@@ -77,11 +77,13 @@ def identify_crafts(
         what = f"{entry.name}, {len(craft)} flights jointly"
 
         def report(stage: str, fraction: float, number: int = number, what: str = what) -> None:
-            progress(f"{what}: {stage}", (number + fraction) / len(joint))
+            progress(f"{what}: {stage}", (number + fraction) / len(builds))
 
         result = None if redo else known_result(store, entry)
         if result is None:
-            result = identify_craft(entry.name, craft, split, store.url, config, overall(report), executor, findings)
+            result = joint.identify_craft(
+                entry.name, craft, split, store.url, config, overall(report), executor, findings
+            )
         try:
             keep(result, entry, store, publish)
         except OSError as error:
