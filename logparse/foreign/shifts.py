@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.constants import g as standard_gravity
 from scipy.spatial.transform import Rotation
 
 from logparse.findings import Finding, Severity
 from logparse.foreign.columns import ColumnMap
+from logparse.units import STANDARD_GRAVITY
 
 Floats = npt.NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def check_shifts(
         # Thrust along the rotors' axis over its vertical part, which holds the weight and what climbs.
         acceleration = np.gradient(velocity, dt, axis=0)
         axis = rotation.apply(np.array([0.0, 0.0, -1.0]))
-        lean = (standard_gravity - acceleration[:, 2:]) * axis[:, :2] / np.maximum(-axis[:, 2:], 0.2)
+        lean = (STANDARD_GRAVITY - acceleration[:, 2:]) * axis[:, :2] / np.maximum(-axis[:, 2:], 0.2)
         late = find_shift(acceleration[:, :2], lean, dt, beside=velocity[:, :2])
         findings += _told(declared.attitude.columns, declared.position.columns, late, dt)
     return findings
