@@ -1,4 +1,4 @@
-"""``rotorid schema``: what report.json and models.json hold."""
+"""``rotorid schema``: what report.json and models.json hold, and which findings there are."""
 
 from enum import StrEnum
 from typing import Annotated
@@ -6,19 +6,27 @@ from typing import Annotated
 import typer
 
 
-class File(StrEnum):
-    """Files that have a schema."""
+class Subject(StrEnum):
+    """What can be described."""
 
     REPORT = "report"
     MODELS = "models"
+    FINDINGS = "findings"
 
 
-def schema(file: Annotated[File, typer.Argument(help="Of report.json or of models.json.")] = File.REPORT) -> None:
-    """Write the JSON Schema (2020-12) of a file that `rotorid analyze` writes to stdout.
+def schema(
+    subject: Annotated[Subject, typer.Argument(help="report.json, models.json, or the catalogue of findings.")] = (
+        Subject.REPORT
+    ),
+) -> None:
+    """Write to stdout the JSON Schema (2020-12) of a file that `rotorid analyze` writes, or docs/findings.md.
 
     Example: rotorid schema models > models.schema.json
     """
+    from logparse.catalogue import read_catalogue
     from logparse.serialization import as_json
     from reports.schema import schema as schema_of
 
-    typer.echo(as_json(schema_of(file.value)), nl=False)
+    typer.echo(
+        read_catalogue().as_markdown() if subject == Subject.FINDINGS else as_json(schema_of(subject.value)), nl=False
+    )

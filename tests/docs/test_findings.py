@@ -1,10 +1,12 @@
-"""Every finding that the packages can raise is explained in docs/findings.md, and nothing else is."""
+"""Every finding that the packages raise is in the catalogue, nothing else is, and docs/findings.md is made of it."""
 
 import ast
 import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+
+from logparse.catalogue import read_catalogue
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("logparse", "estimation", "sysid", "pipeline", "reports", "api")
@@ -27,11 +29,8 @@ def words(module: ast.Module) -> set[str]:
     return {value for value in constants if isinstance(value, str) and NAME.fullmatch(value)}
 
 
-@cache
-def given() -> tuple[set[str], set[str]]:
-    """Names that are given to findings literally or from a table, and patterns of names that are composed."""
-    names: set[str] = set()
-    patterns: set[str] = set()
+def calls() -> Iterator[tuple[ast.Module, ast.expr, ast.expr | None]]:
+    """Where findings are made: the module, and what stands for name and severity."""
     for module in sources():
         for node in ast.walk(module):
             if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in GIVERS):
@@ -39,33 +38,69 @@ def given() -> tuple[set[str], set[str]]:
             keywords = {keyword.arg: keyword.value for keyword in node.keywords}
             if None in keywords and not node.args:
                 continue  # Read back from JSON.
-            identity = node.args[0] if node.args else keywords["id"]
-            if isinstance(identity, ast.Constant):
-                names.add(str(identity.value))
-            elif isinstance(identity, ast.JoinedStr):
-                parts = (
-                    re.escape(part.value) if isinstance(part, ast.Constant) else "[a-z-]+" for part in identity.values
-                )
-                patterns.add("".join(map(str, parts)))
-            else:
-                # The name comes from a table or an argument of the same file.
-                names |= words(module) - OTHER_WORDS
+            yield (
+                module,
+                node.args[0] if node.args else keywords["id"],
+                node.args[1] if len(node.args) > 1 else keywords.get("severity"),
+            )
+
+
+@cache
+def given() -> tuple[set[str], set[str]]:
+    """Names that are given to findings literally or from a table, and patterns of names that are composed."""
+    names: set[str] = set()
+    patterns: set[str] = set()
+    for module, identity, _ in calls():
+        if isinstance(identity, ast.Constant):
+            names.add(str(identity.value))
+        elif isinstance(identity, ast.JoinedStr):
+            parts = (re.escape(part.value) if isinstance(part, ast.Constant) else "[a-z-]+" for part in identity.values)
+            patterns.add("".join(map(str, parts)))
+        else:
+            # The name comes from a table or an argument of the same file.
+            names |= words(module) - OTHER_WORDS
     return names, patterns
 
 
-def explained() -> set[str]:
-    rows = re.findall(r"^\| (`[^|]*`) \|", (ROOT / "docs" / "findings.md").read_text(encoding="utf-8"), re.MULTILINE)
-    return {name for row in rows for name in re.findall(r"`([^`]+)`", row)}
+@cache
+def explained() -> dict[str, frozenset[str]]:
+    """Severities of each finding of the catalogue."""
+    return {
+        name: frozenset(each.severities)
+        for section in read_catalogue().sections
+        for each in section.findings
+        for name in each.ids
+    }
 
 
 def test_every_finding_is_explained():
     names, patterns = given()
-    documented = explained()
-    assert names - documented == set(), "add these to docs/findings.md"
-    assert {pattern for pattern in patterns if not any(re.fullmatch(pattern, name) for name in documented)} == set()
+    assert names - set(explained()) == set(), "add these to logparse/findings.toml"
+    assert {pattern for pattern in patterns if not any(re.fullmatch(pattern, name) for name in explained())} == set()
 
 
-def test_nothing_is_explained_that_no_room_gives():
+def test_nothing_is_explained_that_no_package_raises():
     names, patterns = given()
-    stale = {name for name in explained() - names if not any(re.fullmatch(pattern, name) for pattern in patterns)}
-    assert stale == set(), "take these out of docs/findings.md"
+    stale = {name for name in set(explained()) - names if not any(re.fullmatch(each, name) for each in patterns)}
+    assert stale == set(), "take these out of logparse/findings.toml"
+
+
+def test_every_severity_that_is_raised_is_in_the_catalogue():
+    raised = {
+        (str(identity.value), part.attr.lower())
+        for _, identity, severity in calls()
+        if isinstance(identity, ast.Constant) and severity is not None
+        for part in ast.walk(severity)
+        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and part.value.id == "Severity"
+    }
+    assert {(name, severity) for name, severity in raised if severity not in explained()[name]} == set()
+
+
+def test_the_page_is_made_from_the_catalogue():
+    page = (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")
+    assert page == read_catalogue().as_markdown(), "rotorid schema findings > docs/findings.md"
+
+
+def test_no_finding_is_listed_twice():
+    names = [name for section in read_catalogue().sections for each in section.findings for name in each.ids]
+    assert {name for name in names if names.count(name) > 1} <= {"gps-glitch"}, "an event and a finding share this name"
