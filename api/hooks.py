@@ -10,24 +10,20 @@ import hmac
 import http.client
 import ipaddress
 import json
-import logging
 import socket
 import ssl
-import threading
 from datetime import UTC, datetime, timedelta
 from http import HTTPStatus
 from urllib.parse import urlsplit
 
 from sqlalchemy import delete, select, update
-from sqlalchemy.exc import SQLAlchemyError
 
 from api.database import Database
 from api.ids import new_id, new_secret
 from api.problems import Problem, ProblemError
 from api.records import AlertRecord, CraftRecord, DeliveryRecord, HookRecord
+from api.rounds import Rounds
 from api.settings import Webhooks
-
-_log = logging.getLogger("rotorid.api")
 
 #: Seconds between two looks for alerts to send, and for an answer.
 _LOOK, _TIMEOUT = 2.0, 10.0
@@ -138,7 +134,7 @@ def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
         raw.close()
 
 
-class Hooks:
+class Hooks(Rounds):
     """The webhooks of all owners; what is due is sent by a thread of its own.
 
     Parameters
@@ -149,21 +145,14 @@ class Hooks:
     """
 
     def __init__(self, database: Database, webhooks: Webhooks) -> None:
+        super().__init__("webhooks", _LOOK)
         self._database = database
         self._webhooks = webhooks
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._go_on, name="hooks", daemon=True)
 
     def open(self) -> None:
         """Start."""
         if self._webhooks is not Webhooks.OFF:
-            self._thread.start()
-
-    def close(self) -> None:
-        """Stop after what is being sent."""
-        self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join()
+            super().open()
 
     def create(self, owner: str, url: str) -> HookRecord:
         """Add a hook; its secret is told once."""
@@ -200,14 +189,9 @@ class Hooks:
             session.delete(record)
             return True
 
-    def _go_on(self) -> None:
-        while not self._closing.wait(_LOOK):
-            try:
-                self.deliver(datetime.now(UTC))
-            except SQLAlchemyError as error:
-                _log.warning("webhooks cannot be read: %s", error)
-            except Exception:
-                _log.exception("sending webhooks failed")
+    def go_round(self) -> None:
+        """Send what is due now."""
+        self.deliver(datetime.now(UTC))
 
     def deliver(self, now: datetime) -> None:
         """Send what is due; each is taken before it is sent, so that no two servers send it."""
@@ -222,7 +206,7 @@ class Hooks:
                 .limit(20)
             ).all()
         for delivery, alert, craft, hook in due:
-            if self._closing.is_set() or not self._take(delivery, now):
+            if self.closing or not self._take(delivery, now):
                 continue
             body = {
                 "alert": alert.id,

@@ -1,7 +1,6 @@
 """Clearing away what nobody needs any more: logs past their time, bytes that no row names, copies nobody reads."""
 
 import logging
-import threading
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from api.catalog import Catalog
 from api.database import Database
 from api.objects import Objects
 from api.records import AnalysisRecord, LogRecord
+from api.rounds import Rounds
 
 _log = logging.getLogger("rotorid.api")
 
@@ -24,7 +24,7 @@ _GRACE = timedelta(hours=1)
 _CACHED = timedelta(days=1)
 
 
-class Housekeeping:
+class Housekeeping(Rounds):
     """Goes round now and then, in a thread of its own.
 
     Parameters
@@ -41,34 +41,19 @@ class Housekeeping:
     def __init__(
         self, database: Database, objects: Objects, catalog: Catalog, cache: Path, retention: timedelta | None
     ) -> None:
+        super().__init__("housekeeping", _INTERVAL)
         self._database = database
         self._objects = objects
         self._catalog = catalog
         self._cache = cache
         self._retention = retention
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._go_round, name="housekeeping", daemon=True)
 
-    def open(self) -> None:
-        """Start."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop after what is being done."""
-        self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join()
-
-    def _go_round(self) -> None:
-        while not self._closing.is_set():
-            try:
-                self.clean(datetime.now(UTC))
-            except Exception:  # a storage may fail in many ways; the next round may do better
-                _log.exception("housekeeping failed")
-            self._closing.wait(_INTERVAL)
+    def go_round(self) -> None:
+        """Clear away what is too old now."""
+        self.clean(datetime.now(UTC))
 
     def clean(self, now: datetime) -> None:
-        """Do one round."""
+        """Clear away what is too old at a time."""
         if self._retention is not None:
             self._remove_old(now - self._retention)
         self._remove_orphans(now - _GRACE)

@@ -4,14 +4,12 @@ The looking itself is done in the process of `api.desk`. Several servers may loo
 names the revision that they looked at, and an alert is raised once.
 """
 
-import logging
-import threading
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 from sqlalchemy import select
-from sqlalchemy.exc import IntegrityError, SQLAlchemyError
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from api.catalog import order_joint_fit
@@ -19,11 +17,9 @@ from api.crafts import Crafts, next_fit
 from api.database import Database
 from api.desk import Desk
 from api.ids import digest, new_id
-from api.problems import ProblemError
 from api.records import AlertRecord, AnalysisRecord, CraftRecord, DeliveryRecord, FlightRecord, HookRecord
 from api.resources import State
-
-_log = logging.getLogger("rotorid.api")
+from api.rounds import Rounds
 
 #: Seconds between two looks for craft that changed.
 _LOOK = 1.0
@@ -32,7 +28,7 @@ _LOOK = 1.0
 _AT_ONCE, _MOST_ALERTS = 20, 50
 
 
-class Reviews:
+class Reviews(Rounds):
     """Looks at craft in a thread of its own.
 
     Parameters
@@ -54,33 +50,17 @@ class Reviews:
         wake: Callable[[], None],
         bring: Callable[[], None] = lambda: None,
     ) -> None:
+        super().__init__("reviews", _LOOK)
         self._bring = bring
         self._database = database
         self._crafts = crafts
         self._desk = desk
         self._wake = wake
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._go_on, name="reviews", daemon=True)
 
-    def open(self) -> None:
-        """Start."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop after what is being done."""
-        self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join()
-
-    def _go_on(self) -> None:
-        while not self._closing.wait(_LOOK):
-            try:
-                self._bring()
-                self.look()
-            except (SQLAlchemyError, ProblemError) as error:
-                _log.warning("craft cannot be looked at: %s", error)
-            except Exception:  # a bug with one craft must not end the looks at others for good
-                _log.exception("looking at craft failed")
+    def go_round(self) -> None:
+        """Bring flights from elsewhere, and look at the craft that changed."""
+        self._bring()
+        self.look()
 
     def look(self) -> None:
         """Look at the craft that changed."""
@@ -88,7 +68,7 @@ class Reviews:
             changed = select(CraftRecord.id, CraftRecord.revision).where(CraftRecord.reviewed < CraftRecord.revision)
             waiting = session.execute(changed.order_by(CraftRecord.changed).limit(_AT_ONCE)).all()
         for craft_id, revision in waiting:
-            if self._closing.is_set():
+            if self.closing:
                 return
             found = self._desk.ask("review_craft", *self._crafts.entries(craft_id))
             try:
