@@ -81,7 +81,9 @@ def quantity(frame: pd.DataFrame, column: str, unit: str) -> npt.NDArray[np.floa
     if not _alike(declared, unit):
         declared = unit
     factor, offset = SI[declared]
-    return numbers(frame, column) * factor + offset
+    values = numbers(frame, column) * factor + offset
+    values[np.isinf(values)] = np.nan  # no sensor measures it, and its cosine is a warning
+    return values
 
 
 def numbers(frame: pd.DataFrame, column: str) -> npt.NDArray[np.float64]:

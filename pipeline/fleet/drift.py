@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from logparse import Finding, Severity
 from pipeline.fleet.history import ALPHA, history, sentence_of
 from pipeline.fleet.meta_analysis import holm
-from pipeline.fleet.motor_drift import motor_drift, trims
+from pipeline.fleet.motor_drift import Together, motor_drift, together, trims
 from pipeline.flight.craft import in_order, took_off
 from pipeline.flight.flight_parameters import BATTERY, SHARES
 from pipeline.results.drift import Drift, History, Point, Trend
@@ -66,8 +66,8 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
     ]
     if not histories:
         return None
-    histories = _judged(histories)
-    motors = motor_drift(flights, histories)
+    histories, joint = _judged(histories, together(flights, histories))
+    motors = motor_drift(flights, histories, joint)
     return Drift(
         order="name" if any(flight.start_utc is None for flight in flights) else "date",
         flights=tuple(flight.name for flight in flights),
@@ -88,10 +88,11 @@ def _point(flight: FlightEntry, number: int, row: FlightParameter) -> Point:
     )
 
 
-def _judged(histories: Sequence[History]) -> list[History]:
+def _judged(histories: Sequence[History], joint: Together | None) -> tuple[list[History], Together | None]:
     """Correct all probabilities together and say what came of it."""
     asked = [(k, name) for k, each in enumerate(histories) for name in ("trend", "step") if getattr(each, name)]
-    adjusted = holm([getattr(histories[k], name).p for k, name in asked])
+    chances = [getattr(histories[k], name).p for k, name in asked]
+    *adjusted, of_motors = holm([*chances, 1.0 if joint is None else joint.p])
     found = dict(zip(asked, adjusted, strict=True))
     judged = []
     for k, each in enumerate(histories):
@@ -102,7 +103,10 @@ def _judged(histories: Sequence[History]) -> list[History]:
         }
         corrected = replace(each, **tests)
         judged.append(replace(corrected, sentence=sentence_of(corrected, len(asked))))
-    return judged
+    if joint is not None:
+        change = replace(joint.change, p_adjusted=of_motors, significant=of_motors < ALPHA)
+        joint = replace(joint, change=change)
+    return judged, joint
 
 
 def _findings(histories: Sequence[History]) -> list[Finding]:

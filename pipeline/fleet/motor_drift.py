@@ -10,16 +10,19 @@ shift of the centre of gravity leads to roll and pitch only; a twist of motors a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import chdtrc as chi2_sf
+from scipy.special import fdtrc as f_sf
+from scipy.special import ndtr as normal_cdf
+from scipy.special import ndtri as normal_quantile
 
 from logparse import Finding, Severity
-from pipeline.fleet.history import design_of
+from pipeline.fleet.history import FEWEST_ASIDE, design_of
 from pipeline.fleet.meta_analysis import meta_regression
 from pipeline.flight.flight_parameters import SHARES
-from pipeline.results.drift import History, MotorDrift, MotorShares, Step, Trend
+from pipeline.results.drift import History, MotorDrift, MotorShares, Point, Step, Trend
 from pipeline.results.entry import FlightParameter
 
 if TYPE_CHECKING:
@@ -33,7 +36,7 @@ if TYPE_CHECKING:
 TRIMS = ("roll trim", "pitch trim", "yaw trim")
 
 #: An explanation stands if the change that it leaves would be larger by chance with this probability.
-STANDS = 0.05
+STANDS = 0.01
 
 #: Column of the mixer below this part of the largest is none.
 _NONE = 1e-6
@@ -62,7 +65,77 @@ def trims(flight: FlightEntry) -> list[FlightParameter]:
     ]
 
 
-def motor_drift(flights: Sequence[FlightEntry], histories: Sequence[History]) -> MotorDrift | None:
+@dataclass(frozen=True, slots=True)
+class Together:
+    """What all trims together say: the change that most looks like one motor's loss of thrust, and how surely."""
+
+    change: Trend | Step  #: Of the trim that shows it best.
+    p: float  #: Chance of one so clear in any motor, at any time, where nothing changes.
+
+
+def together(flights: Sequence[FlightEntry], histories: Sequence[History]) -> Together | None:
+    """Ask all trims at once whether a motor lost thrust; None where they are not known or there are too few flights.
+
+    A motor's loss moves every trim in a known direction and by known parts. Each trim's slope (or step, at the place
+    that all trims together prefer) is judged by its own scatter over flights, one-sided, and these chances are combined
+    with the motor's parts as weights (Stouffer's method, Lipták 1958): that is exact whatever the scatter of each trim
+    is. Motors, the two kinds of change and the places of a step are paid for by Bonferroni's factor.
+    """
+    followed = [each for each in histories if each.method == SHARES and each.trend is not None]
+    found = _rows(flights, followed)
+    if found is None or len({tuple(point.number for point in each.flights) for each in followed}) != 1:
+        return None
+    _, rows = found
+    points = [each.flights for each in followed]
+    at = _place(points)
+    asked: list[Together] = []
+    for kind, tried in (("trend", 1), ("step", len(points[0]) - 2 * FEWEST_ASIDE + 1)):
+        fits = [_fit(each, at if kind == "step" else None) for each in points]
+        estimates, sigmas, two_sided = np.array(fits).T
+        clear = -normal_quantile(np.maximum(0.5 * two_sided, np.finfo(float).tiny)) * np.sign(estimates)
+        score = float(np.max(rows @ clear / np.linalg.norm(rows, axis=1)))
+        leading = int(np.argmax(np.abs(estimates / np.maximum(sigmas, np.finfo(float).tiny))))
+        p = min(1.0, 2.0 * tried * len(rows) * float(normal_cdf(-score)))
+        change: Trend | Step
+        if kind == "trend":
+            change = Trend(per_flight=estimates[leading], per_flight_sigma=sigmas[leading], per_day=None, p=p)
+        else:
+            before, after = points[0][at - 1], points[0][at]
+            change = Step(
+                before=before.flight,
+                after=after.flight,
+                number=after.number,
+                change=estimates[leading],
+                sigma=sigmas[leading],
+                p=p,
+            )
+        asked.append(Together(change, p))
+    return min(asked, key=lambda each: each.p)
+
+
+def _place(points: Sequence[Sequence[Point]]) -> int:
+    """Return the place of a step that all trims together prefer, each in units of its own scatter."""
+    count = len(points[0])
+    values = np.array([[point.value for point in each] for each in points])
+    values = values - values.mean(axis=1, keepdims=True)
+    places = np.arange(FEWEST_ASIDE, count - FEWEST_ASIDE + 1)
+    between = np.cumsum(values, axis=1)[:, places - 1] ** 2 * count / (places * (count - places))
+    # As the log-likelihood ratio of each trim, whose scatter about the step is not known.
+    whole = np.maximum((values**2).sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    return int(places[np.argmin(np.log(np.maximum(1.0 - between / whole, 1e-12)).sum(axis=0))])
+
+
+def _fit(points: Sequence[Point], at: int | None) -> tuple[float, float, float]:
+    """Return slope per flight, or step before the point `at`: estimate, standard error, two-sided p."""
+    numbers = np.array([float(point.number) for point in points])
+    x = numbers - numbers.mean() if at is None else (np.arange(len(points)) >= at).astype(np.float64)
+    values, errors = ([getattr(point, name) for point in points] for name in ("value", "sigma"))
+    return meta_regression(values, errors, np.column_stack([np.ones(len(points)), x])).test([0.0, 1.0])
+
+
+def motor_drift(
+    flights: Sequence[FlightEntry], histories: Sequence[History], joint: Together | None = None
+) -> MotorDrift | None:
     """Interpret changes of the trims; None where no flight tells the motors' shares.
 
     Parameters
@@ -71,6 +144,8 @@ def motor_drift(flights: Sequence[FlightEntry], histories: Sequence[History]) ->
         In order.
     histories : sequence of History
         Of all parameters, judged; the trims among them count.
+    joint : Together, optional
+        What all trims together say, its change judged like the histories'.
     """
     told = [flight for flight in flights if _shares(flight)]
     if not told:
@@ -85,43 +160,55 @@ def motor_drift(flights: Sequence[FlightEntry], histories: Sequence[History]) ->
     )
     followed = [each for each in histories if each.method == SHARES]
     changed = [(each.change.p, each) for each in followed if each.change is not None]
+    p = None if joint is None else joint.p
+    if joint is not None and joint.change.significant:
+        return replace(_explained(told, points, followed, joint.change, "all trims together"), p=p)
     if changed:
-        return _explained(told, points, followed, min(changed, key=lambda pair: pair[0])[1])
+        leading = min(changed, key=lambda pair: pair[0])[1]
+        assert leading.change is not None
+        return replace(_explained(told, points, followed, leading.change, leading.sentence), p=p)
     asked = any(each.trend is not None for each in followed)
     sentence = (
         "no motor is seen to weaken: the motors' shares of the hover command do not change over flights"
         if asked
         else "whether a motor weakens cannot be told: that takes four flights of a frame whose geometry is known"
     )
-    return MotorDrift(points=points, weakening=None, loss=None, loss_sigma=None, sentence=sentence)
+    return MotorDrift(points=points, weakening=None, loss=None, loss_sigma=None, sentence=sentence, p=p)
 
 
 def _explained(
-    flights: Sequence[FlightEntry], points: tuple[MotorShares, ...], followed: Sequence[History], leading: History
+    flights: Sequence[FlightEntry],
+    points: tuple[MotorShares, ...],
+    followed: Sequence[History],
+    change: Trend | Step,
+    seen: str,
 ) -> MotorDrift:
     """Find what explains the change of all trims: one motor, the centre of gravity, a twist, or none alone."""
-    change = leading.change
-    assert change is not None
     steady = isinstance(change, Trend)
-    estimates, sigmas = [], []
+    estimates, sigmas, freedom = [], [], []
     for each in followed:
         values, errors = ([getattr(point, name) for point in each.flights] for name in ("value", "sigma"))
-        estimate, sigma, _ = meta_regression(values, errors, design_of(each.flights, change)).test([0.0, 1.0])
+        fitted = meta_regression(values, errors, design_of(each.flights, change))
+        estimate, sigma, _ = fitted.test([0.0, 1.0])
         estimates.append(estimate)
         sigmas.append(sigma)
-    motors = tuple(_shares(flights[0]))
-    found = _basis(flights[0].mixer, motors)
+        freedom.append(fitted.df)
+    found = _rows(flights, followed)
     assert found is not None
-    names, basis = found
-    known = [names.index(each.parameter) for each in followed]
-    b, weights, rows = np.array(estimates), 1.0 / np.array(sigmas) ** 2, basis[:, known]
+    motors, rows = found
+    b, weights = np.array(estimates), 1.0 / np.array(sigmas) ** 2
+
+    def chance(squares: float, count: int) -> float:
+        """Return the chance of more than this sum of `count` squares, whose standard errors are estimates too."""
+        return float(f_sf(max(count, 1), max(min(freedom), 1), squares / max(count, 1)))
+
     standing: list[tuple[float, str, float, float]] = []
     for motor, row in zip(motors, rows, strict=True):
         information = float(row**2 @ weights)
         if information <= 0.0:
             continue
         loss = float(row * weights @ b) / information
-        p = float(chi2_sf(max(len(b) - 1, 1), float(weights @ (b - loss * row) ** 2)))
+        p = chance(float(weights @ (b - loss * row) ** 2), len(b) - 1)
         if loss > 0.0 and p >= STANDS:
             standing.append((p, motor, loss, information**-0.5))
     standing.sort(reverse=True)
@@ -134,11 +221,11 @@ def _explained(
         if (rest := [k for k, each in enumerate(followed) if each.parameter not in kept])
         and len(rest) < len(b)
         # What is left over when this is taken away must look like chance.
-        and float(chi2_sf(len(rest), float(weights[rest] @ b[rest] ** 2))) >= STANDS
+        and chance(float(weights[rest] @ b[rest] ** 2), len(rest)) >= STANDS
     ]
     when = f"between {change.before} and {change.after}" if isinstance(change, Step) else "from flight to flight"
     if not standing:
-        sentence = f"the motors' shares of the hover command change {when} ({leading.sentence}); " + (
+        sentence = f"the motors' shares of the hover command change {when} ({seen}); " + (
             f"{' or '.join(others)} explains it" if others else "no single motor explains it by losing thrust"
         )
         return MotorDrift(
@@ -183,6 +270,21 @@ def _explained(
 
 def _shares(flight: FlightEntry) -> dict[str, tuple[float, float]]:
     return {row.parameter: (row.value, row.sigma) for row in flight.parameters if row.method == SHARES}
+
+
+def _rows(flights: Sequence[FlightEntry], followed: Sequence[History]) -> tuple[tuple[str, ...], Floats] | None:
+    """Return the motors, and what a loss of each does to the trims that are followed, (motors, trims)."""
+    told = next((flight for flight in flights if _shares(flight)), None)
+    if told is None or not followed:
+        return None
+    motors = tuple(_shares(told))
+    found = _basis(told.mixer, motors)
+    if found is None:
+        return None
+    names, basis = found
+    if not {each.parameter for each in followed} <= set(names):
+        return None
+    return motors, basis[:, [names.index(each.parameter) for each in followed]]
 
 
 def _basis(mixer: Mapping[str, Sequence[float]], motors: Sequence[str]) -> tuple[list[str], Floats] | None:

@@ -5,7 +5,8 @@ hundreds of flights is looked at anew in a second. Notes of the owner part the f
 
 An alert may be raised after any flight, and a craft is looked at after every one: with n flights the chance of a false
 alarm that is spent is `RATE` / ((n - 3)(n - 2)), which over all n from 4 on adds up to `RATE` (the union bound,
-whatever the looks have in common). Half of it goes to slopes and steps, half to the newest flight against those before.
+whatever the looks have in common). A third of it goes to slopes and steps, a third to the motors' trims together, a
+third to the newest flight against those before.
 """
 
 from __future__ import annotations
@@ -183,7 +184,7 @@ def _alerts(drift: Drift | None) -> list[Alert]:
     if drift is None or len(drift.flights) < FEWEST:
         return []
     count = len(drift.flights)
-    allowed = 0.5 * RATE / ((count - 3) * (count - 2))
+    allowed = RATE / 3.0 / ((count - 3) * (count - 2))
     return [*_lasting(drift, allowed), *_newest(drift, allowed)]
 
 
@@ -191,18 +192,19 @@ def _lasting(drift: Drift, allowed: float) -> list[Alert]:
     """List slopes and steps; of the motors' shares the motor that explains them."""
     alerts = []
     first, newest = drift.flights[0], drift.flights[-1]
+    motors = drift.motors
+    shifted = [each.change for each in drift.parameters if each.method == SHARES and each.change is not None]
+    if motors is not None and (
+        any(change.p_adjusted < allowed for change in shifted) or (motors.p is not None and motors.p < allowed)
+    ):
+        for finding in motors.findings[:1]:
+            about = f"{finding.id}|{motors.weakening or 'trims'}|{first}"
+            alerts.append(
+                Alert(about=about, id=finding.id, severity=Severity.WARNING, text=finding.reason, flight=newest)
+            )
     for each in drift.parameters:
         change = each.change
-        if change is None or change.p_adjusted >= allowed:
-            continue
-        if each.method == SHARES:
-            found = [] if drift.motors is None else drift.motors.findings[:1]
-            for finding in found:
-                what = drift.motors.weakening if drift.motors and drift.motors.weakening else "trims"
-                about = f"{finding.id}|{what}|{first}"
-                alerts.append(
-                    Alert(about=about, id=finding.id, severity=Severity.WARNING, text=finding.reason, flight=newest)
-                )
+        if change is None or change.p_adjusted >= allowed or each.method == SHARES:
             continue
         alerts.append(
             Alert(

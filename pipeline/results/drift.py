@@ -98,6 +98,7 @@ class MotorDrift:
     loss: float | None
     loss_sigma: float | None
     sentence: str
+    p: float | None = None  #: Chance that trims together look so much like one motor's loss where nothing changes.
     findings: tuple[Finding, ...] = ()
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from logparse import read_log
+from tests.fuzz.px4_seed import px4_log
 
 ROOT = Path(__file__).parents[2]
 
@@ -23,6 +24,7 @@ def seeds() -> dict[str, bytes]:
         "bin": _thinned(flight.with_suffix(".bin")),
         "log": _as_text(flight.with_suffix(".bin")),
         "tlog": _head(flight.with_suffix(".tlog"), 60_000),
+        "ulg": px4_log(),
     }
 
 

@@ -15,7 +15,7 @@ _HEAD = "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n"
 _GPS = "FMT, 3, 50, GPS, QBIHB, TimeUS,Status,GMS,GWk,NSats\n"
 
 
-@pytest.mark.parametrize("ending", ["bin", "log", "tlog"])
+@pytest.mark.parametrize("ending", ["bin", "log", "tlog", "ulg"])
 @pytest.mark.filterwarnings("error")
 def test_mutations_end_in_an_error_for_people_or_are_read(ending, tmp_path):
     path = tmp_path / f"mutated.{ending}"
