@@ -45,10 +45,12 @@ from pipeline.storage.store import Store, TemporaryStore, open_store
 if TYPE_CHECKING:
     from pipeline.fleet import crafts as fleet_crafts
     from pipeline.fleet import job as fleet_job
+    from pipeline.fleet import motor_hints
     from pipeline.fleet.job import Job
 else:
     # They bring the numerical packages, which an unchanged folder must not wait for.
     fleet_crafts, fleet_job = lazy("pipeline.fleet.crafts"), lazy("pipeline.fleet.job")
+    motor_hints = lazy("pipeline.fleet.motor_hints")
 
 _LOG = logging.getLogger("rotorid.pipeline")
 
@@ -114,6 +116,8 @@ def analyze_fleet(
         set_aside(store, [record for record in removed if record.folder not in gone])
         bring_back(store, [record for record in former.removed if record.folder in folders])
         flights = _flights(records, {**known, **new})
+        if new:
+            flights = motor_hints.settle_hints(flights, store, publish)
         crafts = _crafts(flights, former, config, store, publish, executor, part_of(progress, 0.8, 0.99), redo=redo)
         manifest = Manifest(
             software=software(),

@@ -136,14 +136,19 @@ def _shown_anew(job: Job) -> tuple[FlightEntry, ...] | None:
         return None
     shown = tuple(replace(entry, pages=job.pages) for entry in entries)
     for entry, result in zip(shown, results, strict=True):
-        with store.scratch() as scratch:
-            product = scratch / "product"
-            product.mkdir()
-            job.publish(result, product)
-            write_result(result, product)
-            (product / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
-            store.commit(product, f"{FLIGHTS}/{entry.folder}")
+        show_anew(result, entry, store, job.publish)
     return shown
+
+
+def show_anew(result: FlightResult, entry: FlightEntry, store: Store, publish: Publish) -> None:
+    """Write pages, result and entry of a flight in the place of those that the store has."""
+    with store.scratch() as scratch:
+        product = scratch / "product"
+        product.mkdir()
+        publish(result, product)
+        write_result(result, product)
+        (product / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
+        store.commit(product, f"{FLIGHTS}/{entry.folder}")
 
 
 def _remove_former(store: Store, folder: str, count: int) -> None:

@@ -28,7 +28,8 @@ from pipeline.names import flight_name, printable
 from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, horizontal_sigma
 from pipeline.results.span import Span
 from sysid.rotors.motor_order import MotorOrder, motor_order
-from sysid.rotors.steady_imbalance import weak_from_start
+from sysid.rotors.steady_imbalance import steady_trims, weak_from_start
+from sysid.rotors.steady_trims import SteadyTrims
 
 #: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
 SHORTEST_EXPERIMENT = 20.0
@@ -128,7 +129,9 @@ def _analyze(
     sound = flight if timeline is None else timeline.sound
     rotation = None if sound is None else stages.run("rotation", lambda _: find_rotation(log, sound))
     loops = None if sound is None else stages.run("loops", lambda _: assess_loops(log, sound))
-    order, weak = (None, ()) if sound is None else _motors(tables, log.vehicle, sound)
+    order, trims, weak = (
+        (None, None, ()) if sound is None else _motors(tables, log.vehicle, sound, _others(log.flights, flight))
+    )
     if trajectories.get(log.boot) is None:
         trajectories[log.boot] = stages.run(
             "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
@@ -175,6 +178,7 @@ def _analyze(
         parameters=fitted.parameters,
         coverage=coverage,
         motor_order=order,
+        trims=trims,
         health=timeline,
         rotation=rotation,
         loops=loops,
@@ -289,16 +293,32 @@ def _thrust(fitted: sysid.Experiment, config: AnalysisConfig, stages: Stages) ->
     return stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
 
 
-def _motors(tables: Tables, vehicle: Vehicle, sound: Span) -> tuple[MotorOrder | None, tuple[Finding, ...]]:
-    """Hold motor outputs against the mixer, and against one another, as far as the log has what that takes."""
+def _motors(
+    tables: Tables, vehicle: Vehicle, sound: Span, others: Iterable[Span]
+) -> tuple[MotorOrder | None, SteadyTrims | None, tuple[Finding, ...]]:
+    """Hold motor outputs against the mixer, and against one another, as far as the log has what that takes.
+
+    What trims say of a motor must hold in the other flights of the log too.
+    """
     order: MotorOrder | None = None
-    weak: tuple[Finding, ...] = ()
+    trims: SteadyTrims | None = None
     with suppress(MissingDataError):
         order = motor_order(tables, vehicle, sound.start, sound.stop)
-    with suppress(MissingDataError):
-        weak = weak_from_start(tables, vehicle, sound.start, sound.stop)
     # Of outputs in another order trims tell nothing.
-    return order, () if order is not None and order.findings else weak
+    if order is None or not order.findings:
+        with suppress(MissingDataError):
+            trims = steady_trims(tables, vehicle, sound.start, sound.stop)
+    if trims is None:
+        return order, None, ()
+    beside = []
+    for span in others:
+        with suppress(MissingDataError):
+            beside.append(steady_trims(tables, vehicle, span.start, span.stop))
+    return order, trims, weak_from_start(trims, [each for each in beside if each is not None])
+
+
+def _others(flights: Iterable[Span], flight: Span | None) -> list[Span]:
+    return [Span(each.start, each.stop) for each in flights if flight is None or each.start != flight.start]
 
 
 def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:

@@ -49,6 +49,7 @@ def summarise_flight(result: FlightResult) -> FlightSummary:
         tune=dict(log.tune),
         mixer={f"m{motor.number}": [motor.roll, motor.pitch, motor.yaw] for motor in log.vehicle.motors},
         parameters=tuple(flight_parameters(result)),
+        trims=result.trims,
         findings=_findings(result),
         timings=dict(result.timings),
     )

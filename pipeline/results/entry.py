@@ -13,6 +13,7 @@ from datetime import datetime
 from logparse import Finding
 from pipeline.results.coverage import Coverage
 from pipeline.results.span import Span
+from sysid.rotors.steady_trims import SteadyTrims
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +68,7 @@ class FlightSummary:
     mixer: Mapping[str, list[float]] = field(default_factory=dict)
     #: What the flight alone says about its craft, as `pipeline.flight.flight_parameters` lists it.
     parameters: tuple[FlightParameter, ...] = ()
+    trims: SteadyTrims | None = None  #: As of the result of the flight.
     findings: tuple[Finding, ...] = ()  #: What the log, the trajectory and the fits had to say.
     timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds that each stage took.
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.records.excitation import Coherence
     from sysid.rotors.motor_order import MotorOrder
+    from sysid.rotors.steady_trims import SteadyTrims
 
 
 #: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
@@ -150,6 +151,8 @@ class FlightResult(Summarised):
     coverage: Coverage | None = None
     #: Whether motor outputs are those that the mixer asked for; None where the log does not tell.
     motor_order: MotorOrder | None = None
+    #: What the controller steadily asked of the motors; None where the log does not tell.
+    trims: SteadyTrims | None = None
     health: FlightHealth | None = None  #: What happened, by time, and which part of the flight serves models.
     #: How the craft turns: frequency responses, attitude following, margins of the loops; axis by axis.
     rotation: RotationResult | None = None

@@ -6,11 +6,14 @@ With the mixer's factors as orthonormal columns Q (motors, 3) and the motors' me
 with q_k the k-th row of Q: to roll, pitch and yaw in one proportion. A centre of gravity beside the middle leads to
 roll and pitch only, in any direction; motors twisted about their arms to yaw only. So one motor is named where it
 explains all three and neither of the others does. Both together may be in a motor's proportion by chance: trims of 0.1
-to 0.3 are ordinary on real craft, of which one in 29 flights is (of a craft whose other flights are not), so that this
-is no more than a hint.
+to 0.3 are ordinary on real craft, of which one in 29 flights is, so that this is no more than a hint, and a motor that
+is weak stays weak: where other flights of the craft are known, either all of them together or the change against the
+others must name the motor too.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -19,6 +22,7 @@ from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from sysid.records.arrays import Floats
 from sysid.records.mixer import INDEPENDENT
 from sysid.records.motor_scaling import curve, motor_commands
+from sysid.rotors.steady_trims import SteadyTrims
 
 #: Thrust of motors of one kind at one signal differs by this part (standard deviation).
 ALIKE = 0.03
@@ -40,8 +44,8 @@ SMALLEST = 0.1
 _FITS, _NOT_BALANCE, _NOT_TWIST = 6.0, 9.0, 11.6
 
 
-def weak_from_start(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> tuple[Finding, ...]:
-    """Name the motor whose weakness explains what the controller steadily asks for.
+def steady_trims(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> SteadyTrims | None:
+    """Return the trims of a flight; None for a frame that cannot turn about every axis by its motors.
 
     Parameters
     ----------
@@ -57,40 +61,77 @@ def weak_from_start(tables: Tables, vehicle: Vehicle, start: float, stop: float)
     MissingDataError
         When the frame or a motor's output is missing, or the flight is too short.
     """
-    names = [f"m{motor.number}" for motor in vehicle.motors]
+    names = tuple(f"m{motor.number}" for motor in vehicle.motors)
     if not names or tables.motors is None or not set(names) <= set(tables.motors):
         raise MissingDataError("what motors steadily give needs the frame and the outputs of all its motors")
-    pwm = tables.motors.loc[start + _LIFT_OFF : stop - _LIFT_OFF, names].dropna()
+    pwm = tables.motors.loc[start + _LIFT_OFF : stop - _LIFT_OFF, list(names)].dropna()
     if len(pwm) < 50 or pwm.index[-1] - pwm.index[0] < _SHORTEST:
         raise MissingDataError("the flight is too short to tell what motors steadily give")
     thrust = curve(np.clip(motor_commands(pwm.to_numpy(np.float64), vehicle), 0.0, 1.0), vehicle.thrust_expo)
     share = thrust / np.maximum(thrust.mean(axis=1, keepdims=True), 1e-9)
     factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
     if np.any(np.abs(factors).max(axis=0) < INDEPENDENT):
-        return ()
+        return None
     basis = np.linalg.qr(factors - factors.mean(axis=0))[0]
-    z, sampled = _steady(share @ basis, pwm.index.to_numpy(np.float64), tables.imu)
-    variance, mean = sampled + ALIKE**2 + (PATTERN * np.linalg.norm(z)) ** 2, share.mean(axis=0)
-    rows = mean[:, None] * basis
-    information = np.sum(rows**2 / variance, axis=1)
-    loss = rows @ (z / variance) / information
-    left = np.sum((z - loss[:, None] * rows) ** 2 / variance, axis=1)
-    k = int(np.argmin(np.where(loss > 0.0, left, np.inf)))
-    balance, twist = z[2] ** 2 / variance[2], float(np.sum(z[:2] ** 2 / variance[:2]))
-    if not (loss[k] > SMALLEST and left[k] < _FITS and balance > _NOT_BALANCE and twist > _NOT_TWIST):
+    trims, variance = _steady(share @ basis, pwm.index.to_numpy(np.float64), tables.imu)
+    rows = share.mean(axis=0)[:, None] * basis
+    return SteadyTrims(names, tuple(trims.tolist()), tuple(variance.tolist()), tuple(map(tuple, rows.tolist())))
+
+
+def weak_from_start(flight: SteadyTrims, others: Sequence[SteadyTrims] = ()) -> tuple[Finding, ...]:
+    """Name the motor whose weakness explains what the controller steadily asks for.
+
+    Parameters
+    ----------
+    flight : SteadyTrims
+    others : sequence of SteadyTrims
+        Of other flights of the same craft, in any order.
+    """
+    found = _weak(np.array(flight.trims), np.array(flight.variance), flight)
+    if found is None:
         return ()
-    sigma = float(information[k] ** -0.5)
+    alike = [each for each in others if each.motors == flight.motors]
+    if alike:
+        whole, rest = _mean([flight, *alike]), _mean(alike)
+        change = np.array(flight.trims) - rest[0], np.array(flight.variance) + rest[1]
+        if found[0] not in [each[0] for each in (_weak(*whole, flight), _weak(*change, flight)) if each is not None]:
+            return ()
+    motor, loss, sigma = found
     return (
         Finding(
             "uneven-motor",
             Severity.INFO,
-            f"roll, pitch and yaw are steadily trimmed as if motor {names[k]} gave {100.0 * loss[k]:.0f} ± "
-            f"{100.0 * sigma:.0f} % less thrust than the others at the same signal; a centre of gravity to one side "
+            f"roll, pitch and yaw are steadily trimmed as if motor {motor} gave {100.0 * loss:.0f} ± "
+            f"{100.0 * sigma:.0f} % less thrust than the others at the same signal"
+            f"{f', and so say {1 + len(alike)} flights' if alike else ''}; a centre of gravity to one side "
             "does not yaw, twisted motors do nothing else, and only both together could look the same",
             "check this motor, its propeller and its ESC; then the centre of gravity and the motors' angles",
-            {"motor": names[k], "loss": float(loss[k]), "sigma": sigma},
+            {"motor": motor, "loss": loss, "sigma": sigma, "flights": 1 + len(alike)},
         ),
     )
+
+
+def _weak(trims: Floats, sampled: Floats, flight: SteadyTrims) -> tuple[str, float, float] | None:
+    """Return the motor that explains trims, its loss and the loss's standard error; None where none does alone."""
+    variance, rows = sampled + ALIKE**2 + (PATTERN * np.linalg.norm(trims)) ** 2, np.array(flight.rows)
+    information = np.sum(rows**2 / variance, axis=1)
+    loss = rows @ (trims / variance) / information
+    left = np.sum((trims - loss[:, None] * rows) ** 2 / variance, axis=1)
+    k = int(np.argmin(np.where(loss > 0.0, left, np.inf)))
+    balance, twist = trims[2] ** 2 / variance[2], float(np.sum(trims[:2] ** 2 / variance[:2]))
+    if not (loss[k] > SMALLEST and left[k] < _FITS and balance > _NOT_BALANCE and twist > _NOT_TWIST):
+        return None
+    return flight.motors[k], float(loss[k]), float(information[k] ** -0.5)
+
+
+def _mean(flights: Sequence[SteadyTrims]) -> tuple[Floats, Floats]:
+    """Return the mean trims of flights, (3,), and their variance, (3,), by what they scatter if that is more."""
+    trims = np.array([each.trims for each in flights])
+    weights = 1.0 / (np.array([each.variance for each in flights]) + ALIKE**2)
+    total = weights.sum(axis=0)
+    mean = (weights * trims).sum(axis=0) / total
+    scatter = (weights * (trims - mean) ** 2).sum(axis=0) / max(len(flights) - 1, 1)
+    return mean, np.maximum(scatter, 1.0) / total
 
 
 def _steady(trims: Floats, t: Floats, imu: pd.DataFrame | None) -> tuple[Floats, Floats]:

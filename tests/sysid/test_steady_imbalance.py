@@ -3,7 +3,8 @@
 import pytest
 
 from logparse import MissingDataError, Vehicle
-from sysid.rotors.steady_imbalance import weak_from_start
+from sysid.rotors.steady_imbalance import steady_trims, weak_from_start
+from sysid.rotors.steady_trims import SteadyTrims
 from tests.sysid.failing_motor import Fault, craft, fly, remaining_thrust
 
 FRAMES = [("quad", "x"), ("hexa", "plus"), ("octa", "plus"), ("octa-quad", "x"), ("y6", "y6b")]
@@ -17,7 +18,7 @@ def test_a_motor_weak_from_the_beginning_is_named(frame_class, frame_type):
     # 82 % of the signal above 1000 us: about a third of the thrust is missing.
     fault = Fault(motor, -1.0, 0.82)
     tables = fly(vehicle, 3, fault, off=0.005)
-    (finding,) = weak_from_start(tables, vehicle, 0.0, SECONDS)
+    (finding,) = weak_from_start(steady_trims(tables, vehicle, 0.0, SECONDS))
     assert (finding.id, finding.evidence["motor"]) == ("uneven-motor", f"m{motor}")
     assert finding.evidence["loss"] == pytest.approx(1.0 - remaining_thrust(tables, fault), abs=0.06)
 
@@ -28,12 +29,37 @@ def test_sound_motors_raise_nothing_whatever_the_load(frame_class, frame_type):
     # Nothing; loads ahead, to one side and at a corner; motors twisted about their arms.
     for shift in (None, (0.0, 0.0, 0.1, 0.0), (0.0, 0.1, 0.0, 0.0), (0.0, 0.07, -0.07, 0.0), (0.0, 0.0, 0.0, 0.1)):
         tables = fly(vehicle, 4, off=0.005, shift=shift)
-        assert weak_from_start(tables, vehicle, 0.0, SECONDS) == ()
+        assert weak_from_start(steady_trims(tables, vehicle, 0.0, SECONDS)) == ()
 
 
 def test_what_is_needed_is_said():
     tables = fly(craft("quad", "x"), 5, seconds=15.0)
     with pytest.raises(MissingDataError, match="too short"):
-        weak_from_start(tables, craft("quad", "x"), 0.0, 15.0)
+        steady_trims(tables, craft("quad", "x"), 0.0, 15.0)
     with pytest.raises(MissingDataError, match="frame"):
-        weak_from_start(tables, Vehicle(), 0.0, 15.0)
+        steady_trims(tables, Vehicle(), 0.0, 15.0)
+
+
+#: Trims of three flights of a real log.
+REAL = ((-0.148, -0.035, -0.276), (-0.118, -0.017, -0.209), (-0.174, -0.109, -0.209))
+
+
+def trimmed(*trims, variance=(4e-4, 7e-4, 2e-3)):
+    """Return flights of a quad x with these trims; motor k takes half of each when it gives nothing."""
+    rows = ((-0.5, 0.5, 0.5), (0.5, -0.5, 0.5), (0.5, 0.5, -0.5), (-0.5, -0.5, -0.5))
+    return [SteadyTrims(("m1", "m2", "m3", "m4"), each, variance, rows) for each in trims]
+
+
+def test_a_hint_that_other_flights_do_not_bear_out_is_not_stated():
+    """The last of three is trimmed as if m4 were weak, the others have no such pitch."""
+    first, second, third = trimmed(*REAL)
+    assert weak_from_start(third)[0].evidence["motor"] == "m4"
+    assert weak_from_start(third, [first, second]) == ()
+
+
+def test_a_motor_that_is_weak_in_all_flights_or_became_weak_is_named():
+    weak = trimmed((-0.15, -0.14, -0.16), (-0.12, -0.15, -0.14), (-0.16, -0.13, -0.15), variance=(2e-4,) * 3)
+    (finding,) = weak_from_start(weak[0], weak[1:])
+    assert (finding.evidence["motor"], finding.evidence["flights"]) == ("m4", 3)
+    sound = trimmed((0.0, 0.0, 0.0), (0.01, 0.02, 0.01), variance=(2e-4,) * 3)
+    assert weak_from_start(weak[0], sound)[0].evidence["motor"] == "m4"
