@@ -9,7 +9,7 @@ from pathlib import Path
 import estimation
 import logparse
 import sysid
-from logparse import Boot, Finding, FlightLog, MissingDataError, Tables, Vehicle, health
+from logparse import Boot, Finding, FlightLog, MissingDataError, Tables, health
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import NEXT_FLIGHT, Progress, Stages, silent
 from pipeline.flight.advice.next_flights import for_flight
@@ -129,9 +129,7 @@ def _analyze(
     sound = flight if timeline is None else timeline.sound
     rotation = None if sound is None else stages.run("rotation", lambda _: find_rotation(log, sound))
     loops = None if sound is None else stages.run("loops", lambda _: assess_loops(log, sound))
-    order, trims, weak = (
-        (None, None, ()) if sound is None else _motors(tables, log.vehicle, sound, _others(log.flights, flight))
-    )
+    order, trims, weak = (None, None, ()) if sound is None else _motors(log, tables, sound)
     if trajectories.get(log.boot) is None:
         trajectories[log.boot] = stages.run(
             "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
@@ -294,7 +292,7 @@ def _thrust(fitted: sysid.Experiment, config: AnalysisConfig, stages: Stages) ->
 
 
 def _motors(
-    tables: Tables, vehicle: Vehicle, sound: Span, others: Iterable[Span]
+    log: FlightLog, tables: Tables, sound: Span
 ) -> tuple[MotorOrder | None, SteadyTrims | None, tuple[Finding, ...]]:
     """Hold motor outputs against the mixer, and against one another, as far as the log has what that takes.
 
@@ -302,6 +300,7 @@ def _motors(
     """
     order: MotorOrder | None = None
     trims: SteadyTrims | None = None
+    vehicle, beside = log.vehicle, []
     with suppress(MissingDataError):
         order = motor_order(tables, vehicle, sound.start, sound.stop)
     # Of outputs in another order trims tell nothing.
@@ -310,15 +309,11 @@ def _motors(
             trims = steady_trims(tables, vehicle, sound.start, sound.stop)
     if trims is None:
         return order, None, ()
-    beside = []
-    for span in others:
-        with suppress(MissingDataError):
-            beside.append(steady_trims(tables, vehicle, span.start, span.stop))
+    for other in log.flights:
+        if other != log.flight:
+            with suppress(MissingDataError):
+                beside.append(steady_trims(tables, vehicle, other.start, other.stop))
     return order, trims, weak_from_start(trims, [each for each in beside if each is not None])
-
-
-def _others(flights: Iterable[Span], flight: Span | None) -> list[Span]:
-    return [Span(each.start, each.stop) for each in flights if flight is None or each.start != flight.start]
 
 
 def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:
