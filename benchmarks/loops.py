@@ -19,11 +19,12 @@ from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, random_axis
 from sysid.frequency import fit
 from sysid.loops import Limits, prove, tune
 from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp
-from sysid.loops.evidence import two_ways_apart, weak_band
+from sysid.loops.evidence import unsupported
 from sysid.loops.loop import Margins
 from sysid.loops.margins import margins_of
+from sysid.loops.safety import Aim
+from sysid.loops.search import tune_axis
 from sysid.loops.signals import plant_response
-from sysid.loops.tuning import Aim, tune_axis
 from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, records_of_flight, settings_of, true_loop
 
 LOGS = Path(__file__).parents[1].parent / "shared" / "logs"
@@ -149,7 +150,7 @@ def _random_craft(count: int = 100) -> list[Row]:
             continue
         tried += 1
         loop = flown_loop(axis, gains, tried)
-        if weak_band(loop) or two_ways_apart(loop):
+        if unsupported(loop):
             continue
         tuning = tune_axis(loop, Aim())
         if tuning.tuned is None:

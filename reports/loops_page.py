@@ -15,7 +15,8 @@ from logparse.serialization import as_json
 from reports.loops_report import tuning_report
 from reports.rotation_views import TITLES
 from sysid.loops.loop import MARGINS, Margins, RateLoop
-from sysid.loops.tuning import AxisTuning, Tuning
+from sysid.loops.search import AxisTuning
+from sysid.loops.tuning import Tuning
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,9 @@ from pipeline.results.rotation_report import MarginsReport, Numbers
 from sysid.loops.loop import RateLoop
 from sysid.loops.proof import Proof
 from sysid.loops.responses import attitude_bandwidth
-from sysid.loops.tuning import Aim, AxisTuning, Tuning
+from sysid.loops.safety import Aim
+from sysid.loops.search import AxisTuning
+from sysid.loops.tuning import Tuning
 
 #: Frequencies and draws of the response that a page gets.
 _POINTS, _DRAWS = 180, 40
@@ -62,7 +64,7 @@ class TunedLoop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisReport:
-    """One axis of a tuning, see `sysid.loops.tuning.AxisTuning`."""
+    """One axis of a tuning, see `sysid.loops.search.AxisTuning`."""
 
     axis: str
     refused: str | None

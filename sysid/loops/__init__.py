@@ -8,8 +8,9 @@ from sysid.loops.errors import LoopError
 from sysid.loops.loop import Margins, RateLoop, rate_loop
 from sysid.loops.ordinary import ordinary_loop
 from sysid.loops.proof import Proof, prove
+from sysid.loops.safety import AIMS, Aim
 from sysid.loops.settings import GyroPath, LoopSettings
-from sysid.loops.tuning import AIMS, Aim, Tuning, tune
+from sysid.loops.tuning import Tuning, tune
 
 __all__ = [
     "AIMS",

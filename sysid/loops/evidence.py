@@ -19,6 +19,7 @@ from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.plant import plant_of
 from sysid.loops.settings import AXES
+from sysid.loops.unseen import unseen_mode
 from sysid.records.periodogram import welch
 
 #: Coherence that counts, the band about crossover in which it must hold (factors of the crossover), and for how much.
@@ -240,6 +241,11 @@ def motors_limited(log: FlightLog, loop: RateLoop) -> str | None:
         f"{log.path.name}: a motor was at a limit for {100.0 * share:.0f} % of the chirp on the {loop.axis} axis; "
         "fly it with half of SID_MAGNITUDE, or with less weight"
     )
+
+
+def unsupported(loop: RateLoop) -> str | None:
+    """Return why no gains are proposed for an identified loop."""
+    return at_their_limits(loop) or weak_band(loop) or two_ways_apart(loop) or unseen_mode(loop)
 
 
 def at_their_limits(loop: RateLoop) -> str | None:

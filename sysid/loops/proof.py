@@ -15,9 +15,9 @@ from sysid.loops.errors import LoopError
 from sysid.loops.evidence import limited_chirp, oscillation, two_ways_apart, unfit_log
 from sysid.loops.loop import MARGINS, RateLoop, rate_loop
 from sysid.loops.responses import attitude_bandwidth, flown_fit
+from sysid.loops.safety import Aim
 from sysid.loops.same_craft import REBUILT, gain_apart, other_craft
 from sysid.loops.settings import AXES
-from sysid.loops.tuning import Aim
 from sysid.statistics.parameter import Parameter
 
 #: Parameters that change by themselves.

@@ -3,7 +3,9 @@
 from logparse.serialization import as_json, from_json
 from reports.loops_page import loops_page
 from reports.loops_report import TuningReport, tuning_report
-from sysid.loops.tuning import Aim, AxisTuning, Tuning
+from sysid.loops.safety import Aim
+from sysid.loops.search import AxisTuning
+from sysid.loops.tuning import Tuning
 
 
 def test_a_refusal_is_written_and_escaped():

@@ -1,0 +1,140 @@
+"""What a proposal must keep: margins at the worst of the 95 % set, actuator noise, and those of axes that stay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from logparse import FlightLog
+from sysid.loops.filters import Floats
+from sysid.loops.loop import RateLoop
+from sysid.loops.margins import MarginSet, margins_of
+
+#: Part of the draws beyond the bound of each margin: so few that gain margin, phase margin, peak and rejection hold
+#: together for 95 % of what the data leave possible, and more.
+TAIL = 0.005
+
+#: Least gain, dB, and phase, deg, that another filter of the gyro may take from an axis whose gains stay.
+_BYSTANDER_GAIN, _BYSTANDER_PHASE = 0.5, 3.0
+
+#: Median of horizontal vibration, m/s^2, from which the gyro filter is not opened.
+_CALM = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aim:
+    """What a tune must keep, at the worst of the 95 % set.
+
+    `noise` is the largest factor by which rms and slew of the actuators' noise may rise over the flown settings.
+    """
+
+    gain_db: float = 6.0
+    phase_deg: float = 45.0
+    peak_db: float = 6.0
+    noise: float = 1.5
+
+
+#: Aims by name: most rejection, quiet actuators, wide margins.
+AIMS: Mapping[str, Aim] = {
+    "rejection": Aim(),
+    "quiet": Aim(noise=1.0),
+    "margins": Aim(gain_db=8.0, phase_deg=55.0, peak_db=5.0),
+}
+
+
+def worst_case(loop: RateLoop) -> dict[str, float] | None:
+    """Return the bound of each margin that the 95 % set keeps; None where a draw is unstable.
+
+    A gain margin that the band does not show is bounded by the gain at the band's end.
+    """
+    draws = margins_of(loop.hz, loop.draws)
+    if not draws.stable.all():
+        return None
+    at_end = -20.0 * np.log10(np.abs(loop.draws[:, -1]))
+    gain = np.where(np.isfinite(draws.gain_db), draws.gain_db, at_end)
+    phase = np.where(np.isfinite(draws.phase_deg), draws.phase_deg, 0.0)
+    rejection = np.where(np.isfinite(draws.rejection_hz), draws.rejection_hz, loop.hz[0])
+    return {
+        "gain_db": float(np.quantile(gain, TAIL)),
+        "phase_deg": float(np.quantile(phase, TAIL)),
+        "peak_db": float(np.quantile(draws.peak_db, 1.0 - TAIL)),
+        "rejection_hz": float(np.quantile(rejection, TAIL)),
+    }
+
+
+def keeps(margins: MarginSet, aim: Aim) -> NDArray[np.bool_]:
+    """Return which loops keep an aim, shape (K,); a gain margin that the band does not show is kept."""
+    gain = np.where(np.isfinite(margins.gain_db), margins.gain_db, np.inf)
+    return np.asarray(
+        (gain >= aim.gain_db) & (margins.phase_deg >= aim.phase_deg) & (margins.peak_db <= aim.peak_db), np.bool_
+    )
+
+
+def bounds_keep(bounds: Mapping[str, float], aim: Aim) -> bool:
+    """Return whether bounds keep an aim."""
+    return (
+        bounds["gain_db"] >= aim.gain_db and bounds["phase_deg"] >= aim.phase_deg and bounds["peak_db"] <= aim.peak_db
+    )
+
+
+def in_hand(nominal: MarginSet, k: int, aim: Aim, spare: Mapping[str, float]) -> bool:
+    """Return whether a candidate's nominal margins leave what others lost in their worst case."""
+    gain = float(nominal.gain_db[k])
+    return (
+        (not np.isfinite(gain) or gain >= aim.gain_db + spare["gain_db"])
+        and float(nominal.phase_deg[k]) >= aim.phase_deg + spare["phase_deg"]
+        and float(nominal.peak_db[k]) <= aim.peak_db - spare["peak_db"]
+    )
+
+
+def actuator_noise(loop: RateLoop) -> Floats:
+    """Compute rms and slew of what white noise of the gyro makes at the mixer, to a common factor, shape (2,).
+
+    From 2 Hz to half the loop rate; beyond the measured band the loop is taken as open.
+    """
+    settings = loop.settings
+    hz = np.linspace(2.0, 0.499 * settings.controller.loop_rate, 400)
+    response = settings.controller.error_response(hz) * settings.gyro.response(hz)
+    inside = hz <= loop.hz[-1]
+    broken = loop.response
+    closed = np.ones(len(hz), np.complex128)
+    back = np.interp(hz[inside], loop.hz, broken.real) + 1j * np.interp(hz[inside], loop.hz, broken.imag)
+    closed[inside] = 1.0 / (1.0 + back)
+    power = np.abs(response * closed) ** 2
+    return np.asarray(np.sqrt([power.sum(), (power * hz**2).sum()]), np.float64)
+
+
+def others_keep(staying: Iterable[RateLoop], factor: float) -> bool:
+    """Return whether axes whose gains stay keep their margins with another gyro filter."""
+    for loop in staying:
+        flown = margins_of(loop.hz, loop.response).row(0)
+        other = loop.with_gains(gyro_filter=other_gyro_filter(loop, factor))
+        new = margins_of(loop.hz, other.response).row(0)
+        if not new["stable"] or new["phase_deg"] < flown["phase_deg"] - _BYSTANDER_PHASE:
+            return False
+        if new["gain_db"] < flown["gain_db"] - _BYSTANDER_GAIN:
+            return False
+    return True
+
+
+def other_gyro_filter(loop: RateLoop, factor: float) -> float:
+    """Return INS_GYRO_FILTER raised by a factor, Hz: whole numbers, and as flown where it stays."""
+    flown = loop.flown.gyro.low_pass
+    return flown if factor == 1.0 else float(round(flown * factor))
+
+
+def is_calm(logs: Sequence[FlightLog]) -> bool:
+    """Return whether horizontal vibration is known to be low, so that the gyro's filter may be opened."""
+    for log in logs:
+        if "VIBE" not in log.messages:
+            return False
+        frame = log.messages["VIBE"]
+        if not {"VibeX", "VibeY"} <= set(frame.columns) or not len(frame):
+            return False
+        levels = [float(np.nanmedian(frame[name].to_numpy(np.float64))) for name in ("VibeX", "VibeY")]
+        if not max(levels) < _CALM:
+            return False
+    return True

@@ -1,0 +1,205 @@
+"""The search for one axis' gains: best rejection of disturbances among those that keep what `safety` asks."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from sysid.loops.evidence import RANGES
+from sysid.loops.feedbacks import Feedbacks
+from sysid.loops.filters import Complexes, Floats
+from sysid.loops.loop import RateLoop
+from sysid.loops.margins import MarginSet, margins_of
+from sysid.loops.parameter_file import typed
+from sysid.loops.safety import Aim, actuator_noise, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
+from sysid.loops.settings import LoopSettings
+from sysid.loops.unseen import FIRST_MODES, Unseen, promised
+
+#: Factors of P and D, of I over P's factor, and of the derivative's filter that are tried.
+_P = np.geomspace(0.501, 1.996, 13)
+_D = np.geomspace(0.501, 1.996, 11)
+_I = (0.7, 1.0, 1.4)
+_FLTD = (1.0, 1.5, 2.0)
+
+#: Candidates whose margins are computed at once, and of how many frequencies one is taken in this first look.
+_AT_ONCE, _EVERY = 256, 2
+
+#: Gain of the rejection bandwidth [logarithm] over the flown one that is asked for first, and how much it counts
+#: against the answer to gusts [logarithm of rms attitude]; beyond it only that answer counts, so that bandwidth is not
+#: bought with a soft loop at low frequency.
+_WANTED_GAIN, _BANDWIDTH_WEIGHT = 0.06, 8.0
+
+#: Corner [Hz] of the gusts' spectrum in that.
+_GUST_HZ = 1.0
+
+#: Candidates whose worst case is computed, best first.
+_CHECKED = 150
+
+#: Part of that loss which the next candidate must have in hand to be looked at.
+_SAME_SPARE = 0.8
+
+#: Factors by which a loop's gain may be raised beyond the measured band, each tried only where the one before leaves no
+#: rejection gained, unless the rigid craft keeps it small there. Chirps that ended below `FIRST_MODES` raise nothing.
+UNSEEN_RAISED = (1.12, 1.5, 2.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisTuning:
+    """One axis: what was flown, what is proposed, or why nothing is."""
+
+    axis: str
+    refused: str | None
+    loop: RateLoop | None = None  #: As flown.
+    tuned: RateLoop | None = None  #: With the proposed values.
+    worst: Mapping[str, float] = field(default_factory=dict)  #: Bound of each proposed margin that the 95 % set keeps.
+    noise: float | None = None  #: Actuator noise over that of the flown settings.
+    score: float = -np.inf  #: What was maximised: more is better, 0 as flown.
+    #: Factor by which the gain of the loop rises beyond the measured band where it may count.
+    unseen: float = 1.0
+    wider: bool = False  #: Whether disturbances are rejected up to a higher frequency than as flown.
+
+    @property
+    def gains(self) -> bool:
+        """Return whether the proposal rejects disturbances better than as flown, by bandwidth and by the score."""
+        return self.wider and self.score > 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Field:
+    """Candidates of an axis at one setting of the gyro filter, with what needs no draws; all of shape (K,)."""
+
+    bare: LoopSettings
+    values: tuple[Mapping[str, float], ...]
+    nominal: MarginSet
+    gained: Floats  #: Logarithm of the rejection bandwidth over the flown one.
+    score: Floats
+    unseen: Floats  #: Factor by which the gain rises beyond the measured band where it may count.
+
+
+def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
+    """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim.
+
+    Gains that raise the loop where nothing was measured are tried only where others reject no more than as flown.
+
+    Parameters
+    ----------
+    loop : RateLoop
+    aim : Aim
+    gyro_factor : float
+        Of INS_GYRO_FILTER.
+    """
+    candidates = _field(loop, gyro_factor)
+    if loop.hz[-1] < FIRST_MODES:
+        return _best(loop, aim, candidates, 1.0)
+    best = _best(loop, aim, candidates, UNSEEN_RAISED[0])
+    for most in UNSEEN_RAISED[1:]:
+        if best.gains:
+            break
+        found = _best(loop, aim, candidates, most)
+        if found.tuned is not None and (found.wider, found.score) > (best.wider, best.score):
+            best = found
+    return best
+
+
+def _field(loop: RateLoop, gyro_factor: float) -> _Field:
+    """Lay out the candidates of an axis and compute their nominal margins."""
+    flown = loop.flown.controller
+    ranges = RANGES[loop.axis]
+    candidates = []
+    for p, d, i, fltd in itertools.product(
+        _P, _D if flown.D > 0.0 else (1.0,), _I, _FLTD if flown.FLTD > 0.0 else (1.0,)
+    ):
+        values = {
+            "P": typed(flown.P * p),
+            "I": typed(flown.I * min(max(p * i, _P[0]), _P[-1])),
+            "D": typed(flown.D * d),
+            "FLTD": typed(flown.FLTD * fltd),
+        }
+        if all(_within(values[name], getattr(flown, name), ranges[name]) for name in ranges):
+            candidates.append(values)
+    hz = loop.hz[::_EVERY]
+    bare = loop.flown.changed(gyro_filter=other_gyro_filter(loop, gyro_factor))
+    through = (loop.with_settings(bare).gyro_change * loop.plant.response)[::_EVERY]
+    true_plant = through / bare.gyro.response(hz)
+    feedbacks, beyond = Feedbacks(bare, hz), Unseen(loop, bare)
+    rows = []
+    gusts, unseen = np.empty(len(candidates)), np.empty(len(candidates))
+    for first in range(0, len(candidates), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        broken = through * feedbacks.of(candidates[some])
+        rows.append(margins_of(hz, broken))
+        gusts[some] = _gust_response(hz, true_plant, broken)
+        unseen[some] = beyond.raised(candidates[some])
+    nominal = _stack(rows)
+    flown_loop = (loop.with_settings(loop.flown).response)[::_EVERY][None, :]
+    flown_rejection = margins_of(hz, flown_loop).rejection_hz[0]
+    flown_gust = _gust_response(hz, loop.plant.response[::_EVERY] / loop.flown.gyro.response(hz), flown_loop)[0]
+    with np.errstate(invalid="ignore"):
+        gained = np.log(nominal.rejection_hz / (flown_rejection if np.isfinite(flown_rejection) else hz[0]))
+        score = _BANDWIDTH_WEIGHT * np.minimum(gained, _WANTED_GAIN) - np.log(gusts / flown_gust)
+    return _Field(bare, tuple(candidates), nominal, np.asarray(gained), np.asarray(score), unseen)
+
+
+def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
+    """Return the candidate of the best score that keeps the aim at its worst, or why there is none."""
+    nominal, score = field.nominal, field.score
+    good = (field.unseen <= unseen) & nominal.stable & keeps(nominal, aim) & np.isfinite(nominal.rejection_hz)
+    order = np.flatnonzero(good)[np.argsort(-score[good], kind="stable")]
+    noise_flown = actuator_noise(loop.with_settings(loop.flown))
+    # How far below its nominal margins a candidate's worst case lay: those with less in hand need no look.
+    spare = {"gain_db": 0.0, "phase_deg": 0.0, "peak_db": 0.0}
+    checked = 0
+    for k in order:
+        if not in_hand(nominal, int(k), aim, spare):
+            continue
+        tuned = loop.with_settings(field.bare.changed(**field.values[k]))
+        noise = max(actuator_noise(tuned) / noise_flown)
+        if noise > aim.noise:
+            continue
+        checked += 1
+        if checked > _CHECKED:
+            break
+        bounds = worst_case(tuned)
+        if bounds is None:
+            continue
+        if bounds_keep(bounds, aim):
+            return AxisTuning(
+                axis=loop.axis,
+                refused=None,
+                loop=loop,
+                tuned=tuned,
+                worst=promised(tuned, bounds, asdict(aim)),
+                noise=float(noise),
+                score=float(score[k]),
+                unseen=float(field.unseen[k]),
+                wider=bool(field.gained[k] > 0.0),
+            )
+        for name in spare:
+            short = abs(bounds[name] - float(getattr(nominal, name)[k]))
+            if np.isfinite(short):
+                spare[name] = max(spare[name], _SAME_SPARE * short)
+    return AxisTuning(
+        loop.axis,
+        f"{loop.axis}: no gains within a factor of two keep {aim.gain_db:g} dB, {aim.phase_deg:g} deg and a peak of "
+        f"{aim.peak_db:g} dB for everything that the data leave possible",
+        loop,
+    )
+
+
+def _within(value: float, flown: float, span: tuple[float, float]) -> bool:
+    """Return whether a gain lies in its documented range, or no farther outside than the flown one."""
+    return flown == 0.0 or min(span[0], flown) <= value <= max(span[1], flown)
+
+
+def _gust_response(hz: Floats, plant: Complexes, broken: Complexes) -> Floats:
+    """Compute rms attitude under gusts, to a common factor, shape (K,)."""
+    spectrum = plant / (2j * np.pi * hz) / (1.0 + 1j * hz / _GUST_HZ)
+    return np.asarray(np.sqrt(np.sum(np.abs(spectrum / (1.0 + broken)) ** 2 * np.gradient(hz), axis=1)))
+
+
+def _stack(rows: Sequence[MarginSet]) -> MarginSet:
+    names = ("gain_db", "phase_deg", "crossover_hz", "rejection_hz", "peak_db", "stable")
+    return MarginSet(*(np.concatenate([getattr(row, name) for row in rows]) for name in names))

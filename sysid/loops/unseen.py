@@ -1,0 +1,160 @@
+"""What lies beyond the measured band: modes of the frame that no chirp reached, and what noise shows of them.
+
+A loop closes for noise as it does for a chirp: through a mode of loop gain d its spectrum swings, whatever the mode's
+phase, so that 1 / |S| takes values d apart (the mode's resonance is a circle of diameter d through zero). A swing
+larger than the scatter of the spectrum is a mode, or a vibration that cannot be told from one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.frequency.records import AxisRecord
+from sysid.loops.feedbacks import Feedbacks
+from sysid.loops.filters import Floats
+from sysid.loops.loop import RateLoop
+from sysid.loops.settings import LoopSettings
+from sysid.records.periodogram import hann
+
+#: Factor by which a mode of 3 % damping that carries a third of the acceleration stands above the rigid craft.
+MODE = 6.0
+
+#: Gain of a mode that leaves it 4 dB.
+_SMALL = 0.63
+
+#: Frequencies looked at beyond the band: up to this, Hz, in so many steps.
+_UP_TO, _STEPS = 150.0, 24
+
+#: Chirps that end below [Hz] have not seen the first modes of frames.
+FIRST_MODES = 30.0
+
+#: Last frequency of the noise's spectrum, in parts of half the logging rate; and how far beyond the band it must reach
+#: to count as seen.
+_TO, _SEEN = 0.92, 1.5
+
+#: Where the chirp is when the noise is looked at: below this part of the first frequency, with this part of its power.
+_CHIRP_BELOW, _NO_CHIRP = 0.8, 1e-4
+
+#: Resolutions [Hz] of the spectrum, and what stands out of it: about as wide as a mode, of whose height the resolution
+#: leaves little above twice the floor; and narrow as a loop that hardly keeps from ringing, at three times.
+_STANDS_OUT = {1.5: 0.75, 0.5: 1.2}
+
+#: Standard deviations of the spectrum's scatter beyond which nothing is taken for scatter; largest swing of 1 / |S| at
+#: the first resolution that is (of 250 craft without modes there none reached 0.4).
+_SCATTERS, _SWING = 4.5, 0.5
+
+#: Steps of the robust fit of the noise's floor, and the fewest frequencies that show one.
+_FITS, _FEWEST = 10, 4
+
+
+class Unseen:
+    """The loop beyond the measured band, as the rigid craft would continue it: modes of the frame may stand above."""
+
+    def __init__(self, loop: RateLoop, settings: LoopSettings) -> None:
+        self._hz, self._craft = _rigid(loop)
+        self._feedbacks = Feedbacks(settings, self._hz)
+        self._gyro = np.abs(settings.gyro.response(self._hz))
+        self._flown = np.abs(loop.flown.feedback(self._hz) * loop.flown.gyro.response(self._hz))
+
+    def raised(self, candidates: Sequence[Mapping[str, float]]) -> Floats:
+        """Return the largest factor by which each raises it where it may count, shape (K,); 1 where nowhere."""
+        gain = np.abs(self._feedbacks.of(candidates)) * self._gyro
+        factor = np.where(MODE * gain * self._craft > _SMALL, gain / self._flown, 1.0)
+        return np.asarray(np.maximum(factor.max(axis=1), 1.0))
+
+
+def _rigid(loop: RateLoop) -> tuple[Floats, Floats]:
+    """Return frequencies beyond the band and how strongly a rigid craft would answer there: lags only lower it."""
+    end = loop.hz[-1:]
+    hz = np.geomspace(end[0], max(_UP_TO, 1.1 * end[0]), _STEPS)
+    return hz, np.abs(loop.plant.response[-1:] / loop.flown.gyro.response(end)) * end / hz
+
+
+def chirp_end(loop: RateLoop) -> float:
+    """Return the frequency up to which the craft was excited, Hz."""
+    return float(max([loop.hz[-1], *(record.plant.band[1] for record in loop.records)]))
+
+
+def unseen_mode(loop: RateLoop) -> str | None:
+    """Return why nothing can be said of modes beyond the chirps: the noise swings there, or does not show it."""
+    hz, craft = _rigid(loop)
+    counts = MODE * craft * np.abs(loop.flown.feedback(hz) * loop.flown.gyro.response(hz)) > _SMALL
+    if not counts.any() or not loop.records:
+        return None
+    end, highest = chirp_end(loop), float(hz[counts].max())
+    nyquist = min(0.5 / record.plant.dt for record in loop.records)
+    advice = f"fly a chirp to {max(1.3 * end, 40.0):.0f} Hz with RATE at {4.0 * max(end, 40.0):.0f} Hz or more"
+    if end < FIRST_MODES and _TO * nyquist < min(_SEEN * end, highest):
+        return f"{loop.axis}: no chirp went beyond {end:.0f} Hz, where frames bend, and RATE shows no more; {advice}"
+    found = _standing_out(loop, min(_TO * nyquist, 1.1 * highest))
+    if found is None:
+        return None
+    return (
+        f"{loop.axis}: the gyro's noise stands out at {found:.0f} Hz, beyond the chirp's {end:.0f} Hz, as by a mode of "
+        f"the frame through which the loop nearly rings, or by vibration; {advice}"
+    )
+
+
+def _standing_out(loop: RateLoop, high: float) -> float | None:
+    """Return where the noise beyond the chirps stands out of its floor, Hz."""
+    for resolution, least in _STANDS_OUT.items():
+        spectrum = _noise(loop, resolution, float(loop.hz[-1]), high)
+        if spectrum is None:
+            continue
+        hz, rest, scatter = spectrum[0][1:], spectrum[1][1:], spectrum[2]  # the first is still the measured band's
+        inverse = np.exp(-0.5 * rest)
+        swings = resolution == max(_STANDS_OUT) and inverse.max() - inverse.min() > _SWING
+        if rest.max() > max(least, _SCATTERS * scatter) or swings:
+            return float(hz[np.argmax(rest)])
+    return None
+
+
+def _noise(loop: RateLoop, resolution: float, low: float, high: float) -> tuple[Floats, Floats, float] | None:
+    """Return the noise before the gyro's filter over its floor: Hz, logarithm of power, and how much that scatters."""
+    step = loop.records[0].plant.dt
+    size = round(1.0 / (step * resolution))
+    hz = np.asarray(np.fft.rfftfreq(size, step), np.float64)
+    kept = (hz >= low) & (hz <= high)
+    windows = [_without_chirp(r.plant, size, hz > _CHIRP_BELOW * low)[:, kept] for r in loop.records]
+    power = np.concatenate(windows)
+    if kept.sum() < _FEWEST or len(power) < _FEWEST:
+        return None
+    hz = hz[kept]
+    noise = np.log(power.mean(axis=0) / np.abs(loop.flown.gyro.response(hz)) ** 2)
+    floor = np.column_stack([np.ones(len(hz)), np.log(hz), (hz[0] / hz) ** 4])[:, : 3 if len(hz) > 8 else 2]
+    weight = np.ones(len(hz))
+    for _ in range(_FITS):
+        rest = noise - floor @ np.linalg.lstsq(floor * weight[:, None], noise * weight, rcond=None)[0]
+        rest = rest - np.median(rest)
+        weight = 1.0 / np.sqrt(1.0 + (rest / (1.5 * np.median(np.abs(rest)) + 0.1)) ** 2)
+    return np.asarray(hz, np.float64), np.asarray(rest, np.float64), float(1.0 / np.sqrt(len(power)))
+
+
+def _without_chirp(record: AxisRecord, size: int, above: NDArray[np.bool_]) -> Floats:
+    """Compute power spectra of the rate in windows in which the chirp has not reached the frequencies `above`."""
+    if len(record.output) < 2 * size or not above.any():
+        return np.empty((0, len(above)))
+    taper = hann(size)
+
+    def power(signal: Floats) -> Floats:
+        windows = np.lib.stride_tricks.sliding_window_view(signal, size)[:: size // 2]
+        spectra = np.fft.rfft((windows - windows.mean(axis=1, keepdims=True)) * taper, axis=1)
+        return np.asarray(np.abs(spectra) ** 2)
+
+    chirp = power(record.instruments[:, 0])[:, above].sum(axis=1)
+    return np.asarray(power(record.output)[chirp < _NO_CHIRP * chirp.max()], np.float64)
+
+
+def promised(tuned: RateLoop, bounds: Mapping[str, float], aim: Mapping[str, float]) -> dict[str, float]:
+    """Return bounds that a mode just beyond the measured band does not break either: of what is kept, not more."""
+    beyond = MODE * float(np.abs(tuned.response[-1]))
+    result = dict(bounds)
+    result["gain_db"] = min(bounds["gain_db"], max(aim["gain_db"], -20.0 * np.log10(beyond)))
+    if beyond > _SMALL:
+        result["phase_deg"] = min(bounds["phase_deg"], aim["phase_deg"])
+    if beyond > 1.0 - 10.0 ** (-bounds["peak_db"] / 20.0):
+        result["peak_db"] = max(bounds["peak_db"], aim["peak_db"])
+    return result
