@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from pipeline.fleet.analysis import analyze_fleet
     from pipeline.fleet.result import FleetResult
     from pipeline.flight.analysis import analyze, analyze_flights
-    from pipeline.results.fleet import Failure, GroupResult
+    from pipeline.results.failure import Failure
+    from pipeline.results.fleet import GroupResult, LogFailure
     from pipeline.results.flight import FlightResult, LogFacts, ModelResult, Prediction
     from pipeline.results.span import Span
 
@@ -25,6 +26,7 @@ __all__ = [
     "FlightResult",
     "GroupResult",
     "LogFacts",
+    "LogFailure",
     "ModelResult",
     "Prediction",
     "Span",

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.results.answer import Picture
+from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span
 from reports.figure import (
@@ -58,7 +59,7 @@ def _map(figure: Figure) -> Figure:
 
 
 def _matters(result: FlightResult) -> Figure | None:
-    answer = result.answer
+    answer = present(result.answer)
     picture = Picture.ALTITUDE if answer is None else answer.picture
     around = None if answer is None else answer.around
     drawn = {
@@ -85,7 +86,7 @@ def _matters(result: FlightResult) -> Figure | None:
 
 def _names(result: FlightResult, around: Span) -> list[Drawn]:
     """Name the events above their lines, what endangered first, as many as do not cover each other."""
-    events = () if result.health is None else result.health.notable
+    events = () if isinstance(result.health, Failure) else result.health.notable
     inside = [event for event in events if around.start <= event.t <= around.stop]
     names: list[Drawn] = []
     taken: list[tuple[float, float]] = []
@@ -110,8 +111,9 @@ def _motors(result: FlightResult) -> Figure | None:
     """Draw all motor outputs in one plot, and when it happened."""
     if result.motors is None or result.motors.shape[1] == 0:
         return None
-    around = None if result.answer is None else result.answer.around
-    span = around or margin(result.flight)
+    answer = present(result.answer)
+    around = None if answer is None else answer.around
+    span = around or margin(present(result.flight))
     table = result.motors if span is None else result.motors.loc[span.start : span.stop]
     if len(table) < 2:
         return None
@@ -119,7 +121,7 @@ def _motors(result: FlightResult) -> Figure | None:
         line(table.index, table.iloc[:, k].to_numpy(float), str(name).removeprefix("m"), f"@c{k % 8 + 1}", 1.4, 0)
         for k, name in enumerate(table.columns)
     ]
-    signals = None if result.health is None else result.health.signals
+    signals = None if isinstance(result.health, Failure) else result.health.signals
     shapes = [] if signals is None else [limit_line(each, "y") for each in signals.motor_limits.values()]
     shapes += _happened(result)
     layout = layout_of(xaxis=time_axis(span), yaxis={"title": {"text": "output (µs)"}}, shapes=shapes)
@@ -128,7 +130,7 @@ def _motors(result: FlightResult) -> Figure | None:
 
 def _happened(result: FlightResult) -> list[Drawn]:
     """Draw a line at each event that endangered the flight."""
-    events = () if result.health is None else result.health.notable
+    events = () if isinstance(result.health, Failure) else result.health.notable
     return [
         {
             "type": "line",
@@ -147,7 +149,8 @@ def _happened(result: FlightResult) -> list[Drawn]:
 
 def _prediction(result: FlightResult) -> Figure | None:
     """Draw measured position and the free run of the model with the least error, on what it was not fitted to."""
-    key = "" if result.answer is None else result.answer.model
+    answer = present(result.answer)
+    key = "" if answer is None else answer.model
     model = next((each for each in result.models if each.key == key and each.predictions), None)
     if model is None:
         return None

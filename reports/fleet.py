@@ -14,7 +14,7 @@ from logparse import Finding
 from logparse.serialization import as_json, cleaned, from_json
 from pipeline.fleet.result import FleetResult
 from pipeline.names import printable
-from pipeline.results.fleet import Failure
+from pipeline.results.fleet import LogFailure
 from pipeline.results.model_report import ModelsFile
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
 from reports import html
@@ -63,7 +63,7 @@ def write_fleet(fleet: FleetResult) -> None:
     )
 
 
-def _reasons(failures: Iterable[Failure]) -> tuple[LeftOut, ...]:
+def _reasons(failures: Iterable[LogFailure]) -> tuple[LeftOut, ...]:
     return tuple(LeftOut(file=printable(each.file), reason=printable(each.reason)) for each in failures)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from logparse import Geodetic
 from logparse.quantity import uncertain
+from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span
 from reports.figure import (
@@ -48,10 +49,10 @@ def flight_figures(result: FlightResult, hidden: Collection[str] = ()) -> list[F
 def track(result: FlightResult) -> Figure | None:
     """Draw the flight seen from above, east to the right and north up, with equal scales."""
     data: list[Trace] = []
-    span = result.flight
-    if result.trajectory is not None and not result.position_known:
+    span = present(result.flight)
+    if not isinstance(result.trajectory, Failure) and not result.position_known:
         return None
-    if result.trajectory is not None:
+    if not isinstance(result.trajectory, Failure):
         states = _within(result.trajectory.states, span)
         if states.empty:
             return None
@@ -126,7 +127,7 @@ def _heights(states: pd.DataFrame) -> Trace:
 
 def _happened(result: FlightResult, states: pd.DataFrame) -> list[Trace]:
     """Mark where notable events began, one mark for each kind and second."""
-    events = () if result.health is None else result.health.notable
+    events = () if isinstance(result.health, Failure) else result.health.notable
     inside = [event for event in events if states.index[0] <= event.t <= states.index[-1]][:_MOST_EVENTS]
     if not inside:
         return []
@@ -147,7 +148,7 @@ def _happened(result: FlightResult, states: pd.DataFrame) -> list[Trace]:
 
 def _wind_arrow(result: FlightResult) -> list[Drawn]:
     """Draw where the wind goes, beside the map's corner; nothing where it is not known better than its error."""
-    wind = None if result.coverage is None else result.coverage.wind
+    wind = None if isinstance(result.coverage, Failure) else result.coverage.wind
     if wind is None or wind.sigma is None:
         return []
     speed = wind.speed
@@ -178,7 +179,7 @@ def _wind_arrow(result: FlightResult) -> list[Drawn]:
 def altitude(result: FlightResult) -> Figure | None:
     """Draw height above the start of the flight as estimated and as the sensors saw it."""
     data: list[Trace] = []
-    span = margin(result.flight)
+    span = margin(present(result.flight))
     for table, column, name, color in (
         (result.baro, "alt", "barometer", "@baro"),
         (result.gps, "alt", "GPS", "@gps"),
@@ -186,11 +187,11 @@ def altitude(result: FlightResult) -> Figure | None:
         if table is not None and column in table:
             values = _within(table[column], span).dropna()
             if len(values) > 1:
-                data.append(line(values.index, values - _start(values, result.flight), name, color, width=1.2))
-    if result.trajectory is not None:
+                data.append(line(values.index, values - _start(values, present(result.flight)), name, color, width=1.2))
+    if not isinstance(result.trajectory, Failure):
         up = -_within(result.trajectory.states["p_d"], span)
         if len(up) > 1:
-            data.append(line(up.index, up - _start(up, result.flight), "estimated", "@ink"))
+            data.append(line(up.index, up - _start(up, present(result.flight)), "estimated", "@ink"))
     if not data:
         return None
     layout = layout_of(
@@ -209,13 +210,13 @@ def motors(result: FlightResult) -> Figure | None:
     """Draw the commands of every motor in a row of its own."""
     if result.motors is None or result.motors.shape[1] == 0:
         return None
-    span = margin(result.flight)
+    span = margin(present(result.flight))
     table = _within(result.motors, span)
     if len(table) < 2:
         return None
     count = table.shape[1]
     values = table.to_numpy(dtype=float)
-    inside = _within(result.motors, result.flight).to_numpy(dtype=float)
+    inside = _within(result.motors, present(result.flight)).to_numpy(dtype=float)
     used = inside[np.isfinite(inside)]
     if used.size == 0:
         return None
@@ -255,9 +256,8 @@ def motors(result: FlightResult) -> Figure | None:
     axes["xaxis"] = time_axis(span) | {"anchor": f"y{count}" if count > 1 else "y"}
     modes = _modes(result)
     modes["annotations"] += labels
-    limits = (
-        [] if result.health is None or result.health.signals is None else result.health.signals.motor_limits.values()
-    )
+    health = present(result.health)
+    limits = [] if health is None or health.signals is None else health.signals.motor_limits.values()
     modes["shapes"] += [
         limit_line(value, f"y{number + 1 if number else ''}")
         for number in range(count)
@@ -279,7 +279,7 @@ def _modes(result: FlightResult) -> Drawn:
         span = Span(mode.start_s, mode.stop_s)
         if number % 2 == 1:
             shapes.append(band(span, "@band", 1.0))
-        if result.flight is not None and span.duration > 0.06 * result.flight.duration:
+        if not isinstance(result.flight, Failure) and span.duration > 0.06 * result.flight.duration:
             labels.append(band_label(span, mode.mode))
     return {"shapes": shapes, "annotations": labels}
 
@@ -299,12 +299,12 @@ def _gps_offsets(result: FlightResult) -> tuple[NDArray[np.float64], NDArray[np.
     """Return the GPS fixes in metres north and east of the trajectory's origin, else of the first fix."""
     if result.gps is None:
         return None
-    table = _within(result.gps[["lat", "lon"]], result.flight).dropna()
+    table = _within(result.gps[["lat", "lon"]], present(result.flight)).dropna()
     if len(table) < 2:
         return None
     lat, lon = table["lat"].to_numpy(dtype=float), table["lon"].to_numpy(dtype=float)
     origin = Geodetic(lat[0], lon[0], 0.0)
-    if result.trajectory is not None:
+    if not isinstance(result.trajectory, Failure):
         origin = result.trajectory.origin
         if not np.isfinite([origin.lat, origin.lon, origin.alt]).all():
             return None

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from logparse.quantity import joined, number, uncertain
+from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.health import FlightHealth, Panel, Peak, Spectrum
 from pipeline.results.span import Span
@@ -43,7 +44,7 @@ _ALONE = {
 
 def health_figures(result: FlightResult) -> list[Figure]:
     """Draw what the health of the flight rests on; a plot whose data is missing is left out."""
-    if result.health is None or result.health.signals is None or result.flight is None:
+    if isinstance(result.health, Failure) or result.health.signals is None or isinstance(result.flight, Failure):
         return []
     signals = result.health.signals
     marks = _marks(result.health, result.flight)
@@ -79,7 +80,7 @@ def _sagging(sag: Parameter | None) -> str:
 
 def attitude_figure(result: FlightResult) -> Figure | None:
     """Draw attitude asked for and flown; None where it was not logged."""
-    if result.health is None or result.health.signals is None or result.flight is None:
+    if isinstance(result.health, Failure) or result.health.signals is None or isinstance(result.flight, Failure):
         return None
     panels = result.health.signals.attitude
     return _stacked("attitude", panels, result.flight, _marks(result.health, result.flight)) if panels else None

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import jinja2
 from markupsafe import Markup, escape
 
+from pipeline.results.failure import present
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import FlightReport
 from reports import summary, views
@@ -92,7 +93,7 @@ def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = 
     healthy = health_figures(result)
     ahead = horizon_figure(numbers.models, hidden=hidden)
     board = model_board(result.models, hidden)
-    turning = rotation_view(result.rotation, result.log.path.name)
+    turning = rotation_view(present(result.rotation), result.log.path.name)
     turned = [] if turning is None else turning.figures
     page = FlightPage(
         numbers=numbers,

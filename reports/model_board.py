@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from pipeline.results.failure import present
 from pipeline.results.flight import ModelResult
 from reports.figure import Drawn, Figure, Trace, layout_of, line, model_color, plotly_text, short
 from reports.model_figures import INPUT_COLORS, response_figures
@@ -71,9 +72,9 @@ def model_board(models: Sequence[ModelResult], hidden: Collection[str]) -> Board
 def residual_figure(models: Sequence[ModelResult], hidden: Collection[str]) -> Figure | None:
     """Draw correlations of the one-sample-ahead errors with earlier ones and with earlier inputs, and their bands."""
     judged = [
-        (result, result.validation.residuals)
+        (result, validation.residuals)
         for result in models
-        if result.validation is not None and result.validation.residuals
+        if (validation := present(result.validation)) is not None and validation.residuals
     ]
     if not judged:
         return None

@@ -18,6 +18,7 @@ from pipeline.flight.purposes import uses_of
 from pipeline.flight.verdict import assess, summarise
 from pipeline.names import printable
 from pipeline.results.coverage import Linearity
+from pipeline.results.failure import Failure, present
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult, ModelResult
 from pipeline.results.model_report import (
@@ -69,13 +70,13 @@ def flight_report(result: FlightResult) -> FlightReport:
             rmse=tuple(row for model in models for row in model.rmse),
             models=tuple(models),
             thrust=_thrust(result),
-            parameters=None if result.parameters is None else parameter_rows(result.parameters),
+            parameters=None if isinstance(result.parameters, Failure) else parameter_rows(result.parameters),
             trajectory=_trajectory(result),
-            coverage=result.coverage,
-            health=_health(result.health),
-            rotation=None if result.rotation is None else result.rotation.report(),
-            loops=result.loops,
-            answer=result.answer,
+            coverage=present(result.coverage),
+            health=_health(present(result.health)),
+            rotation=None if isinstance(result.rotation, Failure) else result.rotation.report(),
+            loops=present(result.loops),
+            answer=present(result.answer),
             advice=result.advice,
             findings=_findings(result.findings),
             missing=result.missing,
@@ -88,7 +89,8 @@ def flight_report(result: FlightResult) -> FlightReport:
 
 def craft_report(group: GroupResult) -> CraftReport:
     """Gather what is known of one craft from several flights; whatever is not finite becomes None."""
-    outside = {each.flight for each in group.coverage.outside} if group.coverage is not None else set()
+    coverage = present(group.coverage)
+    outside = set() if coverage is None else {each.flight for each in coverage.outside}
     unseen = "flights that it was not fitted to"
     models = [model_report(each, "joint", unseen, craft=group.name, outside=outside) for each in group.models]
     return cleaned(
@@ -103,9 +105,9 @@ def craft_report(group: GroupResult) -> CraftReport:
             rmse=tuple(row for model in models for row in model.rmse),
             models=tuple(models),
             thrust=_thrust(group),
-            parameters=None if group.parameters is None else parameter_rows(group.parameters),
-            coverage=group.coverage,
-            drift=group.drift,
+            parameters=None if isinstance(group.parameters, Failure) else parameter_rows(group.parameters),
+            coverage=coverage,
+            drift=present(group.drift),
             advice=group.advice,
             findings=_findings(group.findings),
             missing=group.missing,
@@ -120,10 +122,10 @@ def models_file(result: FlightResult | GroupResult) -> ModelsFile:
     """Gather the fitted models with every coefficient and its covariance: what models.json holds."""
     owned = OwnedModels(
         name=result.name,
-        models={each.key: _record(each.model) for each in result.models if each.model is not None},
+        models={each.key: _record(each.model) for each in result.models if not isinstance(each.model, Failure)},
         thrust=_thrust(result),
-        parameters=None if result.parameters is None else parameter_rows(result.parameters),
-        missing={each.key: each.missing for each in result.models if each.model is None}
+        parameters=None if isinstance(result.parameters, Failure) else parameter_rows(result.parameters),
+        missing={each.key: each.missing for each in result.models if isinstance(each.model, Failure)}
         | {key: result.missing[key] for key in ("experiment", "thrust", "parameters") if key in result.missing},
     )
     own = isinstance(result, FlightResult)
@@ -152,18 +154,19 @@ def model_report(
         Held-out flights that leave the envelope of those fitted.
     """
     rows = _rmse_rows(result, scope, flight, craft)
-    record = None if result.model is None else _record(result.model)
+    record = None if isinstance(result.model, Failure) else _record(result.model)
+    validation, orders = present(result.validation), present(result.orders)
     return ModelReport(
         key=result.key,
         title=result.title,
         note=result.note,
-        verdict=assess(result.validation, unseen, outside),
-        uses=uses_of(result.validation, result.model, outside),
+        verdict=assess(validation, unseen, outside),
+        uses=uses_of(validation, present(result.model), outside),
         rmse=tuple(rows),
         rmse_average_m=average([row.rmse_m for row in rows if row.part == "held-out"]),
-        horizons=tuple(_horizons(result.validation)),
-        validation=None if result.validation is None else cleaned(result.validation.report(), ValidationReport),
-        orders=None if result.orders is None else cleaned(result.orders.report(), OrdersReport),
+        horizons=tuple(_horizons(validation)),
+        validation=None if validation is None else cleaned(validation.report(), ValidationReport),
+        orders=None if orders is None else cleaned(orders.report(), OrdersReport),
         coherence=_coherence(result.coherence),
         kind="" if record is None else str(record.__struct_config__.tag),
         model=None if record is None else _without_covariance(record),
@@ -189,7 +192,7 @@ def _without_covariance(record: ModelRecord) -> ModelRecord:
 
 
 def _thrust(result: FlightResult | GroupResult) -> ThrustReport | None:
-    return None if result.thrust is None else cleaned(result.thrust.report(), ThrustReport)
+    return None if isinstance(result.thrust, Failure) else cleaned(result.thrust.report(), ThrustReport)
 
 
 def parameter_rows(found: PhysicalParameters) -> tuple[ParameterRow, ...]:
@@ -197,10 +200,12 @@ def parameter_rows(found: PhysicalParameters) -> tuple[ParameterRow, ...]:
     return cleaned(found.table.reset_index().to_dict("records"), tuple[ParameterRow, ...])
 
 
-def _coherence(found: Coherence | str | None) -> CoherenceReport | None:
+def _coherence(found: Coherence | Failure | None) -> CoherenceReport | None:
     """Sum a coherence up over the frequencies at which a multirotor answers; or say why there is none."""
-    if found is None or isinstance(found, str):
-        return None if found is None else CoherenceReport(missing=found)
+    if found is None:
+        return None
+    if isinstance(found, Failure):
+        return CoherenceReport(missing=found.reason)
     return CoherenceReport(
         band_rad_s=BAND,
         inputs=found.input_names,
@@ -255,10 +260,10 @@ def _log(result: FlightResult) -> LogReport:
 
 def _flown(result: FlightResult) -> FlownReport | None:
     span = result.flight
-    if span is None:
+    if isinstance(span, Failure):
         return None
     facts = FlownReport(start_s=span.start, stop_s=span.stop, duration_s=span.duration, modes=tuple(mode_spans(result)))
-    states = None if result.trajectory is None else result.trajectory.states.loc[span.start : span.stop]
+    states = None if isinstance(result.trajectory, Failure) else result.trajectory.states.loc[span.start : span.stop]
     if states is None or not len(states):
         return facts
     facts = replace(facts, height_m=float(states["p_d"].iloc[0] - states["p_d"].min()))
@@ -271,7 +276,7 @@ def _flown(result: FlightResult) -> FlownReport | None:
 
 def mode_spans(result: FlightResult) -> list[ModeSpan]:
     """List the flight modes with the time that each was in force, within the analysed flight."""
-    if result.modes is None or result.flight is None or result.modes.empty:
+    if result.modes is None or isinstance(result.flight, Failure) or result.modes.empty:
         return []
     start, stop = result.flight.start, result.flight.stop
     times = result.modes.index.to_numpy(dtype=float)
@@ -290,11 +295,12 @@ def mode_spans(result: FlightResult) -> list[ModeSpan]:
 
 def _rmse_rows(result: ModelResult, scope: str, flight: str | None, craft: str | None) -> list[RmseRow]:
     """Turn a validation's table (a row for each record and output) into a row for each record, held-out ones first."""
-    if result.validation is None:
+    validation = present(result.validation)
+    if validation is None:
         return []
     spans = {prediction.experiment.name: prediction.span for prediction in result.predictions}
     rows = []
-    for record, table in result.validation.table.groupby("flight", sort=False):
+    for record, table in validation.table.groupby("flight", sort=False):
         by_output = table.set_index("output")
         errors = {
             name: {str(output): float(error) for output, error in by_output[name].items()}
@@ -322,9 +328,9 @@ def _rmse_rows(result: ModelResult, scope: str, flight: str | None, craft: str |
 
 def _trajectory(result: FlightResult) -> TrajectoryReport | None:
     trajectory = result.trajectory
-    if trajectory is None:
+    if isinstance(trajectory, Failure):
         return None
-    span = result.flight or Span(-math.inf, math.inf)
+    span = present(result.flight) or Span(-math.inf, math.inf)
     sigma = trajectory.sigma.loc[span.start : span.stop].median()
     return TrajectoryReport(
         method=trajectory.method,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from pipeline.results.failure import Failure
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
 from reports.cells import as_cell
@@ -23,7 +24,7 @@ def write_parameters(result: FlightResult | GroupResult, folder: Path) -> Path:
     frame = " ".join(part for part in (vehicle.frame_class, vehicle.frame_type) if part) if vehicle else ""
     craft = frame if isinstance(result, FlightResult) else result.name
     rows = []
-    if result.parameters is not None:
+    if not isinstance(result.parameters, Failure):
         for row in result.parameters.table.reset_index().to_dict("records"):
             si = pd.notna(row["si_value"])
             value = row["si_value"] if si else row["value"]

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.results.failure import present
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult, ModelResult, Prediction
 from pipeline.results.span import Span
@@ -38,7 +39,8 @@ def prediction(result: FlightResult, hidden: Collection[str] = ()) -> Figure | N
     parts = [part for each in result.models for part in each.predictions]
     if not parts:
         return None
-    return compare(result.experiment or parts[0].experiment, result.models, result.flight, hidden=hidden)
+    whole = next(iter(result.experiments.values()), parts[0].experiment)
+    return compare(whole, result.models, present(result.flight), hidden=hidden)
 
 
 def joint_predictions(group: GroupResult, trust: Mapping[str, str]) -> dict[str, Figure]:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pymap3d
 
+from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 
 #: Most points of a track, and the least time between two of them [s].
@@ -69,7 +70,7 @@ def write_track(result: FlightResult, folder: Path) -> tuple[Path, ...]:
 
 def _points(result: FlightResult) -> list[_Point]:
     trajectory, flight = result.trajectory, result.flight
-    if trajectory is None or flight is None or not result.position_known:
+    if isinstance(trajectory, Failure) or isinstance(flight, Failure) or not result.position_known:
         return []
     origin = trajectory.origin
     if not np.isfinite([origin.lat, origin.lon, origin.alt]).all():
@@ -96,7 +97,7 @@ def _utc(start: datetime | None, t: float) -> datetime | None:
 
 def _events(result: FlightResult, points: list[_Point]) -> list[tuple[str, str, _Point]]:
     """Name, sentence and place of each notable event."""
-    if result.health is None:
+    if isinstance(result.health, Failure):
         return []
     times = np.array([point.t for point in points])
     found = []

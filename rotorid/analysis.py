@@ -23,7 +23,7 @@ from pipeline.execution.stages import Progress
 from pipeline.fleet.result import FleetResult
 from pipeline.names import is_url
 from pipeline.results.entry import FlightEntry
-from pipeline.results.fleet import Failure
+from pipeline.results.fleet import LogFailure
 from pipeline.results.flight import FlightResult
 from pipeline.results.model_report import ParameterRow
 from pipeline.storage.sources import find
@@ -75,7 +75,7 @@ class Fleet(Summarised):
         Every log that gave something, in short.
     crafts : tuple of Craft
         Those with most flights first; single flights count as craft of one flight.
-    failures : tuple of Failure
+    failures : tuple of LogFailure
         Logs that gave nothing, with the reason.
     report : str
         Path or URL of report.html; empty when nothing was kept.
@@ -83,7 +83,7 @@ class Fleet(Summarised):
 
     flights: tuple[FlightEntry, ...]
     crafts: tuple[Craft, ...]
-    failures: tuple[Failure, ...]
+    failures: tuple[LogFailure, ...]
     report: str
 
     def summary(self) -> Mapping[str, str]:

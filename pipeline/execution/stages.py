@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from logparse import Finding, RotoridError, Severity
 from pipeline.execution.memory import trim_heap
+from pipeline.results.failure import Failure
 
 Progress = Callable[[str, float], None]
 T = TypeVar("T")
@@ -91,7 +92,6 @@ class Stages:
 
     progress: Progress  #: Told the stage's name and how much of it is done, 0 to 1.
     time_limit: float  #: Seconds that one stage may take, as far as it reports progress.
-    missing: dict[str, str] = field(default_factory=dict)  #: Reason, by stage, why it gave nothing.
     timings: dict[str, float] = field(default_factory=dict)  #: Seconds, by stage.
     findings: list[Finding] = field(default_factory=list)
     unforeseen: dict[str, Exception] = field(default_factory=dict)  #: Bug met, by stage.
@@ -108,8 +108,8 @@ class Stages:
             if name in self.unforeseen:
                 raise self.unforeseen[name]
 
-    def run(self, name: str, work: Callable[[Progress], T]) -> T | None:
-        """Do `work`; None, with the reason in `missing`, when it cannot be done.
+    def run(self, name: str, work: Callable[[Progress], T]) -> T | Failure:
+        """Do `work`, or return why it cannot be done.
 
         An error that nobody foresaw is a bug in rotorid, but it must not cost the user what the other stages found:
         it is logged with its traceback and becomes a finding.
@@ -128,12 +128,10 @@ class Stages:
             self.progress(name, 0.0)
             result = work(report)
         except RotoridError as error:
-            self.missing[name] = str(error)
-            return None
+            return Failure(name, str(error))
         except Exception as error:
             _LOG.exception("unexpected error in stage %s", name)
             what = f"{type(error).__name__}: {error}"
-            self.missing[name] = f"unexpected {what}"
             self.unforeseen[name] = error
             self.findings.append(
                 Finding(
@@ -143,7 +141,7 @@ class Stages:
                     advice="This is a bug in rotorid, not in your log; report it together with the log.",
                 )
             )
-            return None
+            return Failure(name, f"unexpected {what}")
         else:
             self.progress(name, 1.0)
             return result

@@ -26,7 +26,7 @@ from pipeline.execution.stages import Progress, silent
 from pipeline.fleet.current import Crafts, is_current, stored_flights
 from pipeline.fleet.result import FleetResult
 from pipeline.results.entry import FlightEntry
-from pipeline.results.fleet import Failure, Publish
+from pipeline.results.fleet import LogFailure, Publish
 from pipeline.storage.inventory import READERS, index_sources
 from pipeline.storage.manifest import (
     FLIGHTS,
@@ -58,7 +58,7 @@ _LOG = logging.getLogger("rotorid.pipeline")
 MOST_NAMED = 20
 
 #: What became of a log: its flights; None for a file that is none.
-Outcome = tuple[FlightEntry, ...] | Failure | None
+Outcome = tuple[FlightEntry, ...] | LogFailure | None
 
 
 def analyze_fleet(
@@ -142,7 +142,7 @@ def analyze_fleet(
         passed_over=(
             *found.passed_over,
             *_in_state(records, "no log"),
-            *(Failure(source, reason) for source, reason in crafts.left_out),
+            *(LogFailure(source, reason) for source, reason in crafts.left_out),
         ),
         duplicates=_in_state(records, "duplicate"),
         removed=tuple(record.as_failure() for record in manifest.removed),
@@ -256,10 +256,10 @@ def _analyzed(
     for job, outcome in _done(wanted(), executor, watch):
         outcomes[job.source.url] = outcome
         watch.end(job.source.url)
-        if isinstance(outcome, Failure) and outcome.full:
+        if isinstance(outcome, LogFailure) and outcome.full:
             full = f"was not begun: of {job.source.file} {outcome.reason}"
     for job in jobs:
-        outcomes.setdefault(job.source.url, Failure(job.source.url, full))
+        outcomes.setdefault(job.source.url, LogFailure(job.source.url, full))
     return outcomes
 
 
@@ -273,10 +273,10 @@ def _done(jobs: Iterator[Job], executor: Executor | None, watch: Watch) -> Itera
         try:
             yield job, future.result()
         except WorkerDiedError as error:
-            yield job, Failure(job.source.url, str(error))
+            yield job, LogFailure(job.source.url, str(error))
         except Exception as error:  # the worker died, or its result could not come back
             _LOG.exception("analysing %s failed", job.source.url)
-            yield job, Failure(job.source.url, f"the worker process failed: {type(error).__name__}: {error}")
+            yield job, LogFailure(job.source.url, f"the worker process failed: {type(error).__name__}: {error}")
 
 
 def _settled(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> list[LogRecord]:
@@ -327,7 +327,7 @@ def _crafts(
     return fleet_crafts.identify_crafts(flights, config, store, publish, executor, progress, redo=redo)
 
 
-def _in_state(records: Sequence[LogRecord], *states: str) -> tuple[Failure, ...]:
+def _in_state(records: Sequence[LogRecord], *states: str) -> tuple[LogFailure, ...]:
     return tuple(record.as_failure() for record in records if record.state in states)
 
 
@@ -339,10 +339,10 @@ def _removed(former: Manifest, records: Sequence[LogRecord]) -> Iterator[LogReco
             yield replace(record, state="removed", reason=f"its products are kept in {FLIGHTS}/{record.folder}")
 
 
-def _write(manifest: Manifest, store: Store) -> tuple[Failure, ...]:
+def _write(manifest: Manifest, store: Store) -> tuple[LogFailure, ...]:
     """Write the manifest; where that fails all else stands nevertheless."""
     try:
         manifest.write(store)
     except OSError as error:
-        return (Failure(store.url, f"the manifest could not be written: {error.strerror or error}"),)
+        return (LogFailure(store.url, f"the manifest could not be written: {error.strerror or error}"),)
     return ()

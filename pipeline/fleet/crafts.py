@@ -16,7 +16,7 @@ from pipeline.fleet.homogeneity import alike_flights, unlike_findings
 from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import Failure, GroupResult, Publish
+from pipeline.results.fleet import GroupResult, LogFailure, Publish
 from pipeline.storage.kept import read_result, write_result
 from pipeline.storage.manifest import CRAFTS, craft_key, page_key
 from pipeline.storage.store import ENTRY, Store
@@ -88,7 +88,7 @@ def identify_crafts(
             keep(result, entry, store, publish)
         except OSError as error:
             reason = f"its joint models could not be stored: {error.strerror or error}"
-            failures.append(Failure(entry.name, reason))
+            failures.append(LogFailure(entry.name, reason))
             unstored.append(entry)
         else:
             entries.append(entry)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from pipeline.names import flight_folder
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import Failure, GroupResult
+from pipeline.results.fleet import GroupResult, LogFailure
 from pipeline.storage.manifest import CRAFTS, FLIGHTS
 from pipeline.storage.store import ENTRY, Store
 
@@ -19,7 +19,7 @@ class Crafts:
     entries: tuple[GroupEntry, ...] = ()  #: Those with most flights first.
     #: Sources of flights that are in no joint model though they could be, with the reason.
     left_out: tuple[tuple[str, str], ...] = ()
-    failures: tuple[Failure, ...] = ()  #: Crafts whose products could not be stored.
+    failures: tuple[LogFailure, ...] = ()  #: Crafts whose products could not be stored.
     unstored: tuple[GroupEntry, ...] = ()  #: Their entries.
     #: Those of this run by folder, as `pipeline.FleetResult` has them.
     fitted: Mapping[str, GroupResult] = field(default_factory=dict)

@@ -19,7 +19,7 @@ from pipeline.flight.analysis import analyze_flights
 from pipeline.flight.summary import flight_entry
 from pipeline.names import flight_folder
 from pipeline.results.entry import FlightEntry
-from pipeline.results.fleet import Failure, Publish
+from pipeline.results.fleet import LogFailure, Publish
 from pipeline.results.flight import FlightResult
 from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, write_experiments, write_tables
 from pipeline.storage.kept import read_result, write_result
@@ -49,12 +49,12 @@ class Job:
     redo: bool = False  #: Analyse anew what the store has.
 
 
-def run(job: Job, progress: Progress | None = None) -> tuple[FlightEntry, ...] | Failure | None:
+def run(job: Job, progress: Progress | None = None) -> tuple[FlightEntry, ...] | LogFailure | None:
     """Analyse every flight of a log and store the products; whatever goes wrong stays with this log.
 
     Returns
     -------
-    tuple of FlightEntry, Failure or None
+    tuple of FlightEntry, LogFailure or None
         In the order in which they were flown; None for a file that was merely found in a folder and neither looks nor
         is called like a log.
     """
@@ -71,21 +71,21 @@ def run(job: Job, progress: Progress | None = None) -> tuple[FlightEntry, ...] |
                 except OSError as error:
                     # Libraries word it in their own ways.
                     why = os.strerror(error.errno) if error.errno in FULL else error.strerror or error
-                    return Failure(source.url, f"its results could not be stored: {why}", full=error.errno in FULL)
+                    return LogFailure(source.url, f"its results could not be stored: {why}", full=error.errno in FULL)
         _remove_former(open_store(job.store), job.folder, len(entries))
         return tuple(entries)
     except LogError as error:
-        return Failure(source.url, str(error), lasting=True) if source.named or source.called_a_log else None
+        return LogFailure(source.url, str(error), lasting=True) if source.named or source.called_a_log else None
     except RotoridError as error:
-        return Failure(source.url, str(error), lasting=True)
+        return LogFailure(source.url, str(error), lasting=True)
     except OSError as error:
-        return Failure(source.url, f"cannot be read: {error.strerror or error}")
+        return LogFailure(source.url, f"cannot be read: {error.strerror or error}")
     except MemoryError:
-        return Failure(source.url, "needs more memory than there is")
+        return LogFailure(source.url, "needs more memory than there is")
     except Exception as error:
         _LOG.exception("unexpected error analysing %s", source.url)
         reason = f"unexpected {type(error).__name__}: {error} (a bug in rotorid; please report it)"
-        return Failure(source.url, reason, lasting=True)
+        return LogFailure(source.url, reason, lasting=True)
 
 
 def _keep(result: FlightResult, job: Job) -> FlightEntry:

@@ -19,9 +19,10 @@ from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.next_flights import for_craft
 from pipeline.flight.comparison import compare_parameters
-from pipeline.flight.identification import identify
+from pipeline.flight.identification import identify, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.results.entry import FlightEntry
+from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import ModelResult, Prediction
 from pipeline.results.split import Split
@@ -93,12 +94,13 @@ def identify_craft(
     models = _identify_all(records, training, config, stages, executor)
     ordered = [models[kind.key] for kind in KINDS]
     thrust, parameters = _physical(records, models[RIGID_BODY_KEY], config, stages, executor)
-    if thrust is None:
-        stages.missing.setdefault("thrust", models[THRUST_KEY].missing)
+    if not records[THRUST_KEY].training:
+        thrust = Failure("thrust", models[THRUST_KEY].missing)
     covered = stages.run("coverage", lambda _: envelope(flights, split.training, split.held_out))
     drift = stages.run("drift", lambda _: follow(flights))
-    advice = stages.run("advice", lambda _: for_craft(flights, covered, drift, parameters))
-    found = (part.findings for part in (thrust, parameters, covered, drift) if part is not None)
+    advice = present(
+        stages.run("advice", lambda _: for_craft(flights, present(covered), present(drift), present(parameters)))
+    )
     return GroupResult(
         name=name,
         vehicle=_vehicle(flights, store),
@@ -111,8 +113,7 @@ def identify_craft(
         coverage=covered,
         drift=drift,
         advice=advice or (),
-        findings=(*findings, *(finding for part in found for finding in part), *stages.findings),
-        missing=stages.missing,
+        findings=(*findings, *findings_of(thrust, parameters, covered, drift), *stages.findings),
         timings=stages.timings,
     )
 
@@ -136,7 +137,7 @@ def _identify_all(
     jobs: dict[Future[tuple[ModelResult, Stages]], Kind] = {}
     for kind in KINDS:
         if not records[kind.key].training:
-            models[kind.key] = _without(kind, _no_records(kind, training))
+            models[kind.key] = without_model(kind, Failure("experiment", _no_records(kind, training)))
             continue
         if executor is not None:
             try:
@@ -151,15 +152,15 @@ def _identify_all(
             models[kind.key], own = job.result()
         except Exception as error:  # the worker died, or its result could not come back
             _LOG.exception("fitting %s jointly failed", kind.key)
-            models[kind.key] = _without(kind, f"the worker process failed: {type(error).__name__}: {error}")
+            models[kind.key] = without_model(kind, _dead(kind.key, error))
         else:
             stages.take(own)
         stages.progress(kind.key, 1.0)
     return models
 
 
-def _without(kind: Kind, reason: str) -> ModelResult:
-    return ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=reason)
+def _dead(stage: str, error: Exception) -> Failure:
+    return Failure(stage, f"the worker process failed: {type(error).__name__}: {error}")
 
 
 def _no_records(kind: Kind, training: Sequence[FlightEntry]) -> str:
@@ -200,33 +201,29 @@ def _physical(
     config: AnalysisConfig,
     stages: Stages,
     executor: Executor | None,
-) -> tuple[sysid.ThrustModel | None, sysid.PhysicalParameters | None]:
+) -> tuple[sysid.ThrustModel | Failure, sysid.PhysicalParameters | Failure]:
     """Find thrust and physical parameters by every method, beside the models where there is an executor."""
     # Free runs are many megabytes that this does not need.
     arguments = (records[THRUST_KEY], records[RIGID_BODY_KEY], replace(body, predictions=()), config, stages.time_limit)
     if executor is None:
-        found = _physical_alone(*arguments)
+        thrust, parameters, own = _physical_alone(*arguments)
     else:
         try:
-            found = executor.submit(_physical_alone, *arguments).result()
+            thrust, parameters, own = executor.submit(_physical_alone, *arguments).result()
         except Exception as error:  # the worker died, or its result could not come back
             _LOG.exception("finding physical parameters jointly failed")
-            reason = f"the worker process failed: {type(error).__name__}: {error}"
-            stages.missing.update(thrust=reason, parameters=reason)
-            return None, None
-    thrust, parameters, own = found
+            return _dead("thrust", error), _dead("parameters", error)
     stages.take(own)
-    stages.missing.update(own.missing)
     return thrust, parameters
 
 
 def _physical_alone(
     flown: Records, attitude: Records, body: ModelResult, config: AnalysisConfig, time_limit: float
-) -> tuple[sysid.ThrustModel | None, sysid.PhysicalParameters | None, Stages]:
+) -> tuple[sysid.ThrustModel | Failure, sysid.PhysicalParameters | Failure, Stages]:
     """Do so in a process of its own; progress is not heard there."""
     stages = Stages(silent, time_limit)
     fitted = flown.fitted()
-    thrust = stages.run("thrust", lambda _: sysid.fit_thrust(fitted, mass=config.mass)) if fitted else None
+    thrust = stages.run("thrust", lambda _: sysid.fit_thrust(fitted, mass=config.mass))
     return thrust, compare_parameters(attitude.fitted(), [body], config, stages), stages
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from logparse.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import Failure, GroupResult
+from pipeline.results.fleet import GroupResult, LogFailure
 from pipeline.storage.manifest import Manifest
 from pipeline.storage.store import Store
 
@@ -19,14 +19,14 @@ class FleetResult(Summarised):
 
     flights: tuple[FlightEntry, ...]  #: In the order in which the logs were found. Their products are in the store.
     groups: tuple[GroupEntry, ...]  #: Crafts with several flights, those with most first.
-    failures: tuple[Failure, ...]  #: Logs that gave nothing.
+    failures: tuple[LogFailure, ...]  #: Logs that gave nothing.
     config: AnalysisConfig
     store: Store  #: What has all products.
     #: What was found but not used, such as files that are no logs and second recordings of a flight.
-    passed_over: tuple[Failure, ...] = ()
-    duplicates: tuple[Failure, ...] = ()  #: Copies of logs that were analysed.
+    passed_over: tuple[LogFailure, ...] = ()
+    duplicates: tuple[LogFailure, ...] = ()  #: Copies of logs that were analysed.
     #: Logs of earlier runs that are no longer there; their products are still in the store.
-    removed: tuple[Failure, ...] = ()
+    removed: tuple[LogFailure, ...] = ()
     reused: int = 0  #: Logs whose products, or whose reason to have none, were in the store already.
     manifest: Manifest | None = None
     #: Crafts whose models were fitted in this run, by the folders of `groups`; those of others are in the store.

@@ -19,13 +19,17 @@ from pipeline.flight.coverage import measure
 from pipeline.flight.craft import fingerprint, tune_of
 from pipeline.flight.flight_health import assess_health, health_findings
 from pipeline.flight.flight_loops import assess_loops
-from pipeline.flight.identification import identify
+from pipeline.flight.identification import identify, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.log_health import logged_rates
 from pipeline.flight.repetition import without_repetition
 from pipeline.flight.rotation import find_rotation
 from pipeline.names import flight_name, printable
+from pipeline.results.coverage import Coverage
+from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, horizontal_sigma
+from pipeline.results.loops import FlightLoops
+from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
 from sysid.rotors.motor_order import MotorOrder, motor_order
 from sysid.rotors.steady_imbalance import steady_trims, weak_from_start
@@ -52,7 +56,7 @@ def analyze(
     Returns
     -------
     FlightResult
-        Stages that could not be done are None there, with their reason in `FlightResult.missing`.
+        Stages that could not be done have a `Failure` in the place of their result.
 
     Raises
     ------
@@ -99,7 +103,7 @@ def analyze_flights(
     name = name or printable(logs[0].path.stem)
     sha256 = _sha256(logs[0].path)
     # All flights of a power-up are parts of one trajectory.
-    trajectories: dict[Boot, estimation.Trajectory | None] = {}
+    trajectories: dict[Boot, estimation.Trajectory | Failure] = {}
     for number, log in enumerate(logs, start=1):
         progress(NEXT_FLIGHT, 1.0 / len(logs))
         called = flight_name(name, number, len(logs))
@@ -114,50 +118,48 @@ def _analyze(
     progress: Progress,
     name: str,
     sha256: str,
-    trajectories: dict[Boot, estimation.Trajectory | None],
+    trajectories: dict[Boot, estimation.Trajectory | Failure],
 ) -> FlightResult:
     """Analyse the flight that a log shows; `trajectories` are those of its power-ups, as far as they are known."""
     stages = Stages(progress, config.time_limit)
     tables = stages.run("tables", lambda _: log.tables)
-    if tables is None:
+    if isinstance(tables, Failure):
         stages.raise_unforeseen("tables")
-        raise MissingDataError(stages.missing["tables"])
-    checked = stages.run("health", lambda _: health.check(log)) or ()
+        raise MissingDataError(tables.reason)
+    checked = present(stages.run("health", lambda _: health.check(log))) or ()
     flight = stages.run("flight", lambda _: _flight(log, checked))
-    rates = None if flight is None else stages.run("health", lambda _: logged_rates(tables, flight))
-    timeline = stages.run("health", lambda _: assess_health(log, flight))
-    sound = flight if timeline is None else timeline.sound
-    rotation = None if sound is None else stages.run("rotation", lambda _: find_rotation(log, sound))
-    loops = None if sound is None else stages.run("loops", lambda _: assess_loops(log, sound))
-    order, trims, weak = (None, None, ()) if sound is None else _motors(log, tables, sound)
-    if trajectories.get(log.boot) is None:
+    timeline = stages.run("health", lambda _: assess_health(log, present(flight)))
+    sound = flight if isinstance(timeline, Failure) or timeline.sound is None else timeline.sound
+    rotation: RotationResult | Failure
+    loops: FlightLoops | Failure
+    order: MotorOrder | None = None
+    trims: SteadyTrims | None = None
+    weak: tuple[Finding, ...] = ()
+    if isinstance(sound, Failure):
+        rotation = loops = sound
+    else:
+        rotation = stages.run("rotation", lambda _: find_rotation(log, sound))
+        loops = stages.run("loops", lambda _: assess_loops(log, sound))
+        order, trims, weak = _motors(log, tables, sound)
+    if isinstance(trajectories.get(log.boot), Failure | None):
         trajectories[log.boot] = stages.run(
             "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
         )
     estimated = trajectories[log.boot]
     # What contradicts its own sensors is no result; what it found out about them is.
-    trajectory = estimated
-    if estimated is not None and estimated.inconsistency:
-        trajectory, stages.missing["trajectory"] = None, estimated.inconsistency
+    contradicted = isinstance(estimated, estimation.Trajectory) and estimated.inconsistency
+    trajectory = Failure("trajectory", contradicted) if contradicted else estimated
     # Where the fast loop is logged its tables are as large as the log: not needed at a time, they are built again.
     tables.release()
-    if flight is None and trajectory is None:
+    if isinstance(flight, Failure) and isinstance(trajectory, Failure):
         stages.raise_unforeseen("flight", "trajectory")
-        raise MissingDataError(f"{stages.missing['flight']}; no trajectory either: {stages.missing['trajectory']}")
+        raise MissingDataError(f"{flight.reason}; no trajectory either: {trajectory.reason}")
 
     fitted = _fit(log, trajectory, flight, sound, config, name, stages)
 
-    coverage = None
-    if flight is not None and trajectory is not None:
-        records = fitted.experiments.values()
-        coverage = stages.run(
-            "coverage", lambda _: measure(log, trajectory, flight, fitted.models, experiments=records, rates=rates)
-        )
-        tables.release()
+    coverage = _measured(log, trajectory, flight, fitted, stages)
 
     # Findings about the fits stay with their models; those of the experiments are about the log.
-    found = (estimated, fitted.thrust, fitted.parameters, order, *fitted.experiments.values())
-    later = (part.findings for part in found if part is not None)
     told = len(stages.findings)
     result = FlightResult(
         name=name,
@@ -183,16 +185,15 @@ def _analyze(
         findings=(
             *log.findings,
             *checked,
-            *(() if timeline is None else health_findings(timeline)),
-            *(() if rotation is None else rotation.findings),
+            *(() if isinstance(timeline, Failure) else health_findings(timeline)),
+            *findings_of(rotation),
             *weak,
-            *(finding for part in later for finding in part),
+            *findings_of(estimated, fitted.thrust, fitted.parameters, order, *fitted.experiments.values()),
             *stages.findings,
         ),
-        missing=stages.missing,
         timings=stages.timings,
     )
-    advice = stages.run("advice", lambda _: for_flight(result))
+    advice = present(stages.run("advice", lambda _: for_flight(result)))
     findings = without_repetition((*result.findings, *stages.findings[told:]))
     result = replace(result, advice=advice or (), findings=findings)
     return replace(result, answer=stages.run("answer", lambda _: compose_answer(result)))
@@ -202,48 +203,84 @@ def _analyze(
 class _Fitted:
     """What was fitted to one flight."""
 
+    thrust: sysid.ThrustModel | Failure
+    parameters: sysid.PhysicalParameters | Failure
     experiments: Mapping[str, sysid.Experiment] = field(default_factory=dict)  #: By the kind of model.
     models: tuple[ModelResult, ...] = ()
-    thrust: sysid.ThrustModel | None = None
-    parameters: sysid.PhysicalParameters | None = None
 
 
 def _fit(
     log: FlightLog,
-    trajectory: estimation.Trajectory | None,
-    flight: Span | None,
-    sound: Span | None,
+    trajectory: estimation.Trajectory | Failure,
+    flight: Span | Failure,
+    sound: Span | Failure,
     config: AnalysisConfig,
     name: str,
     stages: Stages,
 ) -> _Fitted:
     """Fit every kind of model to the first part of the flight as far as it is sound, and validate it on the rest."""
-    if flight is None or trajectory is None or sound is None:
-        stages.missing["experiment"] = stages.missing["flight" if flight is None else "trajectory"]
-        return _Fitted()
-    thrust = None
+    if isinstance(flight, Failure) or isinstance(sound, Failure):
+        return _nothing(flight)
+    if isinstance(trajectory, Failure):
+        return _nothing(trajectory)
+    thrust: sysid.ThrustModel | Failure = Failure("thrust", "no kind of model uses motor outputs")
     experiments: dict[str, sysid.Experiment] = {}
     models: list[ModelResult] = []
     unfit = _unknown_position(trajectory, flight)
     for kind in KINDS:
         record = _record(kind, log, trajectory, sound, config, name, experiments.values(), stages)
         log.tables.release()
-        reason = stages.missing.pop("experiment", unfit).removeprefix(f"{name}: ")
-        if record is not None:
-            experiments[kind.key] = record
-            training, held_out = record.split(config.training_fraction)
+        if isinstance(record, Failure):
+            failure = Failure(record.stage, record.reason.removeprefix(f"{name}: "))
+            models.append(without_model(kind, failure))
             if kind.key == THRUST_KEY:
-                thrust = _thrust(training, config, stages)
-        if record is None or reason:
-            models.append(ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=reason))
+                thrust = Failure("thrust", failure.reason)
+            continue
+        experiments[kind.key] = record
+        training, held_out = record.split(config.training_fraction)
+        if kind.key == THRUST_KEY:
+            thrust = _thrust(training, config, stages)
+        if unfit:
+            models.append(without_model(kind, Failure("experiment", unfit)))
         else:
             models.append(identify(kind, [training], [held_out], config, stages, same_flight=True))
     if not experiments:
-        stages.missing["experiment"] = models[0].missing
-        return _Fitted()
+        return _nothing(models[0].model)
     body = None if unfit else experiments.get(RIGID_BODY_KEY)
     compared = [] if body is None else [body.split(config.training_fraction)[0]]
-    return _Fitted(experiments, tuple(models), thrust, compare_parameters(compared, models, config, stages))
+    return _Fitted(thrust, compare_parameters(compared, models, config, stages), experiments, tuple(models))
+
+
+def _thrust(fitted: sysid.Experiment, config: AnalysisConfig, stages: Stages) -> sysid.ThrustModel | Failure:
+    return stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
+
+
+def _nothing(why: object) -> _Fitted:
+    """Return that nothing was fitted, since there is no flight, trajectory or experiment."""
+    assert isinstance(why, Failure)
+    failure = Failure("experiment", why.reason)
+    return _Fitted(failure, failure)
+
+
+def _measured(
+    log: FlightLog,
+    trajectory: estimation.Trajectory | Failure,
+    flight: Span | Failure,
+    fitted: _Fitted,
+    stages: Stages,
+) -> Coverage | Failure:
+    """Compute what the flight covered."""
+    if isinstance(flight, Failure):
+        return flight
+    if isinstance(trajectory, Failure):
+        return trajectory
+    rates = present(stages.run("health", lambda _: logged_rates(log.tables, flight)))
+    records = fitted.experiments.values()
+    coverage = stages.run(
+        "coverage", lambda _: measure(log, trajectory, flight, fitted.models, experiments=records, rates=rates)
+    )
+    log.tables.release()
+    return coverage
 
 
 def _flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
@@ -262,7 +299,7 @@ def _record(
     name: str,
     beside: Iterable[sysid.Experiment],
     stages: Stages,
-) -> sysid.Experiment | None:
+) -> sysid.Experiment | Failure:
     """Cut the flight as a kind of model needs it."""
 
     def cut(_: Progress) -> sysid.Experiment:
@@ -285,10 +322,6 @@ def _record(
         return whole
 
     return stages.run("experiment", cut)
-
-
-def _thrust(fitted: sysid.Experiment, config: AnalysisConfig, stages: Stages) -> sysid.ThrustModel | None:
-    return stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
 
 
 def _motors(

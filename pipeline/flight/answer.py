@@ -19,6 +19,7 @@ from logparse.quantity import duration, number, uncertain
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.flight.purposes import uses_of
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
+from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult, ModelResult
 from pipeline.results.rotation import LoopState
 from pipeline.results.span import Span
@@ -68,12 +69,12 @@ def compose_answer(result: FlightResult) -> Answer:
 def _flown(result: FlightResult) -> AnswerLine:
     """Answer how long, how high, how far and how fast; heights and distances are from where it began."""
     flight, trajectory = result.flight, result.trajectory
-    if flight is None:
-        reason = _brief(result.missing.get("flight", "the log shows no flight"))
-        return AnswerLine(purpose="Flown", word="no", tone=Tone.UNKNOWN, text=reason)
-    rows = None if trajectory is None else trajectory.states.loc[flight.start : flight.stop]
-    if trajectory is None or rows is None or not len(rows) or trajectory.inconsistency:
-        why = "its course is not known" if trajectory is None or rows is None or not len(rows) else "sensors disagree"
+    if isinstance(flight, Failure):
+        return AnswerLine(purpose="Flown", word="no", tone=Tone.UNKNOWN, text=_brief(flight.reason))
+    rows = None if isinstance(trajectory, Failure) else trajectory.states.loc[flight.start : flight.stop]
+    if isinstance(trajectory, Failure) or rows is None or not len(rows) or trajectory.inconsistency:
+        known = not isinstance(trajectory, Failure) and rows is not None and len(rows) > 0
+        why = "sensors disagree" if known else "its course is not known"
         return AnswerLine(purpose="Flown", word=duration(flight.duration), tone=Tone.UNKNOWN, text=why)
     sigma = trajectory.sigma.loc[rows.index]
     high = int(rows["p_d"].to_numpy().argmin())
@@ -117,8 +118,10 @@ def _healthy(result: FlightResult) -> AnswerLine:
         )
 
     health = result.health
-    if health is None or result.flight is None:
-        return line("not known", Tone.UNKNOWN, _brief(result.missing.get("flight", "events could not be read")))
+    if isinstance(result.flight, Failure):
+        return line("not known", Tone.UNKNOWN, _brief(result.flight.reason))
+    if isinstance(health, Failure):
+        return line("not known", Tone.UNKNOWN, _brief(health.reason))
     worst = _worst(health, result.flight)
     if worst is not None:
         tone = Tone.BAD if str(worst.severity) == "error" else Tone.CARE
@@ -187,9 +190,8 @@ def _during(health: FlightHealth, flight: Span) -> list[FlightEvent]:
 
 def _loops(result: FlightResult) -> AnswerLine:
     loops = result.loops
-    if loops is None:
-        reason = result.missing.get("loops") or result.missing.get("flight", "no flight")
-        return AnswerLine(purpose="Loops", word="not known", tone=Tone.UNKNOWN, text=_brief(reason))
+    if isinstance(loops, Failure):
+        return AnswerLine(purpose="Loops", word="not known", tone=Tone.UNKNOWN, text=_brief(loops.reason))
     if loops.oscillations_hz:
         axis, hz = max(loops.oscillations_hz.items(), key=lambda each: each[1])
         named = " and ".join(loops.oscillations_hz)
@@ -201,7 +203,7 @@ def _loops(result: FlightResult) -> AnswerLine:
             value=hz,
             unit="Hz",
         )
-    margins = {} if result.rotation is None else result.rotation.loops
+    margins = {} if isinstance(result.rotation, Failure) else result.rotation.loops
     known = {axis: each for axis, each in margins.items() if each.computed.phase_deg.value is not None}
     return _margins(known, result) if known else _unmeasured(result, loops)
 
@@ -226,7 +228,8 @@ def _margins(known: Mapping[str, LoopMargins], result: FlightResult) -> AnswerLi
     if gains:
         least = min(gains, key=lambda each: each.value or 0.0)
         text += f", gain margin {uncertain(least.value, least.sigma, 'dB')}"
-    others = [each.axis for each in result.rotation.axes if each.axis not in known] if result.rotation else []
+    rotation = present(result.rotation)
+    others = [] if rotation is None else [each.axis for each in rotation.axes if each.axis not in known]
     if others:
         text += f"; {' and '.join(others)} not measured"
     if any(each.ordinary for each in known.values()):
@@ -244,7 +247,7 @@ def _unmeasured(result: FlightResult, loops: FlightLoops) -> AnswerLine:
     """Answer with how fast, else how closely, the attitude followed, where no chirp shows margins."""
     px4 = result.log.format == "ulog"
     fly = "for margins fly short, sharp stick inputs" if px4 else "for margins fly SYSTEMID chirps"
-    axes = () if result.rotation is None else result.rotation.axes
+    axes = () if isinstance(result.rotation, Failure) else result.rotation.axes
     followed = {
         axis.axis: axis.attitude.bandwidth
         for axis in axes
@@ -276,12 +279,12 @@ def _unmeasured(result: FlightResult, loops: FlightLoops) -> AnswerLine:
 
 def _ahead(result: FlightResult) -> AnswerLine:
     """Answer with the model that predicts furthest, and its error there."""
-    fitted = [each for each in result.models if each.model is not None]
+    fitted = [each for each in result.models if not isinstance(each.model, Failure)]
     if not fitted:
-        reasons = [*(result.missing.get(stage, "") for stage in ("flight", "trajectory", "experiment"))]
-        reason = next((each for each in (*reasons, *(model.missing for model in result.models)) if each), "no model")
+        needed = (result.flight, result.trajectory, result.experiment, *(each.model for each in result.models))
+        reason = next((each.reason for each in needed if isinstance(each, Failure)), "no model")
         return AnswerLine(purpose="Predict ahead", word="no model", tone=Tone.UNKNOWN, text=_brief(reason))
-    uses = {each.key: uses_of(each.validation, each.model).prediction for each in fitted}
+    uses = {each.key: uses_of(present(each.validation), present(each.model)).prediction for each in fitted}
     names = {each.key: each.title.partition(" →")[0] for each in fitted}
     able = {key: use for key, use in uses.items() if use.horizon_s is not None}
     if not able:
@@ -320,8 +323,9 @@ def _parameters(result: FlightResult) -> AnswerLine:
         else:
             known.append((label, *found))
     if not known:
-        reasons = (result.missing.get(stage) for stage in ("thrust", "parameters", "experiment", "flight"))
-        reason = next((each for each in reasons if each), "the flight determines none of them")
+        needed = (result.thrust, result.parameters)
+        reasons = (each.reason for each in needed if isinstance(each, Failure))
+        reason = next(reasons, "the flight determines none of them")
         return AnswerLine(purpose="Parameters", word="not known", tone=Tone.UNKNOWN, text=_brief(reason))
     label, value, sigma, unit = known[0]
     parts = [f"{label}{' per motor' if label == 'thrust' else ''}"]
@@ -329,7 +333,7 @@ def _parameters(result: FlightResult) -> AnswerLine:
     text = ", ".join(parts)
     if unknown:
         text += f"; {' and '.join(unknown)} not determined"
-    disagree = result.parameters is not None and bool(result.parameters.findings)
+    disagree = not isinstance(result.parameters, Failure) and bool(result.parameters.findings)
     if disagree:
         text += "; methods disagree"
     complete = not unknown and not disagree
@@ -340,7 +344,7 @@ def _parameters(result: FlightResult) -> AnswerLine:
 
 def _row(result: FlightResult, parameter: str) -> tuple[float, float, str] | None:
     """Return the headline of a parameter with its error, in SI with the mass where that is given."""
-    if result.parameters is not None:
+    if not isinstance(result.parameters, Failure):
         rows = result.parameters.table.reset_index().to_dict("records")
         row = next((each for each in rows if (each["parameter"], each["method"]) == (parameter, HEADLINE)), None)
         if row is None:
@@ -350,7 +354,7 @@ def _row(result: FlightResult, parameter: str) -> tuple[float, float, str] | Non
             if math.isfinite(value) and math.isfinite(sigma) and sigma > 0.0:
                 return value, sigma, _unit(str(row[f"{prefix}unit"]))
         return None
-    if parameter == "thrust over mass" and result.thrust is not None:
+    if parameter == "thrust over mass" and not isinstance(result.thrust, Failure):
         common = result.thrust.common
         if common.determined and common.per_mass is not None and common.sigma is not None:
             return common.per_mass, common.sigma, "m/s²"
@@ -377,7 +381,7 @@ def _simulate(result: FlightResult) -> AnswerLine:
         return AnswerLine(purpose="Simulate", word="not yet", tone=Tone.UNKNOWN, text=f"SITL frame: {needs}")
     count = len(frame.frame)
     known = count - len(frame.undetermined)
-    confirmed = uses_of(body.validation, model).parameters.trust is Trust.YES
+    confirmed = uses_of(present(body.validation), model).parameters.trust is Trust.YES
     text = f"of {count} SITL frame numbers from flight"
     if not confirmed:
         text += "; not confirmed by predictions"
@@ -391,12 +395,12 @@ def _model(result: FlightResult, key: str) -> ModelResult | None:
 
 def _picture(result: FlightResult, model: str) -> tuple[Picture, Span | None]:
     """Choose the plot that matters most: what failed, else how the models predict, else how the attitude followed."""
-    health = result.health
+    health = present(result.health)
     signals = None if health is None else health.signals
     event = health.cause if health is not None else None
-    if event is None and health is not None and result.flight is not None:
+    if event is None and health is not None and not isinstance(result.flight, Failure):
         event = next((each for each in _during(health, result.flight) if str(each.severity) == "error"), None)
-    if event is not None and result.flight is not None:
+    if event is not None and not isinstance(result.flight, Failure):
         around = Span(max(event.t - _BEFORE, result.flight.start), event.t + _AFTER)
         if result.motors is not None and result.motors.shape[1] and (event.id == "motor-loss" or not _asked(result)):
             return Picture.MOTORS, around
@@ -413,7 +417,7 @@ def _shown(result: FlightResult) -> str:
     """Choose the model whose free run is shown: of those that follow the flight, the one that predicts furthest."""
     best, furthest = "", -1.0
     for each in result.models:
-        uses = uses_of(each.validation, each.model)
+        uses = uses_of(present(each.validation), present(each.model))
         reach = uses.prediction.horizon_s or 0.0
         if each.predictions and uses.free_run.trust in (Trust.YES, Trust.LIMITED) and reach > furthest:
             best, furthest = each.key, reach
@@ -422,7 +426,8 @@ def _shown(result: FlightResult) -> str:
 
 def _asked(result: FlightResult) -> bool:
     """Return whether asked and flown attitude are known."""
-    return result.health is not None and result.health.signals is not None and bool(result.health.signals.attitude)
+    health = present(result.health)
+    return health is not None and health.signals is not None and bool(health.signals.attitude)
 
 
 def _brief(reason: str) -> str:

@@ -9,13 +9,14 @@ from logparse import MissingDataError
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Stages
 from pipeline.flight.kinds import RIGID_BODY_KEY
+from pipeline.results.failure import Failure
 from pipeline.results.flight import ModelResult
 
 
 def compare_parameters(
     records: Sequence[sysid.Experiment], models: Sequence[ModelResult], config: AnalysisConfig, stages: Stages
-) -> sysid.PhysicalParameters | None:
-    """Apply every method to the records that the rigid body was fitted to; None with the reason in `Stages.missing`.
+) -> sysid.PhysicalParameters | Failure:
+    """Apply every method to the records that the rigid body was fitted to.
 
     Parameters
     ----------

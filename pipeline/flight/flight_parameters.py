@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline.flight.kinds import THRUST_KEY
 from pipeline.results.entry import FlightParameter
+from pipeline.results.failure import Failure
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.physical import HEADLINE, METHODS
@@ -55,7 +56,7 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
     """
     rows: list[FlightParameter] = []
     found = result.parameters
-    if found is not None:
+    if not isinstance(found, Failure):
         air = found.thrust.air_sigma if found.thrust is not None else 0.0
         for key, row in zip(found.table.index, found.table.to_dict("records"), strict=True):
             parameter, method = (str(part) for part in key)

@@ -9,6 +9,7 @@ from logparse import RotoridError
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Stages
 from pipeline.flight.kinds import Kind
+from pipeline.results.failure import Failure
 from pipeline.results.flight import ModelResult, Prediction
 from sysid.records.excitation import Coherence, coherence
 
@@ -35,18 +36,18 @@ def identify(
         the latter.
     config : AnalysisConfig
     stages : Stages
-        Times the work and reports progress; its `missing` is not touched.
+        Times the work and reports progress.
     same_flight : bool
         The one record to judge on is the rest of the one flight fitted.
     """
     model = stages.run(kind.key, lambda report: kind.fit(fitted, config, report))
-    if model is None:
-        return ModelResult(key=kind.key, title=kind.title, note=kind.note, missing=stages.missing.pop(kind.key))
+    if isinstance(model, Failure):
+        return without_model(kind, model)
     if same_flight and kind.carry_over is not None:
         model = kind.carry_over(model, fitted[0], judges[0])
     validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *judges]))
     predictions: tuple[Prediction, ...] = ()
-    if validation is not None:
+    if not isinstance(validation, Failure):
         predictions = tuple(
             Prediction(
                 experiment=record,
@@ -56,7 +57,7 @@ def identify(
             )
             for number, record in enumerate((*fitted, *judges))
         )
-    orders, missing = None, stages.missing.pop("validation", "")
+    orders = None
     if config.scan_orders and kind.scans:
         orders = stages.run(
             "orders",
@@ -64,8 +65,6 @@ def identify(
                 fitted, structure=kind.scans, time_limit=SCAN_PART * config.time_limit, progress=report
             ),
         )
-        reason = stages.missing.pop("orders", "")
-        missing = "; ".join(part for part in (missing, reason and f"orders were not scanned: {reason}") if part)
     return ModelResult(
         key=kind.key,
         title=kind.title,
@@ -75,13 +74,17 @@ def identify(
         predictions=predictions,
         orders=orders,
         coherence=_coherence(fitted) if kind.linear else None,
-        missing=missing,
     )
 
 
-def _coherence(fitted: Sequence[sysid.Experiment]) -> Coherence | str:
+def without_model(kind: Kind, failure: Failure) -> ModelResult:
+    """Return that a kind of model could not be fitted."""
+    return ModelResult(key=kind.key, title=kind.title, note=kind.note, model=failure)
+
+
+def _coherence(fitted: Sequence[sysid.Experiment]) -> Coherence | Failure:
     """Return how much of the outputs answers to the inputs in what a model was fitted to, or why it is not known."""
     try:
         return coherence(fitted)
     except RotoridError as error:
-        return str(error)
+        return Failure("coherence", str(error))

@@ -19,6 +19,7 @@ from pipeline.errors import ConfigError
 from pipeline.execution.stages import Progress, silent
 from pipeline.flight.kinds import KINDS
 from pipeline.names import printable
+from pipeline.results.failure import Failure
 from pipeline.results.flight import ModelResult, Prediction
 from pipeline.results.model_report import ModelsFile
 from sysid.transfer_functions.model_record import ClosedLoopRecord, FunctionsRecord, TransferFunctionsRecord
@@ -200,7 +201,7 @@ def _from_log(
                 notes.append(f"{title} was fitted to this flight or to a part of it: the comparison flatters it.")
             results.append(_judged(stored, model, record))
         except RotoridError as error:
-            results.append(ModelResult(key=stored.key, title=title, missing=str(error)))
+            results.append(ModelResult(key=stored.key, title=title, model=Failure(stored.key, str(error))))
     return results, True, notes
 
 
@@ -232,7 +233,7 @@ def _from_table(
                 results.append(ModelResult(key=stored.key, title=_title(stored), model=model, predictions=(part,)))
             measured.append(known)
         except RotoridError as error:
-            results.append(ModelResult(key=stored.key, title=_title(stored), missing=str(error)))
+            results.append(ModelResult(key=stored.key, title=_title(stored), model=Failure(stored.key, str(error))))
     if not any(measured):
         notes.append("The table has no measured motion: models start at rest at 0, and there is nothing to compare.")
     return results, any(measured), notes
@@ -301,9 +302,8 @@ def _judged(stored: StoredModel, model: sysid.Model, record: sysid.Experiment) -
         validation = sysid.validate(model, [record])
     except sysid.ExperimentError as error:
         part = Prediction(experiment=record, y_hat=model.simulate(record), training=False)
-        return ModelResult(
-            key=stored.key, title=_title(stored), model=model, predictions=(part,), missing=f"not judged: {error}"
-        )
+        unjudged = Failure("validation", f"not judged: {error}")
+        return ModelResult(key=stored.key, title=_title(stored), model=model, validation=unjudged, predictions=(part,))
     trained = record.name in model.training
     part = Prediction(experiment=record, y_hat=validation.predictions[record.name], training=trained)
     return ModelResult(key=stored.key, title=_title(stored), model=model, validation=validation, predictions=(part,))

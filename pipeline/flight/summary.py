@@ -11,8 +11,8 @@ from logparse import Finding
 from pipeline.flight.craft import build_of, craft_name
 from pipeline.flight.flight_parameters import flight_parameters
 from pipeline.results.entry import FlightEntry, FlightSummary
+from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
-from pipeline.results.span import Span
 
 #: Most rows of a track: they tell whether two logs recorded the same flight, and draw a small map.
 TRACK_ROWS = 200
@@ -21,6 +21,7 @@ TRACK_ROWS = 200
 def summarise_flight(result: FlightResult) -> FlightSummary:
     """Return a flight in short."""
     log = result.log
+    fits = (result.thrust, *(each.model for each in result.models))
     models = {each.key: each.missing for each in result.models if each.missing}
     return FlightSummary(
         name=result.name,
@@ -36,14 +37,14 @@ def summarise_flight(result: FlightResult) -> FlightSummary:
         craft_name=craft_name(log.vehicle),
         frame_class=log.vehicle.frame_class,
         vehicle=partition(log.craft, log.vehicle.frame_class),
-        flight=result.flight and Span(float(result.flight.start), float(result.flight.stop)),
+        flight=present(result.flight),
         origin=_origin(result),
         track=_track(result),
         position_known=result.position_known,
         experiments=tuple(result.experiments),
-        modelled=result.thrust is not None or any(each.model is not None for each in result.models),
+        modelled=any(not isinstance(each, Failure) for each in fits),
         missing={**models, **result.missing},
-        coverage=result.coverage,
+        coverage=present(result.coverage),
         board=log.board,
         build=build_of(log.vehicle),
         tune=dict(log.tune),
@@ -75,7 +76,7 @@ def partition(craft: str, frame_class: str | None) -> str:
 
 
 def _origin(result: FlightResult) -> tuple[float, float, float] | None:
-    if result.trajectory is None:
+    if isinstance(result.trajectory, Failure):
         return None
     origin = result.trajectory.origin
     place = (float(origin.lat), float(origin.lon), float(origin.alt))
@@ -84,7 +85,7 @@ def _origin(result: FlightResult) -> tuple[float, float, float] | None:
 
 def _track(result: FlightResult) -> tuple[tuple[float, float, float, float], ...]:
     """Thin the trajectory of the flight."""
-    if result.trajectory is None or result.flight is None:
+    if isinstance(result.trajectory, Failure) or isinstance(result.flight, Failure):
         return ()
     states = result.trajectory.states.loc[result.flight.start : result.flight.stop, ["p_n", "p_e", "p_d"]]
     step = max(1, -(-len(states) // TRACK_ROWS))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from logparse.summary import Summarised, listed
 from pipeline.names import file_name
+from pipeline.results.failure import Failure, reasons
 
 if TYPE_CHECKING:
     from logparse import Finding, Vehicle
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Failure:
+class LogFailure:
     """A log that gave nothing, and why, in a sentence for the person who has the log."""
 
     source: str  #: Path or URL.
@@ -45,15 +46,13 @@ class GroupResult(Summarised):
     held_out: tuple[str, ...]
     split: str  #: How the two were chosen, in a sentence.
     models: tuple[ModelResult, ...] = ()  #: Side by side, fitted to the training flights and judged on the others.
-    thrust: ThrustModel | None = None
-    parameters: PhysicalParameters | None = None  #: By every method, from the training flights.
+    thrust: ThrustModel | Failure
+    parameters: PhysicalParameters | Failure  #: By every method, from the training flights.
     #: What the flights covered, and where those that judge leave the range of those fitted.
-    coverage: Envelope | None = None
-    drift: Drift | None = None  #: The craft's parameters from flight to flight.
+    coverage: Envelope | Failure | None
+    drift: Drift | Failure | None  #: The craft's parameters from flight to flight.
     advice: tuple[Advice, ...] = ()  #: How to log and fly better next time, most useful first.
     findings: tuple[Finding, ...] = ()
-    #: Why there is no ``"thrust"`` and there are no ``"parameters"``.
-    missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds spent in each stage.
 
     def summary(self) -> Mapping[str, str]:
@@ -62,8 +61,13 @@ class GroupResult(Summarised):
             "craft": self.name,
             "training": listed(self.training),
             "held out": listed(self.held_out),
-            "models": listed([each.title for each in self.models if each.model is not None]) or "none",
+            "models": listed([each.title for each in self.models if not isinstance(each.model, Failure)]) or "none",
         }
+
+    @property
+    def missing(self) -> Mapping[str, str]:
+        """Why there is no thrust and the like, by the stage that failed; a model says so itself."""
+        return reasons(self.thrust, self.parameters, self.coverage, self.drift)
 
 
 #: ``publish(result, folder)`` writes what people and programs read of a result, as `reports.write` does.

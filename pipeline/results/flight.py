@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from logparse.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
+from pipeline.results.failure import Failure, findings_of, present, reasons
 from pipeline.results.span import Span
 
 if TYPE_CHECKING:
@@ -79,15 +80,14 @@ class ModelResult(Summarised):
     key: str  #: Which kind of model, as `pipeline.flight.kinds.KINDS` has it, such as ``"motors"``.
     title: str  #: The kind in words, such as ``"motor PWM → position"``.
     note: str = ""  #: What the model describes, and what it cannot tell.
-    model: Model | None = None
-    #: On the data fitted and on those held out; the column ``trained`` of its table tells them apart.
-    validation: Validation | None = None
+    model: Model | Failure
+    #: On the data fitted and on those held out (column ``trained`` of its table); None where nothing was to be judged.
+    validation: Validation | Failure | None = None
     predictions: tuple[Prediction, ...] = ()  #: Free runs over the same stretches.
-    orders: OrderScan | None = None  #: What other numbers of poles and zeros achieve, when that was asked for.
-    #: How much of the outputs is a linear answer to the inputs, in the records fitted; or why that cannot be told. None
-    #: for models that are not linear.
-    coherence: Coherence | str | None = None
-    missing: str = ""  #: Why there is no model, or no validation of it; empty when both are there.
+    #: What other numbers of poles and zeros achieve; None when that was not asked for.
+    orders: OrderScan | Failure | None = None
+    #: How much of the outputs is a linear answer to the inputs, in the records fitted; None for nonlinear models.
+    coherence: Coherence | Failure | None = None
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
@@ -95,35 +95,38 @@ class ModelResult(Summarised):
             "model": self.title,
             "is": self.missing or ("fitted" if self.validation is None else "fitted and validated"),
             **(
-                {}
-                if self.validation is None
-                else {
-                    "free-run RMSE": ", ".join(
-                        f"{output} {value:.3g}" for output, value in self.validation.average.items()
-                    )
-                }
+                {"free-run RMSE": ", ".join(f"{output} {value:.3g}" for output, value in validation.average.items())}
+                if (validation := present(self.validation))
+                else {}
             ),
         }
 
     @property
+    def missing(self) -> str:
+        """Why there is no model, no validation of it, or no scan of orders; empty when nothing is missing."""
+        if isinstance(self.model, Failure):
+            return self.model.reason
+        reasons = [self.validation.reason] if isinstance(self.validation, Failure) else []
+        if isinstance(self.orders, Failure):
+            reasons.append(f"orders were not scanned: {self.orders.reason}")
+        return "; ".join(reasons)
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
         """What the fit, the validation, the coherence of what was fitted, and the scan of orders had to say."""
-        coherent = () if self.coherence is None or isinstance(self.coherence, str) else self.coherence.findings
-        return (
-            *(self.model.findings if self.model else ()),
-            *(self.validation.findings if self.validation else ()),
-            *coherent,
-            *(self.orders.findings if self.orders else ()),
-        )
+        return findings_of(self.model, self.validation, self.coherence, self.orders)
+
+
+#: In the place of what is made of all the rest.
+NOT_YET = Failure("answer", "not summed up yet")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class FlightResult(Summarised):
     """One log, analysed as far as its content allows.
 
-    A stage that could not be done leaves None here and its reason in `missing` under the stage's name:
-    ``"flight"``, ``"rotation"``, ``"trajectory"``, ``"experiment"``, ``"thrust"``, ``"parameters"``, ``"coverage"``; a
-    model says itself why it is not there.
+    A stage that could not be done leaves a `Failure` in the place of its result, that of the stage before where it
+    could not even begin.
     """
 
     name: str  #: File name without its extension and, of several flights of a log, the number; unique within a fleet.
@@ -133,60 +136,77 @@ class FlightResult(Summarised):
     #: for.
     number: int = 1
     of: int = 1
-    flight: Span | None = None  #: The analysed airborne interval.
+    flight: Span | Failure  #: The analysed airborne interval.
     #: Canonical tables as logged, for plots.
     motors: pd.DataFrame | None = None
     modes: pd.DataFrame | None = None
     gps: pd.DataFrame | None = None
     baro: pd.DataFrame | None = None
     tables: Tables | None = None  #: All canonical tables, for the datasets.
-    trajectory: Trajectory | None = None
+    trajectory: Trajectory | Failure
     #: The airborne segment at `AnalysisConfig.rate`, by the key of the kind of model that it serves.
     experiments: Mapping[str, Experiment] = field(default_factory=dict)
     #: Side by side, fitted to the first part of the flight and judged on the rest; empty without an experiment.
     models: tuple[ModelResult, ...] = ()
-    thrust: ThrustModel | None = None  #: Fitted to the first part of the flight.
-    parameters: PhysicalParameters | None = None  #: By every method, from the first part of the flight.
+    thrust: ThrustModel | Failure  #: Fitted to the first part of the flight.
+    parameters: PhysicalParameters | Failure  #: By every method, from the first part of the flight.
     #: How fast, how high, in which wind it flew, how it moved and how well that was logged.
-    coverage: Coverage | None = None
+    coverage: Coverage | Failure
     #: Whether motor outputs are those that the mixer asked for; None where the log does not tell.
     motor_order: MotorOrder | None = None
     #: What the controller steadily asked of the motors; None where the log does not tell.
     trims: SteadyTrims | None = None
-    health: FlightHealth | None = None  #: What happened, by time, and which part of the flight serves models.
+    health: FlightHealth | Failure  #: What happened, by time, and which part of the flight serves models.
     #: How the craft turns: frequency responses, attitude following, margins of the loops; axis by axis.
-    rotation: RotationResult | None = None
-    #: Oscillations, and how closely the attitude followed what was asked; None without a flight.
-    loops: FlightLoops | None = None
-    answer: Answer | None = None  #: What all of it comes to, by purpose; None only while the rest is not complete.
+    rotation: RotationResult | Failure
+    loops: FlightLoops | Failure  #: Oscillations, and how closely the attitude followed what was asked.
+    answer: Answer | Failure = NOT_YET  #: What all of it comes to, by purpose.
     advice: tuple[Advice, ...] = ()  #: How to log and fly better next time, most useful first.
     findings: tuple[Finding, ...] = ()  #: Of every stage, in the order of the work.
-    missing: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds spent in each stage.
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
-        flown = "none" if self.flight is None else f"{self.flight.duration:.0f} s"
+        flown = "none" if isinstance(self.flight, Failure) else f"{self.flight.duration:.0f} s"
         return {
             "log": f"{self.name} ({self.log.format}, {self.log.duration:.0f} s)",
             "flight": flown,
-            "trajectory": "none" if self.trajectory is None else self.trajectory.method,
-            "models": listed([each.title for each in self.models if each.model is not None]) or "none",
+            "trajectory": "none" if isinstance(self.trajectory, Failure) else self.trajectory.method,
+            "models": listed([each.title for each in self.models if not isinstance(each.model, Failure)]) or "none",
             "findings": listed(list(dict.fromkeys(finding.id for finding in self.findings))) or "none",
             "missing": "; ".join(f"{stage}: {reason}" for stage, reason in self.missing.items()) or "nothing",
         }
 
     @property
-    def experiment(self) -> Experiment | None:
+    def experiment(self) -> Experiment | Failure:
         """The airborne segment, with the inputs of the first kind of model that it can serve."""
-        return next(iter(self.experiments.values()), None)
+        for each in self.experiments.values():
+            return each
+        needed = (self.flight, self.trajectory, self.thrust)
+        return Failure("experiment", next(each.reason for each in needed if isinstance(each, Failure)))
+
+    @property
+    def missing(self) -> Mapping[str, str]:
+        """Why there is no flight, trajectory and the like, by the stage that failed; a model says so itself."""
+        return reasons(
+            self.flight,
+            self.health,
+            self.rotation,
+            self.loops,
+            self.trajectory,
+            self.experiment,
+            self.thrust,
+            self.parameters,
+            self.coverage,
+            self.answer,
+        )
 
     @property
     def position_known(self) -> bool:
         """Whether there is a horizontal position, and not only what inertial navigation without GPS drifted to."""
-        if self.trajectory is None:
+        if isinstance(self.trajectory, Failure):
             return False
-        return horizontal_sigma(self.trajectory, self.flight) <= POSITION_KNOWN
+        return horizontal_sigma(self.trajectory, present(self.flight)) <= POSITION_KNOWN
 
 
 def horizontal_sigma(trajectory: Trajectory, span: Span | None) -> float:

@@ -23,6 +23,7 @@ from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS
 from logparse import COLUMNS, Finding, Motor, Severity, Vehicle
 from logparse.export import unit
 from logparse.serialization import plain
+from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import around
 
@@ -45,7 +46,7 @@ def write_tables(result: FlightResult, folder: Path) -> dict[str, Path]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     written = {}
-    part = around(result.flight, result.log.flights)
+    part = around(present(result.flight), result.log.flights)
     for name, whole, units in _frames(result):
         frame = whole if result.of == 1 else whole[(whole.index >= part.start) & (whole.index < part.stop)]
         if frame.empty:
@@ -60,7 +61,7 @@ def _frames(result: FlightResult) -> Iterator[tuple[str, pd.DataFrame, Mapping[s
         frame = getattr(result.tables, name, None)
         if frame is not None and len(frame):
             yield name, frame, {str(column): unit(name, str(column)) for column in frame}
-    if result.trajectory is not None:
+    if not isinstance(result.trajectory, Failure):
         states, sigma = result.trajectory.states, result.trajectory.sigma.add_prefix("sigma_")
         described = {**STATE_COLUMNS, **{f"sigma_{name}": text for name, text in SIGMA_COLUMNS.items()}}
         units = {name: text.partition(";")[0] for name, text in described.items()}

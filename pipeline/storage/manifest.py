@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from logparse.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.results.entry import GroupEntry
-from pipeline.results.fleet import Failure
+from pipeline.results.fleet import LogFailure
 from pipeline.storage.store import Store
 
 if TYPE_CHECKING:
@@ -58,9 +58,9 @@ class LogRecord:
     #: ``"analysed"``; ``"failed"``, for good; ``"interrupted"``, to be tried again; ``"no log"``; ``"duplicate"``.
     state: str = "interrupted"
 
-    def as_failure(self) -> Failure:
+    def as_failure(self) -> LogFailure:
         """Return the file with its reason."""
-        return Failure(self.url, self.reason, lasting=self.state == "failed")
+        return LogFailure(self.url, self.reason, lasting=self.state == "failed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 from logparse.lazy import lazy
 from pipeline.names import file_name, is_url
-from pipeline.results.fleet import Failure
+from pipeline.results.fleet import LogFailure
 from pipeline.storage.store import as_os_error
 
 if TYPE_CHECKING:
@@ -67,8 +67,8 @@ class Found:
     """Files to look into, those that cannot be opened, and what else was passed over, with reasons."""
 
     sources: tuple[Source, ...]
-    failures: tuple[Failure, ...]
-    passed_over: tuple[Failure, ...]
+    failures: tuple[LogFailure, ...]
+    passed_over: tuple[LogFailure, ...]
 
 
 def find(places: Iterable[str | Path], exclude: Path | None = None) -> Found:
@@ -89,7 +89,7 @@ def find(places: Iterable[str | Path], exclude: Path | None = None) -> Found:
         else:
             search.local(Path(place).absolute())
         if search.count == before:
-            search.passed_over.append(Failure(str(place), "holds no further files"))
+            search.passed_over.append(LogFailure(str(place), "holds no further files"))
     return Found(tuple(search.sources.values()), tuple(search.failures), tuple(search.passed_over))
 
 
@@ -98,8 +98,8 @@ class _Search:
 
     def __init__(self, exclude: Path | None) -> None:
         self.sources: dict[str, Source] = {}
-        self.failures: list[Failure] = []
-        self.passed_over: list[Failure] = []
+        self.failures: list[LogFailure] = []
+        self.passed_over: list[LogFailure] = []
         self._exclude = exclude
         #: Folders that were searched, by device and inode: links may lead back to them.
         self._seen: set[tuple[int, int]] = set()
@@ -150,10 +150,10 @@ class _Search:
             self._unusable(url, "neither a file nor a folder", named)
 
     def _unusable(self, url: str, reason: str, named: bool) -> None:
-        (self.failures if named else self.passed_over).append(Failure(url, reason))
+        (self.failures if named else self.passed_over).append(LogFailure(url, reason))
 
     def _closed(self, error: OSError) -> None:
-        self.passed_over.append(Failure(str(error.filename), f"cannot be opened: {error.strerror}"))
+        self.passed_over.append(LogFailure(str(error.filename), f"cannot be opened: {error.strerror}"))
 
     def remote(self, url: str) -> None:
         """Search what fsspec lists below a URL, or take the file that it names."""

@@ -19,7 +19,7 @@ from rotorid.workers import PRELOAD
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from pipeline.results.fleet import Failure
+    from pipeline.results.fleet import LogFailure
     from pipeline.results.report import FleetReport, FlightReport
     from pipeline.storage.sources import Found, Source
 
@@ -298,7 +298,7 @@ def _show(numbers: "FlightReport | FleetReport", report: str, as_json: bool) -> 
         stdout.print(f"\nReport: {printable(report)}", markup=False, soft_wrap=True)
 
 
-def _end(numbers: "FlightReport | FleetReport", failures: "Sequence[Failure]") -> NoReturn:
+def _end(numbers: "FlightReport | FleetReport", failures: "Sequence[LogFailure]") -> NoReturn:
     """End with the status that the findings deserve."""
     from reports import terminal
 
@@ -309,7 +309,7 @@ def _end(numbers: "FlightReport | FleetReport", failures: "Sequence[Failure]") -
     raise typer.Exit(SOME_FAILED if failures else OK)
 
 
-def _list_failures(failures: "Sequence[Failure]") -> None:
+def _list_failures(failures: "Sequence[LogFailure]") -> None:
     """Name each log that gave nothing on stderr, with its reason."""
     if not failures:
         return

@@ -26,6 +26,7 @@ def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path,
     from pipeline.errors import ConfigError
     from pipeline.execution.progress import shown
     from pipeline.flight.replay import Trim, replay
+    from pipeline.results.failure import present
     from reports import write_replay
 
     if inputs is None:
@@ -37,7 +38,7 @@ def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path,
         if each.missing:
             typer.echo(f"{each.title}: {each.missing}", err=True)
     for each in result.results:
-        for verdict in each.validation.verdicts if each.validation else ():
+        for verdict in () if (judged := present(each.validation)) is None else judged.verdicts:
             typer.echo(f"{each.title}: {verdict}")
     for file in write_replay(result, out):
         typer.echo(file)

@@ -13,10 +13,11 @@ from datetime import timedelta
 from pathlib import Path
 
 from logparse import LogError, Vehicle
-from pipeline import AnalysisConfig, Failure, FlightResult, GroupResult
+from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFailure
 from pipeline.fleet import job
 from pipeline.names import flight_name
 from pipeline.results.entry import FlightEntry
+from pipeline.results.failure import Failure
 from pipeline.results.split import Split
 from tests.reports.conftest import made_flight
 
@@ -50,7 +51,7 @@ def analyze_flights(path: Path, config: AnalysisConfig, progress: object, *, nam
         yield dataclasses.replace(made, log=log, config=config, number=number, of=count)
 
 
-def run(work: job.Job) -> tuple[FlightEntry, ...] | Failure | None:
+def run(work: job.Job) -> tuple[FlightEntry, ...] | LogFailure | None:
     """Do a job with such files, in another process."""
     job.analyze_flights = analyze_flights
     return job.run(work)
@@ -59,5 +60,10 @@ def run(work: job.Job) -> tuple[FlightEntry, ...] | Failure | None:
 def identify_craft(name: str, flights: object, split: Split, *_: object) -> GroupResult:
     """Stand for the joint fit, which is tested for itself."""
     return GroupResult(
-        name=name, vehicle=Vehicle(), training=split.training, held_out=split.held_out, split=split.sentence
+        name=name,
+        vehicle=Vehicle(),
+        training=split.training,
+        held_out=split.held_out,
+        split=split.sentence,
+        **dict.fromkeys(("thrust", "parameters", "coverage", "drift"), Failure("thrust", "not fitted")),
     )

@@ -12,6 +12,7 @@ from logparse import Finding, Severity
 from logparse.serialization import as_json, plain, restored
 from pipeline.flight.summary import TRACK_ROWS, flight_entry, partition
 from pipeline.results.entry import FlightEntry, GroupEntry
+from pipeline.results.failure import Failure
 from tests.reports.conftest import made_flight
 
 FLIGHT = made_flight("day 1/flight01", fit=False)
@@ -68,7 +69,8 @@ def test_an_entry_of_another_version_is_refused_and_not_half_read():
 
 
 def test_a_log_without_a_flight_survives_json():
-    bare = dataclasses.replace(FLIGHT, flight=None, trajectory=None, experiments={}, models=())
+    grounded = Failure("flight", "the log shows no flight")
+    bare = dataclasses.replace(FLIGHT, flight=grounded, trajectory=grounded, experiments={}, models=())
     entry = flight_entry(bare, folder="a", source="a.bin", key="k")
     assert restored(json.loads(json.dumps(plain(entry), allow_nan=False)), FlightEntry) == entry
     assert entry.track == ()

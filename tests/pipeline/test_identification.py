@@ -9,6 +9,7 @@ from pipeline import AnalysisConfig
 from pipeline.execution.stages import STAGES, Stages, overall, silent
 from pipeline.flight.identification import identify
 from pipeline.flight.kinds import KINDS
+from pipeline.results.failure import Failure
 from reports import views
 from reports.model_views import orders
 from reports.numbers import model_report
@@ -24,10 +25,8 @@ def parts():
 
 @pytest.fixture(scope="module")
 def scanned(parts):
-    stages = Stages(silent, 3600.0)
-    result = identify(MOTORS, parts[:1], parts[1:], AnalysisConfig(poles=2, zeros=1, scan_orders=True), stages)
-    assert stages.missing == {}
-    return result
+    config = AnalysisConfig(poles=2, zeros=1, scan_orders=True)
+    return identify(MOTORS, parts[:1], parts[1:], config, Stages(silent, 3600.0))
 
 
 def test_model_validation_and_predictions_belong_together(scanned, parts):
@@ -54,9 +53,8 @@ def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
     stages = Stages(silent, 3600.0)
     kind = dataclasses.replace(MOTORS, fit=refused)
     result = identify(kind, parts[:1], parts[1:], AnalysisConfig(), stages)
-    assert (result.model, result.validation, result.predictions) == (None, None, ())
-    assert result.missing == "two identical motors"
-    assert stages.missing == {}
+    failure = Failure("motors", "two identical motors")
+    assert (result.model, result.validation, result.predictions) == (failure, None, ())
     assert views.verdicts([model_report(result, "own", "the rest")]) == []
 
 

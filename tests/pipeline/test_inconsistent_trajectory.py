@@ -34,11 +34,10 @@ def doubtful(monkeypatch):
 
 def test_neither_speeds_nor_models_are_stated(log_path, doubtful):
     result = analyze(log_path)
-    assert result.trajectory is None
-    assert "contradicts the sensors" in result.missing["trajectory"]
+    assert "contradicts the sensors" in result.trajectory.reason
     assert result.missing["experiment"] == result.missing["trajectory"]
     assert result.models == ()
-    assert result.coverage is None
+    assert result.coverage == result.trajectory
     assert "trajectory-inconsistent" in [finding.id for finding in result.findings]
 
 

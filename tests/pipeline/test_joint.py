@@ -13,6 +13,7 @@ from pipeline.execution.stages import silent
 from pipeline.fleet import joint
 from pipeline.fleet.split import choose_split
 from pipeline.flight.summary import flight_entry
+from pipeline.results.failure import Failure
 from pipeline.storage.dataset import EXPERIMENTS, part, write_experiments
 from pipeline.storage.store import open_store
 from tests.pipeline.builders import flight as moving
@@ -80,7 +81,7 @@ def test_a_worker_that_dies_costs_its_model_only_and_says_so(craft, store, here)
             return job
 
     group = identify(craft, store, Dying())
-    assert group.models[0].model is None
+    assert isinstance(group.models[0].model, Failure)
     assert "the worker process failed" in group.models[0].missing
     assert "the worker process failed" in group.missing["thrust"]
 
@@ -97,7 +98,7 @@ def test_coherence_and_physical_parameters_come_with_the_models(here):
     assert (
         np.median(coherence.multiple[(coherence.frequency > 0.5) & (coherence.frequency < 5.0)]) > coherence.threshold
     )
-    assert here.parameters is None
+    assert isinstance(here.parameters, Failure)
     assert here.missing["parameters"]
 
 

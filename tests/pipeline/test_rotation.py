@@ -7,6 +7,7 @@ import pytest
 import logparse
 from pipeline.flight.advice.turning import turning as advise
 from pipeline.flight.rotation import find_rotation
+from pipeline.results.failure import Failure
 from pipeline.results.rotation import LoopMargins, LoopState
 from pipeline.results.span import Span
 from pipeline.storage.kept import read_result, write_result
@@ -73,7 +74,7 @@ def test_advice_names_bits_and_axes():
     assert "bit 12 (PID)" in advice["chirps-for-margins"].do
     # Asked for once, not twice.
     assert "fly-sticks" not in {each.id for each in advise(flight, ["excite-axes"])}
-    assert list(advise(replace(flight, rotation=None), [])) == []
+    assert list(advise(replace(flight, rotation=Failure("rotation", "no rates")), [])) == []
 
 
 @pytest.mark.parametrize(

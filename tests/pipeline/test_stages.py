@@ -10,6 +10,7 @@ from logparse import FlightLog, MissingDataError
 from pipeline.execution.progress import Clock
 from pipeline.execution.stages import STAGES, Stages, overall, silent
 from pipeline.flight.analysis import analyze
+from pipeline.results.failure import Failure
 
 
 def test_a_foreseen_error_becomes_a_reason():
@@ -18,8 +19,7 @@ def test_a_foreseen_error_becomes_a_reason():
     def work(_):
         raise MissingDataError("no GPS: set bit 2 of LOG_BITMASK")
 
-    assert stages.run("trajectory", work) is None
-    assert stages.missing == {"trajectory": "no GPS: set bit 2 of LOG_BITMASK"}
+    assert stages.run("trajectory", work) == Failure("trajectory", "no GPS: set bit 2 of LOG_BITMASK")
     assert not stages.findings
     assert stages.timings["trajectory"] >= 0.0
 
@@ -27,8 +27,7 @@ def test_a_foreseen_error_becomes_a_reason():
 def test_a_bug_becomes_a_finding_and_a_line_in_the_log(caplog):
     stages = Stages(silent, 3600.0)
     with caplog.at_level(logging.ERROR):
-        assert stages.run("model", lambda _: 1 / 0) is None
-    assert "ZeroDivisionError" in stages.missing["model"]
+        assert "ZeroDivisionError" in stages.run("model", lambda _: 1 / 0).reason
     assert [finding.id for finding in stages.findings] == ["internal-error"]
     assert "Traceback" in caplog.text
 
@@ -54,8 +53,7 @@ def test_a_stage_that_takes_too_long_is_given_up():
         while True:
             report("fit", 0.5)
 
-    assert stages.run("model", work) is None
-    assert "--time-limit" in stages.missing["model"]
+    assert "--time-limit" in stages.run("model", work).reason
 
 
 def test_progress_names_the_stage():

@@ -15,17 +15,20 @@ from logparse import Finding, Geodetic, Motor, Severity, Vehicle
 from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFacts, ModelResult, Prediction, Span
 from pipeline.flight.answer import compose_answer
 from pipeline.names import folder_names
+from pipeline.results.failure import Failure
 from pipeline.results.report import FleetReport
 from pipeline.storage.store import open_store
 from reports import publish
 from reports.fleet import compose
 from tests.reports.made import made
 
+NO_THRUST = Failure("thrust", "no voltage was logged; set LOG_BITMASK to include CURRENT")
+
 #: A kind of model that the log could not give.
 WITHOUT_REFERENCE = ModelResult(
     key="reference",
     title="position target → position",
-    missing="no position targets; set NTUN (bit 5) in LOG_BITMASK",
+    model=Failure("reference", "no position targets; set NTUN (bit 5) in LOG_BITMASK"),
 )
 
 
@@ -107,7 +110,9 @@ def made_flight(
     lon = 0.1 + (states["p_e"] + rng.normal(0, 0.4, len(wide))) / 6.371e6 / np.cos(0.8)
     gps = pd.DataFrame({"lat": lat, "lon": lon, "alt": 200.0 - states["p_d"] + rng.normal(0, 0.6, len(wide))}).iloc[::4]
     baro = pd.DataFrame({"alt": -states["p_d"] + rng.normal(0, 0.15, len(wide))}).iloc[::2]
-    models = (ModelResult(key="motors", title="motor PWM → position", missing="the fit was not asked for"),)
+    models = (
+        ModelResult(key="motors", title="motor PWM → position", model=Failure("motors", "the fit was not asked for")),
+    )
     if fit:
         fitted, held_out = record.split(0.7)
         model = sysid.fit_transfer_functions([fitted], poles=poles, zeros=zeros)
@@ -146,7 +151,7 @@ def made_flight(
             ),
             Finding("backward-rows", Severity.INFO, "212 rows go slightly backwards in time and were sorted."),
         ),
-        missing={"thrust": "no voltage was logged; set LOG_BITMASK to include CURRENT"},
+        **dict.fromkeys(("thrust", "parameters", "coverage", "health", "rotation", "loops"), NO_THRUST),
         timings={"read": 0.021, "trajectory": 0.84, "model": 6.2},
     )
     return replace(result, answer=compose_answer(result))
@@ -164,8 +169,6 @@ def other() -> FlightResult:
 
 @pytest.fixture(scope="session")
 def craft(flight: FlightResult, other: FlightResult) -> GroupResult:
-    assert flight.experiment is not None
-    assert other.experiment is not None
     model = sysid.fit_transfer_functions([flight.experiment], poles=2, zeros=1)
     plain = sysid.fit_transfer_functions([flight.experiment], poles=1, zeros=0, structure="common")
     return GroupResult(
@@ -179,7 +182,7 @@ def craft(flight: FlightResult, other: FlightResult) -> GroupResult:
             judged(plain, [flight.experiment], [other.experiment], "mixer", "mixer commands → position"),
             WITHOUT_REFERENCE,
         ),
-        missing={"thrust": "no accelerometer"},
+        **dict.fromkeys(("thrust", "parameters", "coverage", "drift"), Failure("thrust", "no accelerometer")),
     )
 
 

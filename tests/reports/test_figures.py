@@ -7,6 +7,7 @@ import pandas as pd
 import plotly.graph_objects as go
 import pytest
 
+from pipeline.results.failure import Failure
 from reports.figure import MOST_POINTS
 from reports.flight_figures import flight_figures, motors
 from tests.reports.builders import themed
@@ -38,10 +39,13 @@ def test_lines_break_where_nothing_was_logged(flight):
     assert line["x"][line["y"].index(None) - 1] == pytest.approx(59.9, abs=0.2)
 
 
+GROUNDED = Failure("flight", "the log shows no flight")
+
+
 def test_long_logs_are_thinned(flight):
     t = np.arange(0.0, 3600.0, 0.02)
     fast = pd.DataFrame({"m1": np.full(len(t), 1500.0)}, index=t)
-    line = motors(dataclasses.replace(flight, motors=fast, flight=None)).data[0]
+    line = motors(dataclasses.replace(flight, motors=fast, flight=GROUNDED)).data[0]
     assert len(line["x"]) <= MOST_POINTS
 
 
@@ -54,7 +58,7 @@ def test_held_out_part_is_marked(flight):
 
 @pytest.mark.parametrize("missing", ["trajectory", "gps", "baro", "motors", "modes", "flight", "experiment"])
 def test_a_missing_table_costs_only_its_own_plot(flight, missing):
-    changed = {missing: None}
+    changed = {missing: GROUNDED if missing in ("trajectory", "flight") else None}
     if missing == "experiment":
         changed = {"experiments": {}, "models": ()}
     figures = flight_figures(dataclasses.replace(flight, **changed))
@@ -64,12 +68,12 @@ def test_a_missing_table_costs_only_its_own_plot(flight, missing):
 def test_nothing_known_gives_no_plots(flight):
     empty = dataclasses.replace(
         flight,
-        trajectory=None,
+        trajectory=GROUNDED,
         gps=None,
         baro=None,
         motors=None,
         modes=None,
-        flight=None,
+        flight=GROUNDED,
         experiments={},
         models=(),
     )

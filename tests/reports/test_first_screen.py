@@ -11,6 +11,7 @@ from rich.console import Console
 from logparse import FlightEvent, Severity
 from pipeline.flight.answer import compose_answer
 from pipeline.results.answer import Picture, Tone
+from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal
 from pipeline.results.loops import FlightLoops
@@ -84,14 +85,15 @@ def answered(given: FlightResult, /, **changed) -> FlightResult:
 @pytest.fixture(scope="module")
 def kinds(flight, other) -> dict[str, FlightResult]:
     """Return flights as different as they come."""
-    nothing = {"trajectory": None, "experiments": {}, "models": (), "gps": None, "baro": None}
+    nothing = {"experiments": {}, "models": (), "gps": None, "baro": None}
+    unknown, grounded = Failure("trajectory", "no GPS; log it"), Failure("flight", "no flight")
     return {
         "good": answered(flight, health=health(), loops=FlightLoops(), rotation=loops(loop("roll", 52.0))),
         "lost motor": answered(flight, health=health(LOST, event("crash", 72.0), cause=LOST)),
         "crash": answered(flight, health=health(event("crash", 72.0)), loops=FlightLoops(tracking_rad={"roll": 0.05})),
         "without models": answered(other, health=health(event("low-thrust-reserve", 50.0, Severity.WARNING))),
-        "no position": answered(flight, health=health(), **nothing, missing={"trajectory": "no GPS; log it"}),
-        "no flight": answered(flight, flight=None, motors=None, modes=None, **nothing, missing={"flight": "no flight"}),
+        "no position": answered(flight, health=health(), **nothing, trajectory=unknown),
+        "no flight": answered(flight, flight=grounded, motors=None, modes=None, **nothing, trajectory=unknown),
     }
 
 
@@ -195,7 +197,7 @@ def test_a_prediction_is_as_long_as_the_model_was_judged(flight):
     horizon = flight_report(flight).models[0].uses.prediction.horizon_s
     assert line.value == horizon
     assert (line.word in ("yes", "briefly")) == (horizon is not None)
-    unjudged = dataclasses.replace(flight.models[0], validation=None, missing="too short to judge")
+    unjudged = dataclasses.replace(flight.models[0], validation=Failure("validation", "too short to judge"))
     line = line_of(answered(flight, models=(unjudged,)), "Predict ahead")
     assert (line.word, line.value) == ("not judged", None)
 

@@ -21,6 +21,7 @@ from logparse import Finding, Severity
 from logparse.quantity import column
 from logparse.serialization import plain
 from pipeline.names import folder_names
+from pipeline.results.failure import Failure
 from pipeline.results.model_report import RmseRow
 from reports import html, summary
 from reports.folder import rmse_table
@@ -128,7 +129,7 @@ def hostile(flight):
         log=dataclasses.replace(flight.log, vehicle=vehicle, path=Path(f"{HOSTILE.replace('/', '_')}.bin")),
         modes=pd.DataFrame({"mode": [HOSTILE, "AUTO"]}, index=[10.0, 80.0]),
         findings=(Finding(HOSTILE, Severity.ERROR, HOSTILE, HOSTILE, {"text": HOSTILE}),),
-        missing={"thrust": HOSTILE},
+        thrust=Failure("thrust", HOSTILE),
     )
 
 
@@ -236,15 +237,14 @@ def test_models_stand_side_by_side_before_their_numbers(fleet):
 def test_a_flight_without_anything_says_why(flight, tmp_path):
     bare = dataclasses.replace(
         flight,
-        flight=None,
-        trajectory=None,
+        flight=Failure("flight", "the log shows no flight"),
+        trajectory=Failure("trajectory", "no GPS: set bit 2 of LOG_BITMASK"),
         experiments={},
         models=(),
         motors=None,
         modes=None,
         gps=None,
         baro=None,
-        missing={"flight": "the log shows no flight", "trajectory": "no GPS: set bit 2 of LOG_BITMASK"},
     )
     page = reports.write(bare, tmp_path).read_text("utf-8")
     assert "What could not be done" in page

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from logparse import FlightEvent, Severity
+from pipeline.results.failure import Failure
 from pipeline.results.health import FlightHealth
 from reports.parameter_files import COLUMNS, write_parameters
 from reports.track_files import FILES, write_track
@@ -62,12 +63,12 @@ def test_events_are_points_and_their_text_is_escaped(eventful, tmp_path):
 
 def test_without_a_position_there_is_no_track_and_an_old_one_goes(eventful, tmp_path):
     write_track(eventful, tmp_path)
-    assert write_track(dataclasses.replace(eventful, trajectory=None), tmp_path) == ()
+    assert write_track(dataclasses.replace(eventful, trajectory=Failure("trajectory", "no IMU")), tmp_path) == ()
     assert list(tmp_path.iterdir()) == []
 
 
 def test_parameters_without_a_fit_are_a_head_only(eventful, tmp_path):
-    file = write_parameters(dataclasses.replace(eventful, parameters=None), tmp_path)
+    file = write_parameters(dataclasses.replace(eventful, parameters=Failure("parameters", "no IMU")), tmp_path)
     with file.open(newline="", encoding="utf-8") as stream:
         rows = list(csv.reader(stream))
     assert rows == [list(COLUMNS)]

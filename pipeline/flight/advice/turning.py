@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from logparse.log_settings import TELEMETRY, Need, bits_of
 from logparse.quantity import joined
 from pipeline.results.advice import Advice
+from pipeline.results.failure import Failure
 from sysid.frequency.axes import SID_AXES
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def turning(result: FlightResult, given: Collection[str]) -> Iterator[Advice]:
     given : collection of str
         Names of the advice that is given anyway.
     """
-    if result.rotation is None:
+    if isinstance(result.rotation, Failure):
         return
     unknown = [axis for axis in result.rotation.axes if not axis.rate_determined]
     if unknown and _ALIKE not in given:
