@@ -49,6 +49,9 @@ _READERS = (
     ("logparse.mavlink.tlog", "TlogSource"),
 )
 
+#: Messages after which a loop over their names is taken to want all, and the part of a file decoded ahead of it.
+_ASKED, _SHARE = 2, 2
+
 #: Boots that are looked into for the longest flight; in a file with more, the longest boots.
 _MOST_BOOTS = 8
 
@@ -85,13 +88,15 @@ class _PreludeSource(Protocol):
 class Messages(Mapping[str, pd.DataFrame]):
     """The messages of one boot by name as logged, decoded when first asked for.
 
-    Iterating over values or items, and `load`, decode what is missing in one pass over the file.
+    Iterating over values or items, and `load`, decode what is missing in one pass over the file. So do loops over the
+    names that ask for one message after another: from the second on, those to come are decoded along with it.
     """
 
     def __init__(self, source: MessageSource, boot: Boot):
         self._source, self._boot = source, boot
         self._counts = source.counts(boot)
         self._frames: dict[str, pd.DataFrame] = {}
+        self._asking: int | None = None  # Messages that a loop over the names has asked for and were not there.
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -111,8 +116,24 @@ class Messages(Mapping[str, pd.DataFrame]):
         if name not in self._frames:
             if name not in self._counts:
                 raise KeyError(name)
-            self._frames[name] = self._source.decode(name, self._boot)
+            self.load([name, *self._next(name)])
         return self._frames[name]
+
+    def _next(self, name: str) -> Iterator[str]:
+        """Yield what a loop over the names will ask for after `name`, up to a share of the file."""
+        asked = self._asking
+        if asked is None:
+            return
+        self._asking = asked + 1
+        if asked + 1 < _ASKED or not isinstance(self._source, _BatchSource):
+            return
+        names = list(self._counts)
+        rows = self._counts[name]
+        for other in names[names.index(name) + 1 :]:
+            rows += 0 if other in self._frames else self._counts[other]
+            if rows > sum(self._counts.values()) // _SHARE:
+                return
+            yield other
 
     def once(self, name: str, fields: Collection[str] | None = None) -> pd.DataFrame:
         """Decode a message without keeping it, of `fields` only where that spares memory; or the one that is kept."""
@@ -126,7 +147,11 @@ class Messages(Mapping[str, pd.DataFrame]):
         return name in self._counts
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._counts)
+        self._asking = 0
+        try:
+            yield from self._counts
+        finally:
+            self._asking = None
 
     def __len__(self) -> int:
         return len(self._counts)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from logparse.recent import Recent
 from pipeline.results.verdict import FEWEST_JUDGES, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses
 from sysid.validation.assessment import MARGIN
 
@@ -43,6 +44,14 @@ def uses_of(validation: Validation | None, model: object | None, outside: Collec
     outside : collection of str
         Held-out flights that leave the envelope of those fitted.
     """
+    return _recent.of(validation, model, *outside, make=lambda: _uses(validation, model, outside))
+
+
+#: Answer, picture and report of a flight ask this of the same few models.
+_recent: Recent[Uses] = Recent(8)
+
+
+def _uses(validation: Validation | None, model: object | None, outside: Collection[str]) -> Uses:
     prediction = prediction_use(validation, outside)
     return Uses.of(
         prediction,

@@ -11,9 +11,10 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.completion import install_callback, show_callback
-from typer.core import TyperGroup, TyperOption
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from rotorid.cli.analyze import analyze
+from rotorid.cli.as_given import AsGiven
 from rotorid.cli.backup import backup, restore
 from rotorid.cli.bench import bench
 from rotorid.cli.bifilar import bifilar
@@ -60,6 +61,16 @@ class Group(TyperGroup):
             raise
 
 
+class Command(TyperCommand):
+    """A command that imports Pydantic only for options whose values must be converted."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Convert what the command line gives."""
+        for parameter in self.get_params(ctx):
+            AsGiven.serve(parameter)
+        return super().parse_args(ctx, args)
+
+
 app = typer.Typer(
     name="rotorid",
     cls=Group,
@@ -97,7 +108,7 @@ for _command, _summary in (
     (worker, "Analyse for a service on another computer."),
     (mcp, "Answer an assistant's questions about flights."),
 ):
-    app.command(short_help=_summary)(_command)
+    app.command(cls=Command, short_help=_summary)(_command)
 app.add_typer(tokens, cls=Group, short_help="Make, list and revoke the service's tokens.")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import MissingDataError, Vehicle
+from logparse.recent import Recent
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
@@ -131,6 +132,14 @@ def motion(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motio
     MissingDataError
         Attitude is missing.
     """
+    return _recent.of(record, vehicle, voltage, make=lambda: _read(record, vehicle, voltage))
+
+
+#: A model reads the same flight anew for each horizon that it is judged at.
+_recent: Recent[Motion] = Recent(4)
+
+
+def _read(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motion:
     if any(unit != "us" for unit in (record.units.get(name, "us") for name in record.input_names)):
         raise ExperimentError(
             f"{record.name}: a rigid body reads the motors' PWM; make the record with inputs='motors'"

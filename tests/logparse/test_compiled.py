@@ -17,12 +17,13 @@ def _twice(x):
 
 @njit(cache=True)
 def total(values):
-    result = _twice(values[0])
-    for k in range(1, len(values)):
-        result += _twice(values[k])
-    return result
+    # An array, so that numba's own code for it is kept along with this.
+    result = np.zeros(1, values.dtype)
+    for k in range(len(values)):
+        result[0] += _twice(values[k])
+    return result[0]
 
-print(total(np.ones(3, dtype=sys.argv[1])), "numba.np.arraymath" in sys.modules)
+print(total(np.ones(3, dtype=sys.argv[1])), "numba.np.arrayobj" in sys.modules)
 """
 
 

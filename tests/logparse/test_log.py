@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 from logparse import FlightLog, LogError, Tables, containers, read_log
+from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.writer import DataflashWriter, write_dataflash
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs"
@@ -74,6 +75,27 @@ def test_messages_are_a_mapping_of_what_occurs(tmp_path: Path) -> None:
     assert messages["ATT"] is messages["ATT"]
     assert {name: len(frame) for name, frame in messages.items()} == dict(messages.counts)
     assert len(list(messages.values())) == len(messages)
+
+
+def test_a_loop_over_messages_passes_over_the_file_a_few_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And not once for each of the types: that was five times as slow as to ask for all of them at once."""
+    passes = []
+    decode_many = DataflashSource.decode_many
+    monkeypatch.setattr(
+        DataflashSource, "decode_many", lambda self, *args: passes.append(1) or decode_many(self, *args)
+    )  # fmt: skip
+    path = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"
+    log, other = read_log(path), read_log(path)
+    passes.clear()
+    frames = {name: log.messages[name] for name in log.messages}
+    assert len(frames) > 20
+    assert len(passes) < 6
+    passes.clear()
+    # Names alone, or one message found by a loop, bring nothing else into memory.
+    assert list(other.messages) == list(frames)
+    found = next(other.messages[name] for name in other.messages if name == "ATT")
+    assert len(passes) == 1
+    pd.testing.assert_frame_equal(found, frames["ATT"])
 
 
 @pytest.mark.parametrize("name", ["flight.log", "flight.tlog", "flight", "flight.ulg"])

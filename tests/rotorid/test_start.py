@@ -69,5 +69,15 @@ main()
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     modules = set(done.stdout.splitlines()[0].split())
     assert "pipeline.config" in modules
-    assert not modules & {"numpy", "pandas", "scipy", "numba", "pyarrow", "psutil", "multiprocessing", "fsspec"}
+    assert not modules & {
+        "numpy",
+        "pandas",
+        "scipy",
+        "numba",
+        "pyarrow",
+        "psutil",
+        "multiprocessing",
+        "fsspec",
+        "pydantic",
+    }
     assert len(modules) < 600
