@@ -1,7 +1,8 @@
 """How results show themselves: a few lines in a terminal, a small table in a notebook."""
 
 from collections.abc import Mapping
-from html import escape
+
+from logparse.table import Row, Table
 
 #: Longest text of one entry; the rest is in the result's own fields.
 _LONGEST = 100
@@ -23,11 +24,8 @@ class Summarised:
         return "\n".join((type(self).__name__, *lines))
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><th style='text-align:left'>{escape(label)}</th><td style='text-align:left'>{escape(text)}</td></tr>"
-            for label, text in self.summary().items()
-        )
-        return f"<table><caption>{escape(type(self).__name__)}</caption>{rows}</table>"
+        rows = [Row(label, [text]) for label, text in self.summary().items()]
+        return Table("", [""], rows, caption=type(self).__name__, texts=[0]).html()
 
 
 def listed(names: Mapping[str, object] | tuple[str, ...] | list[str], most: int = 6) -> str:

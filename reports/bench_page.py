@@ -9,9 +9,9 @@ from typing import Any
 
 from logparse import Finding
 from logparse.quantity import number, uncertain
+from logparse.table import Row, Table
 from reports.figure import Figure, Trace, layout_of
 from reports.html import render
-from reports.table import Row, Table
 from sysid.bench.stand import Bench
 from sysid.bench.table import BenchError
 

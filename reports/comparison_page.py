@@ -9,11 +9,11 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from logparse.quantity import counted, number, uncertain
+from logparse.table import Row, Table, escaped
 from reports import summary
 from reports.comparison import Comparison, Facts, Pair, change
 from reports.figure import Figure, layout_of
 from reports.html import render
-from reports.table import Row, Table, escaped
 
 _WORDS = {True: "changed", False: "no change seen"}
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 from logparse.quantity import alike, number, per_degree
+from logparse.table import Row, Table
 from pipeline.results.coverage import Coverage
 from pipeline.results.envelope import Envelope, RangeFlown
-from reports.table import Row, Table
 
 #: Flights outside of what was fitted that are named one by one.
 MOST_OUTSIDE = 12

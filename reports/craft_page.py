@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from logparse import Finding
 from logparse.quantity import counted, per_degree, uncertain, with_unit
+from logparse.table import Row, Table
 from pipeline.results.craft_review import CraftReview, Note
 from reports import html, summary
 from reports.comparison_page import chance
 from reports.drift_figures import drift_figures
 from reports.drift_views import drift_sentences, drift_table
 from reports.figure import Figure
-from reports.table import Row, Table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

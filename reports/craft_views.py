@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from logparse import Finding, Vehicle
 from logparse.quantity import column, counted, number
+from logparse.table import Row, Table
 from pipeline.results.advice import Advice
 from pipeline.results.model_report import ByOutput, ModelReport
 from pipeline.results.report import CraftReport
@@ -16,7 +17,6 @@ from reports.figure import Figure
 from reports.model_views import Judgement, ShownModel, ShownThrust
 from reports.parameter_views import ShownCoherence, ShownParameters
 from reports.rows import PAPER_AVERAGE, average
-from reports.table import Row, Table
 from reports.views import ShownVerdict, rmse_heads, rmse_lines
 
 #: The kind of model that the paper's table is about, and what its line is called.

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from logparse.quantity import number, per_degree, uncertain, with_unit
+from logparse.table import Row, Table
 from pipeline.results.drift import Drift
 from reports import summary
-from reports.table import Row, Table
 
 
 def drift_table(drift: Drift | None) -> Table | None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from logparse.quantity import counted, uncertain
+from logparse.table import Row, Table, escaped
 from pipeline.results.report import CraftReport, FleetReport
 from reports import fleet_views, summary
 from reports.craft_views import average_table
 from reports.drift_views import drift_sentences
 from reports.fleet_answer import fleet_answer
-from reports.table import Row, Table, escaped
 
 _MARKS = {"yes": "✅", "limited": "⚠️", "no": "❌", "unknown": "❔"}
 #: Advice, findings and failures that are named.
@@ -58,7 +58,7 @@ def _craft(craft: CraftReport, titled: bool) -> Iterator[str]:
     if table:
         marks = {model.title: [summary.predicts(model), _MARKS[model.verdict.trust]] for model in craft.models}
         rows = [
-            Row(row.label, [*map(str.strip, row.cells), *marks.get(row.label, ["", ""])], row.kind)
+            Row(row.label, [*(str(cell).strip() for cell in row.cells), *marks.get(str(row.label), ["", ""])], row.kind)
             for row in table.rows
         ]
         yield from (Table(table.label, [*table.heads, "predicts", "free run"], rows).markdown(), "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from logparse.table import Table
 from pipeline.results.report import CraftReport, FleetReport
 from reports import fleet_views, html, summary, views
 from reports.coverage_figures import coverage_figures
@@ -27,7 +28,6 @@ from reports.model_figures import horizon_figure
 from reports.model_views import identified, judgements, thrust_coefficients
 from reports.parameter_views import coherence, parameters
 from reports.summary import ShownAnswer
-from reports.table import Table
 
 #: Tables of more flights are folded.
 MOST_UNFOLDED = 60

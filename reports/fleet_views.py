@@ -8,12 +8,12 @@ from urllib.parse import quote
 
 from logparse import Severity
 from logparse.quantity import counted, duration, number
+from logparse.table import Row, Table
 from pipeline.results.model_report import ModelInShort
 from pipeline.results.report import FleetReport, FlightInShort
 from pipeline.results.verdict import Trust
 from reports import summary
 from reports.summary import BriefAnswer
-from reports.table import Row, Table
 from reports.views import rmse_lines
 
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from rich.console import RenderableType
 
 from logparse import Finding
+from logparse.table import Table
 from pipeline.flight.rotation import turning_of
 from reports.figure import Figure
 from reports.frequency_figures import pole_figure
 from reports.html import render
 from reports.rotation_views import parameter_table, rotation_figures
 from reports.rotation_views import sentences as sentences_of
-from reports.table import Table
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
 
 

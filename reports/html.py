@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import jinja2
 from markupsafe import Markup, escape
 
+from logparse.table import Table
 from pipeline.results.failure import present
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import FlightReport
@@ -32,7 +33,6 @@ from reports.model_figures import horizon_figure, off_by_default
 from reports.model_views import Judgement, ShownModel, ShownThrust, identified, judgements, thrust_coefficients
 from reports.parameter_views import ShownCoherence, ShownParameters, coherence, parameters
 from reports.rotation_views import Turning, rotation_view
-from reports.table import Table
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

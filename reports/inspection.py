@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from math import isfinite
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from logparse import Finding
 from logparse.inspection import Inspection, MessageSummary, TableSummary
 from logparse.quantity import duration, number
+from logparse.table import Cell, Row, Table
 from reports import summary
 
-_STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
+_TONES = {"error": "bad", "warning": "care", "info": "unknown"}
 _WORDS = {"error": "error", "warning": "warning", "info": "note"}
 
 
@@ -28,10 +28,7 @@ def overview(log: Inspection) -> RenderableType:
     return Group(*parts)
 
 
-def _facts(log: Inspection) -> Table:
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim")
-    table.add_column(overflow="fold")
+def _facts(log: Inspection) -> RenderableType:
     start = f", from {log.start_utc[:19].replace('T', ' ')} UTC" if log.start_utc else ""
     boots = f", power-up {log.boot + 1} of {log.boots}" if log.boots > 1 else ""
     flights = ", ".join(
@@ -46,45 +43,42 @@ def _facts(log: Inspection) -> Table:
         "craft": summary.craft(log.vehicle) + (f", {motors} motors" if motors else ""),
         "flights": flights or "none: the craft never left the ground as far as the log shows",
     }
-    for label, value in rows.items():
-        table.add_row(label, Text(value))
-    return table
+    lines = [Row(Cell(label, "unknown"), [value]) for label, value in rows.items()]
+    return Table("", [""], lines, texts=[0]).terminal()
 
 
 def _findings(findings: Sequence[Finding]) -> RenderableType:
     if not findings:
         return Text("nothing to complain about")
-    table = Table.grid(padding=(0, 2))
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
-    for finding in findings:
-        severity = finding.severity
-        text = Text(summary.sentence(finding.reason))
-        if finding.advice:
-            text.append(f" {summary.sentence(finding.advice)}", style="italic")
-        table.add_row(Text(_WORDS[severity], style=_STYLES[severity]), text)
-    return table
+    rows = [
+        Row(
+            Cell(_WORDS[each.severity], _TONES[each.severity]),
+            [" ".join(summary.sentence(text) for text in (each.reason, each.advice) if text)],
+        )
+        for each in findings
+    ]
+    return Table("", [""], rows, texts=[0]).terminal(fold_labels=False)
 
 
 def _tables(tables: Sequence[TableSummary]) -> RenderableType:
     if not tables:
         return Text("none")
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    table.add_column("name", no_wrap=True)
-    for head in ("rows", "rate (Hz)", "from (s)", "to (s)", "gaps", "longest (s)"):
-        table.add_column(head, justify="right", no_wrap=True)
-    table.add_column("columns", overflow="fold", style="dim")
-    for row in tables:
-        table.add_row(
+    rows = [
+        Row(
             row.name,
-            str(row.rows),
-            number(row.rate) if isfinite(row.rate) else "–",
-            *(f"{edge:.1f}" if isfinite(edge) else "–" for edge in (row.start, row.stop)),
-            str(row.gaps or "–"),
-            number(row.longest_gap) if row.gaps else "–",
-            Text(" ".join(row.columns)),
+            [
+                str(row.rows),
+                number(row.rate) if isfinite(row.rate) else "–",
+                *(f"{edge:.1f}" if isfinite(edge) else "–" for edge in (row.start, row.stop)),
+                str(row.gaps or "–"),
+                number(row.longest_gap) if row.gaps else "–",
+                Cell(" ".join(row.columns), "unknown"),
+            ],
         )
-    return table
+        for row in tables
+    ]
+    heads = ("rows", "rate (Hz)", "from (s)", "to (s)", "gaps", "longest (s)", "columns")
+    return Table("name", heads, rows, texts=[6]).terminal(fold_labels=False)
 
 
 def _messages(messages: Sequence[MessageSummary]) -> Text:

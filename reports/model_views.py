@@ -9,11 +9,11 @@ from markupsafe import Markup
 
 from logparse import Finding
 from logparse.quantity import MINUS, column, complex_numbers, counted, number, uncertain
+from logparse.table import Row, Table
 from pipeline.results.model_report import ModelReport
 from reports import summary
 from reports.figure import Figure
 from reports.formula import transfer_function
-from reports.table import Row, Table
 from sysid.rotors.thrust_record import ThrustReport
 from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
 from sysid.validation.report import OrderRow, OrdersReport

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from logparse.quantity import column, joined, number, uncertain
+from logparse.table import Row, Table
 from pipeline.results.coverage import Linearity
 from pipeline.results.model_report import CoherenceReport, ModelReport, ParameterRow
 from reports import summary
-from reports.table import Row, Table
 
 #: What stands in a cell whose note, below the table, says why there is no number.
 EMPTY = "–"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from logparse.table import Table
 from pipeline.flight.replay import Replay
 from pipeline.names import printable
 from pipeline.results.flight import ModelResult
@@ -17,7 +18,6 @@ from reports.figure import Figure
 from reports.model_views import Judgement, judgements
 from reports.numbers import model_report, overall
 from reports.prediction_figures import compare
-from reports.table import Table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from logparse import Finding
 from logparse.quantity import joined, uncertain
+from logparse.table import Row, Table
 from pipeline.results.rotation import AxisRotation, RotationResult
 from reports.figure import Figure
 from reports.frequency_figures import bode_figure
-from reports.table import Row, Table
 from sysid.loops.loop import MARGINS, Margins
 from sysid.statistics.parameter import Parameter
 

@@ -11,6 +11,7 @@ from typing import Protocol
 
 import pandas as pd
 
+from logparse.table import Table
 from reports.figure import Figure, layout_of, line
 from reports.html import render
 
@@ -51,7 +52,7 @@ class Plot(Protocol):
         ...
 
 
-class Table(Protocol):
+class Rows(Protocol):
     """Rows to read."""
 
     @property
@@ -65,15 +66,6 @@ class Table(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class ShownRows:
-    """A table whose columns are headed and told to hold numbers or text."""
-
-    caption: str
-    head: Sequence[tuple[str, bool]]
-    rows: Sequence[Sequence[str]]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulationPage:
     """What simulation.html shows."""
@@ -81,7 +73,7 @@ class SimulationPage:
     name: str
     summary: str
     facts: Sequence[tuple[str, str]]
-    tables: Sequence[ShownRows]
+    tables: Sequence[Table]
     notes: Sequence[str]
     beside: str  #: Files beside the page.
 
@@ -91,7 +83,7 @@ def simulation_page(
     summary: str,
     facts: Sequence[Fact],
     plots: Sequence[Plot],
-    tables: Sequence[Table],
+    tables: Sequence[Rows],
     notes: Sequence[str],
     files: Sequence[str],
 ) -> str:
@@ -103,7 +95,7 @@ def simulation_page(
         Of the case.
     facts : sequence of Fact
     plots : sequence of Plot
-    tables : sequence of Table
+    tables : sequence of Rows
     notes : sequence of str
         Where the simulation differs from what its paper prints.
     files : sequence of str
@@ -114,7 +106,7 @@ def simulation_page(
         name=name,
         summary=summary,
         facts=[(fact.name, fact.text) for fact in facts],
-        tables=[_table(table) for table in tables],
+        tables=[Table.from_frame(each.frame, each.caption) for each in tables],
         notes=notes,
         beside=", ".join(files),
     )
@@ -132,12 +124,3 @@ def _figure(number: int, plot: Plot) -> Figure:
         yaxis={"title": {"text": plot.axis}},
     )
     return Figure(f"simulated-{number}", plot.caption, data, layout, 320)
-
-
-def _table(table: Table) -> ShownRows:
-    numeric = [pd.api.types.is_numeric_dtype(table.frame[column]) for column in table.frame.columns]
-    rows = [
-        [f"{value:.5g}" if number else str(value) for value, number in zip(row, numeric, strict=True)]
-        for row in table.frame.itertuples(index=False)
-    ]
-    return ShownRows(table.caption, list(zip(map(str, table.frame.columns), numeric, strict=True)), rows)

@@ -10,11 +10,11 @@ import numpy as np
 
 from logparse import Finding
 from logparse.quantity import number, uncertain
+from logparse.table import Row, Table
 from pipeline.results.tables import TableResult
 from reports.figure import Figure, Trace, layout_of, line, time_axis
 from reports.html import render
 from reports.summary import ShownAnswer, answer_lines
-from reports.table import Row, Table
 from sysid.validation.state_residuals import PredictedStates
 
 _UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "rates": "rad/s"}

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from textwrap import shorten
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from logparse.quantity import column, number
+from logparse.table import TONES, Cell, Row, Table
 from pipeline.results.answer import Answer
 from pipeline.results.model_report import ByOutput, ModelInShort, ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport
@@ -27,8 +27,8 @@ _HEADS = (
     "predicts: how far ahead, better than half of what constant velocity errs. loops: phase margin where chirps "
     "measured it, else bandwidth (rad/s) or RMS error (°) of the attitude."
 )
-_TONES: Mapping[str, str] = {"good": "green", "care": "yellow", "bad": "red", "unknown": "dim"}
-_STYLES: Mapping[str, str] = {"yes": "green", "limited": "yellow", "no": "red", "unknown": "dim"}
+#: What trust in a model is as a tone.
+_TRUST: Mapping[str, str] = {"yes": "good", "limited": "care", "no": "bad", "unknown": "unknown"}
 
 
 def overview(numbers: FlightReport | FleetReport, width: int = 120) -> RenderableType:
@@ -74,44 +74,33 @@ def answer_rows(answer: Answer | None) -> list[RenderableType]:
     lines = summary.answer_lines(answer)
     if not lines:
         return []
-    table = _table()
-    table.show_header = False
-    for shown in lines:
-        line, text = shown.line, f"{shown.number} {shown.line.text}".strip()
-        table.add_row(Text(line.purpose), Text(line.word, style=_TONES[line.tone]), Text(text))
-    return [table, Text()]
+    rows = [
+        Row(each.line.purpose, [Cell(each.line.word, each.line.tone), f"{each.number} {each.line.text}".strip()])
+        for each in lines
+    ]
+    return [Table("", ["", ""], rows, texts=[0, 1]).terminal(), Text()]
 
 
 def _sentence(verdict: Verdict) -> Text:
-    return Text(verdict.sentence, style=_STYLES[verdict.trust])
+    return Text(verdict.sentence, style=TONES[_TRUST[verdict.trust]])
 
 
-def _flights(flights: Sequence[FlightInShort], narrow: bool) -> Table:
+def _flights(flights: Sequence[FlightInShort], narrow: bool) -> RenderableType:
     """Tabulate what each flight tells, by purpose."""
-    table = _table()
-    table.add_column("flight", no_wrap=True)
-    if not narrow:
-        table.add_column("craft", no_wrap=True)
-    table.add_column("flown", justify="right", no_wrap=True)
-    table.add_column("healthy", no_wrap=True)
-    table.add_column("loops", no_wrap=True)
-    table.add_column("predicts", justify="right", no_wrap=True)
-    table.add_column("k/m" if narrow else "k/m (m/s²)", justify="right", no_wrap=True)
     longest = _LONGEST_CELL if narrow else _LONGEST_HEALTH
+    rows = []
     for flight in flights:
         said = summary.brief(flight.answer)
-        answers = [
-            Text(shorten(each.text, longest, placeholder=" …"), _TONES[each.tone])
+        cells: list[str | Cell] = [] if narrow else [summary.frame(flight.vehicle)]
+        cells.append(f"{flight.flight.duration_s:.0f} s" if flight.flight else "–")
+        cells += [
+            Cell(shorten(each.text, longest, placeholder=" …"), each.tone)
             for each in (said.healthy, said.loops, said.ahead)
         ]
-        table.add_row(
-            Text(_shortened(flight.name, 18 if narrow else 28)),
-            *([] if narrow else [Text(summary.frame(flight.vehicle))]),
-            f"{flight.flight.duration_s:.0f} s" if flight.flight else "–",
-            *answers,
-            "–" if flight.thrust is None else _per_mass(flight.thrust.common),
-        )
-    return table
+        cells.append("–" if flight.thrust is None else _per_mass(flight.thrust.common))
+        rows.append(Row(_shortened(flight.name, 18 if narrow else 28), cells))
+    heads = ["flown", "healthy", "loops", "predicts", "k/m" if narrow else "k/m (m/s²)"]
+    return Table("flight", heads if narrow else ["craft", *heads], rows).terminal(fold_labels=False)
 
 
 def _reasons(flights: Sequence[FlightInShort]) -> list[str]:
@@ -135,29 +124,22 @@ def _models(models: Sequence[ModelReport]) -> list[RenderableType]:
     judged = [result for result in models if result.held_out]
     if not judged:
         return []
-    table = _table()
-    table.add_column("model, on flight time held out", overflow="fold")
     outputs = list(judged[0].rmse_average_m)
-    for output in outputs:
-        table.add_column(f"{output} (m)", justify="right", no_wrap=True)
-    table.add_column("predicts", justify="right", no_wrap=True)
-    table.add_column("free run")
-    rows: list[ByOutput] = [result.rmse_average_m for result in judged]
-    rows.append(average([row.rmse_mean_m for row in judged[0].held_out]))
-    columns = [column([row[output] for row in rows]) for output in outputs]
-    for place, result in enumerate(judged):
-        table.add_row(Text(result.title), *(cells[place] for cells in columns), summary.predicts(result), _word(result))
-    table.add_row("always predicting the mean", *(cells[-1] for cells in columns), "", "", style="dim")
-    return [table]
+    errors: list[ByOutput] = [result.rmse_average_m for result in judged]
+    errors.append(average([row.rmse_mean_m for row in judged[0].held_out]))
+    columns = [column([row[output] for row in errors]) for output in outputs]
+    rows = [
+        Row(result.title, [*(cells[place] for cells in columns), summary.predicts(result), _word(result)])
+        for place, result in enumerate(judged)
+    ]
+    rows.append(Row("always predicting the mean", [*(cells[-1] for cells in columns), "", ""], kind="baseline"))
+    heads = [*(f"{output} (m)" for output in outputs), "predicts", "free run"]
+    return [Table("model, on flight time held out", heads, rows, texts=[len(outputs) + 1]).terminal()]
 
 
-def _word(result: ModelInShort) -> Text:
+def _word(result: ModelInShort) -> Cell:
     trust = result.verdict.trust
-    return Text(summary.TRUST_WORDS[trust], style=_STYLES[trust])
-
-
-def _table() -> Table:
-    return Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    return Cell(summary.TRUST_WORDS[trust], _TRUST[trust])
 
 
 def _per_mass(common: ThrustCoefficient) -> str:

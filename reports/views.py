@@ -6,11 +6,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from logparse.quantity import column, duration, number
+from logparse.table import Row, Table
 from pipeline.results.model_report import ByOutput, ModelReport, RmseRow
 from pipeline.results.report import CraftReport, FlightReport
 from reports import summary
 from reports.model_views import PLACES
-from reports.table import Row, Table
 
 
 def missing_stages(numbers: FlightReport | CraftReport) -> list[tuple[str, str]]:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from logparse.quantity import number
 from logparse.summary import Summarised
-from reports.table import Row, Table
+from logparse.table import Row, Table
 from sysid.records.experiment import Experiment
 from sysid.validation.assessment import HORIZONS, Predictor, Validation
 from sysid.validation.assessment import validate as validate_model

@@ -13,7 +13,7 @@ from rotorid.cli.output import console, prepare
 if TYPE_CHECKING:
     import pandas as pd
 
-    from reports.table import Table
+    from logparse.table import Table
 
 #: Samples per second: rotation needs more than the transfer functions' ten.
 RATE = 50.0
@@ -88,7 +88,7 @@ def craft(
 def _overview(found: pd.DataFrame) -> tuple[Table, list[str]]:
     """Tabulate every parameter by every method; reasons become numbers, explained below the table."""
     from logparse.quantity import uncertain
-    from reports.table import Row, Table
+    from logparse.table import Row, Table
 
     rows: list[Row] = []
     notes: list[str] = []

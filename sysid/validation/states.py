@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pandas as pd
 
+from logparse.table import Table
 from sysid.records.experiment import Experiment, require_alike
 from sysid.rigid_body.six_dof.model import SixDofModel
 from sysid.rigid_body.six_dof.shooting import state_errors
@@ -74,8 +75,7 @@ class StateValidation:
 
     def _repr_html_(self) -> str:
         """Return the table and the verdicts for a notebook."""
-        rows = str(self.table.round(4).to_html(index=False))
-        return rows + "".join(f"<p>{each.sentence}</p>" for each in self.verdicts)
+        return Table.from_frame(self.table).html() + "".join(f"<p>{each.sentence}</p>" for each in self.verdicts)
 
 
 def validate_states(model: SixDofModel, experiments: Experiment | Sequence[Experiment]) -> StateValidation:
