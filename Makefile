@@ -44,9 +44,9 @@ lint: setup  ## ruff, mypy --strict and the import direction
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 
-bench: setup  ## compare speed and accuracy with the peers, print one table
+bench: setup  ## compare speed and accuracy with the peers, print one table and write docs/benchmarks.md
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e ".[dev,peers]"
-	@$(BIN)/python -m benchmarks
+	@$(BIN)/python -m benchmarks --minutes 20 --write
 
 fuzz: setup  ## read 100,000 damaged logs of every format (COUNT=n for another number)
 	@$(BIN)/python -m tests.fuzz $(or $(COUNT),100000)

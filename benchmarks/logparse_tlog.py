@@ -48,8 +48,8 @@ def run() -> list[Row]:
             ours = measure("ours", big, path)
             title = f"tlog {what} 100 MB, all columns, MB/s"
             rows += [
-                compared(f"{title}, vs signalviewer-lite", ours, measure("signalviewer", big, path), ">= 25"),
-                compared(f"{title}, vs pymavlink", ours, measure("pymavlink", small, path), ">= 250"),
+                compared(f"{title}, vs signalviewer-lite", ours, measure("signalviewer", big, path), ">= 30"),
+                compared(f"{title}, vs pymavlink", ours, measure("pymavlink", small, path), ">= 300"),
                 (f"tlog {what}, part of memory copy's speed", ours["speed"] / ours["copy"], "", "", ""),
                 (f"tlog {what}, five messages, MB/s", measure("five", big, path)["speed"], "", "", ""),
             ]

@@ -135,7 +135,7 @@ def simulated() -> list[Row]:
     return [
         ("simulated octocopter: worst error", f"{100 * errors[worst]:.1f} % ({worst})", "-", "-", "3 %"),
         ("simulated octocopter: farthest", f"{sigmas[farthest]:.1f} sigma ({farthest})", "-", "-", "2 sigma"),
-        (f"full rigid body, {minutes:.1f} min at 50 Hz, CPU s", f"{seconds:.2f}", "-", "-", "5"),
+        (f"full rigid body, {minutes:.1f} min at 50 Hz, CPU s", f"{seconds:.2f}", "-", "-", "< 0.5"),
     ]
 
 
@@ -153,7 +153,7 @@ def against_aeroid() -> list[Row]:
     try:
         import aeroid
     except ImportError:
-        return [("output error, 20 s, 9 parameters, CPU s", f"{seconds:.3f}", "not installed", "-", "20 x")]
+        return [("output error, 20 s, 9 parameters, CPU s", f"{seconds:.3f}", "not installed", "-", "> 20")]
     theirs, their_seconds = _theirs(aeroid, flight)
     apart = max(abs(ours[n] - theirs[n]) / abs(ours[n]) for n in SHARED_PROBLEM)
     return [
@@ -162,7 +162,7 @@ def against_aeroid() -> list[Row]:
             f"{seconds:.3f}",
             f"{their_seconds:.1f}",
             f"{their_seconds / seconds:.0f} x",
-            "20 x",
+            "> 20",
         )
     ]
 

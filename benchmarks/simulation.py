@@ -35,23 +35,23 @@ def run() -> list[tuple[str, str, str, str, str]]:
             f"{logged:.2f} s",
             "-",
             "-",
-            "3 s for 180 s",
+            "< 3 s",
         ),
         (
             "60 s of Motion 2018, Euler at 1e-4 s (600 000 steps), autopilot at 100 Hz",
             f"{euler:.2f} s",
             "-",
             "-",
-            "1 s",
+            "< 1 s",
         ),
         (f"Motion 2018, spatial flight until arrival ({flight:.1f} s)", f"{there:.2f} s", "-", "-", "-"),
-        ("all of sample_logs/", f"{every:.1f} s", "-", "-", "20 s"),
+        ("all of sample_logs/", f"{every:.1f} s", "-", "-", "< 20 s"),
         (
             "step of RK4 with four blade-element rotors",
             f"{1e6 * ours:.1f} us",
             f"{1e6 * thesis:.0f} us (fsolve)",
             f"{thesis / ours:.0f}x",
-            "200x",
+            "> 200",
         ),
     ]
 

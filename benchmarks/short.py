@@ -1,0 +1,101 @@
+"""What every change is measured by: a few ratios in seconds, of CPU times taken in turn in one process.
+
+Against peers that tests need anyway where they do the same work, else against a yardstick of the same kind of work
+(SciPy's filter and eigenvalues, many small calls); a ratio says more than a time on a machine that others use too.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pymavlink import DFReader
+from scipy.signal import lfilter
+
+from benchmarks.estimation import filterpy_seconds, forward_and_back, problem_of
+from benchmarks.logparse_tlog import read_ours, read_pymavlink
+from benchmarks.sysid import _rao_garnier_record
+from estimation.filter import run as filter_forward
+from logparse import read_log
+from sysid import fit_transfer_functions
+from tests.estimation.simulated_flight import fly
+
+SAMPLES = Path(__file__).parents[1] / "sample_logs"
+LOG, TELEMETRY = SAMPLES / "octa01_zurich_calm.bin", SAMPLES / "octa02_alain_breeze.tlog"
+LARGE = SAMPLES / "quad02_delft_systemid.bin"
+
+Row = tuple[str, str, str, str, str]
+
+
+def run() -> list[Row]:
+    tables = fly(0, duration=15.0).tables
+    problem = problem_of(tables, 50.0)()
+    forward = filter_forward(problem)
+    record = _rao_garnier_record(0)
+    return [
+        _ratio("all messages of a .bin, pymavlink", every_message, pymavlink, 1),
+        _ratio("all messages of a .bin one by one, all at once", one_by_one, lambda: every_message(LARGE), 3),
+        _ratio("tables and flights of a .bin, yardstick", lambda: read_log(LARGE).flights, yardstick, 3),
+        _ratio("all messages of a .tlog, pymavlink", lambda: read_ours(str(TELEMETRY)), read_telemetry, 1),
+        _ratio(
+            "filter and smoother at 50 Hz, filterpy",
+            forward_and_back(problem_of(tables, 50.0)),
+            lambda: filterpy_seconds(problem, forward),
+            1,
+        ),
+        _ratio("Rao-Garnier fit, yardstick", lambda: fit_transfer_functions([record], 4, 1, seed=0), yardstick, 3),
+    ]
+
+
+def _ratio(what: str, ours: Callable[[], object], theirs: Callable[[], object], passes: int) -> Row:
+    """Take the two in turn, after one of ours that loads compiled code; least times of each."""
+    ours()
+    mine = other = np.inf
+    for _ in range(passes):
+        mine = min(mine, *(_cpu(ours) for _ in range(3)))
+        other = min(other, _cpu(theirs))
+    return what, f"{1e3 * mine:.1f} ms", f"{1e3 * other:.1f} ms", f"{other / mine:.3g}", "-"
+
+
+def _cpu(work: Callable[[], object]) -> float:
+    begun = time.process_time()
+    work()
+    return time.process_time() - begun
+
+
+def every_message(path: Path = LOG) -> None:
+    """Decode every message in one pass."""
+    messages = read_log(path).messages
+    messages.load(messages)
+
+
+def one_by_one() -> None:
+    """Decode message after message."""
+    messages = read_log(LARGE).messages
+    for name in messages:
+        messages[name]
+
+
+def pymavlink() -> None:
+    """Decode every field of every message."""
+    reader = DFReader.DFReader_binary(str(LOG))
+    while (message := reader.recv_msg()) is not None:
+        for name in message.get_fieldnames():
+            getattr(message, name)
+    reader.close()
+
+
+def read_telemetry() -> None:
+    """Decode every message of the telemetry log into columns."""
+    read_pymavlink(str(TELEMETRY))
+
+
+def yardstick() -> None:
+    """Do what identification does, by SciPy and NumPy alone: filters, eigenvalues, and many small products."""
+    rng = np.random.default_rng(0)
+    noise, small = rng.standard_normal(200_000), rng.standard_normal((12, 12))
+    for _ in range(4):
+        noise = lfilter([0.1, 0.1], [1.0, -0.8, 0.1], noise)
+    for _ in range(300):
+        np.linalg.eigvals(small)
+        np.linalg.solve(small, small @ small)

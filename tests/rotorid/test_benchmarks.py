@@ -1,0 +1,48 @@
+"""What `make bench` and CI make of measured rows."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import __main__ as runner
+
+
+@pytest.mark.parametrize(
+    ("ours", "ratio", "goal", "verdict"),
+    [
+        ("34 ms", "130", "< 20 ms", "MISSED"),
+        ("0.2 s", "-", "< 0.7 s", "yes"),
+        ("0.01 s", "22", "> 40", "MISSED"),
+        ("0.01 s", "130 x", "> 20", "yes"),
+        ("10 of 10", "-", ">= 10 of 10", "yes"),
+        ("0.01 s", "22", "-", ""),
+        ("not measured", "-", "< 3 s", ""),
+    ],
+)
+def test_a_goal_is_of_the_ratio_or_of_ours(ours: str, ratio: str, goal: str, verdict: str) -> None:
+    assert runner.met(("what", ours, "peer", ratio, goal)) == verdict
+
+
+def test_a_ratio_that_fell_by_more_than_half_is_named() -> None:
+    rows = [("fit", "1 s", "2 s", "0.8", "-"), ("read", "1 s", "2 s", "9", "-")]
+    assert runner.fallen(rows, {"fit": 1.5, "read": 10.0}) == []
+    assert runner.fallen(rows, {"fit": 1.7}) == ["fit: 0.80, stored 1.70"]
+    assert runner.fallen(rows, {"gone": 1.0}) == ["gone: not measured, stored 1.00"]
+
+
+def test_the_table_takes_the_place_of_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "PAGE", tmp_path / "benchmarks.md")
+    runner.PAGE.write_text("# Real flights\n\nscores\n")
+    for ours in ("2 s", "1 s"):
+        row = ("sysid", "a fit", ours, "5 s", "5", "< 1.5 s")
+        runner.write(runner.page([(*row, runner.met(row[1:]))], "Python"))
+    text = runner.PAGE.read_text()
+    assert "| a fit | 1 s |" in text
+    assert "| a fit | 2 s |" not in text
+    assert "Of 1 goals 0 are missed" in text
+    assert text.endswith("# Real flights\n\nscores\n")
+
+
+def test_a_benchmark_that_fails_or_does_not_end_is_a_row() -> None:
+    assert runner.measure("no_such_benchmark", [], 60.0)[0][0].startswith("failed: ")
+    assert runner.measure("short", [], 0.01)[0][0] == "not run: out of time"
