@@ -74,6 +74,7 @@ class FittedResponse:
             unit=frf.unit,
             method=frf.method,
             instrument=frf.instrument,
+            source=frf.source,
             seconds=frf.duration,
             band_hz=self.band,
             structure=self.structure,

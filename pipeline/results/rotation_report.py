@@ -30,6 +30,7 @@ class ResponseReport:
     unit: str
     method: str
     instrument: str
+    source: str  #: What input and output were taken from, where it is not the rate controller's messages.
     seconds: float
     band_hz: tuple[float, float] | None
     structure: str

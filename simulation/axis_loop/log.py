@@ -10,6 +10,7 @@ import pandas as pd
 
 from logparse.dataflash.writer import MessageTable, write_dataflash
 from simulation.axis_loop.axis import LOOP_HZ, AxisRun
+from simulation.axis_loop.motors import LINEAR, motor_tables
 
 _SYSTEMID, _STABILIZE = 25, 0
 _LETTERS = {"roll": "R", "pitch": "P", "yaw": "Y", "vertical": "A"}
@@ -24,8 +25,9 @@ def write_rate_log(
     filter_hz: float = 20.0,
     attitude_rate: float = 100.0,
     parameters: Mapping[str, float] | None = None,
+    motors: Mapping[str, float] | None = None,
 ) -> None:
-    """Write RATE, SIDD, SIDS, ATT, RCOU, MODE and PARM of axes that were run over the same time.
+    """Write RATE, SIDD, SIDS, ATT, MODE and PARM of axes that were run over the same time.
 
     Parameters
     ----------
@@ -40,9 +42,13 @@ def write_rate_log(
         Rows of ATT per second.
     parameters : mapping, optional
         More parameters.
+    motors : mapping, optional
+        Rates of motor outputs, gyros, ESCs and bursts, as `motor_tables` takes them: these instead of RATE.
     """
     first = next(iter(axes.values()))
     rows = slice(None, None, max(round(LOOP_HZ / rate), 1))
+    if motors is not None:
+        parameters = dict(LINEAR) | dict(parameters or {})
     t = first.t[rows] + _BOOT
     zero = np.zeros(len(t))
     columns = {}
@@ -56,7 +62,11 @@ def write_rate_log(
         _table("MSG", "QZ", "s-", "F-", [1.0], {"Message": ["ArduCopter V4.7.0-dev"]}),
         _parameters({"INS_GYRO_FILTER": filter_hz, "FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0} | dict(parameters or {})),
         _modes(axes),
-        _table("RATE", "Qffffffffffff", "skk-kk-kk-oo-", "F?????????BB-", t, columns),
+        *(
+            [_table("RATE", "Qffffffffffff", "skk-kk-kk-oo-", "F?????????BB-", t, columns)]
+            if motors is None
+            else motor_tables(axes, _BOOT, **motors)
+        ),
         _attitude(axes, attitude_rate),
         *_chirps(axes, rows),
     ]

@@ -67,6 +67,7 @@ class ResponseRecord(msgspec.Struct, frozen=True, kw_only=True):
     unit: str
     method: str
     instrument: str
+    source: str
     duration: float
     records: tuple[str, ...]
     gyro_filter_hz: float | None
@@ -154,6 +155,7 @@ def _response(frf: FrequencyResponse) -> ResponseRecord:
         unit=frf.unit,
         method=frf.method,
         instrument=frf.instrument,
+        source=frf.source,
         duration=frf.duration,
         records=frf.records,
         gyro_filter_hz=frf.gyro_filter_hz,

@@ -10,7 +10,7 @@ from logparse import Finding, FlightLog, Severity
 from sysid.frequency.records import AxisRecord
 
 #: Rate [Hz] of samples below which the loop's own frequencies fold.
-_FOLDING = 25.0
+FOLDING = 25.0
 
 #: Part of the time with a motor at a limit, and distance [us] from it.
 _SATURATED, _AT_LIMIT = 0.02, 3.0
@@ -20,7 +20,7 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
     """Return what a reader of the responses should know of the records they come from."""
     findings = []
     slowest = max(record.dt for record in records)
-    if 1.0 / slowest < _FOLDING:
+    if 1.0 / slowest < FOLDING:
         findings.append(
             Finding(
                 "rate-loop-folds",

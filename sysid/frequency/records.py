@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from logparse import FlightLog
 from logparse.cubic_spline import cubic_spline
 from logparse.units import quantity
+from sysid.frequency.antialias import below
 from sysid.frequency.axes import AXES, Axis, FrequencyError
 from sysid.frequency.excitation import Chirp, Within
 from sysid.frequency.response import Complex, Floats
@@ -61,9 +62,9 @@ class AxisRecord:
     #: Whether the output is the central difference of what was measured. An integrator remembers everything before a
     #: window, which bends its response at fewer than some twenty cycles per window; its derivative remembers nothing.
     differenced: bool = False
-    trim: float | None = (
-        None  #: Output per input in steady flight, where both are known as they are (thrust, throttle).
-    )
+    #: Output per input in steady flight, where both are known as they are (thrust, throttle).
+    trim: float | None = None
+    source: str = ""  #: What the signals are, where they are not the rate controller's.
 
     @property
     def duration(self) -> float:
@@ -117,6 +118,7 @@ class RateSignals:
     t: Floats  #: shape (N,): Times of validity (of the gyro sample), s.
     columns: dict[str, Floats]  #: dict of str to ndarray, shape (N,): By name, as in `Axis`.
     with_chirp: bool  #: Whether the outputs contain a chirp added at the mixer; RATE's do, sums of PID terms do not.
+    source: str = ""  #: What they are, where they are not the controllers' own.
 
     @property
     def step(self) -> float:
@@ -243,7 +245,8 @@ def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp)
     command = signals.columns[axis.input][rows]
     if chirp.at_mixer and not signals.with_chirp and chirp.axis == axis.name:
         command = command + added
-    return record_of_chirp(log, chirp, t, command, signals.columns[axis.output][rows], added)
+    record = record_of_chirp(log, chirp, t, command, signals.columns[axis.output][rows], added)
+    return replace(record, source=signals.source)
 
 
 def flight_span(log: FlightLog, first: float, last: float, within: Within | None = None) -> tuple[float, float]:
@@ -314,6 +317,7 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         usable=usable,
         band=ORDINARY_BAND,
         instrument=name,
+        source=signals.source,
     )
 
 
@@ -340,8 +344,10 @@ def _attitude_target(log: FlightLog, axis: Axis, t: Floats) -> Floats | None:
     known = np.isfinite(values)
     if np.count_nonzero(known) < 16:
         return None
-    times = table.index.to_numpy(np.float64)[known]
-    return np.asarray(np.interp(t, times, np.unwrap(values[known])))
+    times, wanted = table.index.to_numpy(np.float64)[known], np.unwrap(values[known])
+    smooth = below(times, wanted[:, None], t, float(np.median(np.diff(t))))[:, 0]
+    # What the target has above half of the rows' rate would fold onto what of the outputs folds.
+    return np.asarray(np.where(np.isfinite(smooth), smooth, np.interp(t, times, wanted)))
 
 
 def experiment_record(experiment: Experiment, axis: Axis) -> AxisRecord:

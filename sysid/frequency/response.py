@@ -64,6 +64,7 @@ class FrequencyResponse(Summarised):
     systematic: float = 0.0  #: Standard deviation of ln abs(G) that all frequencies have in common, beside `sigma`.
     #: Output per input in steady flight, where both are known as they are: specific force per throttle in hover.
     trim: float | None = None
+    source: str = ""  #: What input and output were taken from, where it is not the rate controller's messages.
     findings: tuple[Finding, ...] = field(default=())
 
     @property
@@ -110,7 +111,8 @@ class FrequencyResponse(Summarised):
         good = self.hz[self.usable]
         return {
             "axis": self.axis,
-            "response": f"{self.input} → {self.output} [{self.unit}], {self.method}, {self.duration:.0f} s",
+            "response": f"{self.source or f'{self.input} → {self.output}'} [{self.unit}], {self.method}, "
+            f"{self.duration:.0f} s",
             "band": f"{len(self.hz)} frequencies from {self.hz[0]:.2g} to {self.hz[-1]:.3g} Hz",
             "coherent": f"from {good[0]:.2g} to {good[-1]:.3g} Hz" if len(good) else "nowhere",
         }

@@ -13,8 +13,9 @@ from logparse import FlightLog
 from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.estimate import records_of
 from sysid.frequency.fit import FrequencyFit
-from sysid.frequency.records import AxisRecord, flight_record, rate_signals
+from sysid.frequency.records import AxisRecord, flight_record
 from sysid.frequency.response import Floats
+from sysid.frequency.sources import signals_of
 from sysid.statistics.covariance import independent_samples
 from sysid.statistics.parameter import Parameter
 
@@ -135,7 +136,7 @@ def verify(found: FrequencyFit, data: FlightLog | Sequence[FlightLog]) -> Verifi
         raise FrequencyError("a verification takes a fit of one axis")
     axis = AXES[found.axes[0]]
     logs = [data] if isinstance(data, FlightLog) else list(data)
-    records = [flight_record(log, rate_signals(log), axis) for log in logs]
+    records = [flight_record(log, signals_of(log, axis), axis) for log in logs]
     errors, outputs, models, scores = [], [], [], []
     for record in records:
         left = record.without(found.response)

@@ -46,12 +46,28 @@ def project(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> p
     MissingDataError
         When the frame is unknown, or motors of it have no output.
     """
-    names, made, allocation = _allocation(motors, vehicle)
-    command = np.clip(motor_commands(motors[names].to_numpy(np.float64), vehicle), 0.0, 1.0)
+    return patterns(thrust_commands(motors, vehicle, voltage), vehicle)
+
+
+def thrust_commands(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> pd.DataFrame:
+    """Return what PWM outputs [us] ask of each motor, in parts of its full thrust; parameters as for `project`."""
+    command = np.clip(motor_commands(motors.to_numpy(np.float64), vehicle), 0.0, 1.0)
     if voltage is not None and vehicle.battery_voltage_max > 0.0:
         command = command * (voltage / vehicle.battery_voltage_max)[:, None]
-    thrust = curve(command, vehicle.thrust_expo)
-    return pd.DataFrame(thrust @ np.linalg.pinv(allocation).T, index=motors.index, columns=made)
+    return pd.DataFrame(curve(command, vehicle.thrust_expo), index=motors.index, columns=motors.columns)
+
+
+def patterns(thrust: pd.DataFrame, vehicle: Vehicle) -> pd.DataFrame:
+    """Project the thrusts of motors, columns ``m1 ...``, on the commands of the mixer, in the unit of the thrusts.
+
+    Raises
+    ------
+    MissingDataError
+        As `project` raises it.
+    """
+    names, made, allocation = _allocation(thrust, vehicle)
+    projected = thrust[names].to_numpy(np.float64) @ np.linalg.pinv(allocation).T
+    return pd.DataFrame(projected, index=thrust.index, columns=made)
 
 
 def rounding(motors: pd.DataFrame, vehicle: Vehicle) -> dict[str, float]:

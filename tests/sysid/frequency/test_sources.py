@@ -1,0 +1,77 @@
+"""Responses from what motors got and gyros felt, where the log has no message of the rate controller."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import logparse
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
+from sysid import frequency
+from sysid.frequency.antialias import below
+
+PLANT = AxisPlant(gain=150.0, damping=2.0, lag=0.03, delay=0.004, filter_hz=40.0)
+STICKS = Excitation(duration=90.0, stick=0.25, gust=0.2, noise=0.003)
+CHIRP = Excitation(duration=60.0, chirp=(0.4, 25.0, 0.12), chirp_seconds=59.0, gust=0.2, noise=0.003)
+
+
+def flown(folder: Path, excitation: Excitation, motors: dict[str, float], **parameters: float) -> logparse.FlightLog:
+    run = run_axis(PLANT, LoopGains.crossing_at(PLANT, 2.5), excitation, 3)
+    path = folder / "flight.BIN"
+    write_rate_log(path, {"roll": run}, filter_hz=40.0, parameters=parameters, motors=motors)
+    return logparse.read_log(path)
+
+
+def error(frf: frequency.FrequencyResponse, plant: AxisPlant, low: float, high: float) -> np.ndarray:
+    good = frf.usable & (frf.hz > low) & (frf.hz < high)
+    assert np.mean(good[(frf.hz > low) & (frf.hz < high)]) > 0.9
+    return np.asarray(np.log(frf.response / plant.response(frf.hz))[good])
+
+
+@pytest.mark.parametrize("excitation", [STICKS, CHIRP], ids=["sticks", "chirp"])
+def test_motor_outputs_and_gyros_stand_for_the_rate_controller(tmp_path: Path, excitation: Excitation) -> None:
+    # Gyros four times as fast as motor outputs: unfiltered, they would fold.
+    log = flown(tmp_path, excitation, {"rcou": 50.0, "imu": 200.0})
+    frf = frequency.response(log, "roll")
+    assert frf.source == "motor outputs to gyros"
+    wrong = error(frf, PLANT, 0.7, 8.0)
+    assert np.percentile(np.abs(wrong.real), 95) * 8.686 < 1.0
+    assert np.degrees(np.percentile(np.abs(wrong.imag), 95)) < 5.0
+    gain = frequency.fit(frf).parameters["gain"]
+    assert gain.value == pytest.approx(150.0, rel=0.1)
+
+
+def test_rotor_speeds_are_past_the_motors_lag(tmp_path: Path) -> None:
+    log = flown(tmp_path, STICKS, {"rcou": 10.0, "imu": 100.0, "esc": 100.0, "lag": PLANT.lag})
+    frf = frequency.response(log, "roll")
+    assert frf.source == "rotor speeds to gyros"
+    wrong = error(frf, replace(PLANT, lag=0.0), 0.7, 8.0)
+    assert np.percentile(np.abs(wrong.real), 95) * 8.686 < 1.0
+    assert np.degrees(np.percentile(np.abs(wrong.imag), 95)) < 5.0
+
+
+def test_bursts_of_the_batch_sampler_are_gyros_too(tmp_path: Path) -> None:
+    log = flown(tmp_path, CHIRP, {"rcou": 100.0, "imu": 10.0, "pause": 0.4}, INS_LOG_BAT_OPT=2.0)
+    frf = frequency.response(log, "roll")
+    assert frf.source == "motor outputs to gyro bursts"
+    wrong = error(frf, PLANT, 4.0, 15.0)
+    assert np.percentile(np.abs(wrong.real), 95) * 8.686 < 1.0
+    assert np.degrees(np.percentile(np.abs(wrong.imag), 95)) < 5.0
+
+
+def test_the_attitude_stands_for_gyros_where_none_are_logged(tmp_path: Path) -> None:
+    frf = frequency.response(flown(tmp_path, STICKS, {"rcou": 25.0}), "roll")
+    assert frf.source == "motor outputs to attitude"
+    assert frf.gyro_filter_hz is None
+    assert frequency.fit(frf).parameters["gain"].value == pytest.approx(150.0, rel=0.15)
+
+
+def test_nothing_folds_and_what_is_below_passes() -> None:
+    t, at = np.arange(4000) * 0.0025, np.arange(20, 80) * 0.1
+    signals = np.column_stack([np.sin(2.0 * np.pi * 3.0 * t), np.sin(2.0 * np.pi * 8.7 * t)])
+    found = below(t, signals, at, 0.1)
+    known = np.isfinite(found).all(axis=1)
+    assert known.sum() > 40
+    assert found[known, 0] == pytest.approx(np.sin(2.0 * np.pi * 3.0 * at[known]), abs=0.01)
+    assert np.max(np.abs(found[known, 1])) < 0.01
