@@ -13,7 +13,7 @@ from pipeline.flight.rotation import turning_of
 from reports.figure import Figure
 from reports.frequency_figures import pole_figure
 from reports.html import render
-from reports.rotation_views import parameter_table, rotation_figures
+from reports.rotation_views import coupling_sentence, parameter_table, rotation_figures
 from reports.rotation_views import sentences as sentences_of
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
 
@@ -46,7 +46,10 @@ def frequency_page(found: FrequencySurvey) -> str:
     page = FrequencyPage(
         title="Frequency responses",
         facts=" · ".join(found.names),
-        sentences=[sentence for axis in axes for sentence in sentences_of(axis)],
+        sentences=[
+            *(sentence for axis in axes for sentence in sentences_of(axis)),
+            *(coupling_sentence(each) for each in found.couplings if each.ratio.value is not None),
+        ],
         table=parameter_table(axes),
         frequency_figures=figures,
         findings=list(findings.values()),

@@ -23,7 +23,9 @@ def parameters_of(report: FlightReport) -> list[Quantity]:
     if not rows:
         reason = report.missing.get("parameters", "the flight gives no physical parameters")
         rows.append(_quantity(report, "physical parameters", None, None, "", "all", reason))
-    for axis in () if report.rotation is None else report.rotation.axes:
+    turning = report.rotation
+    vertical = () if turning is None or turning.vertical is None else (turning.vertical,)
+    for axis in () if turning is None else (*turning.axes, *vertical):
         if axis.rate is None:
             rows.append(_quantity(report, f"{axis.axis} rate response", None, None, "", "frequency", axis.reason))
             continue
@@ -31,6 +33,10 @@ def parameters_of(report: FlightReport) -> list[Quantity]:
             _estimate(report, f"{axis.axis} {name}", each, f"{axis.rate.method} fit of {axis.rate.structure}")
             for name, each in axis.rate.parameters.items()
         ]
+    rows += [
+        _estimate(report, f"{each.axis} to {each.other} coupling", each.ratio, "frequency")
+        for each in (() if turning is None else turning.couplings)
+    ]
     return rows
 
 

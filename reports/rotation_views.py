@@ -11,6 +11,8 @@ from logparse.table import Row, Table
 from pipeline.results.rotation import AxisRotation, RotationResult
 from reports.figure import Figure
 from reports.frequency_figures import bode_figure
+from sysid.frequency.coupling import Coupling
+from sysid.frequency.time_domain import GOOD_THEIL, UNRELATED
 from sysid.loops.loop import MARGINS, Margins
 from sysid.statistics.parameter import Parameter
 
@@ -59,12 +61,13 @@ def rotation_view(found: RotationResult | None, file: str) -> Turning | None:
     """Lay out how a flight turns, and its loops; None where nothing was looked at."""
     if found is None:
         return None
-    said = [sentence for axis in found.axes for sentence in sentences(axis)]
+    said = [sentence for axis in found.every for sentence in sentences(axis)]
+    said += [coupling_sentence(each) for each in found.couplings if each.ratio.value is not None]
     doubts = [f"{remark[:1].upper()}{remark[1:]}." for loop in found.loops.values() for remark in loop.remarks]
     return Turning(
         sentences=[sentence.replace(f"{file}: ", "") for sentence in said],
-        table=parameter_table(found.axes) if found.determined else None,
-        figures=rotation_figures(found.axes),
+        table=parameter_table(found.every) if found.determined else None,
+        figures=rotation_figures(found.every),
         loops=loop_table(found),
         warnings=[each for each in found.findings if each.id in ("loop-unstable", "margins-thin")],
         doubts=[doubt.replace(f"{file}: ", "").replace(f"{file} ", "The log ") for doubt in doubts],
@@ -85,10 +88,14 @@ def sentences(axis: AxisRotation) -> list[str]:
                 + (f", delay {_milliseconds(delay)}" if delay.value is not None else "")
                 + f"; the fit is {axis.rate.verdict} (J {axis.rate.cost:.0f})."
             )
+            if axis.rate.measured.source:
+                said[-1] = f"{said[-1][:-1]}, from {axis.rate.measured.source}."
+            said += _checked(axis)
         else:
             said.append(f"{name}: the gain is not determined: {gain.reason}.")
     elif axis.reason:
-        said.append(f"{name}: no response of the rate loop: {axis.reason}.")
+        what = "of the rate loop" if axis.axis != "vertical" else "to thrust"
+        said.append(f"{name}: no response {what}: {axis.reason}.")
     if axis.attitude is not None and axis.attitude.determined:
         said.append(
             f"The {axis.axis} attitude follows its target up to {_text(axis.attitude.bandwidth)} "
@@ -100,6 +107,42 @@ def sentences(axis: AxisRotation) -> list[str]:
     elif axis.attitude_reason and not axis.determined:
         said.append(f"{name} attitude: {axis.attitude_reason.removeprefix(f'{axis.axis}: ')}.")
     return said
+
+
+def _checked(axis: AxisRotation) -> list[str]:
+    """Return how the model of an axis predicted flying that was held out, or why nothing was."""
+    assert axis.rate is not None
+    check = axis.rate.check
+    if check is None:
+        return (
+            [f"No flying is left to judge the {axis.axis} model: {axis.rate.check_reason}."]
+            if (axis.rate.check_reason)
+            else []
+        )
+    text = (
+        f"Of {check.seconds:.0f} s that were held out, such a model explains {max(check.fit_percent, 0.0):.0f} % "
+        f"(Theil’s coefficient {check.theil:.2f}, good up to {GOOD_THEIL:g}): {check.verdict}"
+    )
+    if check.correlation > UNRELATED:
+        text += (
+            f"; its errors go with what was asked ({check.correlation:.1f} standard deviations): it misses something"
+        )
+    if check.residuals is not None:
+        text += f"; {check.residuals.sentence.partition(':')[0].partition(';')[0]}"
+    return [f"{text}."]
+
+
+def coupling_sentence(found: Coupling) -> str:
+    """Return what the command of one axis does to another."""
+    known = found.ratio
+    if not found.significant:
+        most = abs(known.value or 0.0) + 2.0 * (known.sigma or 0.0)
+        return f"A {found.axis} command does not turn the craft about {found.other}: by {100.0 * most:.1g} % at most."
+    return (
+        f"A {found.axis} command turns the craft about {found.other} as well, by "
+        f"{uncertain(100.0 * (known.value or 0.0), 100.0 * (known.sigma or 0.0), '%')} of its own answer: look at the "
+        "centre of gravity, the autopilot’s mounting and unequal motors."
+    )
 
 
 def parameter_table(axes: Sequence[AxisRotation]) -> Table:

@@ -43,8 +43,12 @@ def find_rotation(log: FlightLog, sound: Span) -> RotationResult:
     """
     within = (sound.start, sound.stop)
     unfit = _unfit(log)
-    axes = tuple(_axis(log, axis, within, unfit) for axis in survey(log, AXES, within).axes)
-    return RotationResult(axes=axes, findings=tuple(_findings(axes)))
+    found = survey(log, (*AXES, "vertical"), within)
+    *turning, vertical = found.axes
+    axes = tuple(_axis(log, axis, within, unfit) for axis in turning)
+    return RotationResult(
+        axes=axes, vertical=turning_of(vertical), couplings=found.couplings, findings=tuple(_findings(axes))
+    )
 
 
 def _unfit(log: FlightLog) -> str:
@@ -72,7 +76,9 @@ def turning_of(found: AxisSurvey) -> AxisRotation:
     following = found.attitude
     return AxisRotation(
         axis=found.axis,
-        rate=None if found.response is None else _fitted(found.response, found.fit),
+        rate=None
+        if found.response is None
+        else replace(_fitted(found.response, found.fit), check=found.check, check_reason=found.check_reason),
         reason=found.reason,
         attitude=None
         if following is None

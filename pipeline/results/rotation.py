@@ -11,6 +11,8 @@ import numpy as np
 
 from pipeline.results.rotation_report import (
     AxisReport,
+    CheckReport,
+    CouplingReport,
     Estimate,
     FollowingReport,
     LoopReport,
@@ -23,7 +25,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from logparse import Finding
+    from sysid.frequency.coupling import Coupling
     from sysid.frequency.response import FrequencyResponse
+    from sysid.frequency.time_domain import Verification
     from sysid.loops.loop import Margins
     from sysid.statistics.parameter import Parameter
 
@@ -58,6 +62,8 @@ class FittedResponse:
     insensitivity: Mapping[str, float] = field(default_factory=dict)
     cost: float | None = None  #: J; up to 50 is excellent, up to 100 good (Tischler and Remple 2012, section 11.2).
     verdict: str = ""  #: What the fit is good for, in words; empty without one.
+    check: Verification | None = None  #: Of the model on flying that was held out.
+    check_reason: str = ""  #: Why nothing was held out; empty where there is a check, or nothing to check.
 
     @property
     def band(self) -> tuple[float, float] | None:
@@ -84,6 +90,8 @@ class FittedResponse:
             },
             cost=self.cost,
             verdict=self.verdict,
+            check=None if self.check is None else _check(self.check),
+            check_reason=self.check_reason,
             hz=tuple(frf.hz.tolist()),
             gain_db=tuple(frf.gain_db.tolist()),
             phase_deg=tuple(np.degrees(frf.phase).tolist()),
@@ -178,6 +186,17 @@ def _estimate(known: Parameter, insensitivity: float | None = None) -> Estimate:
     )
 
 
+def _check(check: Verification) -> CheckReport:
+    return CheckReport(
+        seconds=check.seconds,
+        fit_percent=check.fit_percent,
+        theil=check.theil,
+        correlation=check.correlation,
+        white=None if check.residuals is None else check.residuals.white,
+        verdict=check.verdict,
+    )
+
+
 def margins_report(margins: Margins) -> MarginsReport:
     """Return margins with their errors and intervals as reports hold them."""
     return MarginsReport(
@@ -232,12 +251,19 @@ class RotationResult:
     """What a flight tells of how its craft turns, axis by axis."""
 
     axes: tuple[AxisRotation, ...]  #: Roll, pitch and yaw.
+    vertical: AxisRotation | None = None  #: Thrust to vertical acceleration, without a loop.
+    couplings: tuple[Coupling, ...] = ()  #: Of roll and pitch, as far as they could be looked at.
     findings: tuple[Finding, ...] = ()
 
     @property
     def determined(self) -> bool:
         """Return whether anything is known of any axis."""
-        return any(axis.determined for axis in self.axes)
+        return any(axis.determined for axis in self.every)
+
+    @property
+    def every(self) -> tuple[AxisRotation, ...]:
+        """Return all axes, the vertical one last."""
+        return self.axes if self.vertical is None else (*self.axes, self.vertical)
 
     @property
     def loops(self) -> Mapping[str, LoopMargins]:
@@ -246,4 +272,11 @@ class RotationResult:
 
     def report(self) -> RotationReport:
         """Return what a report says of it."""
-        return RotationReport(determined=self.determined, axes=tuple(axis.report() for axis in self.axes))
+        return RotationReport(
+            determined=self.determined,
+            axes=tuple(axis.report() for axis in self.axes),
+            vertical=None if self.vertical is None else self.vertical.report(),
+            couplings=tuple(
+                CouplingReport(axis=each.axis, other=each.other, ratio=_estimate(each.ratio)) for each in self.couplings
+            ),
+        )

@@ -22,6 +22,18 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CheckReport:
+    """How a model predicted flying that was held out, see `sysid.frequency.time_domain.Verification`."""
+
+    seconds: float
+    fit_percent: float
+    theil: float
+    correlation: float
+    white: bool | None  #: Whether errors one sample ahead are white; None where too little was held out.
+    verdict: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ResponseReport:
     """A measured frequency response with the model fitted to it, see `pipeline.results.rotation.FittedResponse`."""
 
@@ -30,13 +42,15 @@ class ResponseReport:
     unit: str
     method: str
     instrument: str
-    source: str  #: What input and output were taken from, where it is not the rate controller's messages.
+    source: str = ""  #: What input and output were taken from, where it is not the rate controller's messages.
     seconds: float
     band_hz: tuple[float, float] | None
     structure: str
     parameters: Mapping[str, Estimate]
     cost: float | None
     verdict: str
+    check: CheckReport | None = None
+    check_reason: str = ""  #: Why nothing was held out; empty where there is a check, or nothing to check.
     hz: Numbers
     gain_db: Numbers
     phase_deg: Numbers
@@ -93,8 +107,19 @@ class AxisReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CouplingReport:
+    """How strongly the command of one axis turns the craft about another, in parts of its own answer."""
+
+    axis: str
+    other: str
+    ratio: Estimate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RotationReport:
     """What a flight tells of how its craft turns."""
 
     determined: bool
     axes: tuple[AxisReport, ...]
+    vertical: AxisReport | None = None
+    couplings: tuple[CouplingReport, ...] = ()

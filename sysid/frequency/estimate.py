@@ -62,7 +62,9 @@ _LOWEST_RATE = 8.0
 Data = FlightLog | Experiment
 
 
-def response(data: Data | Sequence[Data], axis: str, within: Within | None = None) -> FrequencyResponse:
+def response(
+    data: Data | Sequence[Data], axis: str, within: Within | None = None, like: FrequencyFit | None = None
+) -> FrequencyResponse:
     """Estimate the frequency response of an axis: controller output to body rate, or thrust to vertical acceleration.
 
     Chirps on the axis are used where there are any, with the chirp as instrument; other flights by what their pilot or
@@ -76,6 +78,8 @@ def response(data: Data | Sequence[Data], axis: str, within: Within | None = Non
     axis : {"roll", "pitch", "yaw", "vertical"}
     within : tuple of float, optional
         From when to when a log counts, s on its boot clock; default its longest flight, and chirps wherever they are.
+    like : FrequencyFit, optional
+        A fit to other data of the craft, whose structure is taken for granted and whose values are a start: faster.
 
     Raises
     ------
@@ -100,7 +104,7 @@ def response(data: Data | Sequence[Data], axis: str, within: Within | None = Non
             )
         )
     findings += limits_of(records, logs)
-    frf = response_of_records(records, which, gyro_filter_hz=gyro or None)
+    frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like)
     rounded = _ROUNDED if any(log.tables.has("motors") for log in logs) else 0.0
     common = _TRIMMED if frf.instrument == PILOTS_THROTTLE or source else rounded
     ordinary = any(record.band == ORDINARY_BAND for record in records) and logs and which.attitude
@@ -142,7 +146,7 @@ def records_of(
             found = _chirped(source, axis, [] if findings is None else findings, reasons, within)
             chirped += found
             if not found:
-                ordinary.append(_ordinary(source, axis, within))
+                ordinary.append(ordinary_record(source, axis, within))
         except FrequencyError as error:
             reasons.append(str(error))
     records = _of_one_source(chirped or ordinary, [] if findings is None else findings)
@@ -174,7 +178,7 @@ def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[A
     return [record for record in records if record.source == kept]
 
 
-def _ordinary(log: FlightLog, axis: Axis, within: Within | None) -> AxisRecord:
+def ordinary_record(log: FlightLog, axis: Axis, within: Within | None) -> AxisRecord:
     """Cut the record of ordinary flying, of the vertical axis from throttle and accelerometer where RATE is not logged.
 
     Raises
@@ -222,9 +226,24 @@ def _chirped(
 
 
 def response_of_records(
-    records: Sequence[AxisRecord], axis: Axis, *, gyro_filter_hz: float | None = None
+    records: Sequence[AxisRecord],
+    axis: Axis,
+    *,
+    gyro_filter_hz: float | None = None,
+    refined: bool = True,
+    like: FrequencyFit | None = None,
 ) -> FrequencyResponse:
     """Estimate the response of the first input of uniform records.
+
+    Parameters
+    ----------
+    records : sequence of AxisRecord
+    axis : Axis
+    gyro_filter_hz : float, optional
+    refined : bool
+        Whether what windows bend is taken out by a model.
+    like : FrequencyFit, optional
+        Where the search for this model starts.
 
     Raises
     ------
@@ -252,8 +271,10 @@ def response_of_records(
     hz = np.geomspace(low, high, max(round(PER_DECADE * np.log10(high / low)), 8))
     windows = _windows(records, hz, longest)
     first = _composite(records, windows, axis, hz, gyro_filter_hz, None)
+    if not refined:
+        return first
     try:
-        model = fit(first)
+        model = fit(first) if like is None else refit(like, first)
     except FrequencyError:
         return first
     # What windows bend is the steep and the resonant; of the remainder to a model that has it, little is left to bend.

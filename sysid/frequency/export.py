@@ -20,6 +20,7 @@ from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.rational import RationalModel
 from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
+from sysid.frequency.time_domain import Verification
 from sysid.statistics.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -106,6 +107,27 @@ class AttitudeRecord(msgspec.Struct, frozen=True, kw_only=True):
     fit: FitRecord
 
 
+class CheckRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """How the model predicted flying that was held out."""
+
+    seconds: float
+    rms: float
+    fit_percent: float
+    theil: float
+    correlation: float
+    white: bool | None
+    verdict: str
+    records: tuple[str, ...]
+
+
+class CouplingRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """How strongly the command of one axis turns the craft about another, in parts of its own answer."""
+
+    axis: str
+    other: str
+    ratio: Parameter
+
+
 class AxisRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What is known of an axis."""
 
@@ -115,6 +137,8 @@ class AxisRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     response: ResponseRecord | None = None
     fit: FitRecord | None = None
     attitude: AttitudeRecord | None = None
+    check: CheckRecord | None = None
+    check_reason: str = ""
 
 
 class SurveyRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -122,11 +146,16 @@ class SurveyRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     logs: tuple[str, ...]
     axes: tuple[AxisRecord, ...]
+    couplings: tuple[CouplingRecord, ...]
 
 
 def survey_record(found: FrequencySurvey) -> SurveyRecord:
     """Return a survey as frequency.json holds it."""
-    return SurveyRecord(logs=found.names, axes=tuple(map(_axis, found.axes)))
+    return SurveyRecord(
+        logs=found.names,
+        axes=tuple(map(_axis, found.axes)),
+        couplings=tuple(CouplingRecord(axis=each.axis, other=each.other, ratio=each.ratio) for each in found.couplings),
+    )
 
 
 def _axis(axis: AxisSurvey) -> AxisRecord:
@@ -145,6 +174,21 @@ def _axis(axis: AxisSurvey) -> AxisRecord:
             peak=attitude.peak,
             fit=_fit(attitude.fit),
         ),
+        check=None if axis.check is None else _check(axis.check),
+        check_reason=axis.check_reason,
+    )
+
+
+def _check(check: Verification) -> CheckRecord:
+    return CheckRecord(
+        seconds=check.seconds,
+        rms=check.rms,
+        fit_percent=check.fit_percent,
+        theil=check.theil,
+        correlation=check.correlation,
+        white=None if check.residuals is None else check.residuals.white,
+        verdict=check.verdict,
+        records=check.records,
     )
 
 

@@ -97,7 +97,7 @@ class FrequencyResponse(Summarised):
         asked = np.log(np.asarray(hz, dtype=np.float64))
         known = np.log(self.hz)
         log_gain = np.interp(asked, known, np.log(np.maximum(np.abs(self.response), 1e-300)), np.nan, np.nan)
-        return np.asarray(np.exp(log_gain + 1j * np.interp(asked, known, self.phase)))
+        return np.asarray(np.exp(log_gain) * np.exp(1j * np.interp(asked, known, self.phase)))
 
     def between(self, low: float, high: float) -> FrequencyResponse:
         """Return the part from `low` to `high`, Hz."""

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from logparse import FlightLog
 from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.closed_loop import AttitudeResponse, attitude_response
+from sysid.frequency.coupling import Coupling, coupling
 from sysid.frequency.estimate import response
 from sysid.frequency.excitation import Within
 from sysid.frequency.fit import FrequencyFit, fit
 from sysid.frequency.response import FrequencyResponse
+from sysid.frequency.time_domain import Verification, hold_out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +27,8 @@ class AxisSurvey:
     attitude: AttitudeResponse | None  #: From target to attitude; None for the vertical axis.
     reason: str  #: Why there is no response or no fit; empty where there are both.
     attitude_reason: str  #: Why there is no attitude response; empty where there is.
+    check: Verification | None = None  #: On flying that was held out.
+    check_reason: str = ""  #: Why nothing could be held out; empty where there is a check, or nothing to check.
 
     @property
     def determined(self) -> bool:
@@ -38,6 +43,7 @@ class FrequencySurvey:
 
     names: tuple[str, ...]  #: Of the logs.
     axes: tuple[AxisSurvey, ...]
+    couplings: tuple[Coupling, ...] = ()  #: Of roll and pitch, where both were asked for and are known.
 
     @property
     def determined(self) -> bool:
@@ -63,7 +69,19 @@ def survey(
         For an axis that does not exist.
     """
     given = [logs] if isinstance(logs, FlightLog) else list(logs)
-    return FrequencySurvey(tuple(log.name for log in given), tuple(_axis(given, axis, within) for axis in axes))
+    found = tuple(_axis(given, axis, within) for axis in axes)
+    return FrequencySurvey(tuple(log.name for log in given), found, _couplings(given, found, within))
+
+
+def _couplings(logs: Sequence[FlightLog], found: Sequence[AxisSurvey], within: Within | None) -> tuple[Coupling, ...]:
+    """Look at what roll and pitch do to each other, where the answer of both to their own command is known."""
+    known = {each.axis: each.response for each in found if each.fit is not None and each.response is not None}
+    couplings = []
+    for axis, other in (("roll", "pitch"), ("pitch", "roll")):
+        if axis in known and other in known:
+            with suppress(FrequencyError):
+                couplings.append(coupling(logs, known[axis], other, within))
+    return tuple(couplings)
 
 
 def _axis(logs: list[FlightLog], axis: str, within: Within | None) -> AxisSurvey:
@@ -78,11 +96,25 @@ def _axis(logs: list[FlightLog], axis: str, within: Within | None) -> AxisSurvey
         found = fit(frf)
     except FrequencyError as error:
         reason = str(error)
+    check: Verification | None = None
+    check_reason = ""
+    if found is not None and found.parameters["gain"].value is not None:
+        try:
+            check = hold_out(found, logs, within)
+        except FrequencyError as error:
+            check_reason = str(error)
     if AXES[axis].attitude:
         try:
             attitude = attitude_response(logs, axis, within=within)
         except FrequencyError as error:
             attitude_reason = str(error)
     return AxisSurvey(
-        axis=axis, response=frf, fit=found, attitude=attitude, reason=reason, attitude_reason=attitude_reason
+        axis=axis,
+        response=frf,
+        fit=found,
+        attitude=attitude,
+        reason=reason,
+        attitude_reason=attitude_reason,
+        check=check,
+        check_reason=check_reason,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -11,13 +11,14 @@ from scipy.linalg import solve_toeplitz
 
 from logparse import FlightLog
 from sysid.frequency.axes import AXES, FrequencyError
-from sysid.frequency.estimate import records_of
-from sysid.frequency.fit import FrequencyFit
-from sysid.frequency.records import AxisRecord, flight_record
+from sysid.frequency.estimate import ordinary_record, records_of, response
+from sysid.frequency.excitation import Within, find_chirps
+from sysid.frequency.fit import FrequencyFit, refit
+from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Floats
-from sysid.frequency.sources import signals_of
 from sysid.statistics.covariance import independent_samples
 from sysid.statistics.parameter import Parameter
+from sysid.statistics.residuals import ResidualTest, examine_residuals
 
 #: Order of the autoregression that whitens the remainder, and how often it is estimated anew.
 _AUTOREGRESSION, _ROUNDS = 12, 3
@@ -25,8 +26,20 @@ _AUTOREGRESSION, _ROUNDS = 12, 3
 #: Slower movements [Hz] are of wind and trim, not of what is verified.
 _SLOWEST = 0.15
 
+#: Shortest record [s] that judges a model, and time [s] about chirps that is not ordinary flying.
+_SHORTEST, _AFTER = 10.0, 1.0
+
+#: Part of an only flight that is fitted, where the rest judges.
+_FITTED = 0.6
+
+#: Fewest samples from which a whitening filter is known.
+_FEWEST_TESTED = 200
+
 #: Theil's coefficient up to which a model predicts well (Tischler and Remple 2012, section 14.2).
 GOOD_THEIL = 0.3
+
+#: Standard deviations up to which errors and what was asked may correlate by chance, as the largest of many lags.
+UNRELATED = 4.0
 
 
 def fit_in_time(found: FrequencyFit, data: FlightLog | Sequence[FlightLog]) -> Mapping[str, Parameter]:
@@ -101,18 +114,21 @@ def _whitening(remainders: Sequence[Floats]) -> Floats:
     return np.concatenate([[1.0], -np.asarray(ahead, dtype=np.float64)])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verification:
-    """How well a model predicts the rate (or acceleration) of a flight it has not seen, from the commands alone."""
+    """How well a model predicts the rate (or acceleration) of flying it has not seen, from the commands alone."""
 
     axis: str
     records: tuple[str, ...]
+    seconds: float  #: Length of the records together.
     rms: float  #: Of the error, in the unit of the output.
     fit_percent: float  #: 100 (1 - rms error / rms output).
     theil: float  #: Theil's inequality coefficient: 0 perfect, up to 0.3 good.
-    #: Largest correlation of error and command over lags up to half a second, in its own standard deviation for
-    #: unrelated signals of these spectra; beyond 3 the model misses something that the command causes.
+    #: Largest correlation of the error with the instrument, which gusts do not move, over lags up to half a second, in
+    #: its own standard deviation for unrelated signals of these spectra; beyond `UNRELATED` the model misses something.
     correlation: float
+    #: Of the errors one sample ahead in the second half, whitened as the first half says; None where that is too short.
+    residuals: ResidualTest | None
 
     @property
     def verdict(self) -> str:
@@ -124,40 +140,110 @@ class Verification:
         )
 
 
-def verify(found: FrequencyFit, data: FlightLog | Sequence[FlightLog]) -> Verification:
-    """Judge a fit of one axis on other flights: all their time in the air above 0.15 Hz.
+def verify(found: FrequencyFit, data: FlightLog | Sequence[FlightLog], within: Within | None = None) -> Verification:
+    """Judge a fit of one axis on other flying: all its time in the air, without chirps, above 0.15 Hz.
+
+    Parameters
+    ----------
+    found : FrequencyFit
+        Of one axis.
+    data : FlightLog or sequence of FlightLog
+    within : tuple of float, optional
+        From when to when a log counts, s on its boot clock.
 
     Raises
     ------
     FrequencyError
-        Where the flights have no signals of the axis, or the fit is of several axes.
+        Where the flights have no signals of the axis or too little is left of them, or the fit is of several axes.
     """
     if len(found.axes) != 1:
         raise FrequencyError("a verification takes a fit of one axis")
     axis = AXES[found.axes[0]]
     logs = [data] if isinstance(data, FlightLog) else list(data)
-    records = [flight_record(log, signals_of(log, axis), axis) for log in logs]
-    errors, outputs, models, scores = [], [], [], []
+    return verify_records(found, [_without_chirps(ordinary_record(log, axis, within), log) for log in logs])
+
+
+def hold_out(found: FrequencyFit, logs: Sequence[FlightLog], within: Within | None = None) -> Verification:
+    """Judge a fit of one axis on flying that it was not made from, or one of the same kind where it was made from all.
+
+    A fit to chirps is judged on the rest of its logs. Of ordinary flying the last log, or the last part of the only
+    one, is judged by a fit to the others.
+
+    Raises
+    ------
+    FrequencyError
+        Where nothing is left that could judge it.
+    """
+    axis = AXES[found.axes[0]]
+    if any(chirp.axis == axis.name for log in logs for chirp in find_chirps(log, within)):
+        return verify(found, logs, within)
+    if len(logs) > 1:
+        return verify(refit(found, response(logs[:-1], axis.name, within, like=found)), logs[-1], within)
+    record = ordinary_record(logs[0], axis, within)
+    cut = record.start + _FITTED * record.duration
+    first = refit(found, response(logs[0], axis.name, (record.start, cut), like=found))
+    return verify(first, logs[0], (cut, record.start + record.duration))
+
+
+def verify_records(found: FrequencyFit, records: Sequence[AxisRecord]) -> Verification:
+    """Judge a fit of one axis on records that it was not made from.
+
+    Raises
+    ------
+    FrequencyError
+        When the records are shorter than ten seconds together.
+    """
+    axis = AXES[found.axes[0]]
+    errors, outputs, models, scores, ahead = [], [], [], [], []
+    seconds = float(sum(np.count_nonzero(record.usable) * record.dt for record in records))
+    if seconds < _SHORTEST:
+        raise FrequencyError(f"{seconds:.0f} s of held-out flying are too few to judge the {axis.name} axis")
     for record in records:
         left = record.without(found.response)
         band = scipy.signal.butter(2, _SLOWEST, "high", fs=1.0 / record.dt, output="sos")
-        error = scipy.signal.sosfiltfilt(band, left.output)[record.usable]
-        output = scipy.signal.sosfiltfilt(band, record.output)[record.usable]
+        error, output, command, outside = (
+            scipy.signal.sosfiltfilt(band, signal)[record.usable]
+            for signal in (left.output, record.output, record.inputs[:, 0], record.instruments[:, 0])
+        )
         errors.append(error)
         outputs.append(output)
         models.append(output - error)
-        scores.append(
-            _largest_correlation(error, scipy.signal.sosfiltfilt(band, record.inputs[:, 0])[record.usable], record)
-        )
+        if np.std(outside) > 0.0:
+            scores.append(_largest_correlation(error, outside, record))
+        ahead.append((error, np.column_stack([command, outside])))
     rms = [float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (errors, outputs, models)]
     return Verification(
         axis=axis.name,
         records=tuple(record.name for record in records),
+        seconds=seconds,
         rms=rms[0],
-        fit_percent=100.0 * (1.0 - rms[0] / rms[1]),
-        theil=rms[0] / (rms[1] + rms[2]),
-        correlation=max(scores),
+        fit_percent=100.0 * (1.0 - rms[0] / max(rms[1], 1e-300)),
+        theil=rms[0] / max(rms[1] + rms[2], 1e-300),
+        correlation=max(scores, default=0.0),
+        residuals=_one_ahead(axis.output, ahead),
     )
+
+
+def _without_chirps(record: AxisRecord, log: FlightLog) -> AxisRecord:
+    """Return a record in which chirps do not count: most often a fit was made from them."""
+    t = record.start + record.dt * np.arange(len(record.output))
+    kept = record.usable.copy()
+    for chirp in find_chirps(log):
+        kept &= (t < chirp.start - _AFTER) | (t > chirp.stop + _AFTER)
+    return replace(record, usable=kept)
+
+
+def _one_ahead(output: str, parts: Sequence[tuple[Floats, Floats]]) -> ResidualTest | None:
+    """Test the errors one sample ahead: whitened by an autoregression of the first halves, in the second halves."""
+    halves = [len(error) // 2 for error, _ in parts]
+    if sum(halves) < _FEWEST_TESTED:
+        return None
+    whitening = _whitening([error[:half] for (error, _), half in zip(parts, halves, strict=True)])
+    later = [(error[half:], inputs[half:]) for (error, inputs), half in zip(parts, halves, strict=True)]
+    order = len(whitening) - 1
+    later = [part for part in later if len(part[0]) > 4 * order]
+    whitened = [np.convolve(error, whitening, "valid") for error, _ in later]
+    return examine_residuals(output, whitened, [inputs[order:] for _, inputs in later], ("command", "instrument"))
 
 
 def _largest_correlation(error: Floats, command: Floats, record: AxisRecord) -> float:

@@ -15,7 +15,7 @@ from sysid import Experiment, frequency
 from sysid.frequency.export import to_control, write
 from sysid.frequency.rational import scan_orders
 from sysid.frequency.survey import survey
-from sysid.frequency.time_domain import fit_in_time, verify
+from sysid.frequency.time_domain import UNRELATED, fit_in_time, verify
 
 PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
 CONTROLLER = LoopGains.crossing_at(PLANT, 3.0)
@@ -99,6 +99,28 @@ def test_verification_on_sticks_that_were_not_fitted(found: frequency.FrequencyF
     assert good.theil < 0.3
     wrong = found.at(found.values * np.where(np.array(found.names) == "gain", 3.0, 1.0))
     assert verify(wrong, flown(tmp_path, STICKS, 5)).theil > 2.0 * good.theil
+
+
+def test_a_survey_holds_the_last_part_of_an_only_flight_out(tmp_path: Path) -> None:
+    checked = survey(flown(tmp_path, STICKS, 5), ["roll"]).axes[0].check
+    assert checked is not None
+    assert 30.0 < checked.seconds < 40.0
+    assert checked.theil < 0.1
+    assert checked.residuals is not None
+
+
+def test_errors_that_go_with_what_was_asked_are_seen(found: frequency.FrequencyFit, tmp_path: Path) -> None:
+    """Gusts come back through the controller: held against the command, errors of the right model would go with it."""
+    log = flown(tmp_path, replace(STICKS, gust=1.0), 6)
+    strong = found.at(found.values * np.where(np.array(found.names) == "gain", 2.0, 1.0))
+    assert verify(found, log).correlation < UNRELATED < verify(strong, log).correlation
+
+
+def test_a_fit_to_a_chirp_is_not_judged_by_the_chirp(chirped: FlightLog) -> None:
+    # The flight is nothing else, and nobody moved the sticks.
+    axis = survey(chirped, ["roll"]).axes[0]
+    assert axis.check is None
+    assert "hardly moved" in axis.check_reason
 
 
 def test_ordinary_sticks_give_gain_and_delay(tmp_path: Path) -> None:

@@ -1,0 +1,146 @@
+"""What the command of one axis does to another: roll that pitches, pitch that rolls.
+
+Of a symmetric craft nothing; a centre of gravity or a flight controller that sits askew, motors that pull unequally or
+arms of another length make it. Both commands are inputs of the axis that should not answer, so that what its own
+controller does against the coupling does not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from logparse import FlightLog
+from sysid.frequency.axes import AXES, Axis, FrequencyError
+from sysid.frequency.estimate import response_of_records
+from sysid.frequency.excitation import Chirp, Within, find_chirps
+from sysid.frequency.records import AxisRecord, RateSignals, chirp_signal, flight_record, on_uniform_clock
+from sysid.frequency.response import Floats, FrequencyResponse
+from sysid.frequency.sources import signals_of
+from sysid.statistics.parameter import Parameter
+
+#: Independent measurements that an average needs.
+_FEWEST = 4.0
+
+#: Standard deviation of a ratio beyond which it says nothing.
+_KNOWN = 0.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Coupling:
+    """How strongly the command of one axis turns the craft about another."""
+
+    axis: str  #: That is commanded.
+    other: str  #: That should not answer.
+    #: Angular acceleration about the other axis in parts of that about the own one, with its sign; near zero for a
+    #: symmetric craft.
+    ratio: Parameter
+    response: FrequencyResponse = field(repr=False)  #: From the command to the rate about the other axis.
+
+    @property
+    def significant(self) -> bool:
+        """Return whether it is more than its error could be, three standard deviations."""
+        known = self.ratio
+        return known.value is not None and known.sigma is not None and abs(known.value) > 3.0 * known.sigma
+
+
+def coupling(logs: Sequence[FlightLog], own: FrequencyResponse, other: str, within: Within | None = None) -> Coupling:
+    """Estimate what the command of an axis does to another.
+
+    Parameters
+    ----------
+    logs : sequence of FlightLog
+    own : FrequencyResponse
+        Of the commanded axis to its own command, from the same logs.
+    other : {"roll", "pitch", "yaw"}
+        The axis that should not answer.
+    within : tuple of float, optional
+        From when to when a log counts, s on its boot clock.
+
+    Raises
+    ------
+    FrequencyError
+        Where the logs do not tell the two commands apart.
+    """
+    commanded, answering = AXES[own.axis], AXES[other]
+    records = [record for log in logs for record in _records(log, commanded, answering, within)]
+    if not records:
+        raise FrequencyError(
+            f"{own.axis} to {other}: the logs excite one of both axes only; fly chirps, or sticks, on both"
+        )
+    across = replace(answering, input=commanded.input)
+    cross = response_of_records(records, across, gyro_filter_hz=own.gyro_filter_hz, refined=False)
+    return Coupling(axis=own.axis, other=other, ratio=_ratio(own, cross), response=cross)
+
+
+def _ratio(own: FrequencyResponse, cross: FrequencyResponse) -> Parameter:
+    """Average the ratio of two responses over frequency; it is real where both have the same lag."""
+    mine = own.at(cross.hz)
+    coherent = np.interp(cross.hz, own.hz, own.coherence, 0.0, 0.0) >= 0.6
+    known = coherent & np.isfinite(mine) & np.isfinite(cross.sigma) & (np.abs(cross.response) > 0.0)
+    counts = cross.weight_of_points[known]
+    if float(np.sum(counts)) < _FEWEST:
+        return Parameter(None, None, "1", "too few frequencies at which the axis answers its own command")
+    ratio = cross.response[known] / mine[known]
+    deviation = cross.sigma[known] * np.abs(ratio)
+    weight = counts / deviation**2
+    mean = float(np.sum(weight * ratio.real) / np.sum(weight))
+    rest = np.abs(ratio - mean) ** 2 / (2.0 * deviation**2)
+    excess = max(1.0, float(np.sum(counts * rest) / max(float(np.sum(counts)) - 1.0, 1.0)))
+    sigma = float(np.sqrt(excess / np.sum(weight)))
+    if sigma > _KNOWN:
+        return Parameter(None, None, "1", f"{mean:.2f} ± {sigma:.2f}: too uncertain to be of use")
+    return Parameter(mean, sigma, "1")
+
+
+def _records(log: FlightLog, commanded: Axis, answering: Axis, within: Within | None) -> list[AxisRecord]:
+    """Cut records with the command looked at as first input and that of the answering axis as second."""
+    signals = signals_of(log, answering)
+    if any(name not in signals.columns for name in (commanded.input, answering.input, answering.output)):
+        return []
+    chirps = [chirp for chirp in find_chirps(log, within) if chirp.worthwhile]
+    pair = [chirp for chirp in chirps if chirp.axis in (commanded.name, answering.name)]
+    if {chirp.axis for chirp in pair} == {commanded.name, answering.name}:
+        return [record for chirp in pair if (record := _chirped(log, signals, commanded, answering, chirp)) is not None]
+    if pair:
+        return []
+    try:
+        both = [flight_record(log, signals, axis, within) for axis in (commanded, answering)]
+    except FrequencyError:
+        return []
+    first, second = both
+    if first.start != second.start or len(first.output) != len(second.output):
+        return []
+    columns = [np.column_stack([getattr(each, name)[:, 0] for each in both]) for name in ("inputs", "instruments")]
+    return [replace(second, inputs=columns[0], instruments=columns[1])]
+
+
+def _chirped(log: FlightLog, signals: RateSignals, commanded: Axis, answering: Axis, chirp: Chirp) -> AxisRecord | None:
+    """Cut a chirp on either axis; what was injected into the other is nothing."""
+    rows = (signals.t >= chirp.start) & (signals.t <= chirp.stop)
+    t = signals.t[rows]
+    if len(t) < 16:
+        return None
+    added = chirp_signal(log, t, chirp)
+    inputs, instruments = [], []
+    for axis in (commanded, answering):
+        mine = chirp.axis == axis.name
+        late = chirp.at_mixer and not signals.with_chirp and mine
+        inputs.append(signals.columns[axis.input][rows] + (added if late else 0.0))
+        instruments.append(added if mine else np.zeros(len(t)))
+    columns: list[Floats] = [*inputs, *instruments, signals.columns[answering.output][rows]]
+    clock, values, usable = on_uniform_clock(t, columns)
+    return AxisRecord(
+        name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
+        start=float(clock[0]),
+        dt=float(clock[1] - clock[0]),
+        inputs=values[:, :2],
+        output=values[:, 4],
+        instruments=values[:, 2:4],
+        usable=usable,
+        band=(chirp.low, chirp.high),
+        instrument="chirps",
+        source=signals.source,
+    )
