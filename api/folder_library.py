@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from api.library import CraftRef, FlightRef
-from logparse.serialization import plain
 from pipeline.errors import ConfigError
 from pipeline.fleet.review import review
 from pipeline.flight.craft import in_order, took_off
 from pipeline.results.craft_review import CraftReview
 from pipeline.results.entry import FlightEntry
+from pipeline.results.quantity import ParameterChange
 from pipeline.results.report import FlightReport
 from pipeline.storage.manifest import FLIGHTS
 from pipeline.storage.store import ENTRY, FolderStore
@@ -84,13 +83,13 @@ class FolderLibrary:
         entries = [entry for entry in self._entries() if entry.vehicle == craft]
         return review(entries) if entries else None
 
-    def compare(self, a: str, b: str) -> Sequence[dict[str, Any]] | None:
+    def compare(self, a: str, b: str) -> Sequence[ParameterChange] | None:
         """Compare the parameters of two flights."""
         older, newer = self.report(a), self.report(b)
         if older is None or newer is None:
             return None
         pairs = compare_reports(older, newer, (older.name, newer.name)).pairs
-        return [plain(row) for pair in pairs for row in pair.parameters]
+        return [row for pair in pairs for row in pair.parameters]
 
     def _entries(self) -> list[FlightEntry]:
         names = self._store.names(FLIGHTS)

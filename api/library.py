@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from pipeline.results.craft_review import CraftReview
+from pipeline.results.quantity import ParameterChange
 from pipeline.results.report import FlightReport
 
 
@@ -49,6 +50,6 @@ class Library(Protocol):
         """Read what the flights of a craft say together."""
         ...
 
-    def compare(self, a: str, b: str) -> Sequence[dict[str, Any]] | None:
+    def compare(self, a: str, b: str) -> Sequence[ParameterChange] | None:
         """Compare the parameters of two flights as `reports.comparison` does; None where one is not there."""
         ...

@@ -34,11 +34,11 @@ def server_of(tools: Tools) -> "mcpserver.MCPServer[None]":
     return server
 
 
-def _told(question: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
+def _told(question: Callable[..., object]) -> Callable[..., object]:
     """Answer what is not there in a sentence."""
 
     @wraps(question)
-    def answer(*arguments: Any, **named: Any) -> dict[str, Any]:
+    def answer(*arguments: Any, **named: Any) -> object:
         try:
             return question(*arguments, **named)
         except UnknownError as error:

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from api.answers import LoggedField, LoggedFields, LoggedMessages, MessageCount, NoSignal, Signal, Signals
 from logparse import FlightLog, RotoridError, check_is_log, read_log
 from logparse.canonical.instances import INSTANCE_NAMES, instance_column
 from logparse.expressions import evaluate
@@ -17,6 +18,7 @@ from pipeline.fleet.review import review
 from pipeline.flight.health_signals import thin
 from pipeline.results.craft_review import CraftReview, Note
 from pipeline.results.entry import FlightEntry
+from pipeline.results.quantity import ParameterChange
 from reports.comparison import compare_reports
 from reports.comparison_page import comparison_page
 from reports.craft_page import craft_page as render_craft
@@ -40,22 +42,22 @@ def recognise(path: Path, name: str) -> None:
     _in_users_words(lambda: check_is_log(path), path, name)
 
 
-def list_messages(path: Path, name: str) -> dict[str, Any]:
+def list_messages(path: Path, name: str) -> LoggedMessages:
     """List the messages of a log that come more than once, without decoding any."""
 
-    def answer() -> dict[str, Any]:
+    def answer() -> LoggedMessages:
         log = _opened(path)
         counts = sorted(log.messages.counts.items())
-        messages = [{"name": message, "rows": rows} for message, rows in counts if rows > 1]
-        return {"start": log.boot.t_start, "stop": log.boot.t_end, "messages": messages}
+        messages = [MessageCount(message, rows) for message, rows in counts if rows > 1]
+        return LoggedMessages(float(log.boot.t_start), float(log.boot.t_end), messages)
 
     return _in_users_words(answer, path, name)
 
 
-def list_fields(path: Path, name: str, message: str) -> dict[str, Any]:
+def list_fields(path: Path, name: str, message: str) -> LoggedFields:
     """List the numeric fields of one message, as they are written in expressions."""
 
-    def answer() -> dict[str, Any]:
+    def answer() -> LoggedFields:
         log = _opened(path)
         if message not in log.messages:
             raise QuestionError(f"{name} has no {message}.")
@@ -72,32 +74,21 @@ def list_fields(path: Path, name: str, message: str) -> dict[str, Any]:
         sensors = [f"{message}[{number}]" for number in numbers] if len(numbers) > 1 else [message]
         numeric = frame.attrs.get("numeric") or [name for name in frame.columns if frame[name].dtype.kind in "iufb"]
         fields = [str(field) for field in numeric if field != column]
-        return {
-            "fields": [
-                {"text": f"{sensor}.{field}", "unit": str(units.get(field) or "")}
-                for sensor in sensors
-                for field in fields
-            ]
-        }
+        return LoggedFields(
+            [LoggedField(f"{sensor}.{field}", str(units.get(field) or "")) for sensor in sensors for field in fields]
+        )
 
     return _in_users_words(answer, path, name)
 
 
 def read_signals(
     path: Path, name: str, texts: Sequence[str], start: float | None, stop: float | None, points: int
-) -> dict[str, Any]:
-    """Evaluate expressions over a stretch of time, thinned such that no peak is lost.
+) -> Signals:
+    """Evaluate expressions over a stretch of time, thinned to `points` values each such that no peak is lost."""
 
-    Returns
-    -------
-    dict
-        ``signals``: of each its ``text`` and either ``problem``, or ``unit``, ``t`` and ``y`` with `points` values at
-        most, and ``samples``, how many there are.
-    """
-
-    def answer() -> dict[str, Any]:
+    def answer() -> Signals:
         log = _opened(path)
-        return {"signals": [_signal(log, path, text, start, stop, points) for text in texts]}
+        return Signals([_signal(log, path, text, start, stop, points) for text in texts])
 
     return _in_users_words(answer, path, name)
 
@@ -113,11 +104,11 @@ def craft_page(found: dict[str, Any], name: str, notes: list[dict[str, Any]]) ->
     return render_craft(restored(found, CraftReview), name, restored(notes, list[Note]))
 
 
-def compare_numbers(a: bytes, b: bytes, names: tuple[str, str]) -> list[dict[str, Any]]:
+def compare_numbers(a: bytes, b: bytes, names: tuple[str, str]) -> Sequence[ParameterChange]:
     """Compare the parameters of two reports."""
     try:
         older, newer = (parse_report(content, name) for content, name in zip((a, b), names, strict=True))
-        return [plain(row) for pair in compare_reports(older, newer, names).pairs for row in pair.parameters]
+        return [row for pair in compare_reports(older, newer, names).pairs for row in pair.parameters]
     except RotoridError as error:
         raise QuestionError(str(error)) from None
 
@@ -133,23 +124,23 @@ def compare(a: dict[str, Any], b: dict[str, Any], names: tuple[str, str]) -> str
 
 def _signal(
     log: FlightLog, path: Path, text: str, start: float | None, stop: float | None, points: int
-) -> dict[str, Any]:
+) -> Signal | NoSignal:
     try:
         signal = _evaluated(log, path, text)
     except RotoridError as error:
-        return {"text": text, "problem": str(error).replace(path.name, "the log")}
+        return NoSignal(text, str(error).replace(path.name, "the log"))
     first = 0 if start is None else int(np.searchsorted(signal.t, start))
     last = len(signal.t) if stop is None else int(np.searchsorted(signal.t, stop, side="right"))
     # One sample beyond each end, so that lines reach the edges.
     part = slice(max(first - 1, 0), last + 1)
     t, y = thin(signal.t[part], signal.y[part], points)
-    return {
-        "text": text,
-        "unit": signal.unit,
-        "samples": last - first,
-        "t": [round(each, 5) for each in t.tolist()],
-        "y": [float(f"{each:.7g}") if math.isfinite(each) else None for each in y.tolist()],
-    }
+    return Signal(
+        text=text,
+        unit=signal.unit,
+        samples=last - first,
+        t=[round(each, 5) for each in t.tolist()],
+        y=[float(f"{each:.7g}") if math.isfinite(each) else None for each in y.tolist()],
+    )
 
 
 def _evaluated(log: FlightLog, path: Path, text: str) -> LoggedSignal:

@@ -120,7 +120,7 @@ def _kind(document: Schema, schema: Schema) -> str:
         return " or ".join(map(str, schema["enum"]))
     kind = str(schema.get("type", "any"))
     if kind == "array":
-        return f"list of {_kind(document, schema['items'])}"
+        return f"list of {_kind(document, schema.get('items', {}))}"
     if schema.get("format") == "binary":
         return "file"
     low, high = schema.get("minimum", schema.get("exclusiveMinimum")), schema.get("maximum")
@@ -142,7 +142,9 @@ def example_of(document: Schema, schema: Schema, depth: int = 0) -> Any:
                 name: example_of(document, field, depth + 1) for name, field in schema.get("properties", {}).items()
             }
         case "array":
-            return [example_of(document, schema["items"], depth + 1)]
+            return [
+                example_of(document, each, depth + 1) for each in schema.get("prefixItems", [schema.get("items", {})])
+            ]
         case _ if "default" in schema:
             return schema["default"]
         case "integer" | "number":

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Annotated, Any, Generic, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, computed_field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, computed_field, model_validator
 
 from api.problems import Problem
 from pipeline.config import SETTINGS, AnalysisConfig
@@ -77,7 +77,7 @@ class Configuration(BaseModel):
     training_fraction: float | None = _offered("training_fraction")
     training: list[str] | None = _offered("training", example=["march*"], max_length=200)
 
-    def chosen(self) -> dict[str, Any]:
+    def chosen(self) -> dict[str, JsonValue]:
         """Return what was set."""
         return self.model_dump(exclude_none=True)
 
@@ -89,7 +89,7 @@ class Analysis(BaseModel):
 
     id: str = Field(examples=["0a1b2c3d4e5f5f0c1d3e9a7b4c2d8e6f"])
     logs: list[Log] = Field(min_length=1)
-    configuration: dict[str, Any] = Field(
+    configuration: dict[str, JsonValue] = Field(
         default={}, description="What was set when it was ordered.", examples=[{"poles": 4}]
     )
     state: State = State.QUEUED
@@ -136,21 +136,23 @@ class AnalysisSummary(Analysis):
 class AnalysisAnswer(AnalysisSummary):
     """An analysis with its results, once it is done."""
 
-    answers: dict[str, list[dict[str, Any]]] | None = Field(
+    answers: dict[str, list[dict[str, JsonValue]]] | None = Field(
         default=None, description="By flight the first screen of its report: an answer for each purpose."
     )
-    rmse: list[dict[str, Any]] | None = Field(default=None, description="Contents of rmse.csv: errors of all models.")
-    coefficients: dict[str, dict[str, Any]] | None = Field(
+    rmse: list[dict[str, JsonValue]] | None = Field(
+        default=None, description="Contents of rmse.csv: errors of all models."
+    )
+    coefficients: dict[str, dict[str, JsonValue]] | None = Field(
         default=None,
         description="By flight or craft and model the coefficients of its transfer functions, by output and input.",
     )
-    findings: list[dict[str, Any]] | None = Field(
+    findings: list[dict[str, JsonValue]] | None = Field(
         default=None, description="What was noticed in the logs and the fits, with advice (`include=findings`)."
     )
-    report: dict[str, Any] | None = Field(
+    report: dict[str, JsonValue] | None = Field(
         default=None, description="Contents of report.json: all that was found (`include=report`)."
     )
-    models: dict[str, Any] | None = Field(
+    models: dict[str, JsonValue] | None = Field(
         default=None, description="Contents of models.json: the fitted models (`include=models`)."
     )
 
@@ -174,7 +176,7 @@ class SharedAnalysis(BaseModel):
     """An analysis as whoever has a link sees it."""
 
     logs: list[SharedLog]
-    configuration: dict[str, Any] = Field(default={}, examples=[{"poles": 4}])
+    configuration: dict[str, JsonValue] = Field(default={}, examples=[{"poles": 4}])
     state: State
     stage: str = Field(examples=["transfer functions"])
     progress: float
@@ -184,9 +186,9 @@ class SharedAnalysis(BaseModel):
     problem: Problem | None = None
     files: dict[str, int] = Field(examples=[{"report.html": 2416301}])
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/shared/SECRET"}])
-    findings: list[dict[str, Any]] | None = None
-    report: dict[str, Any] | None = None
-    models: dict[str, Any] | None = None
+    findings: list[dict[str, JsonValue]] | None = None
+    report: dict[str, JsonValue] | None = None
+    models: dict[str, JsonValue] | None = None
 
 
 _LogId = Annotated[str, Field(examples=["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"], max_length=64)]

@@ -3,11 +3,11 @@
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import uvicorn
 from alembic.util import CommandError
@@ -28,6 +28,7 @@ from api.service_library import ServiceLibrary
 from api.settings import Access, Settings
 from api.working import work_until_told
 from logparse.lazy import lazy
+from pipeline.results.quantity import ParameterChange
 
 if TYPE_CHECKING:
     from api import questions
@@ -151,7 +152,7 @@ def open_library(owner: str) -> Iterator[ServiceLibrary]:
     """Open what one owner has in the service that the environment describes, to be read only."""
     settings = _settings()
 
-    def compare(a: bytes, b: bytes, names: tuple[str, str]) -> list[dict[str, Any]]:
+    def compare(a: bytes, b: bytes, names: tuple[str, str]) -> Sequence[ParameterChange]:
         return questions.compare_numbers(a, b, names)
 
     with _opened(settings) as database:

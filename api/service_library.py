@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import load_only
@@ -15,11 +14,12 @@ from api.records import AnalysisRecord, CraftRecord, FlightRecord
 from logparse.serialization import restored
 from pipeline.errors import ConfigError
 from pipeline.results.craft_review import CraftReview
+from pipeline.results.quantity import ParameterChange
 from pipeline.results.report import FlightReport
 from reports.reading import parse_report
 
 #: Compares two reports, as JSON has them, with the names of both.
-Compare = Callable[[bytes, bytes, tuple[str, str]], list[dict[str, Any]]]
+Compare = Callable[[bytes, bytes, tuple[str, str]], Sequence[ParameterChange]]
 
 
 class ServiceLibrary:
@@ -98,7 +98,7 @@ class ServiceLibrary:
                 return None
             return restored(found.review, CraftReview)
 
-    def compare(self, a: str, b: str) -> Sequence[dict[str, Any]] | None:
+    def compare(self, a: str, b: str) -> Sequence[ParameterChange] | None:
         """Compare the parameters of two flights."""
         older, newer = self._content(a), self._content(b)
         return None if older is None or newer is None else self._compare(older, newer, (a, b))

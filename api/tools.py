@@ -5,10 +5,20 @@ The same questions are asked over HTTP (`api.routes.questions`) and over the Mod
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from api.answers import (
+    Answers,
+    Changes,
+    ComparedFlights,
+    CraftList,
+    Events,
+    FlightList,
+    LoopMargins,
+    NextFlights,
+    Parameters,
+    Predictions,
+)
 from api.library import Library
-from logparse.serialization import plain
 from pipeline.results.report import FlightReport
 from reports.quantities import answers_of, craft_parameters, health_of, margins_of, parameters_of, predictions_of
 
@@ -29,7 +39,7 @@ class Tools:
 
     library: Library
 
-    def list_flights(self, craft: str = "", text: str = "", limit: int = 100) -> dict[str, Any]:
+    def list_flights(self, craft: str = "", text: str = "", limit: int = 100) -> FlightList:
         """List flights, the newest first: id, name, craft, take-off (UTC), and whether they were healthy.
 
         `craft` is the id or name of a craft; `text` is part of a flight's name. The answer says how many there are.
@@ -40,65 +50,65 @@ class Tools:
             for each in self.library.flights()
             if (not chosen or each.craft == chosen) and text.casefold() in each.name.casefold()
         ]
-        return {"flights": plain(found[: min(max(limit, 1), MOST)]), "total": len(found)}
+        return FlightList(found[: min(max(limit, 1), MOST)], len(found))
 
-    def list_craft(self) -> dict[str, Any]:
+    def list_craft(self) -> CraftList:
         """List craft: id, name, kind, and how many flights each has."""
-        return {"craft": plain(list(self.library.crafts()))}
+        return CraftList(list(self.library.crafts()))
 
-    def get_answers(self, flight: str) -> dict[str, Any]:
+    def get_answers(self, flight: str) -> Answers:
         """Get the first screen of a flight: flown, healthy, loops, predict ahead, parameters, simulate."""
-        return {"answers": plain(answers_of(self._report(flight)))}
+        return Answers(answers_of(self._report(flight)))
 
-    def get_parameters(self, flight: str = "", craft: str = "") -> dict[str, Any]:
+    def get_parameters(self, flight: str = "", craft: str = "") -> Parameters:
         """Get physical parameters by every method: of one flight, or of a craft over its flights (name one of both)."""
         if craft and not flight:
             review = self.library.review(self._craft(craft))
             if review is None:
                 raise UnknownError(f"{craft} has not been looked at yet")
-            return {"parameters": plain(craft_parameters(review))}
-        return {"parameters": plain(parameters_of(self._report(flight)))}
+            return Parameters(craft_parameters(review))
+        return Parameters(parameters_of(self._report(flight)))
 
-    def get_margins(self, flight: str) -> dict[str, Any]:
+    def get_margins(self, flight: str) -> LoopMargins:
         """Get gain and phase margins, crossover, disturbance rejection and peaks of each axis, and bandwidths."""
-        return {"margins": plain(margins_of(self._report(flight)))}
+        return LoopMargins(margins_of(self._report(flight)))
 
-    def get_health(self, flight: str) -> dict[str, Any]:
+    def get_health(self, flight: str) -> Events:
         """Get what happened in a flight, when (s on the log's boot clock), how grave it was, and what to do."""
-        return {"events": plain(health_of(self._report(flight)))}
+        return Events(health_of(self._report(flight)))
 
-    def get_predictions(self, flight: str) -> dict[str, Any]:
+    def get_predictions(self, flight: str) -> Predictions:
         """Get how far ahead each model of a flight predicts (s), and its RMS error there (m) on held-out time."""
-        return {"predictions": plain(predictions_of(self._report(flight)))}
+        return Predictions(predictions_of(self._report(flight)))
 
-    def get_changes(self, craft: str) -> dict[str, Any]:
+    def get_changes(self, craft: str) -> Changes:
         """Get what changes over the flights of a craft: slopes and steps of each parameter, motors, what is strange."""
         review = self.library.review(self._craft(craft))
         if review is None:
             raise UnknownError(f"{craft} has not been looked at yet")
         drift = review.drift
-        return {
-            "flights": list(review.flights),
-            "pooled": list(review.pooled),
-            "changes": [] if drift is None else plain([each for each in drift.parameters if each.change is not None]),
-            "motors": NOT_DETERMINED if drift is None or drift.motors is None else drift.motors.sentence,
-            "since": plain(review.since),
-            "alerts": plain(review.alerts),
-            "remarks": list(review.remarks),
-        }
+        return Changes(
+            flights=review.flights,
+            pooled=review.pooled,
+            changes=[] if drift is None else [each for each in drift.parameters if each.change is not None],
+            motors=NOT_DETERMINED if drift is None or drift.motors is None else drift.motors.sentence,
+            since=review.since,
+            alerts=review.alerts,
+            remarks=review.remarks,
+        )
 
-    def compare(self, before: str, after: str) -> dict[str, Any]:
+    def compare(self, before: str, after: str) -> ComparedFlights:
         """Compare the parameters of two flights: values, difference with its error, and the chance of it (p)."""
         rows = self.library.compare(self._flight(before), self._flight(after))
         if rows is None:
             raise UnknownError(f"{before} and {after} cannot be compared")
-        return {"parameters": list(rows) or NOT_DETERMINED}
+        return ComparedFlights(rows or NOT_DETERMINED)
 
-    def what_to_fly(self, flight: str) -> dict[str, Any]:
+    def what_to_fly(self, flight: str) -> NextFlights:
         """Get what to log and fly next time, the most useful first: what a flight lacked, what it would bring."""
-        return {"advice": plain(sorted(self._report(flight).advice, key=lambda each: each.rank))}
+        return NextFlights(sorted(self._report(flight).advice, key=lambda each: each.rank))
 
-    def all(self) -> Sequence[Callable[..., dict[str, Any]]]:
+    def all(self) -> Sequence[Callable[..., object]]:
         """List the questions."""
         return (
             self.list_flights,

@@ -21,6 +21,7 @@ from logparse.quantity import number, uncertain
 from pipeline.config import AnalysisConfig
 from pipeline.fleet.meta_analysis import holm, meta_regression
 from pipeline.names import printable
+from pipeline.results.quantity import Mean, ParameterChange
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport
 from pipeline.results.verdict import Trust
 from reports.rows import average
@@ -53,36 +54,6 @@ class Side:
 
     report: str
     rotorid: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mean:
-    """A parameter over the flights of a side, with its standard error."""
-
-    value: float
-    sigma: float
-    flights: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ParameterChange:
-    """A parameter on both sides, and whether it differs by more than chance."""
-
-    parameter: str
-    method: str
-    unit: str
-    a: Mean
-    b: Mean
-    between_flights: float | None  #: Standard deviation between flights; None where one on each side cannot tell.
-    difference: float
-    difference_sigma: float
-    #: In percent of the value before, with its 95 % interval; None where that may be zero.
-    difference_percent: float | None
-    interval_percent: tuple[float, float] | None
-    detectable_percent: float | None  #: Change that would have been found four times out of five.
-    p: float
-    p_adjusted: float = 1.0
-    significant: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -45,7 +45,7 @@ def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, own
 def check(order: AnalysisOrder) -> None:
     """Find out now, and not in the queue, what about a configuration cannot be."""
     try:
-        AnalysisConfig(**order.configuration.chosen())
+        AnalysisConfig(**order.configuration.model_dump(exclude_none=True))
     except RotoridError as error:
         raise ProblemError(
             Problem.named(

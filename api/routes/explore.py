@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from http import HTTPStatus
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from api import problems
+from api.answers import LoggedFields, LoggedMessages, Signals
 from api.dependencies import Owner, Parts, PartsOf
 from api.headers import PLOT_POLICY
 from api.page_templates import render
@@ -29,18 +30,18 @@ Seconds = Annotated[float | None, Query(description="On the log's clock [s].")]
 
 
 @router.get("/{log_id}/messages", summary="The messages of a log, with how many rows each has")
-def list_messages(log_id: str, parts: PartsOf, owner: Owner) -> dict[str, Any]:
+def list_messages(log_id: str, parts: PartsOf, owner: Owner) -> LoggedMessages:
     """List the messages that a log holds."""
     log, path = _log(log_id, parts, owner)
-    found: dict[str, Any] = parts.desk.ask("list_messages", path, log.name)
+    found: LoggedMessages = parts.desk.ask("list_messages", path, log.name)
     return found
 
 
 @router.get("/{log_id}/messages/{message}", summary="The numeric fields of a message, with their units")
-def list_fields(log_id: str, message: str, parts: PartsOf, owner: Owner) -> dict[str, Any]:
+def list_fields(log_id: str, message: str, parts: PartsOf, owner: Owner) -> LoggedFields:
     """List the fields of a message as they are written in expressions, such as `IMU[0].GyrX`."""
     log, path = _log(log_id, parts, owner)
-    found: dict[str, Any] = parts.desk.ask("list_fields", path, log.name, message)
+    found: LoggedFields = parts.desk.ask("list_fields", path, log.name, message)
     return found
 
 
@@ -55,12 +56,12 @@ def read_signals(
     start: Seconds = None,
     stop: Seconds = None,
     points: Annotated[int, Query(ge=2, le=_POINTS, description="Of each signal, most values in the answer.")] = 2000,
-) -> dict[str, Any]:
+) -> Signals:
     """Evaluate signals over a stretch of time; of many samples the smallest and largest of each stretch are kept."""
     if any(each is not None and not math.isfinite(each) for each in (start, stop)):
         raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, "start and stop must be numbers."))
     log, path = _log(log_id, parts, owner)
-    found: dict[str, Any] = parts.desk.ask("read_signals", path, log.name, signal, start, stop, points)
+    found: Signals = parts.desk.ask("read_signals", path, log.name, signal, start, stop, points)
     return found
 
 

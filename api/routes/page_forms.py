@@ -1,6 +1,7 @@
 """What the pages' buttons do. Each is a form that works without scripts; htmx only spares loading whole pages."""
 
 import glob
+from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Annotated, Any
 
@@ -17,6 +18,7 @@ from api.resources import Analysis, AnalysisOrder, Configuration
 from api.results import answer
 from api.routes.analyses import check, find_analysis, in_words, unknown_analysis
 from api.routes.logs import unknown_log
+from logparse.serialization import restored
 
 router = APIRouter(include_in_schema=False, dependencies=from_our_forms)
 
@@ -125,9 +127,25 @@ async def analyse_again(request: Request, analysis_id: str, parts: PartsOf, owne
 
 def _flights(analysis: Analysis, parts: Parts) -> dict[str, bool]:
     """Report of every flight of a joint analysis whether it was fitted to; nothing where there is no joint model."""
-    report = answer(analysis, parts).report or {}
-    groups = report.get("groups", [])
-    return {name: part == "training" for part in ("training", "held_out") for each in groups for name in each[part]}
+    groups = restored(answer(analysis, parts).report or {}, _Report).groups
+    return {name: True for each in groups for name in each.training} | {
+        name: False for each in groups for name in each.held_out
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Joint:
+    """Of a craft in report.json, what a form offers."""
+
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Report:
+    """Of report.json, what a form offers."""
+
+    groups: tuple[_Joint, ...] = ()
 
 
 def _go(path: str) -> Response:

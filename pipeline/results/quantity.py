@@ -1,4 +1,4 @@
-"""A number for programs and assistants: with unit, error and where it comes from, or why it is not determined."""
+"""Numbers for programs and assistants: with unit, error and where they come from, or why they are not determined."""
 
 from __future__ import annotations
 
@@ -40,3 +40,33 @@ class HealthEvent:
     reason: str
     advice: str
     provenance: Provenance
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mean:
+    """A parameter over the flights of a side, with its standard error."""
+
+    value: float
+    sigma: float
+    flights: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterChange:
+    """A parameter on both sides, and whether it differs by more than chance."""
+
+    parameter: str
+    method: str
+    unit: str
+    a: Mean
+    b: Mean
+    between_flights: float | None  #: Standard deviation between flights; None where one on each side cannot tell.
+    difference: float
+    difference_sigma: float
+    #: In percent of the value before, with its 95 % interval; None where that may be zero.
+    difference_percent: float | None
+    interval_percent: tuple[float, float] | None
+    detectable_percent: float | None  #: Change that would have been found four times out of five.
+    p: float
+    p_adjusted: float = 1.0
+    significant: bool = False
