@@ -149,6 +149,10 @@ def windows_of(record: AxisRecord, hz: Floats, length: float) -> RecordWindows |
     return RecordWindows(zh, xh, phase, np.asarray(turn), starts, factor, sums)
 
 
+#: Numbers of windows that are copied at a time: what a processor's cache holds.
+_PIECE = 1 << 17
+
+
 def _thinned(signals: Floats, factor: int) -> Floats:
     """Keep one sample of `factor`, below half of the new rate, shape (N / factor, columns)."""
     if factor == 1:
@@ -156,16 +160,28 @@ def _thinned(signals: Floats, factor: int) -> Floats:
     reach = 10 * factor
     padded = np.pad(detrended(signals), ((reach, reach), (0, 0)))
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0)[::factor]
-    return np.asarray(around @ low_pass_taps(2 * reach + 1, 0.5 / factor))
+    taps = low_pass_taps(2 * reach + 1, 0.5 / factor)
+    return np.concatenate([around[piece] @ taps for piece in _pieces(len(around), around[0].size)])
 
 
 def _transforms(signals: Floats, starts: NDArray[np.intp], phase: Complex) -> Complex:
     """Transform every window of every signal, shape (K, F, columns)."""
     size, count = phase.shape
-    pieces = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(signals, size, axis=0)[starts])
-    flat = pieces.reshape(-1, size)
-    product = flat @ np.ascontiguousarray(phase.real) + 1j * (flat @ np.ascontiguousarray(phase.imag))
-    return np.asarray(np.moveaxis(product.reshape(len(starts), -1, count), 2, 1))
+    columns = signals.shape[1]
+    both = np.hstack([phase.real, phase.imag])
+    windows = np.lib.stride_tricks.sliding_window_view(signals, size, axis=0)
+    result = np.empty((len(starts), count, columns), np.complex128)
+    for piece in _pieces(len(starts), size * columns):
+        product = windows[starts[piece]].reshape(-1, size) @ both
+        parts = product.reshape(-1, columns, 2, count)
+        result.real[piece], result.imag[piece] = np.moveaxis(parts[:, :, 0], 2, 1), np.moveaxis(parts[:, :, 1], 2, 1)
+    return result
+
+
+def _pieces(count: int, size: int) -> list[slice]:
+    """Part overlapping windows of `size` numbers: copied all at once they take many times the memory of a long flight."""
+    step = max(_PIECE // size, 1)
+    return [slice(start, start + step) for start in range(0, count, step)]
 
 
 def _detrended(transform: Complex) -> Complex:
