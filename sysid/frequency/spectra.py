@@ -87,9 +87,9 @@ class RecordWindows:
     A model is taken out of the output again and again; inputs and instruments stay.
     """
 
-    #: shape (F, m, K): Conjugate transforms of instruments and inputs in each of K windows.
-    zh: Complex
-    xh: Complex
+    #: shape (F, K, q): Transforms of the inputs, then of the instruments that are not inputs, in each of K windows.
+    columns: Complex
+    instruments: list[int]  #: Column of each instrument.
     phase: Complex  #: shape (size, F): What a window is multiplied by.
     #: shape (K, F): What brings the transform of a window to the clock of the record, and the output's derivative to
     #: the output.
@@ -102,16 +102,24 @@ class RecordWindows:
         """Complete the sums with an output, shape (N,)."""
         thinned = _thinned(output[:, None], self.factor)
         y = _transforms(thinned, self.starts, self.phase)[..., 0] * self.turn
-        columns = np.moveaxis(y, 0, 1)[:, :, None]  # (F, K, 1)
-        zy, xy = (self.zh @ columns)[..., 0], (self.xh @ columns)[..., 0]
-        return replace(self.without_output, zy=zy, xy=xy, yy=np.sum(np.abs(y) ** 2, axis=0))
+        products = _inner(self.columns, np.moveaxis(y, 0, 1)[:, :, None])[..., 0]
+        inputs = self.without_output.xy.shape[1]
+        return replace(
+            self.without_output,
+            zy=products[:, self.instruments],
+            xy=products[:, :inputs],
+            yy=np.sum(y.real**2 + y.imag**2, axis=0),
+        )
 
 
 def windows_of(record: AxisRecord, hz: Floats, length: float) -> RecordWindows | None:
     """Cut a record into overlapping windows of one length, s; None where none fits into it."""
     m = record.inputs.shape[1]
     factor = max(int(1.0 / (record.dt * _SAMPLES_PER_CYCLE * hz[-1])), 1)
-    signals = _thinned(np.column_stack([record.instruments, record.inputs]), factor)
+    # The outputs of other axes are instruments of themselves.
+    other = [k for k in range(m) if not np.array_equal(record.instruments[:, k], record.inputs[:, k])]
+    instruments = [m + other.index(k) if k in other else k for k in range(m)]
+    signals = _thinned(np.column_stack([record.inputs, record.instruments[:, other]]), factor)
     usable = record.usable[::factor][: len(signals)]
     dt = record.dt * factor
     size = round(length / dt)
@@ -126,27 +134,31 @@ def windows_of(record: AxisRecord, hz: Floats, length: float) -> RecordWindows |
     turning = np.exp(-2j * np.pi * np.outer(np.arange(size) * dt, hz)).astype(np.complex128)
     phase = _detrended(np.asarray(taper[:, None] * turning, dtype=np.complex128))
     turn = np.exp(-2j * np.pi * np.outer(starts * dt, hz)) * np.sqrt(dt / np.sum(taper**2))
-    transforms = _transforms(signals, starts, phase) * turn[:, :, None]
-    columns = np.moveaxis(transforms, 0, 1)  # (F, K, 2m)
-    z_columns, x_columns = columns[..., :m], columns[..., m:]
-    zh, xh = (np.ascontiguousarray(np.swapaxes(each, 1, 2)).conj() for each in (z_columns, x_columns))
-    correlated, squares = _overlapped(z_columns, taper, starts)
+    columns = np.moveaxis(_transforms(signals, starts, phase), 0, 1)  # (F, K, q)
+    columns = np.multiply(columns, turn.T[:, :, None], order="C")
+    correlated, squares = _overlapped(columns[..., instruments], taper, starts)
     count = float(len(starts))
+    products = _inner(columns, columns)
     nothing = np.zeros((len(hz), m), dtype=np.complex128)
     sums = SpectralSums(
-        zz=zh @ z_columns,
-        zx=zh @ x_columns,
-        xx=xh @ x_columns,
+        zz=products[:, instruments][:, :, instruments],
+        zx=products[:, instruments, :m],
+        xx=products[:, :m, :m],
         zy=nothing,
         xy=nothing,
         yy=np.zeros(len(hz)),
-        noise_gain=zh @ correlated,
+        noise_gain=_inner(columns, correlated)[:, instruments],
         windows=count,
         independent=count**2 / squares,
     )
     if record.differenced:
         turn = turn / record.difference_response(hz)
-    return RecordWindows(zh, xh, phase, np.asarray(turn), starts, factor, sums)
+    return RecordWindows(columns, instruments, phase, np.asarray(turn), starts, factor, sums)
+
+
+def _inner(left: Complex, right: Complex) -> Complex:
+    """Multiply the conjugate transpose, frequency by frequency, shape (F, q, r), without a conjugate copy of `left`."""
+    return np.asarray((np.swapaxes(left, 1, 2) @ right.conj()).conj())
 
 
 #: Numbers of windows that are copied at a time: what a processor's cache holds.
@@ -179,7 +191,7 @@ def _transforms(signals: Floats, starts: NDArray[np.intp], phase: Complex) -> Co
 
 
 def _pieces(count: int, size: int) -> list[slice]:
-    """Part overlapping windows of `size` numbers: copied all at once they take many times the memory of a long flight."""
+    """Part overlapping windows of `size` numbers: copied at once they take many times the memory of a flight."""
     step = max(_PIECE // size, 1)
     return [slice(start, start + step) for start in range(0, count, step)]
 
