@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from logparse import FlightLog, RotoridError, read_log
-from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, random_axis
+from simulation.axis_loop import AxisPlant, AxisRun, random_axis
 from sysid.frequency import fit
 from sysid.loops import Limits, prove, tune
 from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp
@@ -25,7 +25,15 @@ from sysid.loops.margins import margins_of
 from sysid.loops.safety import Aim
 from sysid.loops.search import tune_axis
 from sysid.loops.signals import plant_response
-from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, records_of_flight, settings_of, true_loop
+from tests.sysid.loops.flown import (
+    flown_loop,
+    fly_chirp,
+    gains_of,
+    loop_of_flight,
+    records_of_flight,
+    settings_of,
+    true_loop,
+)
 
 LOGS = Path(__file__).parents[1].parent / "shared" / "logs"
 CRAFT = ("quad15", "octa3", "octa8", "hexa3", "y6high", "quadslow")
@@ -91,7 +99,7 @@ def _firmware(folder: Path) -> list[Row]:
                     held = abs(row["predicted"] - row["measured"]) <= spread
                     errors.add(name, row["predicted"], row["measured"], held=bool(held))
                 fits.append(float(proof.table.loc[(axis, "step_fit"), "predicted"]))
-                _both_ways(ways, second.margins, second.measured_margins)
+                _both_ways(ways, second.own_margins, second.measured_margins)
         start = time.process_time()
         proposed += tune(_read(folder, f"{craft}_id")).refused is None
         cpu.append(time.process_time() - start)
@@ -129,7 +137,7 @@ def _simulated_pairs(count: int = 40) -> list[Row]:
         flown += 1
         loop = flown_loop(axis, gains, flown)
         foretold = loop.with_gains(P=other.P, I=other.I, D=other.D, FLTD=other.FLTD).margins
-        later = flown_loop(axis, other, 1000 + flown).margins
+        later = flown_loop(axis, other, 1000 + flown).own_margins
         for name in QUANTITIES:
             value = getattr(foretold, name).value
             if value is not None:
@@ -156,7 +164,7 @@ def _random_craft(count: int = 100) -> list[Row]:
         if tuning.tuned is None:
             continue
         accepted += 1
-        after = margins_of(HZ, true_loop(axis, _gains(gains, tuning.tuned.settings.parameters()), HZ)).row(0)
+        after = margins_of(HZ, true_loop(axis, gains_of(tuning.tuned.settings), HZ)).row(0)
         unsafe += after["phase_deg"] < 30.0 or after["gain_db"] < 4.0 or not after["stable"]
         better += after["rejection_hz"] > before["rejection_hz"]
         worst = tuning.worst
@@ -274,11 +282,6 @@ def _gain_and_delay(flight: AxisRun, plant: AxisPlant) -> tuple[float, float]:
         return np.nan, np.nan
     gain, late = found["gain"].value, found.get("effective_delay", found["delay"]).value
     return np.nan if gain is None else gain, np.nan if late is None else late
-
-
-def _gains(gains: LoopGains, parameters: dict[str, float]) -> LoopGains:
-    names = ("P", "I", "D", "FLTD")
-    return replace(gains, **{name: parameters[f"ATC_RAT_RLL_{name}"] for name in names})
 
 
 def _real_logs() -> list[Row]:

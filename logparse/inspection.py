@@ -65,7 +65,7 @@ class Inspection:
 
 
 def inspect(log: "FlightLog") -> Inspection:
-    """Summarise a log.
+    """Summarise a log; of one that `FlightLog.of_flight` made, the tables and the findings of that flight.
 
     Parameters
     ----------
@@ -80,10 +80,15 @@ def inspect(log: "FlightLog") -> Inspection:
     counts = sorted(log.messages.counts.items(), key=lambda item: (-item[1], item[0]))
     worst_first = {"error": 0, "warning": 1, "info": 2}
     flights = log.flights
+    if log.of_one_flight and log.flight is not None:
+        flights = (log.flight,)
+        duration = log.flight.duration
+        start, stop = log.flight.start, log.flight.stop
+        tables = [(name, None if table is None else table.loc[start:stop]) for name, table in tables]
     checked = health.check(log)
     findings = (*log.findings, *checked)
     return Inspection(
-        file=log.path.name,
+        file=log.name,
         format=log.format,
         boots=len(log.boots),
         boot=log.boots.index(log.boot),
@@ -91,9 +96,9 @@ def inspect(log: "FlightLog") -> Inspection:
         duration=duration,
         vehicle=log.vehicle,
         flights=flights,
-        tables=tuple(summarise(name, table) for name, table in tables if table is not None),
+        tables=tuple(summarise(name, table) for name, table in tables if table is not None and len(table)),
         messages=tuple(
-            MessageSummary(name, rows, rows / duration if duration > 0.0 else math.nan) for name, rows in counts
+            MessageSummary(name, rows, rows / log.duration if log.duration > 0.0 else math.nan) for name, rows in counts
         ),
         findings=tuple(sorted(findings, key=lambda finding: worst_first[finding.severity.value])),
     )

@@ -5,12 +5,14 @@ from typing import Annotated
 
 import typer
 
-from rotorid.cli.options import Boot, power_up
+from rotorid.cli.options import Boot, existing_log, open_log, parted, power_up
 from rotorid.cli.output import console
 
 
 def inspect(
-    log: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A log of any format.")],
+    log: Annotated[
+        Path, typer.Argument(callback=existing_log, help="A log of any format; LOG#2 is the second flight of LOG.")
+    ],
     boot: Boot = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write everything as JSON to stdout.")] = False,
 ) -> None:
@@ -22,7 +24,8 @@ def inspect(
     from logparse.inspection import inspect as look_into
     from logparse.serialization import as_json as to_text
 
-    found = look_into(logparse.read_log(log, power_up(boot)))
+    file, flight = parted(log)
+    found = look_into(logparse.read_log(file, power_up(boot)) if flight is None else open_log(log))
     if as_json:
         typer.echo(to_text(found), nl=False)
         return

@@ -35,7 +35,7 @@ def power_up(boot: int | None) -> int | None:
     return None if boot is None else boot - 1
 
 
-def _parted(name: Path) -> tuple[Path, int | None]:
+def parted(name: Path) -> tuple[Path, int | None]:
     """Part a file and the number of one of its flights; a file whose own name ends so is that file."""
     numbered = _NUMBERED.fullmatch(str(name))
     if numbered is None or name.exists():
@@ -52,7 +52,7 @@ def existing_log(given: Path | list[Path] | None) -> Path | list[Path] | None:
         For one that is not.
     """
     for name in given if isinstance(given, list) else [given] if given is not None else []:
-        file, _ = _parted(name)
+        file, _ = parted(name)
         if not file.is_file():
             raise typer.BadParameter(f"File '{file}' does not exist." if not file.exists() else f"'{file}' is no file.")
     return given
@@ -70,7 +70,7 @@ def open_log(name: Path, boot: int | None = None) -> FlightLog:
     """
     from logparse import LogError, read_flights, read_log
 
-    file, number = _parted(name)
+    file, number = parted(name)
     if number is None:
         log = read_log(file, power_up(boot))
         if len(log.flights) > 1 and log.flight is not None:

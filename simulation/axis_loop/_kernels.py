@@ -46,19 +46,21 @@ class AxisSignals(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+def fly_axis(
+    c: AxisConstants, f: AxisSignals, loop: float
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]:
     """Fly one axis.
 
     Returns
     -------
-    output, feedback, measured, target, angle : ndarray, shape (N,)
-        Controller output with the chirp and without, filtered measurement that it was computed from, rate target after
-        its filter, attitude.
+    output, feedback, integral, derivative, measured, target, angle : ndarray, shape (N,)
+        Controller output with the chirp and without, two of its terms, filtered measurement that it was computed from,
+        rate target after its filter, attitude.
     """
     n, substeps = f.disturbance.shape
     h = loop / substeps
     output, feedback, measured = np.zeros(n), np.zeros(n), np.zeros(n)
-    target, attitude = np.zeros(n), np.zeros(n)
+    target, attitude, terms = np.zeros(n), np.zeros(n), np.zeros((2, n))
     pending = np.zeros(c.delay_steps + 1)
     motor = rate = angle = flex = flex_rate = 0.0
     low = first = second = 0.0
@@ -82,6 +84,7 @@ def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Flo
         derivative += c.alpha_derivative * ((error - error_before) / loop - derivative)
         integral = min(max(integral + c.i * error * loop, -c.imax), c.imax)
         feedback[k] = c.p * error + integral + c.d * derivative + c.ff * filtered
+        terms[0, k], terms[1, k] = integral, c.d * derivative
         u = min(max(feedback[k] + f.mixer_chirp[k], -c.limit), c.limit)
         output[k] = u
         for j in range(substeps):
@@ -111,4 +114,4 @@ def fly_axis(c: AxisConstants, f: AxisSignals, loop: float) -> tuple[Floats, Flo
                 second = ahead * moving - back2 * low
             else:
                 low = moving
-    return output, feedback, measured, target, attitude
+    return output, feedback, terms[0], terms[1], measured, target, attitude

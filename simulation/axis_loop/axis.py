@@ -123,6 +123,8 @@ class AxisRun:
     t: Floats
     output: Floats
     feedback: Floats
+    integral: Floats
+    derivative: Floats
     measured: Floats
     target: Floats
     attitude: Floats

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from logparse.dataflash.writer import MessageTable, write_dataflash
-from simulation.axis_loop.axis import LOOP_HZ, AxisRun
+from simulation.axis_loop.axis import LOOP_HZ, AxisRun, LoopGains
 from simulation.axis_loop.motors import LINEAR, motor_tables
 
 _SYSTEMID, _STABILIZE = 25, 0
+_NAMES = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
 _LETTERS = {"roll": "R", "pitch": "P", "yaw": "Y", "vertical": "A"}
 _BOOT = 10.0
 
@@ -26,6 +28,7 @@ def write_rate_log(
     attitude_rate: float = 100.0,
     parameters: Mapping[str, float] | None = None,
     motors: Mapping[str, float] | None = None,
+    gains: Mapping[str, LoopGains] | None = None,
 ) -> None:
     """Write RATE, SIDD, SIDS, ATT, MODE and PARM of axes that were run over the same time.
 
@@ -44,6 +47,8 @@ def write_rate_log(
         More parameters.
     motors : mapping, optional
         Rates of motor outputs, gyros, ESCs and bursts, as `motor_tables` takes them: these instead of RATE.
+    gains : mapping of str to LoopGains, optional
+        By axis: adds the parameters of the loops, PID messages, and height and vibration of a hover.
     """
     first = next(iter(axes.values()))
     rows = slice(None, None, max(round(LOOP_HZ / rate), 1))
@@ -58,9 +63,10 @@ def write_rate_log(
         columns[f"{letter}Des"] = zero if run is None else scale * run.target[rows]
         columns[letter] = zero if run is None else scale * run.measured[rows]
         columns[f"{letter}Out"] = zero if run is None else run.output[rows] + (0.35 if name == "vertical" else 0.0)
+    flown = _loop_parameters(gains or {}) | dict(parameters or {})
     tables = [
         _table("MSG", "QZ", "s-", "F-", [1.0], {"Message": ["ArduCopter V4.7.0-dev"]}),
-        _parameters({"INS_GYRO_FILTER": filter_hz, "FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0} | dict(parameters or {})),
+        _parameters({"INS_GYRO_FILTER": filter_hz, "FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0} | flown),
         _modes(axes),
         *(
             [_table("RATE", "Qffffffffffff", "skk-kk-kk-oo-", "F?????????BB-", t, columns)]
@@ -69,6 +75,8 @@ def write_rate_log(
         ),
         _attitude(axes, attitude_rate),
         *_chirps(axes, rows),
+        *(_pid(axes[name], one, name, rows) for name, one in (gains or {}).items()),
+        *(_hover(first.t) if gains else ()),
     ]
     write_dataflash(path, tables)
 
@@ -83,6 +91,38 @@ def _table(
 def _parameters(values: Mapping[str, float]) -> MessageTable:
     columns = {"Name": list(values), "Value": [float(value) for value in values.values()]}
     return _table("PARM", "QNf", "s--", "F--", np.full(len(values), 1.0), columns)
+
+
+def _loop_parameters(gains: Mapping[str, LoopGains]) -> dict[str, float]:
+    values = {"SCHED_LOOP_RATE": LOOP_HZ} if gains else {}
+    for axis, one in gains.items():
+        terms = {name: getattr(one, name) for name in ("P", "I", "D", "FF", "FLTT", "FLTE", "FLTD", "IMAX")}
+        values |= {f"ATC_RAT_{_NAMES[axis]}_{name}": float(value) for name, value in terms.items()}
+        values[f"ATC_ANG_{_NAMES[axis]}_P"] = one.angle_P
+    return values
+
+
+def _pid(run: AxisRun, gains: LoopGains, axis: str, rows: slice) -> MessageTable:
+    forward = gains.FF * run.target
+    terms = {"I": run.integral, "D": run.derivative, "FF": forward}
+    proportional = run.feedback - run.integral - run.derivative - forward
+    columns = {"Tar": run.target, "Act": run.measured, "P": proportional} | terms
+    values = {name: each[rows] for name, each in columns.items()}
+    zero = np.zeros(len(run.t[rows]))
+    return _table(
+        f"PID{_LETTERS[axis]}", "QffffffB", "s-------", "F-------", run.t[rows] + _BOOT, values | {"Flags": zero}
+    )
+
+
+def _hover(t: NDArray[np.float64]) -> list[MessageTable]:
+    """Return height and vibration of a craft that rises by 5 m after a twentieth of its time and stays."""
+    rows = t[:: round(LOOP_HZ / 10.0)]
+    heights = {"Alt": np.clip(rows - 0.05 * t[-1], 0.0, 5.0)}
+    shaken = {name: np.full(len(rows), 2.0) for name in ("VibeX", "VibeY", "VibeZ")}
+    return [
+        _table("BARO", "Qf", "sm", "F0", rows + _BOOT, heights),
+        _table("VIBE", "Qfff", "s---", "F---", rows + _BOOT, shaken),
+    ]
 
 
 def _modes(axes: Mapping[str, AxisRun]) -> MessageTable:

@@ -32,3 +32,14 @@ class Feedbacks:
 
     def _feedback(self, **values: float) -> Complexes:
         return self._settings.changed(**({"P": 0.0, "I": 0.0, "D": 0.0} | values)).feedback(self._hz)
+
+
+class FeedbackOfEach:
+    """Feedback of few candidates that change anything."""
+
+    def __init__(self, settings: LoopSettings, hz: Floats) -> None:
+        self._settings, self._hz = settings, hz
+
+    def of(self, candidates: Sequence[Mapping[str, float]]) -> Complexes:
+        """Compute the feedback of each candidate, shape (K, n)."""
+        return np.stack([self._settings.changed(**each).feedback(self._hz) for each in candidates])

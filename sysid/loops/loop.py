@@ -102,8 +102,14 @@ class RateLoop(Summarised):
 
     @property
     def margins(self) -> Margins:
-        """Compute margins with errors from the identified response."""
+        """Compute margins with errors from the identified response, as the next flight with these settings has them."""
         return summarise(self.hz, self.response, self.draws)
+
+    @property
+    def own_margins(self) -> Margins:
+        """Compute the margins of the flight itself: without what the next one may differ by."""
+        through = np.asarray(self.gyro_change * self.settings.feedback(self.hz))
+        return summarise(self.hz, self.response, self.plant.own_draws * through)
 
     @property
     def measured_margins(self) -> Margins:
@@ -119,7 +125,7 @@ class RateLoop(Summarised):
                 f"{self.name}: without PID messages the chirp cannot be parted from the controller's output"
             )
         direct = plant_of(self.measured, self._sampling_error)
-        return summarise(direct.hz, direct.response, direct.draws)
+        return summarise(direct.hz, direct.response, direct.own_draws)
 
     def _sampling_error(self, hz: Floats) -> Floats:
         """Return the standard deviation of ln L where the terms of the PID are logged less often than the loop runs.

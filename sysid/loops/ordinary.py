@@ -85,7 +85,7 @@ def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settin
     draws[0] = response
     sigma = np.std(np.log(np.abs(draws)), axis=0)
     coherence = np.interp(hz, frf.hz, frf.coherence, right=0.0)
-    plant = Plant(hz, response, sigma, coherence, np.asarray(draws, np.complex128))
+    plant = Plant(hz, response, sigma, coherence, draws, draws)
     loop = RateLoop(name, frf, plant, settings, settings, None)
     _useful(loop, top)
     return loop

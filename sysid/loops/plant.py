@@ -39,6 +39,7 @@ class Plant:
     sigma: Floats  #: shape (n,): Standard deviation of gain (relative) and phase (rad) by random error.
     coherence: Floats  #: shape (n,)
     draws: Complexes  #: shape (DRAWS, n): Responses that the data leave possible, for the next flight.
+    own_draws: Complexes  #: shape (DRAWS, n): The same for the flight itself.
 
     def coherence_at(self, hz: Floats) -> Floats:
         """Interpolate the coherence."""
@@ -83,7 +84,8 @@ def plant_of(frf: FrequencyResponse, systematic: Callable[[Floats], Floats] | No
         error = np.hypot(error, systematic(dense))
     resolution = np.interp(dense, hz, frf.resolution[keep])
     coherence = np.interp(dense, hz, frf.coherence[keep])
-    return Plant(dense, response, error, coherence, response * np.exp(_errors(dense, error, resolution, reach)))
+    here, between = _errors(dense, error, resolution, reach)
+    return Plant(dense, response, error, coherence, response * np.exp(here + between), response * np.exp(here))
 
 
 def _smoothed(at: float, x: Floats, y: Complexes, sigma: Floats, independent: Floats) -> tuple[complex, float, float]:
@@ -118,8 +120,11 @@ def _local(
     return complex(beta[0]), float(np.sqrt(np.sum(solved[0] ** 2 * variance) / count)), reach
 
 
-def _errors(hz: Floats, sigma: Floats, resolution: Floats, reach: Floats) -> Complexes:
-    """Draw errors of ln G, shape (DRAWS, n), correlated over the spectral window and the smoothing's reach."""
+def _errors(hz: Floats, sigma: Floats, resolution: Floats, reach: Floats) -> tuple[Complexes, Complexes]:
+    """Draw errors of ln G, shape (DRAWS, n): of the estimate, and what the next flight adds.
+
+    Those of the estimate are correlated over the spectral window and the smoothing's reach.
+    """
     generator = np.random.default_rng(SEED)
     width = np.maximum(resolution / hz, reach)
     cells = np.concatenate([[0.0], np.cumsum(np.diff(np.log(hz)) / (0.5 * (width[1:] + width[:-1])))])
@@ -131,6 +136,7 @@ def _errors(hz: Floats, sigma: Floats, resolution: Floats, reach: Floats) -> Com
     mixed = white[:, low] * np.cos(0.5 * np.pi * share) + white[:, low + 1] * np.sin(0.5 * np.pi * share)
     gain = generator.normal(0.0, GAIN_BETWEEN_FLIGHTS, (DRAWS, 1))
     delay = generator.normal(0.0, DELAY_BETWEEN_FLIGHTS, (DRAWS, 1))
-    result = np.asarray(mixed * sigma + gain - 2j * np.pi * delay * hz, np.complex128)
-    result[0] = 0.0  # the first draw is the estimate itself
-    return result
+    here = np.asarray(mixed * sigma, np.complex128)
+    between = np.asarray(gain - 2j * np.pi * delay * hz, np.complex128)
+    here[0], between[0] = 0.0, 0.0  # the first draw is the estimate itself
+    return here, between

@@ -159,7 +159,7 @@ def _rows(
     the check of that controller (`remarks`), not the measurement: PID terms that are logged less often than the loop
     runs bend it by some percent (`RateLoop.measured_margins`).
     """
-    foretold, found = predicted.margins, second.margins
+    foretold, found = predicted.margins, second.own_margins
     rows: list[dict[str, object]] = []
     for name, (unit, _) in MARGINS.items():
         a, b = getattr(foretold, name), getattr(found, name) if measured else Parameter(None, None, unit)

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from sysid.loops.evidence import RANGES
-from sysid.loops.feedbacks import Feedbacks
+from sysid.loops.feedbacks import FeedbackOfEach, Feedbacks
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
@@ -23,6 +23,12 @@ _P = np.geomspace(0.501, 1.996, 13)
 _D = np.geomspace(0.501, 1.996, 11)
 _I = (0.7, 1.0, 1.4)
 _FLTD = (1.0, 1.5, 2.0)
+
+#: The same of the filters of target and error and of the feed-forward; highest filter that ArduCopter documents, Hz.
+_OTHER_FILTERS, _FF, _HIGHEST_FILTER = (0.7, 1.0, 1.5, 2.0), (0.7, 1.0, 1.4), 100.0
+
+#: Score that another filter of the target or error must gain to be proposed.
+_WORTH_A_FILTER = 0.02
 
 #: Candidates whose margins are computed at once, and of how many frequencies one is taken in this first look.
 _AT_ONCE, _EVERY = 256, 2
@@ -82,7 +88,8 @@ class _Field:
 def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim.
 
-    Gains that raise the loop where nothing was measured are tried only where others reject no more than as flown.
+    Gains that raise the loop where nothing was measured are tried only where others reject no more than as flown. The
+    filters of target and error and the feed-forward come last, around the best of the others.
 
     Parameters
     ----------
@@ -91,27 +98,30 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     gyro_factor : float
         Of INS_GYRO_FILTER.
     """
-    candidates = _field(loop, gyro_factor)
-    if loop.hz[-1] < FIRST_MODES:
-        return _best(loop, aim, candidates, 1.0)
-    best = _best(loop, aim, candidates, UNSEEN_RAISED[0])
-    for most in UNSEEN_RAISED[1:]:
+    bare = loop.flown.changed(gyro_filter=other_gyro_filter(loop, gyro_factor))
+    candidates = _field(loop, bare, _gains(loop), Feedbacks)
+    raised = UNSEEN_RAISED if loop.hz[-1] >= FIRST_MODES else (1.0,)
+    best = _best(loop, aim, candidates, raised[0])
+    allowed = raised[0]
+    for most in raised[1:]:
         if best.gains:
             break
         found = _best(loop, aim, candidates, most)
         if found.tuned is not None and (found.wider, found.score) > (best.wider, best.score):
-            best = found
-    return best
+            best, allowed = found, most
+    others = _others(loop)
+    if best.tuned is None or not others:
+        return best
+    found = _best(loop, aim, _field(loop, best.tuned.settings, others, FeedbackOfEach), allowed)
+    return found if found.tuned is not None and found.score > best.score + _WORTH_A_FILTER else best
 
 
-def _field(loop: RateLoop, gyro_factor: float) -> _Field:
-    """Lay out the candidates of an axis and compute their nominal margins."""
+def _gains(loop: RateLoop) -> list[dict[str, float]]:
+    """Lay out P, I, D and the derivative's filter."""
     flown = loop.flown.controller
     ranges = RANGES[loop.axis]
     candidates = []
-    for p, d, i, fltd in itertools.product(
-        _P, _D if flown.D > 0.0 else (1.0,), _I, _FLTD if flown.FLTD > 0.0 else (1.0,)
-    ):
+    for p, d, i, fltd in itertools.product(_P, _D if flown.D > 0.0 else (1.0,), _I, _filters(flown.FLTD, _FLTD)):
         values = {
             "P": typed(flown.P * p),
             "I": typed(flown.I * min(max(p * i, _P[0]), _P[-1])),
@@ -120,11 +130,40 @@ def _field(loop: RateLoop, gyro_factor: float) -> _Field:
         }
         if all(_within(values[name], getattr(flown, name), ranges[name]) for name in ranges):
             candidates.append(values)
+    return candidates
+
+
+def _others(loop: RateLoop) -> list[dict[str, float]]:
+    """Lay out the filters of target and error, and the feed-forward, of those that are in use."""
+    flown = loop.flown.controller
+    factors = {
+        "FLTT": _filters(flown.FLTT, _OTHER_FILTERS),
+        "FLTE": _filters(flown.FLTE, _OTHER_FILTERS),
+        "FF": _FF if flown.FF > 0.0 else (1.0,),
+    }
+    return [
+        {name: typed(getattr(flown, name) * factor) for name, factor in zip(factors, chosen, strict=True)}
+        for chosen in itertools.product(*factors.values())
+        if set(chosen) != {1.0}
+    ]
+
+
+def _filters(flown: float, factors: Sequence[float]) -> tuple[float, ...]:
+    """Return the factors of a filter that keep it in the documented range; of none, none."""
+    return tuple(k for k in factors if k == 1.0 or 0.0 < flown * k <= _HIGHEST_FILTER)
+
+
+def _field(
+    loop: RateLoop,
+    bare: LoopSettings,
+    candidates: Sequence[Mapping[str, float]],
+    kind: type[Feedbacks | FeedbackOfEach],
+) -> _Field:
+    """Compute what needs no draws of candidates that change the settings `bare`."""
     hz = loop.hz[::_EVERY]
-    bare = loop.flown.changed(gyro_filter=other_gyro_filter(loop, gyro_factor))
     through = (loop.with_settings(bare).gyro_change * loop.plant.response)[::_EVERY]
     true_plant = through / bare.gyro.response(hz)
-    feedbacks, beyond = Feedbacks(bare, hz), Unseen(loop, bare)
+    feedbacks, beyond = kind(bare, hz), Unseen(loop, bare, kind)
     rows = []
     gusts, unseen = np.empty(len(candidates)), np.empty(len(candidates))
     for first in range(0, len(candidates), _AT_ONCE):

@@ -166,13 +166,15 @@ def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") ->
     return Tuning(names, aim, proposed, rollback, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 
-def _worth(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, float]:
-    """Return what one setting of the gyro filter is worth: axes that gain, little raised unseen, the score in steps."""
-    items = tuned.values()
+def _worth(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float]:
+    """Return what a gyro filter is worth: axes with a proposal and that gain, little raised unseen, score in steps."""
+    items = [item for item in tuned.values() if item.tuned is not None]
+    raised = (next((k for k, most in enumerate(UNSEEN_RAISED) if item.unseen <= most), 9) for item in items)
     return (
+        len(items),
         sum(item.wider for item in items),
         sum(item.gains for item in items),
-        -max(next((k for k, most in enumerate(UNSEEN_RAISED) if item.unseen <= most), 9) for item in items),
+        -max(raised, default=0),
         round(sum(item.score for item in items) / _SAME_SCORE),
     )
 

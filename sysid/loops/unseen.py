@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.frequency.records import AxisRecord
-from sysid.loops.feedbacks import Feedbacks
+from sysid.loops.feedbacks import FeedbackOfEach, Feedbacks
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.settings import LoopSettings
@@ -53,9 +53,9 @@ _FITS, _FEWEST = 10, 4
 class Unseen:
     """The loop beyond the measured band, as the rigid craft would continue it: modes of the frame may stand above."""
 
-    def __init__(self, loop: RateLoop, settings: LoopSettings) -> None:
+    def __init__(self, loop: RateLoop, settings: LoopSettings, kind: type[Feedbacks | FeedbackOfEach]) -> None:
         self._hz, self._craft = _rigid(loop)
-        self._feedbacks = Feedbacks(settings, self._hz)
+        self._feedbacks = kind(settings, self._hz)
         self._gyro = np.abs(settings.gyro.response(self._hz))
         self._flown = np.abs(loop.flown.feedback(self._hz) * loop.flown.gyro.response(self._hz))
 

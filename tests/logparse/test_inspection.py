@@ -63,6 +63,8 @@ def log_of(messages, parameters=None, kind="dataflash"):
     flights = find_flights(tables)
     boot = Boot(0, 1, float(T[0]), float(T[-1]))
     return SimpleNamespace(
+        name="some.bin",
+        of_one_flight=False,
         path=Path("folder/some.bin"),
         format=kind,
         boots=(boot,),

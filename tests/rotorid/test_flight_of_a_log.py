@@ -31,6 +31,10 @@ def test_a_flight_is_chosen_by_its_number(capsys):
 def test_commands_take_the_flight(tmp_path):
     done = CliRunner().invoke(app, ["frequency", f"{TWO}#2", "--axis", "roll", "--json", "--out", str(tmp_path)])
     assert json.loads(done.stdout)["logs"] == [f"{TWO.name}#2"]
+    done = CliRunner().invoke(app, ["inspect", f"{TWO}#2", "--json"])
+    seen = json.loads(done.stdout)
+    assert len(seen["flights"]) == 1
+    assert all(table["start"] >= seen["flights"][0]["start"] for table in seen["tables"])
     done = CliRunner().invoke(app, ["tune", f"{TWO}#1"])
     assert done.exit_code == 1
     assert "no chirp" in done.output

@@ -51,6 +51,12 @@ def settings_of(plant: AxisPlant, gains: LoopGains) -> LoopSettings:
     )
 
 
+def gains_of(settings: LoopSettings) -> LoopGains:
+    """Return the gains with which a craft flies settings, as tuned."""
+    names = ("P", "I", "D", "FF", "FLTT", "FLTE", "FLTD", "IMAX")
+    return LoopGains(**{name: getattr(settings.controller, name) for name in names}, angle_P=settings.angle.P)
+
+
 def records_of_flight(flight: AxisRun, name: str = "simulated") -> tuple[LoopRecord, ...]:
     """Cut the record of a flight's chirp from rows logged at 100 Hz."""
     rows = slice(None, None, 4)

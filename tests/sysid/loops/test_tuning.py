@@ -15,8 +15,8 @@ from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file, read_parameter_file, typed
 from sysid.loops.safety import Aim
 from sysid.loops.same_craft import gain_apart
-from sysid.loops.search import tune_axis
-from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, true_loop
+from sysid.loops.search import AxisTuning, tune_axis
+from tests.sysid.loops.flown import flown_loop, fly_chirp, gains_of, loop_of_flight, true_loop
 
 LOGS = Path(__file__).parents[4] / "shared" / "logs"
 HZ = np.geomspace(0.1, 120.0, 4000)
@@ -58,7 +58,7 @@ def test_proposed_gains_keep_in_truth_what_was_promised():
         c = tuning.tuned.settings.controller
         for name in ("P", "I", "D"):
             assert 0.5 <= getattr(c, name) / getattr(gains, name) <= 2.0
-        truth = margins_of(HZ, true_loop(axis, replace(gains, P=c.P, I=c.I, D=c.D, FLTD=c.FLTD), HZ)).row(0)
+        truth = margins_of(HZ, true_loop(axis, gains_of(tuning.tuned.settings), HZ)).row(0)
         assert truth["stable"]
         assert not truth["gain_db"] < min(tuning.worst["gain_db"], 6.0)
         assert truth["phase_deg"] >= 45.0
@@ -104,8 +104,7 @@ def test_a_mode_beyond_the_chirp_is_left_its_margin():
     before = margins_of(HZ, true_loop(axis, gains, HZ)).row(0)
     tuning = tune_axis(flown_loop(axis, gains, 1, magnitude=0.1, band=(0.5, 20.0)), Aim())
     assert tuning.tuned is not None
-    c = tuning.tuned.settings.controller
-    after = margins_of(HZ, true_loop(axis, replace(gains, P=c.P, I=c.I, D=c.D, FLTD=c.FLTD), HZ)).row(0)
+    after = margins_of(HZ, true_loop(axis, gains_of(tuning.tuned.settings), HZ)).row(0)
     assert before["gain_db"] > 5.0
     assert after["gain_db"] > 4.0
 
@@ -127,6 +126,24 @@ def test_a_loop_that_nearly_rings_beyond_its_chirp_is_refused():
     assert "stands out" in (unsupported(flown_loop(axis, gains, 1, band=(0.5, 15.0))) or "")
     rigid = replace(axis, flex_hz=0.0, flex_share=0.0)
     assert unsupported(flown_loop(rigid, gains, 1, band=(0.5, 15.0))) is None
+
+
+def test_filters_of_target_and_error_and_feed_forward_are_proposed_where_they_are_in_use():
+    """A craft slowed by low filters: opening them rejects more, and no change exceeds a factor of two."""
+    axis = AxisPlant(gain=300.0, damping=1.0, lag=0.015, delay=0.002, filter_hz=60.0)
+    gains = LoopGains(P=0.07, I=0.07, D=0.002, FF=0.02, FLTT=6.0, FLTE=12.0)
+    tuning = tune_axis(flown_loop(axis, gains, 1), Aim())
+    assert tuning.tuned is not None
+    c = tuning.tuned.settings.controller
+    assert any(getattr(c, name) != getattr(gains, name) for name in ("FF", "FLTT", "FLTE"))
+    for name in ("FF", "FLTT", "FLTE"):
+        assert 0.5 <= getattr(c, name) / getattr(gains, name) <= 2.0
+    before, after = (
+        margins_of(HZ, true_loop(axis, one, HZ)).row(0) for one in (gains, gains_of(tuning.tuned.settings))
+    )
+    assert after["rejection_hz"] > before["rejection_hz"]
+    assert after["gain_db"] >= tuning.worst["gain_db"]
+    assert after["phase_deg"] >= tuning.worst["phase_deg"]
 
 
 def test_values_come_back_as_typed():
@@ -208,6 +225,14 @@ def test_no_log_and_an_unknown_aim():
     assert tune([]).refused == "no log was given"
     with pytest.raises(LoopError, match="aim"):
         tune([], aim="fastest")
+
+
+def test_a_gyro_filter_that_saves_an_axis_is_worth_more_than_one_that_does_not():
+    """An axis without a proposal at the flown filter ended in an overflow."""
+    none = AxisTuning("roll", "no gains keep the aim")
+    loop = flown_loop(AxisPlant(gain=300.0, lag=0.02, filter_hz=30.0), LoopGains(P=0.07, I=0.07, D=0.002), 1)
+    some = AxisTuning("roll", None, loop, loop, score=0.1)
+    assert tuning._worth({"roll": some}) > tuning._worth({"roll": none})
 
 
 def test_flights_that_answer_differently_are_not_summed(flown, monkeypatch):
