@@ -8,6 +8,9 @@ from pipeline.results.craft_review import CraftReview
 from pipeline.results.quantity import ParameterChange
 from pipeline.results.report import FlightReport
 
+#: What stands in every answer where there is no number.
+NOT_DETERMINED = "not determined"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightRef:
@@ -34,8 +37,22 @@ class CraftRef:
 class Library(Protocol):
     """Flights and craft, to be read only."""
 
-    def flights(self) -> Sequence[FlightRef]:
-        """List the flights, the newest first."""
+    def flights(self, craft: str = "", text: str = "", limit: int | None = None) -> tuple[Sequence[FlightRef], int]:
+        """List flights, the newest first, and count them.
+
+        Parameters
+        ----------
+        craft : str
+            Only those of the craft of this id.
+        text : str
+            Only those with this in their name, in capitals or not.
+        limit : int, optional
+            Most that are listed; all are counted.
+        """
+        ...
+
+    def flight(self, name: str) -> str | None:
+        """Return the id of a flight by that id or its name; None where there is none."""
         ...
 
     def crafts(self) -> Sequence[CraftRef]:

@@ -4,11 +4,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from sqlalchemy import func, select
-from sqlalchemy.orm import load_only
 
 from api.database import Database
 from api.ids import is_id
-from api.library import CraftRef, FlightRef
+from api.library import NOT_DETERMINED, CraftRef, FlightRef
 from api.objects import Objects
 from api.records import AnalysisRecord, CraftRecord, FlightRecord
 from logparse.serialization import restored
@@ -44,42 +43,57 @@ class ServiceLibrary:
         self._owner = owner
         self._compare = compare
 
-    def flights(self) -> Sequence[FlightRef]:
-        """List the flights, the newest first."""
-        light = load_only(
-            FlightRecord.id, FlightRecord.name, FlightRecord.craft_id, FlightRecord.start, FlightRecord.answers
-        )
+    def flights(self, craft: str = "", text: str = "", limit: int | None = None) -> tuple[Sequence[FlightRef], int]:
+        """List flights, the newest first, and count them."""
+        chosen = [FlightRecord.owner == self._owner]
+        if craft:
+            chosen.append(FlightRecord.craft_id == craft)
+        if text:
+            chosen.append(FlightRecord.name.icontains(text.replace("\0", ""), autoescape=True))
+        columns = (FlightRecord.id, FlightRecord.name, FlightRecord.craft_id, FlightRecord.start, FlightRecord.answers)
         with self._database.read() as session:
+            total = session.scalar(select(func.count()).select_from(FlightRecord).where(*chosen)) or 0
             rows = session.execute(
-                select(FlightRecord, CraftRecord.name, CraftRecord.kind)
-                .options(light)
+                select(*columns, CraftRecord.name, CraftRecord.kind)
                 .join(CraftRecord, CraftRecord.id == FlightRecord.craft_id)
-                .where(FlightRecord.owner == self._owner)
+                .where(*chosen)
                 .order_by(func.coalesce(FlightRecord.start, FlightRecord.added).desc(), FlightRecord.id)
+                .limit(limit)
             ).all()
-            return [
-                FlightRef(
-                    id=flight.id,
-                    name=flight.name,
-                    craft=flight.craft_id,
-                    craft_name=name or kind,
-                    start_utc=None if flight.start is None else flight.start.isoformat(),
-                    healthy=next((x["word"] for x in flight.answers if x["purpose"] == "Healthy"), "not determined"),
-                )
-                for flight, name, kind in rows
-            ]
+        found = [
+            FlightRef(
+                id=flight,
+                name=name,
+                craft=craft_id,
+                craft_name=own or kind,
+                start_utc=None if start is None else start.isoformat(),
+                healthy=next((x["word"] for x in answers if x["purpose"] == "Healthy"), NOT_DETERMINED),
+            )
+            for flight, name, craft_id, start, answers, own, kind in rows
+        ]
+        return found, total
+
+    def flight(self, name: str) -> str | None:
+        """Return the id of a flight by that id or its name; None where there is none."""
+        if "\0" in name:
+            return None
+        with self._database.read() as session:
+            named = select(FlightRecord.id).where(FlightRecord.owner == self._owner)
+            found = session.scalar(named.where(FlightRecord.id == name)) if is_id(name) else None
+            return found or session.scalar(named.where(FlightRecord.name == name))
 
     def crafts(self) -> Sequence[CraftRef]:
         """List the craft."""
+        columns = (CraftRecord.id, CraftRecord.name, CraftRecord.kind)  # the reviews of large craft are megabytes
         with self._database.read() as session:
             rows = session.execute(
-                select(CraftRecord, func.count(FlightRecord.id))
+                select(*columns, func.count(FlightRecord.id))
                 .outerjoin(FlightRecord, FlightRecord.craft_id == CraftRecord.id)
                 .where(CraftRecord.owner == self._owner)
-                .group_by(CraftRecord.id)
+                .group_by(*columns, CraftRecord.created)
                 .order_by(CraftRecord.created)
             ).all()
-            return [CraftRef(id=c.id, name=c.name or c.kind, kind=c.kind, flights=count) for c, count in rows]
+        return [CraftRef(id=craft, name=name or kind, kind=kind, flights=count) for craft, name, kind, count in rows]
 
     def report(self, flight: str) -> FlightReport | None:
         """Read the report of a flight."""

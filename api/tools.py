@@ -18,12 +18,9 @@ from api.answers import (
     Parameters,
     Predictions,
 )
-from api.library import Library
+from api.library import NOT_DETERMINED, Library
 from pipeline.results.report import FlightReport
 from reports.quantities import answers_of, craft_parameters, health_of, margins_of, parameters_of, predictions_of
-
-#: What stands in every answer where there is no number.
-NOT_DETERMINED = "not determined"
 
 #: Most items of one answer.
 MOST = 1000
@@ -45,12 +42,8 @@ class Tools:
         `craft` is the id or name of a craft; `text` is part of a flight's name. The answer says how many there are.
         """
         chosen = self._craft(craft) if craft else ""
-        found = [
-            each
-            for each in self.library.flights()
-            if (not chosen or each.craft == chosen) and text.casefold() in each.name.casefold()
-        ]
-        return FlightList(found[: min(max(limit, 1), MOST)], len(found))
+        found, total = self.library.flights(chosen, text, min(max(limit, 1), MOST))
+        return FlightList(found, total)
 
     def list_craft(self) -> CraftList:
         """List craft: id, name, kind, and how many flights each has."""
@@ -131,11 +124,10 @@ class Tools:
 
     def _flight(self, name: str) -> str:
         """Find a flight by its id or its name."""
-        flights = self.library.flights()
-        found = [each.id for each in flights if name == each.id] or [each.id for each in flights if name == each.name]
-        if not found:
+        found = self.library.flight(name)
+        if found is None:
             raise UnknownError(f"there is no flight {name!r}; list_flights tells which there are")
-        return found[0]
+        return found
 
     def _craft(self, name: str) -> str:
         """Find a craft by its id or its name, which must not mean several."""

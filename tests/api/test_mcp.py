@@ -9,13 +9,19 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 
 from api import Settings, create_app
+from api.craft_flights import keep
+from api.flown import Flown
+from api.folder_library import FolderLibrary
+from api.tools import Tools, UnknownError
+from logparse.serialization import as_json, plain
+from pipeline.results.answer import AnswerLine, Tone
 from tests.api import flights, standins
 from tests.api.conftest import running
 from tests.api.programs import PROJECT
+from tests.pipeline.builders import flown
 
 mcp = pytest.importorskip("mcp")
 
@@ -132,15 +138,47 @@ def test_the_same_questions_over_http(tmp_path: Path) -> None:
         assert client.get("/api/v1/questions/changes", params={"craft": "octa"}).status_code in (200, 404)
 
 
-def test_a_store_of_1000_flights_is_listed(tmp_path: Path) -> None:
+def test_lists_count_what_they_leave_out(tmp_path: Path) -> None:
+    """What lists take on 1,000 flights is measured by `benchmarks.questions`."""
     app = create_app(Settings(data=tmp_path), standins.analyze, preload=())
-    from api.craft_flights import keep
-    from api.flown import Flown
-    from tests.pipeline.builders import flown
-
     with app.state.parts.database.write() as session:
-        for number in range(1000):
-            keep(session, "", f"{number:032x}", Flown(flown(f"flight{number}")), (None, None, ""))
+        for number in range(12):
+            made = Flown(flown(f"Flight{number}", craft=f"craft{number % 2}"))
+            keep(session, "", f"{number:032x}", made, (None, None, ""))
     with running(app) as client:
-        answer: httpx.Response = client.get("/api/v1/questions/flights", params={"limit": 1000})
-        assert answer.json()["total"] == 1000
+
+        def listed(**named: Any) -> tuple[int, int]:
+            answer: dict[str, Any] = client.get("/api/v1/questions/flights", params=named).json()
+            return len(answer["flights"]), answer["total"]
+
+        craft = client.get("/api/v1/questions/craft").json()["craft"]
+        assert sorted(each["flights"] for each in craft) == [6, 6]
+        assert listed(limit=5) == (5, 12)
+        assert listed(text="flight1") == (3, 3)
+        assert listed(text="%") == (0, 0)
+        assert listed(craft=craft[0]["id"], limit=2) == (2, 6)
+
+
+def test_a_folder_is_read_again_when_it_changes(tmp_path: Path) -> None:
+    def write(name: str, word: str) -> None:
+        place = tmp_path / "flights" / name
+        place.mkdir(parents=True, exist_ok=True)
+        (place / "entry.json").write_text(as_json(flown(name)))
+        line = AnswerLine(purpose="Healthy", word=word, tone=Tone.GOOD, text="")
+        (place / "report.json").write_text(json.dumps({"answer": {"lines": [plain(line)]}}))
+
+    write("first", "yes")
+    tools = Tools(FolderLibrary(tmp_path))
+    assert [each.healthy for each in tools.list_flights().flights] == ["yes"]
+    write("first", "mostly")
+    write("second", "no")
+    assert {each.name: each.healthy for each in tools.list_flights().flights} == {
+        "first": "mostly",
+        "second": "no",
+    }
+    (craft,) = tools.list_craft().craft
+    assert len(tools.get_changes(craft.id).flights) == 1  # recordings of one flight
+    write("third", "yes")
+    assert tools.get_changes(craft.id).remarks[0].startswith("2 of the logs are further")
+    with pytest.raises(UnknownError, match="no flight 'fourth'"):
+        tools.get_health("fourth")
