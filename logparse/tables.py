@@ -93,7 +93,7 @@ COLUMNS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "axis": "1; what the chirp was added to, as SID_AXIS numbers it (10-13: mixer roll, pitch, yaw, thrust)",
             "target": "chirp as added, in the unit of the axis (mixer: -1..1, angles: deg, rates: deg/s)",
             "elapsed": "s; since the chirp began",
-            "frequency": "rad/s; of the chirp now",
+            "frequency": "rad/s; of the chirp now; NaN where the log does not tell (PX4's autotuning)",
             "w_x": "rad/s; angular rate about body x",
             "w_y": "rad/s",
             "w_z": "rad/s",

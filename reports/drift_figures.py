@@ -10,6 +10,7 @@ from logparse.quantity import per_degree, with_unit
 from pipeline.results.craft_review import Note
 from pipeline.results.drift import Drift, History, MotorShares, Point
 from reports.figure import Drawn, Figure, Trace, layout_of, plotly_text
+from reports.frequency_figures import response_overlays
 from reports.model_figures import INPUT_COLORS
 
 #: Parameters that one figure holds, a small plot for each.
@@ -34,6 +35,7 @@ def drift_figures(drift: Drift | None, prefix: str, notes: Sequence[Note] = ()) 
     motors = _motors(drift, f"{prefix}shares", marks)
     if motors is not None:
         shown.append(motors)
+    shown += response_overlays(drift.responses, prefix)
     worth = [each for each in drift.parameters if len(each.flights) >= FEWEST_POINTS]
     worth.sort(key=lambda each: each.change is None)
     for first in range(0, len(worth), MOST_PLOTS):

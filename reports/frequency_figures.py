@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import chdtri as chi2_isf
 
+from pipeline.results.entry import ResponseCurve
 from pipeline.results.rotation import FittedResponse
 from reports.figure import Figure, Trace, layout_of
 from sysid.frequency.fit import FrequencyFit
@@ -50,6 +52,41 @@ def bode_figure(fitted: FittedResponse, name: str) -> Figure:
         "Where the coherence is below 0.6 (shaded) nothing counts."
     )
     return Figure(name, caption, data, layout, 520, False)
+
+
+#: Colours of curves that are laid over each other, and how they are drawn beyond those.
+_OVER = ("@ink", "@body", "@mixer", "@joint", "@own")
+_DASHES = ("solid", "dash", "dot", "dashdot")
+
+
+def response_overlays(curves: Sequence[ResponseCurve], prefix: str = "") -> list[Figure]:
+    """Lay the responses of several flights over each other, a figure for each axis that two or more tell."""
+    figures = []
+    for axis in dict.fromkeys(curve.axis for curve in curves):
+        mine = [curve for curve in curves if curve.axis == axis and curve.hz]
+        # What stands for the controller's outputs has another scale.
+        source = Counter(curve.source for curve in mine).most_common(1)[0][0] if mine else ""
+        mine = [curve for curve in mine if curve.source == source]
+        if len(mine) < 2:
+            continue
+        data: list[Trace] = []
+        for k, curve in enumerate(mine):
+            color, dash = _OVER[k % len(_OVER)], _DASHES[k // len(_OVER) % len(_DASHES)]
+            hz, phase = _plain(np.array(curve.hz), 4), np.array(curve.phase_deg)
+            turns = 360.0 * np.ceil(np.median(phase) / 360.0)
+            data.append(_line(hz, np.array(curve.gain_db), curve.flight, color, "y", dash))
+            data.append(_line(hz, phase - turns, curve.flight, color, "y2", dash, legend=False))
+        layout = layout_of(
+            xaxis={"type": "log", "title": {"text": "frequency (Hz)"}, "anchor": "y2"},
+            yaxis={"title": {"text": f"gain (dB of {mine[0].unit} per unit)"}, "domain": [0.52, 1.0]},
+            yaxis2={"title": {"text": "phase (deg)"}, "domain": [0.0, 0.46]},
+        )
+        caption = (
+            f"{axis.capitalize()}: answers to the command by flight, where it is coherent. Curves that lie apart "
+            "by more than a decibel or some degrees are another craft, another load or another battery."
+        )
+        figures.append(Figure(f"{prefix}responses-{axis}", caption, data, layout, 420, False))
+    return figures
 
 
 def pole_figure(fits: Sequence[tuple[str, FrequencyFit]]) -> Figure | None:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rich.console import RenderableType
 
 from logparse import Finding
 from logparse.table import Table
-from pipeline.flight.rotation import turning_of
+from pipeline.flight.rotation import curve_of, turning_of
 from reports.figure import Figure
-from reports.frequency_figures import pole_figure
+from reports.frequency_figures import pole_figure, response_overlays
 from reports.html import render
 from reports.rotation_views import coupling_sentence, parameter_table, rotation_figures
 from reports.rotation_views import sentences as sentences_of
+from sysid.frequency.fit import FrequencyFit
+from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
 
 
@@ -34,6 +36,10 @@ def frequency_page(found: FrequencySurvey) -> str:
     """Render the page."""
     axes = [turning_of(axis) for axis in found.axes]
     figures = rotation_figures(axes)
+    curves = [curve_of(frf, name) for name, frf in found.single]
+    summed = [axis.fit for axis in found.axes if axis.fit is not None]
+    if curves:
+        figures += response_overlays([*curves, *(curve_of(_modelled(fit), "model of all") for fit in summed)])
     poles = pole_figure([(axis.axis, axis.fit) for axis in found.axes if axis.fit is not None])
     if poles is not None:
         figures.append(poles)
@@ -55,6 +61,12 @@ def frequency_page(found: FrequencySurvey) -> str:
         findings=list(findings.values()),
     )
     return render("frequency.html", figures, page)
+
+
+def _modelled(fit: FrequencyFit) -> FrequencyResponse:
+    """Return a fit's model in the place of what was measured."""
+    measured = fit.responses[0]
+    return replace(measured, response=fit.response(measured.hz))
 
 
 def sentences(axis: AxisSurvey) -> list[str]:

@@ -16,6 +16,9 @@ from logparse.vehicle import Vehicle
 
 Messages = Mapping[str, pd.DataFrame]
 
+#: Pause [s] in a signal of autotuning that ends it.
+_SILENT = 1.0
+
 #: EKF2_GPS_DELAY of PX4 when the log does not have the parameter [ms].
 _GPS_DELAY = 110.0
 
@@ -36,6 +39,7 @@ def build(messages: Messages, parameters: Mapping[str, float], vehicle: Vehicle,
         attitude=attitude,
         setpoints=_setpoints(messages),
         rates=_rates(messages),
+        systemid=_systemid(messages),
         ekf=_ekf(messages, attitude),
         rangefinder=_rangefinder(messages),
         modes=_modes(messages),
@@ -309,6 +313,34 @@ def _rates(messages: Messages) -> pd.DataFrame | None:
         part = series(controls.index, {name: _values(controls, f"control[{k}]") for k, name in enumerate(names)})
         table[names] = sample(part, t, gap=0.2)
     return table
+
+
+def _systemid(messages: Messages) -> pd.DataFrame | None:
+    """Signals that autotuning adds to the rate targets, where it does; it logs no frequency."""
+    frame = _first(messages, "autotune_attitude_control_status")
+    if frame is None:
+        return None
+    t = frame.index.to_numpy(np.float64)
+    added = np.column_stack([_values(frame, f"rate_sp[{k}]") for k in range(3)])
+    moving = np.nan_to_num(np.abs(added)) > 0.0
+    # A signal passes through zero: a run lasts until its axis is silent for a second.
+    axis = np.full(len(t), -1)
+    for k in range(3):
+        at = t[moving[:, k]]
+        if len(at):
+            after = np.searchsorted(at, t, "right") - 1
+            before = np.searchsorted(at, t)
+            near = (after >= 0) & (before < len(at))
+            gap = at[np.minimum(before, len(at) - 1)] - at[np.maximum(after, 0)]
+            axis[near & (gap <= _SILENT) & (axis < 0)] = k
+    rows = np.flatnonzero(axis >= 0)
+    if not len(rows):
+        return None
+    first = np.concatenate([[True], (np.diff(axis[rows]) != 0) | (np.diff(t[rows]) > _SILENT)])
+    began = t[rows][np.maximum.accumulate(np.where(first, np.arange(len(rows)), 0))]
+    # As SID_AXIS numbers signals that are added to rate targets.
+    columns = {"axis": 7.0 + axis[rows], "target": np.degrees(added[rows, axis[rows]]), "elapsed": t[rows] - began}
+    return series(t[rows], columns).reindex(columns=list(COLUMNS["systemid"]))
 
 
 def _rangefinder(messages: Messages) -> pd.DataFrame | None:

@@ -24,6 +24,9 @@ from pipeline.results.drift import Drift, History, Point, Trend
 if TYPE_CHECKING:
     from pipeline.results.entry import FlightEntry, FlightParameter
 
+#: Flights whose responses are laid over each other: of more, none can be told apart.
+MOST_CURVES = 8
+
 #: What may have changed when a parameter did.
 _CAUSES: Mapping[str, str] = {
     "thrust over mass": "weigh the craft, and compare propellers and motors with those of the earlier flights",
@@ -74,6 +77,7 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
         parameters=tuple(histories),
         motors=motors,
         findings=(*_findings(histories), *(motors.findings if motors is not None else ())),
+        responses=tuple(curve for flight in flights[-MOST_CURVES:] for curve in flight.responses),
     )
 
 

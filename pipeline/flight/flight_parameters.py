@@ -6,13 +6,15 @@ These rows are light; they are kept of every flight so that parameters can be fo
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.flight.kinds import THRUST_KEY
-from pipeline.results.entry import FlightParameter
-from pipeline.results.failure import Failure
+from pipeline.flight.rotation import curve_of
+from pipeline.results.entry import FlightParameter, ResponseCurve
+from pipeline.results.failure import Failure, present
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.physical import HEADLINE, METHODS
@@ -71,6 +73,7 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
             rows.append(
                 FlightParameter(parameter=parameter, method=method, value=value, sigma=sigma, unit=str(row["unit"]))
             )
+    rows += _turning(result)
     record = result.experiments.get(THRUST_KEY)
     if record is not None and (volts := reference_voltage([record])) is not None:
         rows.append(FlightParameter(parameter="voltage", method=BATTERY, value=volts, sigma=0.01 * volts, unit="V"))
@@ -80,6 +83,35 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
             for motor, (share, sigma) in motor_shares(record).items()
         ]
     return rows
+
+
+def _turning(result: FlightResult) -> Iterator[FlightParameter]:
+    """Yield how strongly and how late each axis answers; not what changes with the gains."""
+    rotation = present(result.rotation)
+    for axis in () if rotation is None else rotation.every:
+        if axis.rate is None or not axis.rate_determined:
+            continue
+        source = axis.rate.measured.source or "rate controller"
+        known = axis.rate.parameters
+        late = known.get("effective_delay", known.get("delay"))
+        for name, each in (("effectiveness", known["gain"]), ("delay", late)):
+            if each is not None and each.value is not None and each.sigma is not None and each.sigma > 0.0:
+                yield FlightParameter(
+                    parameter=f"{axis.axis} {name}",
+                    method=f"frequency response, {source}",
+                    value=each.value,
+                    sigma=each.sigma,
+                    unit=each.unit,
+                )
+
+
+def response_curves(result: FlightResult) -> Iterator[ResponseCurve]:
+    """Yield the coherent part of the response of every axis whose gain is determined."""
+    rotation = present(result.rotation)
+    for axis in () if rotation is None else rotation.every:
+        if axis.rate is None or not axis.rate_determined:
+            continue
+        yield curve_of(axis.rate.measured, result.name)
 
 
 def motor_shares(record: Experiment) -> dict[str, tuple[float, float]]:

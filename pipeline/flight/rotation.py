@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from logparse import Finding, FlightLog, RotoridError, Severity
+from pipeline.results.entry import ResponseCurve
 from pipeline.results.rotation import (
     LEAST_GAIN_DB,
     LEAST_PHASE_DEG,
@@ -89,6 +92,20 @@ def turning_of(found: AxisSurvey) -> AxisRotation:
             response=_fitted(following.frf, following.fit),
         ),
         attitude_reason=found.attitude_reason,
+    )
+
+
+def curve_of(frf: FrequencyResponse, flight: str) -> ResponseCurve:
+    """Return the coherent part of a response, to be laid over those of other flights."""
+    good = frf.usable
+    return ResponseCurve(
+        flight=flight,
+        axis=frf.axis,
+        unit=frf.unit,
+        source=frf.source,
+        hz=tuple(frf.hz[good].tolist()),
+        gain_db=tuple(frf.gain_db[good].tolist()),
+        phase_deg=tuple(np.degrees(frf.phase[good]).tolist()),
     )
 
 

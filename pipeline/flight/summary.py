@@ -9,7 +9,7 @@ from dataclasses import fields
 
 from logparse import Finding
 from pipeline.flight.craft import build_of, craft_name
-from pipeline.flight.flight_parameters import flight_parameters
+from pipeline.flight.flight_parameters import flight_parameters, response_curves
 from pipeline.results.entry import FlightEntry, FlightSummary
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
@@ -50,6 +50,7 @@ def summarise_flight(result: FlightResult) -> FlightSummary:
         tune=dict(log.tune),
         mixer={f"m{motor.number}": [motor.roll, motor.pitch, motor.yaw] for motor in log.vehicle.motors},
         parameters=tuple(flight_parameters(result)),
+        responses=tuple(response_curves(result)),
         trims=result.trims,
         findings=_findings(result),
         timings=dict(result.timings),

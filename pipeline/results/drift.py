@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from logparse import Finding
+from pipeline.results.entry import ResponseCurve
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,3 +112,4 @@ class Drift:
     parameters: tuple[History, ...]
     motors: MotorDrift | None  #: None where no flight tells the motors' shares.
     findings: tuple[Finding, ...]
+    responses: tuple[ResponseCurve, ...] = ()  #: Of the newest flights, how each axis answers its command.

@@ -28,6 +28,20 @@ class FlightParameter:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ResponseCurve:
+    """The frequency response of an axis to its command as one flight tells it, where it is coherent."""
+
+    flight: str
+    axis: str  #: ``"roll"``, ``"pitch"``, ``"yaw"`` or ``"vertical"``.
+    unit: str  #: Of output per input.
+    source: str  #: What stood for the rate controller's messages; empty where they were logged.
+    #: shape (n,): Frequencies [Hz], gain [dB] and phase [deg].
+    hz: tuple[float, ...]
+    gain_db: tuple[float, ...]
+    phase_deg: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSummary:
     """One analysed flight, in short: what advice and the split into training and held-out flights are computed from."""
 
@@ -68,6 +82,7 @@ class FlightSummary:
     mixer: Mapping[str, list[float]] = field(default_factory=dict)
     #: What the flight alone says about its craft, as `pipeline.flight.flight_parameters` lists it.
     parameters: tuple[FlightParameter, ...] = ()
+    responses: tuple[ResponseCurve, ...] = ()  #: Of the axes whose gain the flight tells.
     trims: SteadyTrims | None = None  #: As of the result of the flight.
     findings: tuple[Finding, ...] = ()  #: What the log, the trajectory and the fits had to say.
     timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds that each stage took.

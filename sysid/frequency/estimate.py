@@ -56,6 +56,9 @@ _PASSES = 7
 #: a spectral window leave 0.37 (40 simulated flights, closed loop, three kinds of noise), independent ones 0.9.
 _ROUGH = 0.6
 
+#: Frequencies on either side whose coherence counts as well.
+_BESIDE = 2
+
 #: Lowest rate [Hz] at which the rate loop's samples tell more than their own folding.
 _LOWEST_RATE = 8.0
 
@@ -291,6 +294,23 @@ def response_of_records(
     return found
 
 
+def _of_neighbours(coherence: Floats) -> Floats:
+    """Return the median coherence of each frequency and two to either side, which see nearly the same windows.
+
+    By chance a single one passes a limit that the others do not, and it is the one whose response errs most.
+    """
+    if len(coherence) < 2 * _BESIDE + 1:
+        return coherence
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(coherence, _BESIDE, "edge"), 2 * _BESIDE + 1)
+    return np.asarray(np.median(around, axis=1))
+
+
+def _covered(record: AxisRecord, hz: Floats) -> NDArray[np.bool_]:
+    """Return at which frequencies what excited a record was logged."""
+    skipped = [(hz > low) & (hz < high) for low, high in record.unswept]
+    return ~np.any(skipped, axis=0) if skipped else np.ones(len(hz), dtype=bool)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Windows:
     """Windows of one length, s, over all records, and the frequencies, of all, that they serve."""
@@ -344,6 +364,7 @@ def _composite(
     with np.errstate(divide="ignore", invalid="ignore"):
         averages = (1.0 - gamma) / (2.0 * gamma * merged.sigma**2)
     instruments = sorted({record.instrument for record in records} - {""})
+    covered = np.any([_covered(record, hz) for record in records], axis=0)
     return FrequencyResponse(
         axis=axis.name,
         input=axis.input,
@@ -351,7 +372,7 @@ def _composite(
         unit=axis.unit,
         hz=hz,
         response=merged.response,
-        coherence=merged.coherence,
+        coherence=np.where(covered, np.minimum(merged.coherence, _of_neighbours(merged.coherence)), 0.0),
         sigma=sigma,
         sigma_phase=sigma.copy(),
         averages=np.asarray(averages, dtype=np.float64),

@@ -16,6 +16,9 @@ Within = tuple[float, float]
 #: Pause [s] in SIDD that ends a run even when its clock goes on.
 _PAUSE = 2.0
 
+#: Highest frequency of a signal of unknown frequency, in parts of the rate of its rows.
+_SHOWN = 0.45
+
 #: A chirp cut to less than this part of its plan is an aborted one.
 _COMPLETE = 0.95
 
@@ -77,15 +80,19 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
         number = int(axis[first])
         name, at_mixer = SID_AXES.get(number, ("", False))
         moving = np.abs(target[first:last]) > 0.0
-        swept = frequency[first:last][moving & np.isfinite(frequency[first:last])]
-        if len(swept) < 8:
+        if np.count_nonzero(moving) < 8:
             continue
         # After its last cycle a run only waits.
         last = first + int(np.flatnonzero(moving)[-1]) + 1
         length = float(t[last - 1] - t[first])
         plan = [duration for begin, duration in planned if begin <= t[first] + 1.0]
         complete = not plan or length >= _COMPLETE * plan[-1]
-        limits = float(swept.min()), float(swept.max())
+        swept = frequency[first:last][moving[: last - first]]
+        swept = swept[np.isfinite(swept)]
+        if len(swept) >= 8:
+            limits = float(swept.min()), float(swept.max())
+        else:  # Autotuning of PX4 says what it adds, not at which frequency; the coherence tells where it did.
+            limits = _SHORTEST / max(length, 1e-3), _SHOWN / float(np.median(np.diff(t[first:last])))
         found.append(Chirp(name, number, float(t[first]), float(t[last - 1]), *limits, at_mixer, complete))
     return tuple(chirp for chirp in found if within is None or (within[0] <= chirp.start and chirp.stop <= within[1]))
 

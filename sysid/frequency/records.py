@@ -21,6 +21,9 @@ from sysid.records.experiment import Experiment
 #: Samples farther apart than this many usual steps leave a hole that is bridged, but not counted.
 _HOLE = 2.5
 
+#: Ratio of frequencies that a chirp passes within a hole from which on they are missing.
+_SKIPPED = 1.15
+
 #: Frequencies [Hz] that are looked at where nobody says what was swept; the coherence tells which count.
 ORDINARY_BAND = (0.15, 60.0)
 
@@ -65,6 +68,8 @@ class AxisRecord:
     #: Output per input in steady flight, where both are known as they are (thrust, throttle).
     trim: float | None = None
     source: str = ""  #: What the signals are, where they are not the rate controller's.
+    #: Frequencies [Hz], from and to, that a chirp swept while nothing was logged: what leaks there from others is none.
+    unswept: tuple[tuple[float, float], ...] = ()
 
     @property
     def duration(self) -> float:
@@ -179,6 +184,11 @@ def record_of_chirp(
 ) -> AxisRecord:
     """Arrange what went in and came out within a chirp, at times t [s], with what the chirp added as instrument."""
     clock, values, usable = on_uniform_clock(t, [command, answer, added])
+    table = log.tables.systemid
+    assert table is not None
+    hz = np.interp(clock, table.index.to_numpy(np.float64), table["frequency"].to_numpy(np.float64) / (2.0 * np.pi))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~usable, [False]]).astype(int)))
+    holes = [(float(hz[a]), float(hz[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     return AxisRecord(
         name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
         start=float(clock[0]),
@@ -189,6 +199,7 @@ def record_of_chirp(
         usable=usable,
         band=(chirp.low, chirp.high),
         instrument=f"chirp of SID_AXIS {chirp.sid_axis}",
+        unswept=tuple((low, high) for low, high in holes if high > _SKIPPED * low > 0.0),
     )
 
 

@@ -44,6 +44,8 @@ class FrequencySurvey:
     names: tuple[str, ...]  #: Of the logs.
     axes: tuple[AxisSurvey, ...]
     couplings: tuple[Coupling, ...] = ()  #: Of roll and pitch, where both were asked for and are known.
+    #: Of several logs the responses of each by itself, with its name.
+    single: tuple[tuple[str, FrequencyResponse], ...] = ()
 
     @property
     def determined(self) -> bool:
@@ -70,7 +72,20 @@ def survey(
     """
     given = [logs] if isinstance(logs, FlightLog) else list(logs)
     found = tuple(_axis(given, axis, within) for axis in axes)
-    return FrequencySurvey(tuple(log.name for log in given), found, _couplings(given, found, within))
+    single = _single(given, axes, within) if len(given) > 1 else ()
+    return FrequencySurvey(tuple(log.name for log in given), found, _couplings(given, found, within), single)
+
+
+def _single(
+    logs: Sequence[FlightLog], axes: Sequence[str], within: Within | None
+) -> tuple[tuple[str, FrequencyResponse], ...]:
+    """Estimate the responses of each log by itself, to be compared."""
+    found = []
+    for log in logs:
+        for axis in axes:
+            with suppress(FrequencyError):
+                found.append((log.name, response(log, axis, within)))
+    return tuple(found)
 
 
 def _couplings(logs: Sequence[FlightLog], found: Sequence[AxisSurvey], within: Within | None) -> tuple[Coupling, ...]:

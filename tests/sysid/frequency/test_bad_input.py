@@ -1,0 +1,124 @@
+"""Flights that look good and are not: what can be had of them, and for the rest why not and what to fly."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import logparse
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
+from sysid import frequency
+from sysid.frequency.axes import SID_AXES
+from sysid.frequency.survey import survey
+
+PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
+GAINS = LoopGains.crossing_at(PLANT, 3.0)
+CHIRP = Excitation(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.4, noise=0.005)
+
+
+def worst(frf: frequency.FrequencyResponse, plant: AxisPlant = PLANT, low: float = 0.6, high: float = 15.0) -> float:
+    """Return the 95th percentile of the gain's error where it is coherent, dB."""
+    good = frf.usable & (frf.hz > low) & (frf.hz < high)
+    assert good.sum() > 10
+    return float(np.percentile(8.686 * np.abs(np.log(np.abs(frf.response / plant.response(frf.hz))[good])), 95))
+
+
+@pytest.mark.parametrize("sid_axis", [1, 4, 7, 14, 16, 18])
+def test_chirps_before_the_controller_are_instruments_as_well(tmp_path: Path, sid_axis: int) -> None:
+    # On angle targets, rate targets, and lateral position and velocity: all turn the craft about roll.
+    shaken = replace(CHIRP, sid_axis=7, chirp=(0.4, 15.0, 0.8))
+    run = replace(run_axis(PLANT, GAINS, shaken, 2), excitation=replace(shaken, sid_axis=sid_axis))
+    write_rate_log(tmp_path / "chirp.BIN", {"roll": run}, rate=100.0)
+    log = logparse.read_log(tmp_path / "chirp.BIN")
+    assert [(chirp.axis, chirp.at_mixer) for chirp in frequency.find_chirps(log)] == [("roll", False)]
+    frf = frequency.response(log, "roll")
+    assert frf.instrument == f"chirp of SID_AXIS {sid_axis}"
+    assert worst(frf, high=8.0) < 1.0
+
+
+def test_an_excitation_of_unknown_frequency_is_an_instrument_too(tmp_path: Path) -> None:
+    """Autotuning of PX4 logs what it adds to the rate target, ten times a second, and not its frequency."""
+    run = run_axis(PLANT, GAINS, replace(CHIRP, sid_axis=7, chirp=(0.4, 4.0, 0.8)), 2)
+    write_rate_log(tmp_path / "tuned.BIN", {"roll": run}, rate=100.0)
+    log = logparse.read_log(tmp_path / "tuned.BIN")
+    rows = log.messages["SIDD"]
+    kept = rows.iloc[::10].assign(F=np.nan)
+    kept.attrs = rows.attrs
+    log.messages._frames["SIDD"] = kept
+    frf = frequency.response(log, "roll")
+    assert frf.instrument == "chirp of SID_AXIS 7"
+    assert worst(frf, high=4.0) < 1.0
+
+
+def test_every_sid_axis_excites_an_axis_of_the_craft() -> None:
+    expected = {1: "roll", 2: "pitch", 3: "yaw", 13: "vertical", 14: "roll", 15: "pitch", 18: "roll", 19: "pitch"}
+    assert set(SID_AXES) == set(range(1, 20))
+    assert {number: SID_AXES[number][0] for number in expected} == expected
+
+
+def test_a_chirp_aborted_after_five_seconds_gives_what_it_swept(tmp_path: Path) -> None:
+    run = run_axis(PLANT, GAINS, replace(CHIRP, duration=8.0, chirp=(0.5, 40.0, 0.1), chirp_seconds=20.0), 1)
+    cut = 5 * 400
+    stopped = replace(run, chirp_hz=np.where(run.elapsed < 5.0, run.chirp_hz, 0.0))
+    names = ("t", "output", "feedback", "measured", "target", "attitude", "stick", "chirp", "chirp_hz", "elapsed")
+    stopped = replace(stopped, **{name: getattr(stopped, name)[:cut] for name in names})
+    write_rate_log(tmp_path / "cut.BIN", {"roll": stopped}, rate=100.0)
+    found = survey(logparse.read_log(tmp_path / "cut.BIN"), ["roll"]).axes[0]
+    if found.response is None:
+        assert "fly" in found.reason
+    else:
+        assert "chirp-aborted" in {finding.id for finding in found.response.findings}
+        assert found.fit is None or found.fit.parameters["gain"].value is None or worst(found.response, high=2.0) < 1.0
+
+
+def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
+    """Both sweep the same band; ten seconds apart, they are at different frequencies at any time."""
+    pitch = replace(PLANT, gain=200.0)
+    runs = {
+        "roll": run_axis(PLANT, GAINS, replace(CHIRP, duration=60.0), 1),
+        "pitch": run_axis(pitch, GAINS, replace(CHIRP, duration=60.0, sid_axis=11, chirp_start=10.0), 2),
+    }
+    write_rate_log(tmp_path / "both.BIN", runs, rate=100.0)
+    log = logparse.read_log(tmp_path / "both.BIN")
+    for axis, plant in (("roll", PLANT), ("pitch", pitch)):
+        found = survey(log, [axis]).axes[0]
+        if found.response is None or found.fit is None or found.fit.parameters["gain"].value is None:
+            assert found.reason
+        else:
+            assert found.fit.parameters["gain"].value == pytest.approx(plant.gain, rel=0.05)
+
+
+def test_a_controller_that_starts_anew_within_a_chirp_costs_little(tmp_path: Path) -> None:
+    run = run_axis(PLANT, GAINS, CHIRP, 4)
+    outputs = run.output.copy()
+    rng = np.random.default_rng(1)
+    for k in rng.integers(2000, 15000, 6):  # the integrator is set to zero, and winds up again
+        outputs[k : k + 200] -= 0.1 * np.exp(-np.arange(200) / 60.0)
+    write_rate_log(tmp_path / "reset.BIN", {"roll": replace(run, output=outputs)}, rate=100.0)
+    frf = frequency.response(logparse.read_log(tmp_path / "reset.BIN"), "roll")
+    assert worst(frf) < 1.0
+    gain = frequency.fit(frf).parameters["gain"]
+    assert abs(gain.value - 300.0) < max(3.0 * gain.sigma, 15.0)
+
+
+def test_motors_at_their_limits_are_said(tmp_path: Path) -> None:
+    strong = replace(CHIRP, chirp=(0.4, 25.0, 0.6), sid_axis=10)
+    gains = replace(GAINS, limit=1.0)
+    motors = {"rcou": 50.0, "imu": 100.0}
+    write_rate_log(tmp_path / "hard.BIN", {"roll": run_axis(PLANT, gains, strong, 5)}, motors=motors)
+    frf = frequency.response(logparse.read_log(tmp_path / "hard.BIN"), "roll")
+    assert "motors-at-limits" in {finding.id for finding in frf.findings}
+
+
+def test_half_of_a_chirp_lost_gives_what_is_left_or_says_why_not(tmp_path: Path) -> None:
+    run = run_axis(PLANT, GAINS, CHIRP, 6)
+    write_rate_log(tmp_path / "lost.BIN", {"roll": run}, rate=100.0)
+    log = logparse.read_log(tmp_path / "lost.BIN")
+    rows = log.messages["RATE"]
+    t = rows.index.to_numpy()
+    kept = rows[(t < 22.0) | (t > 35.0)]
+    kept.attrs = rows.attrs
+    log.messages._frames["RATE"] = kept
+    frf = frequency.response(log, "roll")
+    assert worst(frf) < 1.0
