@@ -37,6 +37,20 @@ for case in ("motion-vertical", "octa01_zurich_calm"):
 )
 
 
+#: Fixtures, and parameters of tests, that stand for a program beside the tests: a browser, a database server.
+_PROGRAMS = {"browser", "postgresql", "s3"}
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Count tests that start a browser or a database server among the slow ones."""
+    for item in items:
+        parameters = getattr(item, "callspec", None)
+        used = {*getattr(item, "fixturenames", ()), *map(str, parameters.params.values() if parameters else ())}
+        if used & _PROGRAMS:
+            item.add_marker("slow")
+
+
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile kernels once, before the workers of pytest-xdist start: each would compile them for itself.
 

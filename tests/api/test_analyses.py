@@ -121,6 +121,7 @@ def test_an_analysis_can_be_followed(service: httpx.Client, tmp_path: Path) -> N
     assert service.get(address).json()["progress"] == 1.0
 
 
+@pytest.mark.slow
 def test_the_service_answers_while_the_workers_are_busy(service: httpx.Client, tmp_path: Path) -> None:
     """Two workers and two waiting analyses, none of which ends before the service has answered a hundred times."""
     go_on = tmp_path / "go on"

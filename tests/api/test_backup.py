@@ -24,6 +24,7 @@ def run(data: Path, *arguments: str, **settings: str) -> tuple[int, str]:
     return found.exit_code, f"{found.output}{found.exception or ''}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
 def test_everything_comes_back_from_one_file(tmp_path: Path, kind: str) -> None:
     file = tmp_path / "saved.tar"

@@ -56,6 +56,7 @@ def settled(client: httpx.Client, craft_id: str) -> dict[str, Any]:
     return dict(wait(look))
 
 
+@pytest.mark.slow
 def test_uploads_find_their_craft_and_joint_models_follow(service: httpx.Client) -> None:
     assert service.get("/api/v1/crafts").json()["items"] == []
     logs = [fly(service, f"flight{day}.bin", flights.log(day)) for day in (1, 0, 2)]  # out of order
@@ -92,6 +93,7 @@ def test_uploads_find_their_craft_and_joint_models_follow(service: httpx.Client)
     assert anew["analysis"] != craft["joint"]["analysis"]
 
 
+@pytest.mark.slow
 def test_a_change_is_an_alert_once_in_list_feed_and_page(service: httpx.Client) -> None:
     for day in range(14):
         fly(service, f"flight{day:02d}.bin", flights.log(day, 8.5 + 0.01 * (day % 3) - (1.5 if day > 7 else 0.0)))

@@ -55,6 +55,7 @@ def service(folder: Path) -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.mark.slow
 def test_two_thousand_malformed_uploads_are_refused_with_a_reason(service: httpx.Client, folder: Path) -> None:
     """Forms cut, repeated and spoiled at random: each is kept as a log or refused with a 4xx that says why."""
     chance = random.Random(8)

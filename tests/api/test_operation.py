@@ -194,6 +194,7 @@ def test_lines_for_programs_are_json_and_keep_secrets() -> None:
     assert datetime.fromisoformat(str(event["time"])).tzinfo is not None
 
 
+@pytest.mark.slow
 def test_a_service_writes_json_lines_when_asked(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         result = subprocess.run(

@@ -50,6 +50,7 @@ def test_second_receivers_glitch_does_no_harm(flight):
     assert compare(glitched, settled(flight)).horizontal_position == pytest.approx(clean, abs=0.1)
 
 
+@pytest.mark.slow
 def test_sigmas_stay_honest_with_everything_there():
     """Two receivers whose errors wander alone, ground that is level: the filter expects worse, and little."""
     ratios = []

@@ -144,6 +144,7 @@ def edit_lists(draw):
     return edits
 
 
+@pytest.mark.slow
 @settings(
     max_examples=1000,
     deadline=None,

@@ -1,9 +1,11 @@
 """A Dask scheduler and its workers as programs of their own."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -47,12 +49,14 @@ class Programs:
                 cwd=self._folder,
                 stdout=output,
                 stderr=output,
+                start_new_session=True,
             )
         self.programs.append(program)
         return program
 
     def close(self) -> None:
+        """End them at once, with the processes that they started."""
         for program in self.programs:
-            program.terminate()
-        for program in self.programs:
+            with suppress(ProcessLookupError):
+                os.killpg(program.pid, signal.SIGKILL)
             program.wait()

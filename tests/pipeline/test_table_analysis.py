@@ -75,6 +75,7 @@ def test_what_the_model_misses_is_noise_where_nothing_is_missing(result):
     assert np.sqrt(np.mean(error**2)) == pytest.approx(judged.model, rel=0.2)
 
 
+@pytest.mark.slow
 def test_tables_of_which_none_is_chosen_are_refused(table):
     path, columns = table
     with pytest.raises(ConfigError, match="nothing to fit"):

@@ -84,6 +84,7 @@ def fly(folder, number, weak, loss, random):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("weak", "loss"), [(3, 0.02), (6, 0.0)])
 def test_a_motor_that_loses_two_per_cent_a_flight_is_named_and_a_sound_one_is_not(tmp_path, weak, loss):
     random = np.random.default_rng(90210 + weak)

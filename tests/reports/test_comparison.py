@@ -87,6 +87,7 @@ def test_a_change_beyond_the_scatter_of_flights_is_found_with_its_size():
     assert row.between_flights == pytest.approx(0.05, abs=0.03)
 
 
+@pytest.mark.slow
 def test_nothing_is_called_changed_more_often_than_stated_when_flights_scatter_beyond_their_sigma():
     """Two fleets of one craft, scatter of flights ten times the standard errors of fits; 400 pairs."""
     rng = np.random.default_rng(11)

@@ -19,6 +19,7 @@ def _craft() -> tuple[AxisPlant, LoopGains]:
     return axis, LoopGains(P=0.09, I=0.09, D=0.0025)
 
 
+@pytest.mark.slow
 def test_two_ways_to_the_loop_agree_and_both_find_the_truth():
     axis, gains = _craft()
     loop = flown_loop(axis, gains, 1)

@@ -18,11 +18,15 @@ BINDINGS = Path(__file__).with_name("bindings.lua")
 SCALES = (0.3, 0.25, 0.2)
 
 
+@pytest.fixture(scope="module")
+def sines():
+    return orthogonal_multisines(3, 0.3, 4.5, 20.0)
+
+
 @pytest.fixture
-def run(tmp_path):
+def run(tmp_path, sines):
     if LUA is None:
         pytest.skip("lua5.3 is not installed (.ci/run installs it)")
-    sines = orthogonal_multisines(3, 0.3, 4.5, 20.0)
     script = tmp_path / "inertia.lua"
     script.write_text(multisine_script(sines, SCALES, 0.35, Limits(), [("roll gain", 0.01)]))
 
@@ -47,11 +51,11 @@ def test_a_script_plays_three_periods_within_its_limits_and_gives_the_craft_back
     assert np.all((throttle > 0.2) & (throttle < 0.55))
 
 
-def test_what_the_script_plays_is_the_multisine(run):
+def test_what_the_script_plays_is_the_multisine(run, sines):
     """Rates are the sines, less the slow return to level, but for the fades of the first and last two seconds."""
     rows, _ = run(80.0)
     inner = (rows[:, 0] > 3.0) & (rows[:, 0] < 57.0)
-    sine = orthogonal_multisines(3, 0.3, 4.5, 20.0)[2]
+    sine = sines[2]
     wanted = SCALES[2] * sine.at(rows[inner, 0])
     # The script counts from its first call in GUIDED; both clocks are whole steps of 10 ms.
     played = np.radians(rows[inner, 3])
