@@ -32,6 +32,9 @@ SATURATED = 0.05
 NARROW_RMS, NARROW_SHARE, NARROW_PART = 0.02, 0.6, 0.1
 _WINDOW, _LOWEST = 4.0, 2.0
 
+#: Rate of rows [Hz] below which an oscillation of a frame may be beyond half of it.
+_FOLDS_BELOW = 200.0
+
 #: How far the peak of an oscillation stands above the power at lower frequencies, where manoeuvres are.
 _ABOVE_MANOEUVRES = 3.0
 
@@ -62,6 +65,7 @@ class Oscillation:
     hz: float
     strong: int
     windows: int
+    folded_at: float  #: Rate of the rows, Hz: an oscillation above half of it shows folded, as one below.
 
 
 def unfit_log(log: FlightLog) -> str | None:
@@ -137,9 +141,12 @@ def oscillation(log: FlightLog, axis: str) -> str | None:
     found = find_oscillation(log, axis)
     if found is None:
         return None
+    folded = ""
+    if found.folded_at < _FOLDS_BELOW:
+        folded = f" (or at {found.folded_at - found.hz:.0f} Hz and more, which rows at {found.folded_at:.0f} Hz fold)"
     return (
-        f"{log.path.name}: {axis} oscillates at {found.hz:.1f} Hz in {found.strong} of {found.windows} windows of "
-        f"{_WINDOW:.0f} s; land, lower P and D of this axis by a quarter, and fly again"
+        f"{log.path.name}: {axis} oscillates at {found.hz:.1f} Hz{folded} in {found.strong} of {found.windows} windows "
+        f"of {_WINDOW:.0f} s; land, lower P and D of this axis by a quarter, and fly again"
     )
 
 
@@ -157,7 +164,7 @@ def find_oscillation(log: FlightLog, axis: str) -> Oscillation | None:
     strong = [hz for rms, share, hz in strength if rms > NARROW_RMS and share > NARROW_SHARE]
     if len(strong) < max(NARROW_PART * len(strength), 1.0):
         return None
-    return Oscillation(float(np.median(strong)), len(strong), len(strength))
+    return Oscillation(float(np.median(strong)), len(strong), len(strength), float(1.0 / np.median(np.diff(t))))
 
 
 def _windows(t: Floats, values: Floats, keep: NDArray[np.bool_]) -> Iterator[tuple[Floats, float]]:

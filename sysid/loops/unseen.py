@@ -22,8 +22,8 @@ from sysid.records.periodogram import hann
 #: Factor by which a mode of 3 % damping that carries a third of the acceleration stands above the rigid craft.
 MODE = 6.0
 
-#: Gain of a mode that leaves it 4 dB.
-_SMALL = 0.63
+#: Gain of a mode that leaves it 4 dB; and the least for which more than what is kept is not promised.
+_SMALL, _COUNTS = 0.63, 0.2
 
 #: Frequencies looked at beyond the band: up to this, Hz, in so many steps.
 _UP_TO, _STEPS = 150.0, 24
@@ -152,9 +152,9 @@ def promised(tuned: RateLoop, bounds: Mapping[str, float], aim: Mapping[str, flo
     """Return bounds that a mode just beyond the measured band does not break either: of what is kept, not more."""
     beyond = MODE * float(np.abs(tuned.response[-1]))
     result = dict(bounds)
-    result["gain_db"] = min(bounds["gain_db"], max(aim["gain_db"], -20.0 * np.log10(beyond)))
+    if beyond > _COUNTS:
+        result["gain_db"] = min(bounds["gain_db"], aim["gain_db"])
+        result["peak_db"] = max(bounds["peak_db"], aim["peak_db"])
     if beyond > _SMALL:
         result["phase_deg"] = min(bounds["phase_deg"], aim["phase_deg"])
-    if beyond > 1.0 - 10.0 ** (-bounds["peak_db"] / 20.0):
-        result["peak_db"] = max(bounds["peak_db"], aim["peak_db"])
     return result

@@ -82,3 +82,34 @@ def test_another_px4_is_a_sentence(log):
     old = read_log(REAL / "PX4-pyulog__sample_appended_multiple.ulg")
     with pytest.raises(LoopError, match=r"1\.6"):
         read_settings(old, "roll")
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+def test_torques_that_a_real_flight_logged_are_those_of_the_controller(log, axis):
+    """Torque over error, rate of change and integral: the gains of the parameters, where the target stood still.
+
+    Rows come every 20 ms, the loop ran at 800 Hz: where the target moves, the one that counted is not logged.
+    """
+    k = ("roll", "pitch").index(axis)
+    rates, targets, torques = (
+        log.messages[f"vehicle_{name}"] for name in ("angular_velocity", "rates_setpoint", "torque_setpoint")
+    )
+    t = torques.index.to_numpy()
+    rows = np.searchsorted(rates["timestamp_sample"], torques["timestamp_sample"]).clip(0, len(rates) - 1)
+    same = rates["timestamp_sample"].to_numpy()[rows] == torques["timestamp_sample"].to_numpy()
+    latest = (np.searchsorted(targets.index, t, side="right") - 1).clip(1, len(targets) - 2)
+    target = targets[axis].to_numpy()
+    still = np.abs(np.diff(target, prepend=target[0], append=target[-1])).reshape(-1)
+    still = np.maximum(still[:-1], still[1:])[latest] < 0.02
+    kept = same & still & (t > log.flight.start + 2.0) & (t < log.flight.stop - 2.0)
+    status = log.messages["rate_ctrl_status"]
+    integral = np.interp(t, status.index, status[f"{axis}speed_integ"])
+    error = target[latest] - rates[f"xyz[{k}]"].to_numpy()[rows]
+    terms = np.column_stack([error, -rates[f"xyz_derivative[{k}]"].to_numpy()[rows], integral])[kept]
+    torque = torques[f"xyz[{k}]"].to_numpy()[kept]
+    found = np.linalg.lstsq(terms, torque, rcond=None)[0]
+    controller = read_settings(log, axis).controller
+    assert kept.sum() > 100
+    assert found[0] == pytest.approx(controller.P, rel=0.12)  # what is left of the target's movement lowers it
+    assert found[1:] == pytest.approx([controller.D, 1.0], rel=0.05)
+    assert np.corrcoef(terms @ [controller.P, controller.D, 1.0], torque)[0, 1] > 0.95

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from logparse import read_log
-from simulation.axis_loop import AxisPlant, LoopGains, random_axis
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, random_axis, run_axis
+from simulation.axis_loop.log import write_rate_log
 from sysid.loops import LoopError, prove, tune, tuning
-from sysid.loops.evidence import two_ways_apart, unsupported, weak_band
+from sysid.loops.evidence import oscillation, two_ways_apart, unsupported, weak_band
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file, read_parameter_file, typed
 from sysid.loops.safety import Aim
@@ -233,6 +234,16 @@ def test_a_gyro_filter_that_saves_an_axis_is_worth_more_than_one_that_does_not()
     loop = flown_loop(AxisPlant(gain=300.0, lag=0.02, filter_hz=30.0), LoopGains(P=0.07, I=0.07, D=0.002), 1)
     some = AxisTuning("roll", None, loop, loop, score=0.1)
     assert tuning._worth({"roll": some}) > tuning._worth({"roll": none})
+
+
+def test_a_craft_that_rings_above_the_logged_band_is_refused(tmp_path):
+    """A frame that lets the loop ring at 45 Hz: rows at 50 Hz show it folded to 5 Hz, and the sentence says so."""
+    axis = AxisPlant(gain=300.0, lag=0.02, delay=0.003, filter_hz=80.0, flex_hz=45.0, flex_damping=0.02, flex_share=1.1)
+    gains = LoopGains(P=0.08, I=0.08, D=0.002)
+    run = run_axis(axis, gains, Excitation(duration=40.0, gust=0.3, gyro_noise=0.015), 1)
+    path = tmp_path / "rings.bin"
+    write_rate_log(path, {"roll": run}, rate=50.0, filter_hz=80.0, gains={"roll": gains})
+    assert "at 5.0 Hz (or at 45 Hz and more" in (oscillation(read_log(path), "roll") or "")
 
 
 def test_flights_that_answer_differently_are_not_summed(flown, monkeypatch):
