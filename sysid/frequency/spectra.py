@@ -136,9 +136,9 @@ def windows_of(record: AxisRecord, hz: Floats, length: float) -> RecordWindows |
     turn = np.exp(-2j * np.pi * np.outer(starts * dt, hz)) * np.sqrt(dt / np.sum(taper**2))
     columns = np.moveaxis(_transforms(signals, starts, phase), 0, 1)  # (F, K, q)
     columns = np.multiply(columns, turn.T[:, :, None], order="C")
-    correlated, squares = _overlapped(columns[..., instruments], taper, starts)
     count = float(len(starts))
     products = _inner(columns, columns)
+    gain, squares = _overlapped(columns, products, taper, starts)
     nothing = np.zeros((len(hz), m), dtype=np.complex128)
     sums = SpectralSums(
         zz=products[:, instruments][:, :, instruments],
@@ -147,7 +147,7 @@ def windows_of(record: AxisRecord, hz: Floats, length: float) -> RecordWindows |
         zy=nothing,
         xy=nothing,
         yy=np.zeros(len(hz)),
-        noise_gain=_inner(columns, correlated)[:, instruments],
+        noise_gain=gain[:, instruments][:, :, instruments],
         windows=count,
         independent=count**2 / squares,
     )
@@ -204,29 +204,37 @@ def _detrended(transform: Complex) -> Complex:
     return np.asarray(transform - line @ (line.T @ transform))
 
 
-def _overlapped(columns: Complex, taper: Floats, starts: NDArray[np.intp]) -> tuple[Complex, float]:
-    """Multiply by the correlation that noise has between windows, of the part in which they overlap.
+def _overlapped(
+    columns: Complex, products: Complex, taper: Floats, starts: NDArray[np.intp]
+) -> tuple[Complex, float]:  # fmt: skip
+    """Weigh products between windows by the correlation that noise has in them, of the part in which they overlap.
+
+    Parameters
+    ----------
+    columns : ndarray of complex, shape (F, K, q)
+    products : ndarray of complex, shape (F, q, q)
+        Of each window with itself.
 
     Returns
     -------
-    product : ndarray of complex, shape (F, K, m)
-        Of the correlation, shape (K, K), with `columns`; windows farther apart than their length have none.
+    gain : ndarray of complex, shape (F, q, q)
+        Sum over all pairs of windows; those farther apart than their length have no correlation.
     squares : float
         Sum of the squared correlations.
     """
     size, count = len(taper), len(starts)
     spectrum = np.fft.rfft(taper, 2 * size)
     product = np.fft.irfft(np.abs(spectrum) ** 2, 2 * size)[:size]
-    result, squares = columns.copy(), float(count)
+    gain, squares = products.copy(), float(count)
     for apart in range(1, count):
         lags = starts[apart:] - starts[:-apart]
         if lags.min() >= size:
             break
         weights = np.where(lags < size, product[np.minimum(lags, size - 1)] / product[0], 0.0)
-        result[:, apart:] += weights[:, None] * columns[:, :-apart]
-        result[:, :-apart] += weights[:, None] * columns[:, apart:]
+        between = _inner(columns[:, apart:], weights[:, None] * columns[:, :-apart])
+        gain += between + np.swapaxes(between, 1, 2).conj()
         squares += 2.0 * float(weights @ weights)
-    return result, squares
+    return gain, squares
 
 
 def estimate(sums: SpectralSums, length: float, known: Complex | None = None) -> WindowEstimate | None:
