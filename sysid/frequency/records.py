@@ -24,6 +24,9 @@ _HOLE = 2.5
 #: Ratio of frequencies that a chirp passes within a hole from which on they are missing.
 _SKIPPED = 1.15
 
+#: A record of more than this many times the length of its samples is no record; damaged times may span years.
+_EMPTY = 20.0
+
 #: Frequencies [Hz] that are looked at where nobody says what was swept; the coherence tells which count.
 ORDINARY_BAND = (0.15, 60.0)
 
@@ -221,6 +224,8 @@ def on_uniform_clock(t: Floats, columns: Sequence[Floats]) -> tuple[Floats, Floa
     if len(t) < 8:
         raise FrequencyError(f"{len(t)} samples are no record")
     step = float(np.median(np.diff(t)))
+    if t[-1] - t[0] > _EMPTY * step * len(t):
+        raise FrequencyError(f"{len(t)} samples over {t[-1] - t[0]:.0f} s are no record: it is nearly all holes")
     clock = t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1)
     holes = np.diff(t) > _HOLE * step
     right = np.clip(np.searchsorted(t, clock), 1, len(t) - 1)

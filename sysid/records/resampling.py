@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from sysid.records._resampling_kernels import filtered_at
@@ -10,6 +12,9 @@ from sysid.records.filtering import low_pass_taps
 
 #: Pass band of the anti-aliasing filter in parts of the new sampling rate; the stop band starts at half of it.
 PASS = 0.4
+
+#: How far around the new clock a source is read, in steps of the new clock: more than the filter's half length.
+_REACH = 6.0
 
 #: A source is filtered when it is this much faster than the new clock.
 FASTER = 1.5
@@ -41,8 +46,11 @@ def resample(source_t: Floats, values: Floats, t: Floats) -> Floats:
         # The rates of a fast loop are long: what is whole is not copied.
         time, signal = (source_t, values[:, column]) if known.all() else (source_t[known], values[known, column])
         if dt >= FASTER * step:
-            grid = np.arange(time[0], time[-1] + 0.5 * step, step)
-            # Only what the new clock asks for is filtered.
+            # Only what the new clock asks for is filtered: a damaged time stamp may lie years away.
+            last = math.ceil((time[-1] - time[0]) / step + 0.5) - 1
+            around = np.floor((t[[0, -1]] + [-_REACH * dt, _REACH * dt] - time[0]) / step).astype(np.int64)
+            begin, end = np.clip(around, [0, 1], [last - 1, last])
+            grid = time[0] + step * np.arange(begin, end + 1)
             between = np.interp(t, grid, np.arange(len(grid), dtype=np.float64))
             signal = np.interp(grid, time, signal)
             del grid

@@ -92,6 +92,19 @@ def test_missing_samples_are_bridged_and_empty_columns_stay_empty():
     assert np.isnan(result[:, 1]).all()
 
 
+def test_a_time_stamp_years_away_costs_neither_memory_nor_accuracy() -> None:
+    """A clock of the whole log at the source's rate would have 8,000,000,000 samples here."""
+    fine = np.arange(0.0, 20.0, 0.02)
+    values = np.column_stack([np.sin(fine), fine**2])
+    t = np.arange(2.0, 18.0, 0.1)
+    later = np.concatenate([fine, 1.6e8 + fine[:200]])
+    both = np.concatenate([values, values[:200]])
+    np.testing.assert_array_equal(resample(later, both, t), resample(fine, values, t))
+    np.testing.assert_allclose(resample(later, both, t)[:, 0], np.sin(t), atol=1e-3)
+    # A clock that the source does not reach holds its last value.
+    np.testing.assert_allclose(resample(fine, values, t + 100.0)[:, 1], values[-1, 1])
+
+
 def test_without_a_barometer_the_altitude_tells_the_density():
     """Origin at 2850 m, climbing at 2 m/s from 23 m at 10 s: 0.92 kg/m^3 and not 1.225."""
     log, trajectory = made()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from sysid.frequency.axes import AXES
+from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.estimate import response_of_records
-from sysid.frequency.records import AxisRecord
+from sysid.frequency.records import AxisRecord, on_uniform_clock
 
 DT = 0.01
 
@@ -54,3 +54,10 @@ def test_records_add_up() -> None:
     assert ratio == pytest.approx(2.0, rel=0.2)  # four times the data, half the error
     assert np.median(four.averages / one.averages) == pytest.approx(4.0, rel=0.4)
     assert four.duration == pytest.approx(4.0 * one.duration)
+
+
+def test_a_record_of_nearly_nothing_but_a_hole_is_refused() -> None:
+    """A time stamp years away would ask for a clock of thousands of millions of samples."""
+    t = np.concatenate([np.arange(0.0, 20.0, 0.0025), 1.6e8 + np.arange(0.0, 20.0, 0.0025)])
+    with pytest.raises(FrequencyError, match="nearly all holes"):
+        on_uniform_clock(t, [np.sin(t)])
