@@ -23,7 +23,8 @@ ROOT = Path(__file__).parents[1]
 
 MB = 1_000_000
 
-_BLOCK = os.urandom(MB)
+#: A log's first bytes, so that it is taken for one, and what no packing makes smaller.
+_BLOCK = (ROOT / "sample_logs" / "octa01_zurich_calm.bin").read_bytes()[:30_000] + os.urandom(MB - 30_000)
 
 
 def run() -> list[tuple[str, str, str, str, str]]:
@@ -67,7 +68,7 @@ def upload_large(address: str, pid: int, *, size: int) -> float:
     answer = httpx.post(
         f"{address}/api/v1/logs", content=_form(b"large", size, hashlib.sha256()), headers=_FORM, timeout=600.0
     )
-    assert answer.json()["size"] == size
+    assert answer.json().get("size") == size, answer.text
     return max(0.0, peak_memory(pid) - before)
 
 
@@ -106,7 +107,7 @@ def _form(begin: bytes, size: int, digest: "hashlib._Hash") -> Iterator[bytes]:
     yield b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.bin"\r\n\r\n'
     left = size
     while left:
-        piece = begin + _BLOCK[len(begin) :] if left == size else _BLOCK
+        piece = _BLOCK[: -len(begin)] + begin if left == size else _BLOCK
         piece = piece[:left]
         digest.update(piece)
         left -= len(piece)

@@ -1,6 +1,7 @@
 """Workers, the server or both are killed at random moments, 30 times: what was accepted is there and ends once.
 
-The service is that of the tests, whose analyses take two seconds and do nothing.
+Once on SQLite, and once on PostgreSQL where that is installed. The service is that of the tests, whose analyses take
+two seconds and do nothing.
 """
 
 import os
@@ -11,6 +12,9 @@ import time
 from contextlib import closing
 from pathlib import Path
 
+import pytest
+
+from tests.api import postgresql
 from tests.api.programs import Service, wait_until
 
 #: Processes of which one analysis may die here before it is given up: more than are killed.
@@ -18,10 +22,20 @@ DEATHS = {"ROTORID_DEATHS": "1000"}
 
 
 def run() -> list[tuple[str, str, str, str, str]]:
-    with tempfile.TemporaryDirectory() as folder, closing(Service(Path(folder), **DEATHS)) as service:
+    rows = _killed("SQLite", {})
+    try:
+        with postgresql.running() as server:
+            rows += _killed("PostgreSQL", {"ROTORID_DATABASE": server.url})
+    except pytest.skip.Exception as missing:
+        rows.append((f"the same on PostgreSQL: {missing}", "-", "-", "-", "0"))
+    return rows
+
+
+def _killed(name: str, settings: dict[str, str]) -> list[tuple[str, str, str, str, str]]:
+    with tempfile.TemporaryDirectory() as folder, closing(Service(Path(folder), **DEATHS, **settings)) as service:
         lost, wrong = kill_at_random(service, kills=30)
     return [
-        ("kill -9 of workers, server or both, 30 times: logs lost", f"{lost}", "-", "-", "0"),
+        (f"kill -9 of workers, server or both on {name}, 30 times: logs lost", f"{lost}", "-", "-", "0"),
         ("... analyses that do not end once with their right result", f"{wrong}", "-", "-", "0"),
     ]
 

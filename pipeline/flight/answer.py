@@ -27,6 +27,7 @@ from pipeline.results.verdict import PredictionUse, Trust
 from sysid.rigid_body.frame_json import frame_json
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.physical import HEADLINE
+from sysid.rotors.thrust_regression import BLOCK_SECONDS, regress
 
 if TYPE_CHECKING:
     from logparse import FlightEvent
@@ -42,6 +43,9 @@ _BEFORE, _AFTER = 8.0, 6.0
 _LED = 2.0
 #: Time about a flight that still belongs to it, s: a crash is logged after the last moment in the air.
 _LANDING = 5.0
+
+#: Fewest blocks of a flight for a mean over them.
+_FEWEST_BLOCKS = 5
 
 #: Parameters of the first screen: name, and rows of `PhysicalParameters.table` in order of preference.
 _SHOWN = (
@@ -133,7 +137,7 @@ def _healthy(result: FlightResult) -> AnswerLine:
             sigma = 100.0 * float(worst.evidence["thrust_loss_sigma"] or 0.0)
             output = worst.evidence.get("output_loss")
             part = f" ({100.0 * output:.0f} % of its output)" if isinstance(output, float) and loss <= 0.9 else ""
-            text = f"of motor {worst.evidence['motor']}'s thrust{part} lost from {worst.t:.1f} s{more}"
+            text = f"of motor {worst.evidence['motor']}'s thrust lost from {worst.t:.1f} s{part}{more}"
             return line(word, tone, text, 100.0 * loss, sigma=sigma, unit="%")
         where = "" if worst in _during(health, result.flight) or worst is health.cause else " in another flight"
         before = _led_to(worst, health)
@@ -246,7 +250,7 @@ def _margins(known: Mapping[str, LoopMargins], result: FlightResult) -> AnswerLi
 def _unmeasured(result: FlightResult, loops: FlightLoops) -> AnswerLine:
     """Answer with how fast, else how closely, the attitude followed, where no chirp shows margins."""
     px4 = result.log.format == "ulog"
-    fly = "for margins fly short, sharp stick inputs" if px4 else "for margins fly SYSTEMID chirps"
+    fly = f"margins need {'short, sharp stick inputs' if px4 else 'SYSTEMID chirps'}"
     axes = () if isinstance(result.rotation, Failure) else result.rotation.axes
     followed = {
         axis.axis: axis.attitude.bandwidth
@@ -257,7 +261,7 @@ def _unmeasured(result: FlightResult, loops: FlightLoops) -> AnswerLine:
         axis = min(followed, key=lambda each: followed[each].value or 0.0)
         return AnswerLine(
             purpose="Loops",
-            word="not measured",
+            word="partly known",
             tone=Tone.UNKNOWN,
             text=f"attitude bandwidth ({axis}); {fly}",
             value=followed[axis].value,
@@ -269,9 +273,9 @@ def _unmeasured(result: FlightResult, loops: FlightLoops) -> AnswerLine:
     axis, error = max(loops.tracking_rad.items(), key=lambda each: each[1])
     return AnswerLine(
         purpose="Loops",
-        word="not measured",
+        word="partly known",
         tone=Tone.UNKNOWN,
-        text=f"RMS between asked and flown {axis}; {fly}",
+        text=f"RMS error of {axis} against its target; {fly}",
         value=math.degrees(error),
         unit="°",
     )
@@ -297,20 +301,23 @@ def _ahead(result: FlightResult) -> AnswerLine:
         word, tone = ("no", Tone.BAD) if judged else ("not judged", Tone.UNKNOWN)
         return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text)
     best = max(able, key=lambda key: able[key].horizon_s or 0.0)
+    reach, sigma = able[best].reach_s, able[best].reach_sigma_s
     text = f"by {names[best]}, {_error(able[best])}"
     second = sorted((key for key in able if key != best), key=lambda key: able[key].horizon_s or 0.0)[-1:]
     text += "".join(f"; {names[key]} {able[key].horizon_s:g} s" for key in second)
     longest = able[best].horizon_s
     # What predicts shorter than a person needs to react is of use to a filter only.
     word, tone = ("yes", Tone.GOOD) if longest is not None and longest >= 1.0 else ("briefly", Tone.CARE)
-    return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text, value=longest, unit="s")
+    value = longest if reach is None else reach
+    return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text, value=value, sigma=sigma, unit="s")
 
 
 def _error(use: PredictionUse) -> str:
     """Write the RMS error at the longest horizon, over all axes; from which horizon on where not from the shortest."""
     error = math.sqrt(sum(each**2 for each in use.rmse_m.values()))
     since = f", from {use.horizons_s[0]:g} s" if use.horizons_s[0] > 0.1 and len(use.horizons_s) > 1 else ""
-    return f"± {number(error, 2)} m{since}"
+    there = "" if use.reach_s is None else f" at {use.horizon_s:g} s"
+    return f"± {number(error, 2)} m{there}{since}"
 
 
 def _parameters(result: FlightResult) -> AnswerLine:
@@ -326,7 +333,16 @@ def _parameters(result: FlightResult) -> AnswerLine:
         needed = (result.thrust, result.parameters)
         reasons = (each.reason for each in needed if isinstance(each, Failure))
         reason = next(reasons, "the flight determines none of them")
-        return AnswerLine(purpose="Parameters", word="not known", tone=Tone.UNKNOWN, text=_brief(reason))
+        value, sigma = _mean_output(result) or (None, None)
+        return AnswerLine(
+            purpose="Parameters",
+            word="not known" if value is None else "hardly",
+            tone=Tone.UNKNOWN,
+            text=_brief(reason) if value is None else "mean motor output only",
+            value=value,
+            sigma=sigma,
+            unit="" if value is None else "µs",
+        )
     label, value, sigma, unit = known[0]
     parts = [f"{label}{' per motor' if label == 'thrust' else ''}"]
     parts += [f"{name} {uncertain(known_value, error, its_unit)}" for name, known_value, error, its_unit in known[1:]]
@@ -340,6 +356,19 @@ def _parameters(result: FlightResult) -> AnswerLine:
     word = "known" if complete else "disputed" if disagree else "partly"
     tone = Tone.GOOD if complete else Tone.CARE
     return AnswerLine(purpose="Parameters", word=word, tone=tone, text=text, value=value, sigma=sigma, unit=unit)
+
+
+def _mean_output(result: FlightResult) -> tuple[float, float] | None:
+    """Return the mean output of all motors in the air, µs, with its standard error over blocks of the flight."""
+    if result.motors is None or isinstance(result.flight, Failure):
+        return None
+    rows = result.motors.loc[result.flight.start : result.flight.stop].mean(axis=1).dropna()
+    blocks = rows.groupby(np.floor(rows.index.to_numpy(np.float64) / BLOCK_SECONDS)).mean().to_numpy(np.float64)
+    if len(blocks) < _FEWEST_BLOCKS:
+        return None
+    fit = regress([np.ones((len(blocks), 1))], [blocks])
+    (mean,), (sigma,) = fit.values, fit.sigma  # noqa: PD011 (of a fit, not of a table)
+    return float(mean), float(sigma)
 
 
 def _row(result: FlightResult, parameter: str) -> tuple[float, float, str] | None:

@@ -78,7 +78,31 @@ def prediction_use(validation: Validation | None, outside: Collection[str] = ())
         return PredictionUse.up_to((), {})
     last = means[means["horizon"] == run[-1]]
     errors = {str(output): float(rmse) for output, rmse in zip(last["output"], last["rmse"], strict=True)}
-    return PredictionUse.up_to(tuple(run), errors)
+    held = validation.table[~validation.table["trained"].astype(bool)]
+    seconds = float(_within(held, outside).groupby("flight")["duration"].first().sum())
+    reach, sigma = _reach(means, columns, run, seconds)
+    return replace(PredictionUse.up_to(tuple(run), errors), reach_s=reach, reach_sigma_s=sigma)
+
+
+def _reach(
+    means: pd.DataFrame, columns: list[str], run: list[float], seconds: float
+) -> tuple[float | None, float | None]:
+    """Find where the error of the worst axis passes half of the baselines', between horizons, and its standard error.
+
+    Logarithms are interpolated. The logarithm of an RMS error of n predictions that have nothing in common, those one
+    horizon apart, has the standard error 1 / sqrt(2 n); that of a ratio of two, taken as independent, 1 / sqrt(n).
+    """
+    excess = {
+        float(str(horizon)): float(np.log(rows["rmse"] / (HALF * rows[columns[1:]].min(axis=1))).max())
+        for horizon, rows in means.groupby("horizon", sort=True)
+    }
+    after = next((horizon for horizon in excess if horizon > run[-1]), None)
+    if after is None or not np.isfinite([excess[run[-1]], excess[after]]).all() or excess[after] <= excess[run[-1]]:
+        return None, None
+    slope = (excess[after] - excess[run[-1]]) / np.log(after / run[-1])
+    reach = run[-1] * float(np.exp(-excess[run[-1]] / slope))
+    error = max(seconds / reach, 1.0) ** -0.5
+    return reach, reach * float(error / slope)
 
 
 def free_run_use(validation: Validation | None, outside: Collection[str] = ()) -> FreeRunUse:

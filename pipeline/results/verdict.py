@@ -32,6 +32,9 @@ class PredictionUse:
     #: constant velocity, s; empty where there are none.
     horizons_s: tuple[float, ...] = ()
     horizon_s: float | None = None  #: The longest of them, s.
+    #: Where between horizons the error reaches that half, s, and its standard error; None beyond the longest judged.
+    reach_s: float | None = None
+    reach_sigma_s: float | None = None
     rmse_m: Mapping[str, float] = field(default_factory=dict)  #: RMS error by output there, m.
     judged: bool = False  #: False where no record was held out.
     sentence: str = "prediction: not judged"  #: The answer as a clause.

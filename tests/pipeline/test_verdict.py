@@ -205,6 +205,21 @@ def test_the_horizon_is_the_longest_at_which_every_axis_halves_both_guesses():
     assert (never.horizon_s, never.sentence.startswith("prediction: no")) == (None, True)
 
 
+def test_the_horizon_has_an_error_by_how_often_it_fits_into_what_was_held_out():
+    """Errors that grow like the horizon to the 1.5th power reach half of constant velocity's at 2 s exactly."""
+
+    def curves(*horizons):
+        return {h: {"z": (0.5 * h * (h / 2.0) ** 1.5, 10.0 * h, h)} for h in horizons}
+
+    use = uses_of(ahead(curves(0.1, 0.5, 1.0, 5.0), flights="a"), None).prediction
+    assert use.horizon_s == 1.0
+    assert use.reach_s == pytest.approx(2.0)
+    many = uses_of(ahead(curves(0.1, 0.5, 1.0, 5.0), flights="abcd"), None).prediction
+    assert many.reach_sigma_s == pytest.approx(0.5 * use.reach_sigma_s)
+    beyond = uses_of(ahead(curves(0.1, 0.5, 1.0)), None).prediction
+    assert (beyond.horizon_s, beyond.reach_s, beyond.reach_sigma_s) == (1.0, None, None)
+
+
 def test_what_is_not_finite_predicts_nothing():
     nan = (float("nan"), 1.0, 0.5)
     assert uses_of(ahead({1.0: {"x": nan, "z": GOOD}}), None).prediction.horizon_s is None

@@ -185,6 +185,21 @@ def test_an_axis_without_margins_is_not_covered_by_those_of_others(flight):
     assert "yaw not measured" in line_of(answered(flight, loops=FlightLoops(), rotation=axes), "Loops").text
 
 
+def test_how_closely_the_target_was_followed_is_no_margin_but_something(flight):
+    line = line_of(answered(flight, loops=FlightLoops(tracking_rad={"roll": 0.02, "pitch": 0.05})), "Loops")
+    assert (line.word, round(line.value, 2), line.unit) == ("partly known", 2.86, "°")
+    assert line.text == "RMS error of pitch against its target; margins need SYSTEMID chirps"
+
+
+def test_a_flight_without_parameters_still_tells_what_its_motors_gave(flight):
+    """The mean is that of the logged outputs in the air, and within its error of one half of the flight."""
+    lost = Failure("thrust", "the trajectory contradicts the sensors")
+    line = line_of(answered(flight, thrust=lost, parameters=lost), "Parameters")
+    inside = flight.motors.loc[flight.flight.start : flight.flight.stop].to_numpy()
+    assert (line.word, line.unit) == ("hardly", "µs")
+    assert abs(line.value - inside.mean()) < max(3.0 * line.sigma, 1.0)
+
+
 def test_an_oscillation_is_said_before_any_margin(flight):
     swinging = FlightLoops(oscillations_hz={"roll": 8.0})
     line = line_of(answered(flight, loops=swinging, rotation=loops(loop("roll", 60.0))), "Loops")
@@ -194,8 +209,9 @@ def test_an_oscillation_is_said_before_any_margin(flight):
 def test_a_prediction_is_as_long_as_the_model_was_judged(flight):
     """The word comes from the horizon: none gives no, and a model that nobody judged gives no number."""
     line = line_of(answered(flight), "Predict ahead")
-    horizon = flight_report(flight).models[0].uses.prediction.horizon_s
-    assert line.value == horizon
+    use = flight_report(flight).models[0].uses.prediction
+    horizon = use.horizon_s
+    assert (line.value, line.sigma) == ((horizon if use.reach_s is None else use.reach_s), use.reach_sigma_s)
     assert (line.word in ("yes", "briefly")) == (horizon is not None)
     unjudged = dataclasses.replace(flight.models[0], validation=Failure("validation", "too short to judge"))
     line = line_of(answered(flight, models=(unjudged,)), "Predict ahead")
