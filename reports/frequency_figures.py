@@ -31,7 +31,7 @@ def bode_figure(fitted: FittedResponse, name: str) -> Figure:
     data: list[Trace] = [*_band(hz, gain - in_db, gain + in_db, "y"), *_band(hz, phase - in_deg, phase + in_deg, "y2")]
     if frf.method == "instrument":
         direct = 20.0 * np.log10(np.maximum(np.abs(frf.direct), 1e-12))
-        data.append(_line(hz, direct, "plain regression (biased)", "@grid", "y", dash="dot"))
+        data.append(_line(hz, direct, "plain regression (biased)", "@own", "y", dash="dot"))
     data.append(_line(hz, gain, "measured", "@ink", "y"))
     data.append(_line(hz, phase, "measured", "@ink", "y2", legend=False))
     if model is not None:
@@ -73,7 +73,7 @@ def response_overlays(curves: Sequence[ResponseCurve], prefix: str = "") -> list
         for k, curve in enumerate(mine):
             color, dash = _OVER[k % len(_OVER)], _DASHES[k // len(_OVER) % len(_DASHES)]
             hz, phase = _plain(np.array(curve.hz), 4), np.array(curve.phase_deg)
-            turns = 360.0 * np.ceil(np.median(phase) / 360.0)
+            turns = 360.0 * np.ceil((np.median(phase) - 90.0) / 360.0)
             data.append(_line(hz, np.array(curve.gain_db), curve.flight, color, "y", dash))
             data.append(_line(hz, phase - turns, curve.flight, color, "y2", dash, legend=False))
         layout = layout_of(
@@ -93,7 +93,7 @@ def pole_figure(fits: Sequence[tuple[str, FrequencyFit]]) -> Figure | None:
     """Draw the poles of models with 95 % ellipses; None without any."""
     data: list[Trace] = []
     colors = ("@own", "@joint", "@mixer", "@body")
-    reach = 5.0
+    far, high = 5.0, 2.0
     for k, (label, fit) in enumerate(fits):
         model = fit.transfer_function()
         shown = [
@@ -102,7 +102,7 @@ def pole_figure(fits: Sequence[tuple[str, FrequencyFit]]) -> Figure | None:
             if np.isfinite(covariance).all() and np.sqrt(np.max(np.linalg.eigvalsh(covariance))) < 0.5 * abs(pole) + 1.0
         ]
         for j, (pole, covariance) in enumerate(shown):
-            reach = max(reach, abs(pole))
+            far, high = max(far, abs(pole.real)), max(high, abs(pole.imag))
             mark = {"x": [round(pole.real, 3)], "y": [round(pole.imag, 3)], "type": "scatter", "mode": "markers"}
             style = {"symbol": "x", "size": 9, "color": colors[k % 4]}
             data.append(mark | {"name": label, "showlegend": j == 0, "marker": style})
@@ -116,8 +116,8 @@ def pole_figure(fits: Sequence[tuple[str, FrequencyFit]]) -> Figure | None:
     if not data:
         return None
     layout = layout_of(
-        xaxis={"title": {"text": "real part (rad/s)"}, "range": [-1.15 * reach, 0.15 * reach]},
-        yaxis={"title": {"text": "imaginary part (rad/s)"}, "range": [-0.65 * reach, 0.65 * reach]},
+        xaxis={"title": {"text": "real part (rad/s)"}, "range": [-1.2 * far, 0.2 * far]},
+        yaxis={"title": {"text": "imaginary part (rad/s)"}, "range": [-1.2 * high, 1.2 * high]},
     )
     return Figure("poles", "Poles of the models with 95 % ellipses.", data, layout, 360, False)
 

@@ -13,7 +13,7 @@ from pipeline.flight.rotation import curve_of, turning_of
 from reports.figure import Figure
 from reports.frequency_figures import pole_figure, response_overlays
 from reports.html import render
-from reports.rotation_views import coupling_sentence, parameter_table, rotation_figures
+from reports.rotation_views import coupling_sentence, parameter_table, rotation_figures, unchecked
 from reports.rotation_views import sentences as sentences_of
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
@@ -48,12 +48,13 @@ def frequency_page(found: FrequencySurvey) -> str:
         for axis in found.axes
         if axis.response is not None
         for finding in axis.response.findings
-    }
+    } | {(finding.id, finding.reason): finding for finding in found.findings}
     page = FrequencyPage(
         title="Frequency responses",
         facts=" · ".join(found.names),
         sentences=[
             *(sentence for axis in axes for sentence in sentences_of(axis)),
+            *unchecked(axes),
             *(coupling_sentence(each) for each in found.couplings if each.ratio.value is not None),
         ],
         table=parameter_table(axes),
@@ -76,4 +77,5 @@ def sentences(axis: AxisSurvey) -> list[str]:
 
 def terminal_table(found: FrequencySurvey) -> RenderableType:
     """Return the table of parameters for the terminal."""
-    return parameter_table([turning_of(axis) for axis in found.axes]).terminal("Frequency responses")
+    table = parameter_table([turning_of(axis) for axis in found.axes], brief=True)
+    return table.terminal("Frequency responses", fold_labels=False)

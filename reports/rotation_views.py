@@ -62,6 +62,7 @@ def rotation_view(found: RotationResult | None, file: str) -> Turning | None:
     if found is None:
         return None
     said = [sentence for axis in found.every for sentence in sentences(axis)]
+    said += unchecked(found.every)
     said += [coupling_sentence(each) for each in found.couplings if each.ratio.value is not None]
     doubts = [f"{remark[:1].upper()}{remark[1:]}." for loop in found.loops.values() for remark in loop.remarks]
     return Turning(
@@ -132,6 +133,17 @@ def _checked(axis: AxisRotation) -> list[str]:
     return [f"{text}."]
 
 
+def unchecked(axes: Iterable[AxisRotation]) -> list[str]:
+    """Return of which models no flying was left to judge them, and what to fly."""
+    names = [axis.axis for axis in axes if axis.rate is not None and axis.rate.check_reason]
+    if not names:
+        return []
+    return [
+        f"No flying without chirps, in which something was asked of the axis, is left to judge the {joined(names)} "
+        f"model{'s' if len(names) > 1 else ''}: fly half a minute of short stick inputs on each axis after the chirps."
+    ]
+
+
 def coupling_sentence(found: Coupling) -> str:
     """Return what the command of one axis does to another."""
     known = found.ratio
@@ -145,10 +157,11 @@ def coupling_sentence(found: Coupling) -> str:
     )
 
 
-def parameter_table(axes: Sequence[AxisRotation]) -> Table:
-    """Tabulate the parameters, without columns that say nothing of any axis."""
-    rows = [_cells(axis) for axis in axes]
-    shown = [k for k in range(len(_HEADS)) if any(row[k] != _NOTHING for row in rows)]
+def parameter_table(axes: Sequence[AxisRotation], *, brief: bool = False) -> Table:
+    """Tabulate the parameters, without columns that say nothing of any axis; in brief without errors in percent."""
+    rows = [_cells(axis, brief) for axis in axes]
+    # In brief, sentences beside the table tell the attitude's bandwidth.
+    shown = [k for k in range(len(_HEADS) - brief) if any(row[k] != _NOTHING for row in rows)]
     return Table(
         label="axis",
         heads=[_HEADS[k] for k in shown],
@@ -195,11 +208,11 @@ def _margin_cells(margins: Margins) -> list[str]:
     ]
 
 
-def _cells(axis: AxisRotation) -> list[str]:
+def _cells(axis: AxisRotation, brief: bool) -> list[str]:
     cells = [_NOTHING] * len(_SHOWN)
     cost = coherent = bandwidth = _NOTHING
     if axis.rate is not None and axis.rate.cost is not None:
-        cells = [_with_errors(axis, name) for name in _SHOWN]
+        cells = [_with_errors(axis, name, brief) for name in _SHOWN]
         cost = f"{axis.rate.cost:.1f}"
     if axis.rate is not None and axis.rate.band is not None:
         low, high = axis.rate.band
@@ -209,7 +222,7 @@ def _cells(axis: AxisRotation) -> list[str]:
     return [*cells, cost, coherent, bandwidth]
 
 
-def _with_errors(axis: AxisRotation, name: str) -> str:
+def _with_errors(axis: AxisRotation, name: str, brief: bool) -> str:
     assert axis.rate is not None
     known = axis.rate.parameters.get(name)
     if known is None:
@@ -217,7 +230,7 @@ def _with_errors(axis: AxisRotation, name: str) -> str:
     if known.value is None or known.sigma is None:
         return "not determined"
     text = _milliseconds(known) if known.unit == "s" else _text(known)
-    if known.value == 0.0 or known.unit == "s":
+    if known.value == 0.0 or known.unit == "s" or brief:
         return text
     insensitivity = abs(axis.rate.insensitivity[name])
     return f"{text} ({100.0 * known.sigma / abs(known.value):.1f}, {100.0 * insensitivity:.1f} %)"

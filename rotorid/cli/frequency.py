@@ -55,6 +55,8 @@ def frequency(
         for each in found.axes:
             for sentence in sentences(each):
                 typer.echo(sentence)
+        for finding in found.findings:
+            typer.echo(f"{finding.severity}: {finding.reason} {finding.advice}")
         typer.echo(out / "frequency.html")
     if not found.determined:
         raise typer.Exit(SOME_FAILED)

@@ -147,6 +147,7 @@ class SurveyRecord(msgspec.Struct, frozen=True, kw_only=True):
     logs: tuple[str, ...]
     axes: tuple[AxisRecord, ...]
     couplings: tuple[CouplingRecord, ...]
+    findings: tuple[Finding, ...]
 
 
 def survey_record(found: FrequencySurvey) -> SurveyRecord:
@@ -155,6 +156,7 @@ def survey_record(found: FrequencySurvey) -> SurveyRecord:
         logs=found.names,
         axes=tuple(map(_axis, found.axes)),
         couplings=tuple(CouplingRecord(axis=each.axis, other=each.other, ratio=each.ratio) for each in found.couplings),
+        findings=found.findings,
     )
 
 

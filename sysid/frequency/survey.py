@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import combinations
 
-from logparse import FlightLog
+import numpy as np
+
+from logparse import Finding, FlightLog, Severity
 from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.closed_loop import AttitudeResponse, attitude_response
 from sysid.frequency.coupling import Coupling, coupling
 from sysid.frequency.estimate import response
 from sysid.frequency.excitation import Within
 from sysid.frequency.fit import FrequencyFit, fit
-from sysid.frequency.response import FrequencyResponse
+from sysid.frequency.response import COHERENT, FrequencyResponse
 from sysid.frequency.time_domain import Verification, hold_out
+
+#: Frequencies that two responses must have in common to be compared, and part of the gain by which flights of a craft
+#: differ: outputs are compensated for battery and density to a few percent.
+_COMPARED, _UNLIKE = 8, 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +53,7 @@ class FrequencySurvey:
     couplings: tuple[Coupling, ...] = ()  #: Of roll and pitch, where both were asked for and are known.
     #: Of several logs the responses of each by itself, with its name.
     single: tuple[tuple[str, FrequencyResponse], ...] = ()
+    findings: tuple[Finding, ...] = ()  #: What is strange about the logs as one craft.
 
     @property
     def determined(self) -> bool:
@@ -73,7 +81,37 @@ def survey(
     given = [logs] if isinstance(logs, FlightLog) else list(logs)
     found = tuple(_axis(given, axis, within) for axis in axes)
     single = _single(given, axes, within) if len(given) > 1 else ()
-    return FrequencySurvey(tuple(log.name for log in given), found, _couplings(given, found, within), single)
+    names = tuple(log.name for log in given)
+    return FrequencySurvey(names, found, _couplings(given, found, within), single, tuple(_differing(single)))
+
+
+def _differing(single: Sequence[tuple[str, FrequencyResponse]]) -> Iterator[Finding]:
+    """Warn of axes whose gain differs between logs by more than batteries and trims make it."""
+    for axis in dict.fromkeys(frf.axis for _, frf in single):
+        mine = [(name, frf) for name, frf in single if frf.axis == axis]
+        source = mine[0][1].source
+        worst = (0.0, "", "")
+        for (first, one), (second, other) in combinations([each for each in mine if each[1].source == source], 2):
+            apart = np.log(np.abs(one.response)) - np.log(np.abs(other.at(one.hz)))
+            both = (
+                one.usable & np.isfinite(apart) & (np.interp(one.hz, other.hz, other.coherence, 0.0, 0.0) >= COHERENT)
+            )
+            if np.count_nonzero(both) < _COMPARED:
+                continue
+            middle = float(np.median(apart[both]))
+            # Errors of neighbouring frequencies go together: no more than the median error is gained by many.
+            error = float(np.hypot(np.median(one.sigma[both]), _UNLIKE))
+            if abs(middle) > max(3.0 * error, abs(worst[0])):
+                worst = (middle, first, second)
+        if worst[0]:
+            yield Finding(
+                "responses-differ",
+                Severity.WARNING,
+                f"The {axis} gain of {worst[1]} is {100.0 * (np.exp(worst[0]) - 1.0):+.0f} % from that of {worst[2]}: "
+                "their sum is the response of neither.",
+                "Give logs of one craft with one load; look at the curves of each.",
+                {"axis": axis, "apart": worst[0]},
+            )
 
 
 def _single(

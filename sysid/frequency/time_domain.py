@@ -160,7 +160,15 @@ def verify(found: FrequencyFit, data: FlightLog | Sequence[FlightLog], within: W
         raise FrequencyError("a verification takes a fit of one axis")
     axis = AXES[found.axes[0]]
     logs = [data] if isinstance(data, FlightLog) else list(data)
-    return verify_records(found, [_without_chirps(ordinary_record(log, axis, within), log) for log in logs])
+    records, reasons = [], []
+    for log in logs:
+        try:
+            records.append(_without_chirps(ordinary_record(log, axis, within), log))
+        except FrequencyError as error:
+            reasons.append(str(error))
+    if not records:
+        raise FrequencyError("; ".join(reasons) or "no logs given")
+    return verify_records(found, records)
 
 
 def hold_out(found: FrequencyFit, logs: Sequence[FlightLog], within: Within | None = None) -> Verification:

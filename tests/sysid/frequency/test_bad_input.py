@@ -122,3 +122,15 @@ def test_half_of_a_chirp_lost_gives_what_is_left_or_says_why_not(tmp_path: Path)
     log.messages._frames["RATE"] = kept
     frf = frequency.response(log, "roll")
     assert worst(frf) < 1.0
+
+
+def test_logs_of_two_craft_are_not_summed_unnoticed(tmp_path: Path) -> None:
+    logs = []
+    for k, gain in enumerate((300.0, 300.0, 220.0)):
+        write_rate_log(
+            tmp_path / f"{k}.BIN", {"roll": run_axis(replace(PLANT, gain=gain), GAINS, CHIRP, k)}, rate=100.0
+        )
+        logs.append(logparse.read_log(tmp_path / f"{k}.BIN"))
+    assert survey(logs[:2], ["roll"]).findings == ()
+    (finding,) = survey(logs[1:], ["roll"]).findings
+    assert finding.id == "responses-differ"
