@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,19 @@ from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.health import FlightHealth, Panel, Peak, Spectrum
 from pipeline.results.span import Span
-from reports.figure import Figure, Trace, band, band_label, layout_of, limit_line, line, margin, plotly_text, time_axis
+from reports.figure import (
+    Drawn,
+    Figure,
+    Trace,
+    band,
+    band_label,
+    layout_of,
+    limit_line,
+    line,
+    margin,
+    plotly_text,
+    time_axis,
+)
 from sysid.statistics.parameter import Parameter
 
 #: Unit shown and factor, by the unit kept.
@@ -86,10 +97,10 @@ def attitude_figure(result: FlightResult) -> Figure | None:
     return _stacked("attitude", panels, result.flight, _marks(result.health, result.flight)) if panels else None
 
 
-def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[dict[str, Any]]) -> Figure:
+def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[Drawn]) -> Figure:
     """Draw panels below each other over one axis of time."""
     data: list[Trace] = []
-    axes: dict[str, Any] = {}
+    axes: Drawn = {}
     shapes = list(marks)
     row = 1.0 / len(panels)
     named: set[str] = set()
@@ -122,7 +133,7 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[dict[
     return Figure(f"health-{name}", caption, data, layout, 120 + 110 * len(panels))
 
 
-def _marks(health: FlightHealth, flight: Span) -> list[dict[str, Any]]:
+def _marks(health: FlightHealth, flight: Span) -> list[Drawn]:
     """Draw each notable event as a line where it began."""
     times = sorted({round(event.t, 1) for event in health.notable if flight.start <= event.t <= flight.stop + 5.0})
     return [
@@ -147,11 +158,11 @@ def _spectrum(spectrum: Spectrum) -> Figure:
         hover = "%{x:.0f} Hz: %{y:.3g}"
         trace = line(spectrum.hz, factor * amplitude, axis, _COLORS[place], width=1.2, decimals=6, hover=hover)
         data.append(trace)
-    shapes: list[dict[str, Any]] = [
+    shapes: list[Drawn] = [
         band(Span(notch.low, min(notch.high, float(spectrum.hz[-1]))), "@judged", 0.18) for notch in spectrum.notches
     ]
     marks = [(name, hz, "@judged") for name, hz in spectrum.filters.items()]
-    labels: list[dict[str, Any]] = []
+    labels: list[Drawn] = []
     for name, hz, color in marks:
         shapes.append(
             {

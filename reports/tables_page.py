@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from logparse import Finding
 from logparse.quantity import number, uncertain
 from logparse.table import Row, Table
 from pipeline.results.tables import TableResult
-from reports.figure import Figure, Trace, layout_of, line, time_axis
+from reports.figure import Drawn, Figure, Trace, layout_of, line, time_axis
 from reports.html import render
 from reports.summary import ShownAnswer, answer_lines
 from sysid.validation.state_residuals import PredictedStates
@@ -139,7 +138,7 @@ def _predictions(found: PredictedStates, given: bool) -> list[Figure]:
     figures = []
     for what, unit, factor, names, first in groups:
         data: list[Trace] = []
-        axes: dict[str, Any] = {}
+        axes: Drawn = {}
         for k, name in enumerate(names):
             axis = "" if k == 0 else str(k + 1)
             label = f"{found.horizon:g} s ahead"

@@ -32,7 +32,6 @@ from pipeline.storage.manifest import (
     FLIGHTS,
     LogRecord,
     Manifest,
-    configuration,
     of_one_flight,
     page_key,
     read_manifest,
@@ -121,7 +120,7 @@ def analyze_fleet(
         crafts = _crafts(flights, former, config, store, publish, executor, part_of(progress, 0.8, 0.99), redo=redo)
         manifest = Manifest(
             software=software(),
-            configuration=configuration(config),
+            configuration=config,
             pages=page_key(publish),
             logs=tuple(records),
             # Those that could not be stored are wanted still: the next run finds them missing.
@@ -319,7 +318,7 @@ def _crafts(
     before = tuple(replace(craft, pages=pages) for craft in former.crafts)
     unchanged = (
         {record.key for record in former.logs if record.state == "analysed"} == {flight.key for flight in flights}
-        and former.configuration == configuration(config)
+        and former.configuration == config
         and former.software == software()
     )
     if unchanged and not redo and all(is_current(store, craft) for craft in before):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -64,11 +64,21 @@ class LogRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Software:
+    """What computes; what only shows results has no part in it, see `page_key`."""
+
+    rotorid: str  #: Its version.
+    sources: str  #: A fingerprint of them.
+    libraries: Mapping[str, str | None]  #: Versions of those beneath it; None for one that is not installed.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
     """One run over a folder of logs."""
 
-    software: Mapping[str, Any] = field(default_factory=dict)
-    configuration: Mapping[str, Any] = field(default_factory=dict)
+    #: None before anything was analysed.
+    software: Software | None = None
+    configuration: AnalysisConfig | None = None
     pages: str = ""  #: `page_key` of what shows the results.
     logs: tuple[LogRecord, ...] = ()  #: Every file that was found, in the order of the report.
     crafts: tuple[GroupEntry, ...] = ()
@@ -83,7 +93,7 @@ class Manifest:
     def identity(self) -> str:
         """Equal for runs that found the same and so have the same report."""
         logs = tuple(replace(record, modified=0) for record in self.logs)
-        return _digest(plain(replace(self, logs=logs, reported="")))
+        return _digest(replace(self, logs=logs, reported=""))
 
     def write(self, store: Store) -> None:
         """Write ``manifest.json``, unless it says the same already."""
@@ -97,32 +107,26 @@ def read_manifest(store: Store) -> Manifest:
 
 
 @cache
-def software() -> dict[str, Any]:
-    """Return which software computes: rotorid with a fingerprint of its sources, and the libraries beneath it.
-
-    What only shows results has no part in it: see `page_key`.
-    """
-    return {
-        "rotorid": version("rotorid"),
-        "sources": _fingerprint(_ANALYSIS),
-        "libraries": {name: _version(name) for name in _LIBRARIES},
-    }
+def software() -> Software:
+    """Return which software computes."""
+    libraries = {name: _version(name) for name in _LIBRARIES}
+    return Software(rotorid=version("rotorid"), sources=_fingerprint(_ANALYSIS), libraries=libraries)
 
 
 @cache
-def presentation() -> dict[str, Any]:
+def presentation() -> tuple[str, str | None]:
     """Return which software shows results: a fingerprint of code, templates and style sheets, and Plotly's version."""
-    return {"sources": _fingerprint(_PRESENTATION), "plotly": _version("plotly")}
+    return _fingerprint(_PRESENTATION), _version("plotly")
 
 
-def installed() -> dict[str, Any]:
-    """Return all software that has a part in products."""
-    return {**software(), "presentation": presentation()}
+def installed() -> Mapping[str, Any]:
+    """Return all software that has a part in products, in plain types: workers with other software must read it too."""
+    return {**plain(software()), "presentation": list(presentation())}
 
 
 def page_key(publish: Callable[..., object] | None) -> str:
     """Name what writes pages of results: equal keys promise equal pages of equal results; empty for none."""
-    return "" if publish is None else _digest([presentation(), _named(publish)])
+    return "" if publish is None else _digest([*presentation(), _named(publish)])
 
 
 def _fingerprint(packages: Iterable[str]) -> str:
@@ -146,12 +150,6 @@ def _version(name: str) -> str | None:
         return None
 
 
-def configuration(config: AnalysisConfig) -> dict[str, Any]:
-    """Return settings as JSON has them."""
-    facts: dict[str, Any] = plain(config)
-    return facts
-
-
 def of_one_flight(config: AnalysisConfig) -> AnalysisConfig:
     """Return the settings without those that choose among flights and do not touch a single one."""
     return replace(config, training=(), validation=())
@@ -159,7 +157,7 @@ def of_one_flight(config: AnalysisConfig) -> AnalysisConfig:
 
 def flight_key(sha256: str, name: str, config: AnalysisConfig) -> str:
     """Name the result of a log: equal keys promise equal results."""
-    return _digest([sha256, name, configuration(of_one_flight(config)), software()])
+    return _digest([sha256, name, of_one_flight(config), software()])
 
 
 def craft_key(
@@ -171,11 +169,11 @@ def craft_key(
     """Name the result of a craft, from the keys of its flights and what was found of them together."""
     keys = {flight.name: flight.key for flight in flights}
     # The choice counts, and not the pattern that made it.
-    made_of = [keys, split.training, split.held_out, split.sentence, plain(tuple(findings))]
-    return _digest([made_of, configuration(of_one_flight(config)), software()])
+    made_of = [keys, split.training, split.held_out, split.sentence, tuple(findings)]
+    return _digest([made_of, of_one_flight(config), software()])
 
 
-def _named(function: Callable[..., object] | None) -> Any:
+def _named(function: Callable[..., object] | None) -> object:
     """Describe what writes products, so that another one does not pass for it."""
     if function is None:
         return None
@@ -184,5 +182,5 @@ def _named(function: Callable[..., object] | None) -> Any:
     return f"{function.__module__}.{getattr(function, '__qualname__', type(function).__qualname__)}"
 
 
-def _digest(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True, ensure_ascii=True).encode()).hexdigest()
+def _digest(value: object) -> str:
+    return hashlib.sha256(json.dumps(plain(value), sort_keys=True, ensure_ascii=True).encode()).hexdigest()

@@ -33,8 +33,9 @@ def _quick(monkeypatch):
 
 def of_software(monkeypatch, version):
     """Fix what the products are made with: somebody may edit the sources while the tests run."""
+    fixed = manifest.Software(rotorid=version, sources="", libraries={})
     for module in (manifest, fleet_module):
-        monkeypatch.setattr(module, "software", lambda: {"rotorid": version})
+        monkeypatch.setattr(module, "software", lambda: fixed)
 
 
 @pytest.fixture
@@ -193,7 +194,7 @@ def test_another_style_sheet_draws_pages_anew_and_analyses_nothing(logs, tmp_pat
     again, analyzed = run(logs, out, publish=reports.publish)
     assert (analyzed, again.reused, again.reported) == ([], 4, True)
 
-    monkeypatch.setattr(manifest, "presentation", lambda: {"sources": "another style sheet"})
+    monkeypatch.setattr(manifest, "presentation", lambda: ("another style sheet", None))
     monkeypatch.setattr(joint, "identify_craft", None)  # would fail when it is called
     styled, analyzed = run(logs, out, publish=reports.publish)
     assert analyzed == []
@@ -210,7 +211,7 @@ def test_a_result_that_is_not_there_is_made_again(logs, tmp_path, monkeypatch):
     run(logs, out, publish=reports.publish)
     (out / "flights" / "octa1" / RESULT).unlink()
     (out / "flights" / "octa2" / RESULT).write_bytes(b"damaged")
-    monkeypatch.setattr(manifest, "presentation", lambda: {"sources": "another style sheet"})
+    monkeypatch.setattr(manifest, "presentation", lambda: ("another style sheet", None))
     assert sorted(run(logs, out, publish=reports.publish)[1]) == ["octa1", "octa2"]
     assert len(run(logs, out, publish=reports.publish, redo=True)[1]) == 4
 
@@ -315,7 +316,7 @@ def test_a_killed_run_is_resumed(logs, tmp_path):
         "from pipeline.fleet import job\nfrom pipeline.storage import manifest\n"
         "from tests.pipeline import flown\n"
         "job.analyze_flights = flown.analyze_flights\n"
-        "manifest.software = lambda: {'rotorid': '0.1.0'}\n"
+        "manifest.software = lambda: manifest.Software(rotorid='0.1.0', sources='', libraries={})\n"
         "analyze_fleet([sys.argv[1]], AnalysisConfig(poles=1, zeros=0), store=sys.argv[2])\n"
     )
     died = subprocess.run([sys.executable, "-c", script, str(logs), str(out)], cwd=ROOT, check=False, timeout=120)
