@@ -85,6 +85,7 @@ const loops = (() => {
     m.peak = 20 * Math.log10(peak);
     return m;
   }
+  const sines = new Map(); // of the grid of frequencies, by index of time: the same for every slider
   function stepOf(hz, real) {
     const step = 0.1, t = [], y = [];
     const grid = [], values = [];
@@ -100,8 +101,10 @@ const loops = (() => {
     }
     for (let n = 0; n <= 80; n++) {
       const at = n * 0.0125;
+      if (!sines.has(n)) sines.set(n, Float64Array.from(grid, (f) => Math.sin(2 * Math.PI * f * at)));
+      const sine = sines.get(n);
       let sum = 0;
-      for (let j = 0; j < grid.length; j++) sum += Math.sin(2 * Math.PI * grid[j] * at) * values[j];
+      for (let j = 0; j < grid.length; j++) sum += sine[j] * values[j];
       t.push(at);
       y.push(2 / Math.PI * sum * step);
     }
@@ -114,10 +117,11 @@ const loops = (() => {
   function evaluate(axis, values) {
     const r = axis.response, hz = r.hz, all = hz.map((_, k) => parts(axis, values, k));
     const loop = all.map((p) => p.loop), best = margins(hz, loop);
-    const draws = r.draws_gain.map((gain, d) => loop.map((l, k) => {
-      const size = Math.exp(gain[k]), phase = r.draws_phase[d][k];
-      return mul(l, [size * Math.cos(phase), size * Math.sin(phase)]);
+    r.errors ||= r.draws_gain.map((gain, d) => gain.map((size, k) => {
+      const phase = r.draws_phase[d][k];
+      return [Math.exp(size) * Math.cos(phase), Math.exp(size) * Math.sin(phase)];
     }));
+    const draws = r.errors.map((error) => loop.map((l, k) => mul(l, error[k])));
     const drawn = draws.map((one) => margins(hz, one)), band = {};
     for (const name of ["gain", "phase", "crossover", "rejection", "peak"])
       band[name] = [quantile(drawn.map((m) => m[name]), 0.025), quantile(drawn.map((m) => m[name]), 0.975)];
@@ -220,7 +224,7 @@ const loops = (() => {
       };
       const box = document.querySelector(`.loop-sliders[data-axis="${axis.axis}"]`);
       for (const [name, title] of [["P", "P"], ["I", "I"], ["D", "D"], ["FLTD", "FLTD (Hz)"], ["FLTT", "FLTT (Hz)"],
-        ["angle", "angle P"], ["gyro", "INS_GYRO_FILTER (Hz)"]]) {
+        ["FLTE", "FLTE (Hz)"], ["FF", "FF"], ["angle", "angle P"], ["gyro", "INS_GYRO_FILTER (Hz)"]]) {
         if (!(before[name] > 0)) continue;
         const label = document.createElement("label"), slider = document.createElement("input");
         const shown = document.createElement("span");
