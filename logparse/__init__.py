@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from logparse.events.timeline import flight_events
     from logparse.flights import Flight
     from logparse.frames import Motor, Vehicle
-    from logparse.log import FlightLog, Messages, check_is_log, read_flights, read_log
+    from logparse.log import FlightLog, check_is_log, read_flights, read_log
+    from logparse.messages import Messages
     from logparse.source import Boot, MessageSource
     from logparse.tables import COLUMNS, Geodetic, Tables
 

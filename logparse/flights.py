@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from logparse.pwm_range import pwm_range
 from logparse.tables import Tables
-from logparse.vehicle import pwm_range
 
 Array = npt.NDArray[np.float64]
 

@@ -10,9 +10,9 @@ import pandas as pd
 
 from logparse.findings import Finding, Severity
 from logparse.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
+from logparse.pwm_range import pwm_range
 from logparse.rest import at_rest, calibration
 from logparse.units import numbers
-from logparse.vehicle import pwm_range
 
 if TYPE_CHECKING:
     from logparse.flights import Flight

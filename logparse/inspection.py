@@ -10,8 +10,8 @@ import pandas as pd
 from logparse import health
 from logparse.findings import Finding
 from logparse.flights import Flight
+from logparse.frames import Vehicle
 from logparse.tables import COLUMNS
-from logparse.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from logparse.log import FlightLog

@@ -1,7 +1,7 @@
 """`read_log`: any flight log in, a `FlightLog` out."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from copy import copy
 from datetime import UTC, datetime
@@ -18,7 +18,8 @@ from logparse.containers import Buffer, open_buffer, read_head
 from logparse.errors import LogError, RotoridError
 from logparse.findings import Finding, Severity
 from logparse.lazy import lazy
-from logparse.source import LONG, Boot, MessageSource
+from logparse.messages import Messages, Passing
+from logparse.source import Boot, MessageSource
 from logparse.summary import Summarised, listed
 from logparse.tables import COLUMNS
 from logparse.timebase import utc_from_gps
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
     from logparse import flights as airborne
     from logparse import vehicle as craft
     from logparse.flights import Flight
+    from logparse.frames import Vehicle
     from logparse.tables import Tables
-    from logparse.vehicle import Vehicle
 else:
     canonical, airborne, craft = lazy("logparse.canonical"), lazy("logparse.flights"), lazy("logparse.vehicle")
 
@@ -49,25 +50,8 @@ _READERS = (
     ("logparse.mavlink.tlog", "TlogSource"),
 )
 
-#: Messages after which a loop over their names is taken to want all, and the part of a file decoded ahead of it.
-_ASKED, _SHARE = 2, 2
-
 #: Boots that are looked into for the longest flight; in a file with more, the longest boots.
 _MOST_BOOTS = 8
-
-
-@runtime_checkable
-class _BatchSource(Protocol):
-    """A source that decodes several message types in one pass over the file."""
-
-    def decode_many(self, names: Iterable[str], boot: Boot) -> dict[str, pd.DataFrame]: ...
-
-
-@runtime_checkable
-class _FieldSource(Protocol):
-    """A source that decodes some of the fields of a message type."""
-
-    def decode_fields(self, name: str, boot: Boot, fields: Collection[str]) -> pd.DataFrame: ...
 
 
 @runtime_checkable
@@ -83,121 +67,6 @@ class _PreludeSource(Protocol):
 
     @property
     def prelude(self) -> tuple[str, ...]: ...
-
-
-class Messages(Mapping[str, pd.DataFrame]):
-    """The messages of one boot by name as logged, decoded when first asked for.
-
-    Iterating over values or items, and `load`, decode what is missing in one pass over the file. So do loops over the
-    names that ask for one message after another: from the second on, those to come are decoded along with it.
-    """
-
-    def __init__(self, source: MessageSource, boot: Boot):
-        self._source, self._boot = source, boot
-        self._counts = source.counts(boot)
-        self._frames: dict[str, pd.DataFrame] = {}
-        self._asking: int | None = None  # Messages that a loop over the names has asked for and were not there.
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """Rows of each message type, without decoding."""
-        return self._counts
-
-    def load(self, names: Iterable[str]) -> None:
-        """Decode several message types at once; names that the log does not have are passed over."""
-        missing = [name for name in names if name in self._counts and name not in self._frames]
-        if isinstance(self._source, _BatchSource) and missing:
-            self._frames.update(self._source.decode_many(missing, self._boot))
-        else:
-            for name in missing:
-                self._frames[name] = self._source.decode(name, self._boot)
-
-    def __getitem__(self, name: str) -> pd.DataFrame:
-        if name not in self._frames:
-            if name not in self._counts:
-                raise KeyError(name)
-            self.load([name, *self._next(name)])
-        return self._frames[name]
-
-    def _next(self, name: str) -> Iterator[str]:
-        """Yield what a loop over the names will ask for after `name`, up to a share of the file."""
-        asked = self._asking
-        if asked is None:
-            return
-        self._asking = asked + 1
-        if asked + 1 < _ASKED or not isinstance(self._source, _BatchSource):
-            return
-        names = list(self._counts)
-        rows = self._counts[name]
-        for other in names[names.index(name) + 1 :]:
-            rows += 0 if other in self._frames else self._counts[other]
-            if rows > sum(self._counts.values()) // _SHARE:
-                return
-            yield other
-
-    def once(self, name: str, fields: Collection[str] | None = None) -> pd.DataFrame:
-        """Decode a message without keeping it, of `fields` only where that spares memory; or the one that is kept."""
-        if name in self._frames:
-            return self._frames[name]
-        if fields is not None and isinstance(self._source, _FieldSource):
-            return self._source.decode_fields(name, self._boot, fields)
-        return self._source.decode(name, self._boot)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._counts
-
-    def __iter__(self) -> Iterator[str]:
-        self._asking = 0
-        try:
-            yield from self._counts
-        finally:
-            self._asking = None
-
-    def __len__(self) -> int:
-        return len(self._counts)
-
-    def values(self):  # type: ignore[no-untyped-def]
-        """Frames, all decoded."""
-        self.load(self._counts)
-        return super().values()
-
-    def items(self):  # type: ignore[no-untyped-def]
-        """Names and frames, all decoded."""
-        self.load(self._counts)
-        return super().items()
-
-    def __repr__(self) -> str:
-        return f"<Messages of {len(self)} types: {', '.join(self)}>"
-
-
-class _Passing(Mapping[str, pd.DataFrame]):
-    """Messages for whoever builds tables of them: long ones that nobody asked for by name are not kept."""
-
-    def __init__(self, messages: Messages):
-        self._messages = messages
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """Rows of each message type, without decoding."""
-        return self._messages.counts
-
-    def __getitem__(self, name: str) -> pd.DataFrame:
-        return self.choose(name, None)
-
-    def choose(self, name: str, fields: Collection[str] | None) -> pd.DataFrame:
-        """Decode a message; of a long one only `fields`."""
-        if self._messages.counts.get(name, 0) < LONG:
-            return self._messages[name]
-        return self._messages.once(name, fields)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._messages
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._messages)
-
-    def __len__(self) -> int:
-        return len(self._messages)
 
 
 class FlightLog(Summarised):
@@ -280,7 +149,7 @@ class FlightLog(Summarised):
     @cached_property
     def _built(self) -> tuple["Tables", Callable[[], tuple[Finding, ...]]]:
         return canonical.gather_tables(
-            _Passing(self.messages), format=self.format, parameters=self.parameters, vehicle=self.vehicle
+            Passing(self.messages), format=self.format, parameters=self.parameters, vehicle=self.vehicle
         )
 
     @property

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from logparse.vehicle import Vehicle
+from logparse.frames import Vehicle
 
 #: Formats that were received by radio.
 TELEMETRY = ("tlog", "mavlink-raw")

@@ -3,114 +3,14 @@
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pandas as pd
 
 from logparse.frames import FRAME_CLASSES, FRAME_TYPES, MOTOR_COUNTS, Motor, Vehicle, motor_table, servo_function_motor
+from logparse.pwm_range import pwm_range
 from logparse.units import numbers
-
-__all__ = ["Motor", "PwmRange", "Vehicle", "describe", "pwm_range"]
-
-
-@dataclass(frozen=True, slots=True)
-class PwmRange:
-    """How motor commands become PWM: limits [us] and fractions of their range, as in `Vehicle`."""
-
-    pwm_min: float
-    pwm_max: float
-    spin_arm: float
-    spin_min: float
-    spin_max: float
-    thrust_expo: float
-
-    def pwm(self, fraction: float) -> float:
-        """PWM [us] at a fraction of the range."""
-        return self.pwm_min + fraction * (self.pwm_max - self.pwm_min)
-
-
-def pwm_range(parameters: Mapping[str, float]) -> PwmRange:
-    """Read the PWM range and thrust curve from the parameters of any ArduCopter since 3.0.
-
-    MOT_PWM_MIN and _MAX count when both are set; otherwise ArduCopter drives the motors over the throttle
-    channel's calibrated range (RC3_MIN, RC3_MAX). Before 3.4 MOT_SPIN_ARMED is in us above the minimum, THR_MIN
-    in thousandths of the range, and before 3.3 the thrust curve is a straight line to MOT_TCRV_MIDPCT percent
-    at half and to MOT_TCRV_MAXPCT at full throttle; it is given as the MOT_THST_EXPO that passes through the
-    same middle point.
-    """
-
-    def get(name: str) -> float | None:
-        value = parameters.get(name)
-        return None if value is None or not math.isfinite(value) else float(value)
-
-    if "SYS_AUTOSTART" in parameters or "CA_ROTOR_COUNT" in parameters:
-        return _px4_pwm_range(parameters)
-    low, high = get("MOT_PWM_MIN"), get("MOT_PWM_MAX")
-    if not low or not high or high <= low:
-        channel = int(get("RCMAP_THROTTLE") or 3)
-        low, high = get(f"RC{channel}_MIN"), get(f"RC{channel}_MAX")
-    if not low or not high or high <= low:
-        low, high = 1000.0, 2000.0
-    span = high - low
-
-    arm = get("MOT_SPIN_ARM")
-    if arm is None:
-        armed_us = get("MOT_SPIN_ARMED")
-        arm = 0.1 if armed_us is None else armed_us / span
-    lowest = get("MOT_SPIN_MIN")
-    if lowest is None:
-        throttle_min = get("THR_MIN")
-        lowest = 0.15 if throttle_min is None else throttle_min / 1000.0
-    curve = get("MOT_TCRV_ENABLE")
-    top, expo = get("MOT_SPIN_MAX"), get("MOT_THST_EXPO")
-    if top is None:
-        top = get("MOT_THST_MAX")
-    if curve is not None:
-        middle, full = get("MOT_TCRV_MIDPCT"), get("MOT_TCRV_MAXPCT")
-        if curve >= 1.0 and middle and full and middle < full:
-            share = middle / full
-            top, expo = full / 100.0, float(np.clip((share - 0.5) / (share * (1.0 - share)), 0.0, 1.0))
-        else:
-            top, expo = 1.0, 0.0
-    return PwmRange(
-        pwm_min=low,
-        pwm_max=high,
-        spin_arm=arm,
-        spin_min=lowest,
-        spin_max=0.95 if top is None else top,
-        thrust_expo=0.65 if expo is None else expo,
-    )
-
-
-def _px4_pwm_range(parameters: Mapping[str, float]) -> PwmRange:
-    """Read PX4's range: PWM_MAIN_MINn of the motors' outputs, PWM_MIN before 1.13; DShot stands for 1000..2000 us.
-
-    PX4 maps thrust 0..1 onto the whole range (THR_MDL_FAC is the curve that ArduPilot calls MOT_THST_EXPO); on the
-    ground its motors turn at up to MPC_MANTHR_MIN.
-    """
-    outputs = [
-        f"PWM_{bank}_{{}}{k}"
-        for bank in ("MAIN", "AUX")
-        for k in range(1, 17)
-        if 101 <= parameters.get(f"PWM_{bank}_FUNC{k}", 0.0) <= 112
-    ]
-    low, high = (
-        min((parameters.get(name.format(end), 0.0) for name in outputs), default=0.0)
-        or parameters.get(f"PWM_{end}", 0.0)
-        or parameters.get(f"PWM_MAIN_{end}", 0.0)
-        for end in ("MIN", "MAX")
-    )
-    if not 500.0 < low < high:
-        low, high = 1000.0, 2000.0
-    return PwmRange(
-        pwm_min=low,
-        pwm_max=high,
-        spin_arm=0.0,
-        spin_min=float(parameters.get("MPC_MANTHR_MIN", 0.08)),
-        spin_max=1.0,
-        thrust_expo=float(parameters.get("THR_MDL_FAC", 0.0)),
-    )
 
 
 def describe(

@@ -9,8 +9,8 @@ from logparse.canonical import dataflash, px4, telemetry
 from logparse.canonical.deferred import DeferredTables, Later
 from logparse.canonical.remarks import Remarks
 from logparse.findings import Finding, Severity
+from logparse.frames import Vehicle
 from logparse.tables import COLUMNS, Tables
-from logparse.vehicle import Vehicle
 
 __all__ = ["gather_tables"]
 

@@ -11,9 +11,9 @@ from logparse.canonical import dataflash_events, dataflash_sensors
 from logparse.canonical.batches import batches
 from logparse.canonical.deferred import Later
 from logparse.canonical.remarks import Remarks
+from logparse.frames import Vehicle
 from logparse.tables import Tables
 from logparse.units import numbers
-from logparse.vehicle import Vehicle
 
 #: Messages that the tables of which there may be a row for every step of the fast loop are made of.
 _IMU = ("IMU", "IMU2", "IMU3", "ACC1", "ACC", "GYR1", "GYR")

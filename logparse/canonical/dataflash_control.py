@@ -10,9 +10,9 @@ from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances
 from logparse.canonical.series import Array, euler_angles, join, quaternions, sample, series, wrap
 from logparse.cubic_spline import cubic_spline
+from logparse.frames import Vehicle
 from logparse.tables import COLUMNS, Geodetic
 from logparse.units import numbers, quantity
-from logparse.vehicle import Vehicle
 
 Messages = Mapping[str, pd.DataFrame]
 

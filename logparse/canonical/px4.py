@@ -10,9 +10,8 @@ from logparse.canonical.dataflash_sensors import PULSE_RANGE, clean_fixes
 from logparse.canonical.modes import PX4_MODES
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, euler_angles, join, sample, series
-from logparse.frames import Motor
+from logparse.frames import Motor, Vehicle
 from logparse.tables import COLUMNS, Geodetic, Tables
-from logparse.vehicle import Vehicle
 
 Messages = Mapping[str, pd.DataFrame]
 

@@ -18,10 +18,10 @@ from logparse.canonical.modes import copter_mode, px4_custom_mode
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, euler_angles, frozen, join, sample, series, wrap
 from logparse.findings import Finding, Severity
-from logparse.frames import Motor
+from logparse.frames import Motor, Vehicle
 from logparse.tables import COLUMNS, Geodetic, Tables
 from logparse.units import numbers, quantity
-from logparse.vehicle import Vehicle, assumed_outputs, vehicle_heartbeats
+from logparse.vehicle import assumed_outputs, vehicle_heartbeats
 
 Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
 

@@ -9,8 +9,8 @@ from logparse.events.event import FlightEvent
 from logparse.events.stretches import Array, stretches, within
 from logparse.findings import Severity
 from logparse.flights import Flight, speed_down
+from logparse.pwm_range import pwm_range
 from logparse.tables import Tables
-from logparse.vehicle import pwm_range
 
 #: Part of the PWM range below the upper limit that counts as being at it, longest pause within one stretch [s], and
 #: time at the limit [s] from which it is a warning: a step of a stick drives motors there for a tenth of a second.

@@ -19,7 +19,7 @@ from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap, read_
 from logparse.foreign.consistency import check_motion, check_units, unchecked_order
 from logparse.foreign.files import TableError, flatten, read_columns
 from logparse.foreign.shifts import check_shifts
-from logparse.vehicle import Vehicle
+from logparse.frames import Vehicle
 
 Floats = npt.NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from logparse import FlightLog, Tables
 from logparse.events.vibration import vibration_levels
-from logparse.vehicle import pwm_range
+from logparse.pwm_range import pwm_range
 from pipeline.flight.vibration_spectrum import vibration_spectrum
 from pipeline.results.health import HealthSignals, Panel, Signal
 from pipeline.results.span import Span

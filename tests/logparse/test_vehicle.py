@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse.vehicle import describe, pwm_range
+from logparse.pwm_range import pwm_range
+from logparse.vehicle import describe
 
 
 def texts(*lines):

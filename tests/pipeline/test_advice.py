@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from logparse import Finding, Severity
+from logparse.frames import Vehicle
 from logparse.log_settings import Need, bits_of, log_setting
 from logparse.serialization import plain
-from logparse.vehicle import Vehicle
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.log_settings import _BRINGS
