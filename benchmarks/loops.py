@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from logparse import FlightLog, RotoridError, read_log
-from simulation.axis_loop import AxisPlant, AxisRun, random_axis
+from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, random_axis, run_axis
+from simulation.axis_loop.log import write_rate_log
 from sysid.frequency import fit
 from sysid.loops import Limits, prove, tune
 from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp
@@ -49,6 +50,8 @@ def run() -> list[Row]:
             rows += _firmware(Path(folder))
     rows += _simulated_pairs()
     rows += _random_craft()
+    with tempfile.TemporaryDirectory() as folder:
+        rows += _long_log(Path(folder) / "long.bin")
     rows += _designs()
     if (LOGS / "real").exists():
         rows += _real_logs()
@@ -111,7 +114,7 @@ def _firmware(folder: Path) -> list[Row]:
         ("firmware: closed-loop step fit", f"{min(fits):.1f} % worst, {np.median(fits):.1f} % median", "", "", "90 %"),
         ("firmware: gains of quad15_hot", "called unstable" if called else "MISSED", "", "", "unstable"),
         ("firmware: tune proposes", f"{proposed} of {len(CRAFT)}", "", "", ""),
-        ("firmware: tune, CPU of a 5 min log", f"{max(cpu):.1f} s worst", "", "", "5 s for 3 min"),
+        ("firmware: tune, CPU of a 5 min log at 100 Hz", f"{max(cpu):.1f} s worst", "", "", ""),
     ]
 
 
@@ -180,6 +183,30 @@ def _random_craft(count: int = 100) -> list[Row]:
         ("simulator: rejection bandwidth better than before", f"{better} of {accepted}", "", "", "80 %"),
         ("simulator: true margins worse than promised", str(broken), "", "", "0"),
     ]
+
+
+def _long_log(path: Path) -> list[Row]:
+    """Tune a flight of 3 min whose RATE, PID and SIDD come at 400 Hz."""
+    runs, flown = {}, {}
+    for k, (name, gain, p) in enumerate((("roll", 300.0, 0.08), ("pitch", 220.0, 0.11), ("yaw", 40.0, 0.35))):
+        axis = AxisPlant(gain=gain, damping=1.0, lag=0.02, delay=0.003, filter_hz=40.0)
+        flown[name] = LoopGains(P=p, I=p if k < 2 else 0.1 * p, D=0.025 * p if k < 2 else 0.0)
+        shaken = Excitation(
+            duration=180.0,
+            chirp=(0.5, 40.0, 0.08),
+            chirp_start=20.0 + 45.0 * k,
+            chirp_seconds=25.0,
+            sid_axis=10 + k,
+            gust=0.3,
+            gyro_noise=0.015,
+        )
+        runs[name] = run_axis(axis, flown[name], shaken, k)
+    write_rate_log(path, runs, rate=400.0, filter_hz=40.0, gains=flown)
+    start = time.process_time()
+    result = tune(read_log(path))
+    took = time.process_time() - start
+    told = "proposed" if result.refused is None else result.refused
+    return [("simulator: tune of 3 min at 400 Hz, CPU", f"{took:.1f} s ({told})", "", "", "5 s")]
 
 
 def _designs(count: int = 50, flights: int = 2) -> list[Row]:
