@@ -53,9 +53,14 @@ def _map(figure: Figure) -> Figure:
     """Leave the map's legend to its caption, which takes less room."""
     wind = next((note["hovertext"] for note in figure.layout["annotations"] if note.get("name") == "wind"), "")
     events = any(trace["name"] == "events" for trace in figure.data)
-    caption = f"Coloured by height; ○ start, ■ end{', × events' if events else ''}{f'; arrow: {wind}' if wind else ''}."
+    measured = any(trace["name"] == "GPS" for trace in figure.data)
+    marks = [
+        "Coloured by height",
+        f"○ start, ■ end{', × events' if events else ''}{', grey dots GPS' if measured else ''}",
+        *([f"arrow: {wind}"] if wind else []),
+    ]
     layout = figure.layout | {"showlegend": False, "margin": figure.layout["margin"] | {"t": 12}}
-    return replace(figure, height=_SIDE_HEIGHT, caption=caption, layout=layout)
+    return replace(figure, height=_SIDE_HEIGHT, caption="; ".join(marks) + ".", layout=layout)
 
 
 def _matters(result: FlightResult) -> Figure | None:
