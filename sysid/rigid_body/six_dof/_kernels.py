@@ -276,8 +276,10 @@ def shifted_and_lagged(values: Floats, delay: float, lag: float) -> Floats:
     ----------
     values : ndarray, shape (N,)
     delay, lag : float
-        Samples. Between samples the curve is that of its second differences, and what is returned is its mean over the
-        sample interval around the place, which is what a body integrates; the ends are held.
+        Samples. Between samples the curve is that of its second differences, of which the mean over the sample interval
+        around the place is taken; the ends are held. What is returned is the mean of the lag's answer over that
+        interval, which is what a body integrates, and not its end: that would be half a sample early, and a delay that
+        is fitted would be as much too long.
 
     Returns
     -------
@@ -297,6 +299,6 @@ def shifted_and_lagged(values: Floats, delay: float, lag: float) -> Floats:
             after = values[low] - 2.0 * values[low + 1] + values[low + 2]
             bend = (1.0 - part) * before + part * after
             value -= (0.5 * part * (1.0 - part) - 1.0 / 24.0) * bend
+        out[k] = value + lag * (1.0 - keep) * (memory - value)
         memory = keep * memory + (1.0 - keep) * value
-        out[k] = memory
     return out

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from logparse import MissingDataError, Motor, Vehicle
-from sysid.records.experiment import Experiment, Floats
+from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.thrust_curve import column, relative_density
 from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
@@ -17,6 +17,9 @@ from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
 #: Names of inputs that are the commands of a mixer rather than single motors.
 MIXER = ("thrust", "roll", "pitch", "yaw")
 _MIXER_ALIASES = {"throttle": "thrust"}
+
+#: Commands are 0 to 1; what reaches beyond this is in another unit.
+_MOST_COMMAND = 2.0
 
 _ATTITUDE = ("roll", "pitch", "yaw")
 _QUATERNION = ("q_w", "q_x", "q_y", "q_z")
@@ -97,6 +100,8 @@ def input_kinds(record: Experiment) -> InputKinds:
     ------
     MissingDataError
         Without motors or a mixer's commands, or when the place of a motor is not known.
+    ExperimentError
+        When the motors have no unit and cannot be commands.
     """
     names = record.input_names
     known = {f"m{motor.number}": motor for motor in (record.vehicle.motors if record.vehicle is not None else ())}
@@ -118,6 +123,12 @@ def input_kinds(record: Experiment) -> InputKinds:
     used = motors or tuple(at for _, at in mixer)
     units = {record.units.get(names[k], "") for k in used}
     quantity = Quantity.SPEED if units == {"rad/s"} else Quantity.PWM if units == {"us"} else Quantity.COMMAND
+    largest = float(np.nanmax(np.abs(record.u[:, list(motors)]), initial=0.0))
+    if quantity is Quantity.COMMAND and largest > _MOST_COMMAND:
+        raise ExperimentError(
+            f"{record.name}: the unit of the motors is not known, and {names[motors[0]]} ... reach {largest:.4g}, which "
+            "no command from 0 to 1 does; give the experiment units, such as units={'m1': 'us', ...} or 'rad/s'"
+        )
     return InputKinds(
         motors=motors,
         geometry=tuple(known[names[k]] for k in motors),
@@ -169,19 +180,10 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
     """Compute what the inputs do in each sample interval, (N, 7 + further inputs), see `_kernels.DRIVES`."""
     n, dt = len(record.t), record.dt
     out = np.zeros((n, len(DRIVES) + len(kinds.further)))
-    moved = np.column_stack(
-        [
-            shifted_and_lagged(record.inputs[:, at], shape.delays[k] / dt, shape.lags[k] / dt)
-            for k, at in enumerate(kinds.thrusting)
-        ]
-    )
+    moved, *ends = (_moved(record, kinds, shape, side) for side in (0.0, -0.5, 0.5))
     held = record.density * (1.0 + shape.drift * (record.t - 0.5 * (record.t[0] + record.t[-1])))
     if kinds.motors:
-        if record.speeds:
-            strengths, speeds = moved**2 / shape.scale, moved / shape.reference_speed
-        else:
-            strengths = curve(moved, shape.expo) / shape.scale
-            speeds = np.sqrt(np.maximum(strengths * len(kinds.motors), 0.0))
+        speeds, strengths = _rotors(record, shape, moved)
         strengths = strengths * held[:, None]
         spin = np.array([float(motor.spin) for motor in kinds.geometry])
         out[:, 0] = strengths.sum(axis=1)
@@ -189,13 +191,14 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
         out[:, 2] = strengths @ np.array([np.cos(motor.angle) for motor in kinds.geometry])
         out[:, 3] = strengths @ -spin
         out[:, 4] = speeds @ spin
-        if record.speeds:
-            out[:, 5] = -_change(record, kinds, shape) @ spin
+        out[:, 5] = -(_rotors(record, shape, ends[1])[0] - _rotors(record, shape, ends[0])[0]) @ spin / dt
         out[:, 6] = speeds.mean(axis=1)
     else:
         by_name = {name: moved[:, k] for k, (name, _) in enumerate(kinds.mixer)}
         out[:, 0] = by_name["thrust"] / shape.scale * held
         out[:, 1], out[:, 2], out[:, 3] = (by_name[axis] * held for axis in ("roll", "pitch", "yaw"))
+        yaw = next(k for k, (name, _) in enumerate(kinds.mixer) if name == "yaw")
+        out[:, 5] = (ends[1][:, yaw] - ends[0][:, yaw]) / dt
         out[:, 6] = np.sqrt(np.maximum(out[:, 0], 0.0))
     for k, at in enumerate(kinds.further):
         value = (record.inputs[:, at] - shape.centre[k]) / shape.width[k]
@@ -203,17 +206,23 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
     return out
 
 
-def _change(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
-    """Change of each rotor's speed over a sample interval, over the usual speed, 1/s."""
+def _moved(record: BodyRecord, kinds: InputKinds, shape: InputShape, later: float) -> Floats:
+    """Delay and lag the inputs that thrust, (N, inputs); `later` samples after the middle of the interval."""
     dt = record.dt
-    ends = [
+    return np.column_stack(
         [
-            shifted_and_lagged(record.inputs[:, at], shape.delays[k] / dt + side, 0.0)
-            for k, at in enumerate(kinds.motors)
+            shifted_and_lagged(record.inputs[:, at], shape.delays[k] / dt - later, shape.lags[k] / dt)
+            for k, at in enumerate(kinds.thrusting)
         ]
-        for side in (-0.5, 0.5)
-    ]
-    return np.asarray((np.column_stack(ends[0]) - np.column_stack(ends[1])) / (dt * shape.reference_speed))
+    )
+
+
+def _rotors(record: BodyRecord, shape: InputShape, moved: Floats) -> tuple[Floats, Floats]:
+    """Return the speed of each rotor over the usual one, and its strength."""
+    if record.speeds:
+        return moved / shape.reference_speed, moved**2 / shape.scale
+    strengths = curve(moved, shape.expo) / shape.scale
+    return np.sqrt(np.maximum(strengths * moved.shape[1], 0.0)), strengths
 
 
 def _rotation(record: Experiment) -> Floats:

@@ -82,19 +82,23 @@ ABSOLUTE: Mapping[str, float] = {
 }
 
 #: Parts of a value, and amounts, by which the equations misrepresent it (inputs between samples, noise of the states
-#: from which runs start), which the scatter of blocks does not show: mean errors of Monte Carlo flights of the
-#: independent simulator in tests/sysid/six_dof at 100 Hz (docs/validation.md). What is not here had none beyond its
-#: scatter.
+#: from which runs start), which the scatter of blocks does not show: mean errors of Monte Carlo flights of the papers'
+#: craft and of the independent simulator in tests/sysid/six_dof (docs/validation.md). What is not here had none beyond
+#: its scatter.
 FLOORS: Mapping[str, tuple[float, float]] = {
-    "thrust": (0.0005, 0.0),
+    "thrust": (0.001, 0.0),
     "gain": (0.0005, 0.0),
+    "yaw_gain": (0.003, 0.0),
     "damping": (0.0, 0.022),
     "inertia": (0.01, 0.0),
     "gyroscopic": (0.01, 0.0),
     "rotor_inertia": (0.01, 0.0),
-    "delay": (0.0, 1.2e-4),
+    "by_speed": (0.0, 2e-4),
     "tilt": (0.0, 1e-4),
+    "expo": (0.004, 0.0),
 }
+#: The same for delays and lags, samples.
+FLOOR_SAMPLES = 0.025
 
 #: Place of a delay or lag that all rotors share.
 ALL = -1
@@ -230,7 +234,7 @@ def _unknowns(
 ) -> list[_Unknown]:
     """List what is estimated for these inputs."""
     speeds = kinds.quantity is Quantity.SPEED
-    left_out = set() if speeds else {"gyroscopic_x", "gyroscopic_y", "rotor_inertia"}
+    left_out = {"gyroscopic_x", "gyroscopic_y"} if kinds.mixer else set()
     if speeds or kinds.mixer:
         left_out.add("thrust_offset")
     if given:
@@ -360,8 +364,7 @@ def _parameters(
         if unknown.kind == "wind":
             continue
         value = float(found.values[k])
-        floor = FLOORS.get(unknown.family, FLOORS.get(unknown.family.rsplit("_", 1)[0], (0.0, 0.0)))
-        error = float(np.hypot(spread[k], floor[0] * abs(value) + floor[1]))
+        error = float(np.hypot(spread[k], _floor(unknown, value, dt)))
         unit = UNITS.get(unknown.name) or _unit(unknown)
         limit = max(RELATIVE * abs(value), _absolute(unknown.family))
         held = np.isfinite(sigma[k]) and error > 0.0 and found.information[k, k] * sigma[k] ** 2 < 4.0
@@ -397,6 +400,15 @@ def _parameters(
                 used=float(theta[at]),
             )
     return out
+
+
+def _floor(unknown: _Unknown, value: float, dt: float) -> float:
+    """Error that the equations make whatever the record; see `FLOORS`."""
+    if unknown.family in {"delay", "lag"}:
+        return FLOOR_SAMPLES * dt
+    names = (unknown.name, unknown.family, unknown.family.rsplit("_", 1)[0])
+    part, amount = next((FLOORS[name] for name in names if name in FLOORS), (0.0, 0.0))
+    return part * abs(value) + amount
 
 
 def _timing(name: str, value: float, error: float, kinds: InputKinds, dt: float) -> tuple[str, float, str]:

@@ -1,5 +1,7 @@
 """The rigid body with six degrees of freedom on flights of an independent simulator whose truth is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -114,6 +116,27 @@ def test_validation_judges_every_state_by_horizon(fitted):
     assert all(verdict.useful for verdict in found.verdicts)
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.6, 3.0, 10.0])
+def test_drives_are_means_over_the_interval_of_what_the_lag_makes_of_the_input(lag):
+    """Of a sine the answer is known: the lag's, less what averaging over a sample takes away.
+
+    To 0.2 %: within an interval the lag sees the input's mean, which is right to the square of the angle per sample.
+    """
+    omega, delay = 0.15, 1.3
+    values = np.sin(omega * np.arange(600.0))
+    found = kernels.shifted_and_lagged(values, delay - 0.5, lag)
+    answer = np.exp(1j * omega * (np.arange(600.0) + 0.5 - delay)) / (1.0 + 1j * omega * lag)
+    expected = (answer * np.sinc(omega / 2.0 / np.pi)).imag
+    assert np.abs(found - expected)[200:-20].max() < 2e-3
+
+
+def test_motors_of_no_unit_beyond_commands_are_refused():
+    """Widths of pulses taken for commands would give a thrust that looks like one."""
+    record = flown.commanded(flown.fly(4.0, 1), "unit")
+    with pytest.raises(ExperimentError, match=r"unit.*m1.*reach"):
+        fit_six_dof(replace(record, u=1000.0 + 1000.0 * record.u, units={}), indoors=True)
+
+
 def test_too_short_a_record_is_refused():
     short = flown.experiment(flown.fly(1.0, 1), "short")
     with pytest.raises(ExperimentError, match="too few"):
@@ -160,7 +183,8 @@ def test_delays_of_either_sign_move_a_signal_and_lag_smooths_it():
         moved = kernels.shifted_and_lagged(signal, delay, 0.0)
         assert np.abs(moved - np.sin(3.0 * (t - 0.01 * delay)))[5:-5].max() < 1e-4
     lagged = kernels.shifted_and_lagged(np.r_[np.zeros(10), np.ones(90)], 0.0, 5.0)
-    assert lagged[10 + 5] == pytest.approx(1.0 - np.exp(-6.0 / 5.0), abs=0.02)
+    # The step lies half-way between two samples, the middle of this interval 5.5 samples after it.
+    assert lagged[10 + 5] == pytest.approx(1.0 - np.exp(-5.5 / 5.0), abs=0.005)
 
 
 def test_rotation_vectors_are_those_of_scipy():
