@@ -126,8 +126,8 @@ def input_kinds(record: Experiment) -> InputKinds:
     largest = float(np.nanmax(np.abs(record.u[:, list(motors)]), initial=0.0))
     if quantity is Quantity.COMMAND and largest > _MOST_COMMAND:
         raise ExperimentError(
-            f"{record.name}: the unit of the motors is not known, and {names[motors[0]]} ... reach {largest:.4g}, which "
-            "no command from 0 to 1 does; give the experiment units, such as units={'m1': 'us', ...} or 'rad/s'"
+            f"{record.name}: the unit of the motors is not known, and {names[motors[0]]} ... reach {largest:.4g}, "
+            "which no command from 0 to 1 does; give the experiment units, such as units={'m1': 'us', ...} or 'rad/s'"
         )
     return InputKinds(
         motors=motors,
