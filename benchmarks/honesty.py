@@ -15,9 +15,11 @@ import numpy as np
 from estimation import estimate
 from logparse import MissingDataError, read_log
 from simulation.papers.elhesasy2024 import octocopter
+from simulation.papers.kim2017 import quadcopter as kim_quadcopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
-from sysid import Experiment, fit_rigid_body, physical_parameters
+from sysid import Experiment, fit_rigid_body, fit_six_dof, physical_parameters
+from sysid.rigid_body.six_dof.body_record import Quantity
 from tests.sysid.flown_craft import flown, record
 from tests.sysid.honesty import (
     Stated,
@@ -27,6 +29,7 @@ from tests.sysid.honesty import (
     stated_side_by_side,
     table,
 )
+from tests.sysid.six_dof.papers import measured, stated
 
 LOGS = Path("../shared/logs")
 
@@ -37,11 +40,24 @@ TARGET = "1.3, 4"
 WINDS = ((3.0, 1.0), (6.0, 1.5), (9.0, 1.0))
 SEEDS = 3
 
+#: Flights of each craft and kind of input for the body with six degrees of freedom.
+PAPER_FLIGHTS = 10
+
 Row = tuple[str, str, str, str, str]
 
 
 def run() -> list[Row]:
-    return [*_rows("gusts", simulated()), *_rows("firmware", firmware())]
+    return [*_rows("gusts", simulated()), *_rows("papers", papers()), *_rows("firmware", firmware())]
+
+
+def papers() -> Iterator[Stated]:
+    """Fly the papers' craft, measured by motion capture, for the body with six degrees of freedom."""
+    for craft in (octocopter(), kim_quadcopter(), quadcopter()):
+        for quantity in (Quantity.SPEED, Quantity.PWM):
+            for seed in range(PAPER_FLIGHTS):
+                seen = measured(craft, seed, quantity)
+                model = fit_six_dof(seen, mass=craft.mass, indoors=True, most_runs=800)
+                yield from stated(model, craft, f"{craft.name} {seed}")
 
 
 def _rows(kind: str, stated: Iterator[Stated]) -> Iterator[Row]:

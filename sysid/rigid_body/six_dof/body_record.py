@@ -82,6 +82,9 @@ class InputShape:
     #: shape (thrusting inputs,): s; a telemetry that is late has a negative delay.
     delays: Floats
     lags: Floats
+    #: shape (thrusting inputs,): Thrust and torque of each motor over the mean motor's, at equal speed or command; 1 in
+    #: the mean.
+    shares: Floats
     further_lag: float  #: First-order lag of further inputs, s.
     expo: float  #: Curvature of thrust over command; 1 for rotor speeds, whose square it is.
     #: Change of thrust over thrust per second, 1/s, about the middle of each record: a battery runs down, and not every
@@ -183,16 +186,17 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
     moved, *ends = (_moved(record, kinds, shape, side) for side in (0.0, -0.5, 0.5))
     held = record.density * (1.0 + shape.drift * (record.t - 0.5 * (record.t[0] + record.t[-1])))
     if kinds.motors:
-        speeds, strengths = _rotors(record, shape, moved)
-        strengths = strengths * held[:, None]
+        # The mean of the squares over the records is that of the strengths, which `scale` makes 1 in all.
+        whole = shape.reference_speed**2 / shape.scale if record.speeds else 1.0 / moved.shape[1]
+        strengths = moved**2 * whole * shape.shares * held[:, None]
         spin = np.array([float(motor.spin) for motor in kinds.geometry])
         out[:, 0] = strengths.sum(axis=1)
         out[:, 1] = strengths @ np.array([-np.sin(motor.angle) for motor in kinds.geometry])
         out[:, 2] = strengths @ np.array([np.cos(motor.angle) for motor in kinds.geometry])
         out[:, 3] = strengths @ -spin
-        out[:, 4] = speeds @ spin
-        out[:, 5] = -(_rotors(record, shape, ends[1])[0] - _rotors(record, shape, ends[0])[0]) @ spin / dt
-        out[:, 6] = speeds.mean(axis=1)
+        out[:, 4] = moved @ spin
+        out[:, 5] = (ends[0] - ends[1]) @ spin / dt
+        out[:, 6] = moved.mean(axis=1)
     else:
         by_name = {name: moved[:, k] for k, (name, _) in enumerate(kinds.mixer)}
         out[:, 0] = by_name["thrust"] / shape.scale * held
@@ -207,22 +211,21 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
 
 
 def _moved(record: BodyRecord, kinds: InputKinds, shape: InputShape, later: float) -> Floats:
-    """Delay and lag the inputs that thrust, (N, inputs); `later` samples after the middle of the interval."""
-    dt = record.dt
+    """Delay and lag the inputs that thrust, (N, inputs); `later` samples after the middle of the interval.
+
+    Rotors come as their speed, which is what lags; a mixer's commands as they are.
+    """
+    inputs, dt = record.inputs[:, list(kinds.thrusting)], record.dt
+    if kinds.motors and not record.speeds:
+        inputs = np.sqrt(np.maximum(curve(inputs, shape.expo) / shape.scale * inputs.shape[1], 0.0))
+    elif kinds.motors:
+        inputs = inputs / shape.reference_speed
     return np.column_stack(
         [
-            shifted_and_lagged(record.inputs[:, at], shape.delays[k] / dt - later, shape.lags[k] / dt)
-            for k, at in enumerate(kinds.thrusting)
+            shifted_and_lagged(np.ascontiguousarray(column), shape.delays[k] / dt - later, shape.lags[k] / dt)
+            for k, column in enumerate(inputs.T)
         ]
     )
-
-
-def _rotors(record: BodyRecord, shape: InputShape, moved: Floats) -> tuple[Floats, Floats]:
-    """Return the speed of each rotor over the usual one, and its strength."""
-    if record.speeds:
-        return moved / shape.reference_speed, moved**2 / shape.scale
-    strengths = curve(moved, shape.expo) / shape.scale
-    return np.sqrt(np.maximum(strengths * moved.shape[1], 0.0)), strengths
 
 
 def _rotation(record: Experiment) -> Floats:

@@ -52,6 +52,7 @@ PRIORS: Mapping[str, tuple[float, float, float, float]] = {
     "by_speed": (0.0, 5.0, -50.0, 50.0),
     "delay": (0.0, 0.02, -0.05, 0.1),
     "lag": (0.02, 0.03, 0.0, 0.3),
+    "share": (1.0, 0.1, 0.5, 1.5),
     "expo": (0.65, 0.2, 0.0, 1.0),
     # A tenth of thrust is lost in some ten minutes; quick draws lose it in one.
     "drift": (0.0, 1e-3, -0.01, 0.01),
@@ -74,6 +75,7 @@ ABSOLUTE: Mapping[str, float] = {
     "by_speed": 1.0,
     "delay": 0.005,
     "lag": 0.01,
+    "share": 0.02,
     "expo": 0.1,
     "drift": 1e-4,
     "thrust_offset": 0.3,
@@ -184,7 +186,9 @@ def fit_six_dof(
 
     def errors_from(starts: Sequence[np.ndarray], values: Floats) -> list[Floats]:
         theta, moved, wind = unpack(values)
-        key = np.concatenate([moved.delays, moved.lags, [moved.further_lag, moved.expo, moved.drift]]).tobytes()
+        key = np.concatenate(
+            [moved.delays, moved.lags, moved.shares, [moved.further_lag, moved.expo, moved.drift]]
+        ).tobytes()
         if key not in cache:
             if len(cache) > 2:
                 cache.pop(next(iter(cache)))
@@ -208,6 +212,7 @@ def fit_six_dof(
         found = minimise(start, errors_of, mean, sigma, (low, high), steps, block, iterations)
         start = found.values
     theta, moved, wind = unpack(found.values)
+    relative = _relative(unknowns)
     parameters = _parameters(unknowns, found, theta, moved, kinds, mean, sigma, mass, dt)
     scales = spreads(errors_of(found.values))
     findings = _findings(parameters)
@@ -218,7 +223,7 @@ def fit_six_dof(
         shape=moved,
         kinds=kinds,
         estimated=tuple(unknown.name for unknown in unknowns),
-        covariance=found.covariance,
+        covariance=relative @ found.covariance @ relative.T,
         winds=wind,
         scales={float(mark * dt): scale for mark, scale in zip(marks, scales, strict=True)},
         training=tuple(record.name for record in records),
@@ -262,6 +267,8 @@ def _unknowns(
         out += [_Unknown(f"delay_{name}", "delay", "delay", k) for k, name in enumerate(names)]
         if not speeds:
             out += [_Unknown(f"lag_{name}", "lag", "lag", k) for k, name in enumerate(names)]
+        if len(kinds.motors) > 1:
+            out += [_Unknown(f"share_{name}", "share", "share", k) for k, name in enumerate(names)]
     if kinds.further:
         out.append(_Unknown("lag_further", "lag", "further_lag", 0))
     if kinds.quantity is Quantity.PWM and kinds.motors:
@@ -295,6 +302,7 @@ def _shape(kinds: InputKinds, bodies: Sequence[BodyRecord], records: Sequence[Ex
     return InputShape(
         delays=np.zeros(len(used)),
         lags=np.zeros(len(used)),
+        shares=np.ones(len(used)),
         further_lag=0.0,
         expo=expo,
         drift=0.0,
@@ -316,7 +324,7 @@ def _unpack(
     values: Floats, unknowns: Sequence[_Unknown], kinds: InputKinds, shape: InputShape, winds: Mapping[str, Floats]
 ) -> tuple[Floats, InputShape, dict[str, Floats]]:
     theta = np.zeros(SHARED + PER_INPUT * len(kinds.further))
-    delays, lags = shape.delays.copy(), shape.lags.copy()
+    delays, lags, shares = shape.delays.copy(), shape.lags.copy(), shape.shares.copy()
     further_lag, expo, drift = shape.further_lag, shape.expo, shape.drift
     wind = {name: np.array(value) for name, value in winds.items()}
     for value, unknown in zip(values, unknowns, strict=True):
@@ -327,6 +335,8 @@ def _unpack(
                 delays[slice(None) if unknown.at == ALL else unknown.at] = value
             case "lag":
                 lags[slice(None) if unknown.at == ALL else unknown.at] = value
+            case "share":
+                shares[unknown.at] = value
             case "further_lag":
                 further_lag = float(value)
             case "expo":
@@ -335,14 +345,32 @@ def _unpack(
                 drift = float(value)
             case _:
                 wind.setdefault(unknown.record, np.zeros(2))[unknown.at] = value
-    return theta, replace(shape, delays=delays, lags=lags, further_lag=further_lag, expo=expo, drift=drift), wind
+    shape = replace(
+        shape,
+        delays=delays,
+        lags=lags,
+        shares=shares - shares.mean() + 1.0,
+        further_lag=further_lag,
+        expo=expo,
+        drift=drift,
+    )
+    return theta, shape, wind
 
 
 def _priors(unknowns: Sequence[_Unknown]) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
     """Start, prior mean and spread, limits, and steps for differences."""
     table = np.array([PRIORS[unknown.family] for unknown in unknowns])
     mean, sigma, low, high = table.T
-    steps = {"delay": 1e-3, "lag": 1e-3, "expo": 0.02, "drift": 2e-4, "gain": 1e-2, "offset": 1e-2, "torque": 1e-2}
+    steps = {
+        "delay": 1e-3,
+        "lag": 1e-3,
+        "expo": 0.02,
+        "drift": 2e-4,
+        "share": 1e-3,
+        "gain": 1e-2,
+        "offset": 1e-2,
+        "torque": 1e-2,
+    }
     return mean.copy(), mean, sigma, low, high, np.array([steps.get(unknown.family, 1e-3) for unknown in unknowns])
 
 
@@ -359,11 +387,13 @@ def _parameters(
 ) -> dict[str, BodyParameter]:
     """Name every parameter, with its standard error, and whether it is determined."""
     out: dict[str, BodyParameter] = {}
-    spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    relative = _relative(unknowns)
+    values = relative @ found.values + (1.0 - relative.sum(axis=1)) * mean
+    spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", relative, found.covariance, relative), 0.0))
     for k, unknown in enumerate(unknowns):
         if unknown.kind == "wind":
             continue
-        value = float(found.values[k])
+        value = float(values[k])
         error = float(np.hypot(spread[k], _floor(unknown, value, dt)))
         unit = UNITS.get(unknown.name) or _unit(unknown)
         limit = max(RELATIVE * abs(value), _absolute(unknown.family))
@@ -400,6 +430,12 @@ def _parameters(
                 used=float(theta[at]),
             )
     return out
+
+
+def _relative(unknowns: Sequence[_Unknown]) -> Floats:
+    """Matrix that takes the mean from the shares of the motors: only what they differ by enters."""
+    shares = np.array([unknown.kind == "share" for unknown in unknowns], dtype=np.float64)
+    return np.asarray(np.eye(len(unknowns)) - np.outer(shares, shares) / max(shares.sum(), 1.0))
 
 
 def _floor(unknown: _Unknown, value: float, dt: float) -> float:

@@ -14,7 +14,9 @@ speed::
            + pitch_offset T + pitch_by_speed n u_x
     w_z' = yaw_gain   sum_j      -spin_j  s_j - yaw_damping   w_z + inertia_z w_x w_y - rotor_inertia H' + yaw_offset T
 
-and for every further input (an elevon, say) an acceleration and an angular acceleration along and about each axis.
+A motor's strength has its share in front: 1 in the mean, more for a motor that gives more than the others from the same
+speed or command. For every further input (an elevon, say) there is an acceleration and an
+angular acceleration along and about each axis.
 Offsets are what a centre of gravity beside the motors' centre, or unlike rotors, do to trim.
 """
 
@@ -62,7 +64,7 @@ UNITS: Mapping[str, str] = {
     "inertia_z": "1, (I_xx - I_yy) / I_zz",
     "gyroscopic_x": "1/s, momentum of one rotor at the usual speed over I_xx",
     "gyroscopic_y": "1/s, over I_yy",
-    "rotor_inertia": "1/s, over I_zz",
+    "rotor_inertia": "1/s, over I_zz; of a mixer's yaw rad/s^2 for its change per second",
     "roll_offset": "rad/s^2 at the mean strength of the rotors",
     "pitch_offset": "rad/s^2",
     "yaw_offset": "rad/s^2",
@@ -105,7 +107,7 @@ class SixDofModel(Summarised):
 
     name: str
     #: Those of `UNITS`, ``delay_NAME`` and ``lag_NAME`` of every rotor [s] (of rotor speeds ``telemetry_lag_NAME``: how
-    #: late they are logged), and of every further input NAME ``NAME_x``
+    #: late they are logged) and its ``share_NAME`` of thrust and torque, and of every further input NAME ``NAME_x``
     #: ... (acceleration, m/s^2) and ``NAME_roll`` ... (rad/s^2) for its usual change.
     parameters: Mapping[str, BodyParameter]
     theta: Floats  #: shape (27 + 6 e,): What the equations compute with.

@@ -7,12 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from simulation.survey_quadcopter import quadcopter
 from sysid import ExperimentError, validate_states
 from sysid.rigid_body.six_dof import _kernels as kernels
 from sysid.rigid_body.six_dof.body_record import InputKinds, Quantity
 from sysid.rigid_body.six_dof.fit import _timing, fit_six_dof
 from sysid.rigid_body.six_dof.shooting import rotation_vectors, state_errors
-from tests.sysid.six_dof import flown
+from tests.sysid.six_dof import flown, papers
 
 LATE = (2, 0, 1, 0)
 
@@ -128,6 +129,19 @@ def test_drives_are_means_over_the_interval_of_what_the_lag_makes_of_the_input(l
     answer = np.exp(1j * omega * (np.arange(600.0) + 0.5 - delay)) / (1.0 + 1j * omega * lag)
     expected = (answer * np.sinc(omega / 2.0 / np.pi)).imag
     assert np.abs(found - expected)[200:-20].max() < 2e-3
+
+
+@pytest.mark.slow
+def test_pwm_turns_the_craft_by_torque_and_by_the_rotors_own_acceleration():
+    """Without the rotors' momentum yaw would be off by a half and more, and the ratios of inertia with it."""
+    craft = quadcopter()
+    record = papers.measured(craft, 1, Quantity.PWM, seconds=40.0)
+    model = fit_six_dof(record, mass=craft.mass, indoors=True, most_runs=400)
+    for name, value in papers.truth(craft, model).items():
+        if name.endswith("gain") or name.startswith(("thrust_expo", "share", "lag")):
+            assert model.parameters[name].value == pytest.approx(value, rel=0.015), name
+        if name.startswith("delay"):
+            assert model.parameters[name].value == pytest.approx(value, abs=5e-4), name
 
 
 def test_motors_of_no_unit_beyond_commands_are_refused():
