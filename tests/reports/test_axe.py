@@ -1,9 +1,20 @@
 """Reports in a browser: axe-core finds nothing serious in them, bright or dark, wide or narrow, with all unfolded."""
 
+from datetime import timedelta
+
+import numpy as np
+import pandas as pd
 import pytest
 
+from logparse import Finding, Severity
+from pipeline.fleet.review import review
+from pipeline.results.craft_review import Note
+from reports.craft_page import craft_page
 from reports.html import flight_page
 from reports.numbers import flight_report
+from reports.parameters_page import parameters_page
+from sysid.rigid_body.physical import HEADLINE, PhysicalParameters
+from tests.pipeline.builders import OCTA, START, hovering
 from tests.reports.conftest import composed
 
 
@@ -13,14 +24,46 @@ def pages(flight, other, fleet, tmp_path_factory):
     (folder / "flight.html").write_text(flight_page(flight, flight_report(flight)), encoding="utf-8")
     return {
         "flight": folder / "flight.html",
-        "craft": fleet / "report.html",
+        "folder": fleet / "report.html",
+        "craft": _of_a_craft(folder / "craft.html"),
+        "craft over flights": _over_flights(folder / "review.html"),
         "folder without a craft": composed(folder / "alone", [flight, other]),
         "nothing": composed(folder / "nothing", []),
     }
 
 
+def _of_a_craft(file):
+    """Write the page of `rotorid craft`: one parameter known, one not, by two methods that disagree."""
+    known, unknown = (
+        (2.6, 0.02, "m/s^2, at full command", 10.4, 0.1, "N", ""),
+        (None, None, "s", None, None, "", "slow"),
+    )
+    names = ("value", "sigma", "unit", "si_value", "si_sigma", "si_unit", "note")
+    rows = {
+        ("thrust over mass", HEADLINE): known,
+        ("thrust over mass", "rigid body"): known,
+        ("motor lag", "rigid body"): unknown,
+    }
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=names)
+    table.index = pd.MultiIndex.from_tuples(rows, names=["parameter", "method"])
+    finding = Finding("methods-disagree", Severity.WARNING, "two methods disagree", "weigh the craft")
+    found = PhysicalParameters(table, None, None, None, None, None, (finding,))
+    file.write_text(parameters_page(found, OCTA, ["flight.bin"], 4.3), encoding="utf-8")
+    return file
+
+
+def _over_flights(file):
+    """Write the page of a craft one of whose motors weakens, with new propellers before its fifth flight."""
+    flights = hovering(np.random.default_rng(1), "octa", 8, weak=3, loss=0.01, scatter=0.001)
+    note = Note(at=START + timedelta(days=3, hours=12), text="new propellers", boundary=True)
+    file.write_text(craft_page(review(flights, [note]), "our <b>octa</b>", [note]), encoding="utf-8")
+    return file
+
+
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)])
-@pytest.mark.parametrize("name", ["flight", "craft", "folder without a craft", "nothing"])
+@pytest.mark.parametrize(
+    "name", ["flight", "folder", "craft", "craft over flights", "folder without a craft", "nothing"]
+)
 def test_nothing_serious_is_found(pages, browser, name, scheme, width):
     serious = pytest.importorskip("tests.axe").serious
     page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
