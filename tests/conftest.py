@@ -19,6 +19,9 @@ settings.load_profile("rotorid")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+#: Packages with kernels.
+_COMPILED = ("logparse", "estimation", "sysid", "simulation")
+
 #: Programs that between them call nearly every kernel; they run side by side and leave the machine code in the cache.
 _KERNELS = (
     """
@@ -54,12 +57,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile kernels once, before the workers of pytest-xdist start: each would compile them for itself.
 
-    It also keeps the minute that compilation may take on a slow computer out of the time limits of fits.
+    It also keeps the minute that compilation may take on a slow computer out of the time limits of fits. What was
+    compiled from these very sources is not looked at again.
     """
-    if session.config.getoption("numprocesses", None):
+    if not session.config.getoption("numprocesses", None):
+        return
+    sources = [path for package in _COMPILED for path in (ROOT / package).rglob("*.py") if "njit" in path.read_text()]
+    compiled = {str(path.relative_to(ROOT)): [path.stat().st_size, path.stat().st_mtime] for path in sources}
+    cache = session.config.cache
+    if cache is None or cache.get("rotorid/kernels", None) != compiled:
         programs = [subprocess.Popen([sys.executable, "-c", program], cwd=ROOT) for program in _KERNELS]
-        for program in programs:
-            program.wait()
+        ended = [program.wait() for program in programs]
+        if not any(ended) and cache is not None:
+            cache.set("rotorid/kernels", compiled)
 
 
 @pytest.fixture(scope="module")
