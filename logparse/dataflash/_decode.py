@@ -372,7 +372,9 @@ def follow_clock(times: Int64s, is_format: npt.NDArray[np.bool_], boots: Int64s,
 def gather(
     data: Bytes, slots: Slots, stop: int, length: Int32s, run_index: Int64s, run_position: Int64s,
     table_of_slot: Int32s, first_field: Int64s, offset: Int64s, operation: Int64s, size: Int64s, target: Int64s,
-    factor: Floats, divisor: Floats, row: Int64s, bytes_out: Bytes, state: Int64s,
+    factor: Floats, divisor: Floats, row: Int64s, bytes_out: Bytes, out_2: npt.NDArray[np.uint16],
+    out_4: npt.NDArray[np.uint32], out_8: npt.NDArray[np.uint64], out_f4: npt.NDArray[np.float32], out_f8: Floats,
+    state: Int64s,
 ) -> None:  # fmt: skip
     """Copy the fields of the wanted messages into columns, block by block so that a block stays in the cache.
 
@@ -401,14 +403,11 @@ def gather(
         Rows written so far; updated.
     bytes_out : uint8 array
         Output; its size is a multiple of 8.
+    out_2, out_4, out_8, out_f4, out_f8 : arrays
+        Views of it; compiling `view` takes longer than making one.
     state : int64 array, shape (4,)
         Message index, byte and run to begin with, updated; the last is of no use.
     """
-    out_2 = bytes_out.view(np.uint16)
-    out_4 = bytes_out.view(np.uint32)
-    out_8 = bytes_out.view(np.uint64)
-    out_f4 = bytes_out.view(np.float32)
-    out_f8 = bytes_out.view(np.float64)
     tables = row.size
     begins = np.zeros(tables + 1, np.int64)
     fill = np.zeros(tables, np.int64)
