@@ -158,14 +158,15 @@ class DataflashSource:
         sequence = chain.sequence[span.first : span.last]
         run_index, run_position, _ = chain.runs(span)
         row = np.zeros(len(numbers), np.int64)
-        views = [layout.memory.view(kind) for kind in (np.uint16, np.uint32, np.uint64, np.float32, np.float64)]
+        memory = layout.memory
         state = np.array((0, span.position, 0, 0), np.int64)
         chain.pages.start_at(span.position)
         for stop in chain.pages.pieces(len(sequence)):
             _decode.gather(
                 chain.data, sequence, min(stop, len(sequence)), chain.length, run_index, run_position, table_of_slot,
                 layout.first_field, layout.offset, layout.operation, layout.size, layout.target, layout.factor,
-                layout.divisor, row, layout.memory, *views, state,
+                layout.divisor, row, memory, memory.view(np.uint16), memory.view(np.uint32), memory.view(np.uint64),
+                memory.view(np.float32), memory.view(np.float64), state,
             )  # fmt: skip
             chain.pages.release_up_to(int(state[1]))
         chain.pages.release()
