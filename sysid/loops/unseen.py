@@ -89,12 +89,13 @@ def unseen_mode(loop: RateLoop) -> str | None:
     advice = f"fly a chirp to {max(1.3 * end, 40.0):.0f} Hz with RATE at {4.0 * max(end, 40.0):.0f} Hz or more"
     if end < FIRST_MODES and _TO * nyquist < min(_SEEN * end, highest):
         return f"{loop.axis}: no chirp went beyond {end:.0f} Hz, where frames bend, and RATE shows no more; {advice}"
-    found = _standing_out(loop, min(_TO * nyquist, 1.1 * highest))
+    farthest = _SEEN * end if end >= FIRST_MODES else np.inf  # motors shake beyond, which is no mode of the frame
+    found = _standing_out(loop, min(_TO * nyquist, 1.1 * highest, farthest))
     if found is None:
         return None
     return (
         f"{loop.axis}: the gyro's noise stands out at {found:.0f} Hz, beyond the chirp's {end:.0f} Hz, as by a mode of "
-        f"the frame through which the loop nearly rings, or by vibration; {advice}"
+        f"the frame through which the loop nearly rings, or by vibration (that a harmonic notch lowers); {advice}"
     )
 
 
@@ -118,7 +119,8 @@ def _noise(loop: RateLoop, resolution: float, low: float, high: float) -> tuple[
     size = round(1.0 / (step * resolution))
     hz = np.asarray(np.fft.rfftfreq(size, step), np.float64)
     kept = (hz >= low) & (hz <= high)
-    windows = [_without_chirp(r.plant, size, hz > _CHIRP_BELOW * low)[:, kept] for r in loop.records]
+    alike = [r.plant for r in loop.records if np.isclose(r.plant.dt, step, rtol=1e-3)]
+    windows = [_without_chirp(plant, size, hz > _CHIRP_BELOW * low)[:, kept] for plant in alike]
     power = np.concatenate(windows)
     if kept.sum() < _FEWEST or len(power) < _FEWEST:
         return None
