@@ -12,6 +12,7 @@ from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, euler_angles, join, sample, series
 from logparse.frames import Motor, Vehicle
 from logparse.tables import COLUMNS, Geodetic, Tables
+from logparse.units import numbers
 
 Messages = Mapping[str, pd.DataFrame]
 
@@ -49,10 +50,12 @@ def build(messages: Messages, parameters: Mapping[str, float], vehicle: Vehicle,
 
 
 def _values(frame: pd.DataFrame, *names: str) -> Array:
-    """First of the columns that the topic has (names changed over the years), as numbers."""
+    """First of the columns that the topic has (names changed over the years), as numbers; infinite ones are none."""
     for name in names:
         if name in frame:
-            return frame[name].to_numpy(dtype=np.float64)
+            values = numbers(frame, name)
+            values[np.isinf(values)] = np.nan
+            return values
     return np.full(len(frame), np.nan)
 
 

@@ -75,6 +75,15 @@ def test_fixes_before_and_after_1_14():
         assert (row["lat"], row["alt"], row["t_valid"]) == pytest.approx((math.radians(47.0), 488.0, 0.85))
 
 
+@pytest.mark.filterwarnings("error")
+def test_what_no_sensor_gives_is_not_known():
+    """Damage makes infinite floats, and NaN that signal when they are widened."""
+    damaged = np.array([0x7F800001, 0x7F800000, 0x3F800000], np.uint32).view(np.float32)
+    frame = topic([0.0, 0.1, 0.2], **dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), damaged))
+    tables, _ = build({"vehicle_local_position_setpoint": frame})
+    assert tables.setpoints["p_n"].tolist() == [1.0, 1.0, 1.0], "held from the only sample, 0.2 s away"
+
+
 def test_no_fix_leaves_no_position():
     frame = topic(
         [1, 2],
