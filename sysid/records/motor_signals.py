@@ -14,6 +14,7 @@ import numpy as np
 
 from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, Floats
+from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import Law, column, thrust_signals
 
 #: Rate of motor signals that shows rotation, Hz: ten times the bandwidth of attitude loops.
@@ -70,7 +71,10 @@ def motor_signals(record: Experiment, law: Law, vehicle: Vehicle, voltage: float
     scale = np.where(asked > LEAST_THRUST, mean / np.maximum(asked, LEAST_THRUST), 1.0)
     slow = signals - signals @ np.linalg.pinv(factors).T @ factors.T
     return MotorSignals(
-        slow + scale[:, None] * (outputs @ factors.T), controller, record.rate >= ENOUGH, "rate controller's outputs"
+        slow + scale[:, None] * (outputs @ factors.T),
+        controller,
+        logged_rate(outputs, record.dt) >= ENOUGH,
+        "rate controller's outputs",
     )
 
 

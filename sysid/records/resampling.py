@@ -16,6 +16,10 @@ PASS = 0.4
 #: How far around the new clock a source is read, in steps of the new clock: more than the filter's half length.
 _REACH = 6.0
 
+#: Second difference, in parts of the range of a signal, below which its samples lie on a straight line, and the part of
+#: samples beyond it from which on the source is as fast as the clock.
+_STRAIGHT, _ALL_BEND = 1e-6, 0.7
+
 #: A source is filtered when it is this much faster than the new clock.
 FASTER = 1.5
 
@@ -59,6 +63,26 @@ def resample(source_t: Floats, values: Floats, t: Floats) -> Floats:
         else:
             result[:, column] = np.interp(t, time, signal)
     return result
+
+
+def logged_rate(values: Floats, dt: float) -> float:
+    """Return how often signals that were brought to a clock had been logged, Hz; at most the clock's rate.
+
+    Between what was logged run straight lines, which bend at one sample or two about each.
+
+    Parameters
+    ----------
+    values : ndarray, shape (N, k)
+        Logged together.
+    dt : float
+        Of the clock, s.
+    """
+    moving = values[:, np.ptp(values, axis=0) > 0.0]
+    bends = np.any(np.abs(np.diff(moving, n=2, axis=0)) > _STRAIGHT * np.ptp(moving, axis=0), axis=1)
+    first = np.flatnonzero(bends[1:] & ~bends[:-1])
+    if len(first) < 3 or np.mean(bends) > _ALL_BEND:
+        return 1.0 / dt
+    return float(1.0 / (np.median(np.diff(first)) * dt))
 
 
 def _extended(signal: Floats, dt: float, cutoff: float) -> tuple[Floats, Floats]:

@@ -14,7 +14,7 @@ from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY, reference_voltage
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
 from sysid.rigid_body.body_motion import OWN, SHARED, THETA, Motion, motion
-from sysid.rigid_body.body_parameters import drag_apart, in_si, judge_parameters, undetermined
+from sysid.rigid_body.body_parameters import drag_apart, in_si, judge_parameters, shared_air, undetermined
 from sysid.rigid_body.carried import WIND_SIGMA
 from sysid.rigid_body.drag_law import fit_best_law
 from sysid.rigid_body.equation_error import fit_equation_error
@@ -123,7 +123,7 @@ def fit_rigid_body(
     report("fitted", 1.0)
     return RigidBodyModel(
         name="rigid body, thrust and drag from PWM and attitude",
-        parameters={name: in_si(parameter, parameters, mass) for name, parameter in parameters.items()},
+        parameters={name: in_si(each, parameters, mass, shared_air(records)) for name, each in parameters.items()},
         estimated=estimated,
         covariance=covariance,
         condition=_condition(fine.information[:SHARED, :SHARED]),

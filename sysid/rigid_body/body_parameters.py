@@ -9,14 +9,16 @@ import numpy as np
 
 from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, Floats
+from sysid.records.motor_signals import ENOUGH
 from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rigid_body.body_motion import SHARED, THETA, Motion
 from sysid.rigid_body.filter_error import FilterErrorFit
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.output_error import Prior
-from sysid.rigid_body.rotation import COHERENT, STILL, RotationFit, centre_of_gravity
+from sysid.rigid_body.rotation import COHERENT, STILL, UNDAMPED, AxisFit, RotationFit, centre_of_gravity
 from sysid.rigid_body.systematic import unlike_motors, usual_speed
+from sysid.rotors.thrust_regression import air_sigma_of
 
 #: Largest standard error of what is called determined: a part of the estimate; absolute where zero is a proper value.
 RELATIVE = {"thrust": 0.15, "roll_gain": 0.2, "pitch_gain": 0.2, "yaw_gain": 0.2}
@@ -44,6 +46,9 @@ _LAG_SIGMA = 0.005
 #: commands; the scatter of stretches, which all share it, does not show it. Torque about yaw goes with thrust only
 #: nearly: on ArduPilot's simulator, where it goes with command times thrust, gains come out 3 % off.
 GAIN_FLOOR = {"roll": 0.015, "pitch": 0.015, "yaw": 0.03}
+
+#: The same for roll and pitch where rows came slower than `ENOUGH`: faster swings fold into the band.
+SLOW_FLOOR = 0.03
 
 #: The same for damping, 1/s: a millisecond of lag that is not of first order damps a swing of 3 Hz by 0.3 1/s.
 DAMPING_FLOOR = 0.3
@@ -93,18 +98,19 @@ def judge_parameters(
     covariance = np.zeros((size, size))
     covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
     numbers: dict[str, tuple[float, float, str]] = {}
+    air = shared_air(records)
     if turning is None:
         why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
         why = "not all motors are logged" if unlogged else why
         numbers = dict.fromkeys(ROTATION_UNITS, (0.0, float("inf"), why))
     else:
         for axis, fit in turning.axes.items():
-            reason = "" if fit.coherent >= COHERENT else _incoherent(axis, fit.coherent, fit.moved, turning.source)
+            reason = rotation_doubt(axis, fit, turning.source)
+            floor = GAIN_FLOOR[axis] if turning.rate >= ENOUGH else max(GAIN_FLOOR[axis], SLOW_FLOOR)
             # Noise in the command makes the gain too small by up to what is not coherent.
-            parts = np.array([fit.gain_sigma, (1.0 - fit.coherent) * fit.gain, GAIN_FLOOR[axis] * fit.gain])
-            spread = float(np.linalg.norm(parts))
-            numbers[f"{axis}_gain"] = (fit.gain, spread, reason)
-            numbers[f"{axis}_damping"] = (fit.damping, float(np.hypot(fit.damping_sigma, DAMPING_FLOOR)), reason)
+            parts = [fit.gain_sigma, *(part * fit.gain for part in (1.0 - fit.coherent, floor, air))]
+            numbers[f"{axis}_gain"] = (fit.gain, float(np.linalg.norm(parts)), reason)
+            numbers[f"{axis}_damping"] = (fit.damping, _damping_sigma(fit), reason)
         # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
         for name, value in (("torque_lag", turning.lag), ("torque_delay", turning.delay)):
             best = max(turning.axes.values(), key=lambda fit: fit.coherent)
@@ -124,10 +130,31 @@ def judge_parameters(
     return result, covariance, (*THETA, *ROTATION_UNITS)
 
 
+def shared_air(records: Sequence[Experiment]) -> float:
+    """Relative standard error that the density of the air makes in thrust and gains alike: it averages over flights."""
+    return float(air_sigma_of(records) / np.sqrt(len(records)))
+
+
 def constant_motors(records: Sequence[Experiment]) -> list[str]:
     """Motors whose output stands still in any of the flights."""
     still = [np.ptp(record.u, axis=0) == 0.0 for record in records]
     return [name for j, name in enumerate(records[0].input_names) if any(part[j] for part in still)]
+
+
+def _damping_sigma(fit: AxisFit) -> float:
+    return float(np.hypot(fit.damping_sigma, DAMPING_FLOOR))
+
+
+def rotation_doubt(axis: str, fit: AxisFit, source: str) -> str:
+    """Explain why the effectiveness about an axis is not believed; empty when it is."""
+    if fit.coherent < COHERENT:
+        return _incoherent(axis, fit.coherent, fit.moved, source)
+    if fit.damping < -UNDAMPED * _damping_sigma(fit):
+        return (
+            f"{axis} would be driven by its own rate ({fit.damping:.3g} 1/s): with {fit.moved:.2g} rad/s the answer "
+            "of the controller to noise is seen, not the craft's to the controller; fly sticks or SYSTEMID on it"
+        )
+    return ""
 
 
 def _incoherent(axis: str, coherent: float, moved: float, source: str) -> str:
@@ -172,8 +199,10 @@ def _parameter(name: str, unit: str, value: float, sigma: float, reason: str) ->
     )
 
 
-def in_si(parameter: BodyParameter, all_of_them: Mapping[str, BodyParameter], mass: float | None) -> BodyParameter:
-    """Add what the mass turns a parameter into."""
+def in_si(
+    parameter: BodyParameter, all_of_them: Mapping[str, BodyParameter], mass: float | None, air: float
+) -> BodyParameter:
+    """Add what the mass turns a parameter into; `air` is the error that thrust and gains share (`shared_air`)."""
     name, value, sigma = parameter.name, parameter.value, parameter.sigma
     if mass is None or value is None or sigma is None:
         return parameter
@@ -191,9 +220,14 @@ def in_si(parameter: BodyParameter, all_of_them: Mapping[str, BodyParameter], ma
     thrust = all_of_them["thrust"]
     if name in ("roll_gain", "pitch_gain") and thrust.value is not None and thrust.sigma is not None:
         over_arm = mass * thrust.value / value
-        part = float(np.hypot(thrust.sigma / thrust.value, sigma / value))
+        part = ratio_sigma(thrust.sigma / thrust.value, sigma / value, air)
         return replace(parameter, si_value=over_arm, si_sigma=over_arm * part, si_unit="kg m (inertia over arm)")
     return parameter
+
+
+def ratio_sigma(one: float, other: float, shared: float) -> float:
+    """Return the relative standard error of a ratio whose parts have relative errors that they partly share."""
+    return float(np.sqrt(max(one**2 - shared**2, 0.0) + max(other**2 - shared**2, 0.0)))
 
 
 def undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:

@@ -24,9 +24,6 @@ BLOCK_SECONDS = 0.5
 #: Laws of drag in the order of preference.
 LAWS = (ROTOR_DRAG, ROTOR_DRAG | AXIS_DRAG, 0, AXIS_DRAG)
 
-#: Laws whose squared residuals are within this factor of the best law's are left for output error to judge.
-CLOSE = 1.5
-
 _MOST_STEPS = 25
 
 
@@ -35,14 +32,14 @@ class EquationErrorFit:
     """Start values by equation error."""
 
     values: Floats  #: shape (n,): Parameters as in `output_error`, under the first of `laws`.
-    laws: tuple[int, ...]  #: Laws of drag that may hold, best first.
+    laws: tuple[int, ...]  #: Laws of drag, best first; in gusts the order says little.
     rmse: float  #: Of block means of acceleration, m/s^2.
 
 
 def fit_equation_error(
     motions: Sequence[Motion], shapes: Sequence[Floats], start: Floats, prior: Prior
 ) -> EquationErrorFit:
-    """Match accelerations with each law of drag, and tell which laws fit.
+    """Match accelerations with each law of drag.
 
     Parameters
     ----------
@@ -60,7 +57,7 @@ def fit_equation_error(
     residuals = _residuals(measured, motions, shapes, fits[laws[0]], laws[0])
     return EquationErrorFit(
         values=fits[laws[0]],
-        laws=tuple(law for law in laws if costs[law] <= CLOSE * costs[laws[0]]),
+        laws=tuple(laws),
         rmse=float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))),
     )
 

@@ -15,6 +15,7 @@ from sysid.records.experiment import Experiment
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.motor_signals import unexplained
 from sysid.records.thrust_curve import Law
+from sysid.rigid_body.body_parameters import ratio_sigma, shared_air
 from sysid.rigid_body.consensus import Statement, consensus, disagreement
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
@@ -126,7 +127,8 @@ def physical_parameters(
     _from_thrust(sheet, thrust, rotor, notes)
     _from_kim(sheet, kim, inertia is not None and arm is not None and mass is not None, notes)
     _from_refinement(sheet, refinement, notes)
-    _from_rigid_body(sheet, rigid_body)
+    records = [experiments] if isinstance(experiments, Experiment) else experiments
+    _from_rigid_body(sheet, rigid_body, shared_air(records))
     _at_hover(sheet, experiments, rotor, rigid_body)
     air = thrust.air_sigma if thrust is not None else 0.0
     disagree = _conclude(sheet, air)
@@ -256,7 +258,7 @@ def _from_refinement(sheet: _Sheet, model: Refinement2020Model | None, notes: di
             sheet.put(parameter, METHODS[4], stacked.value, stacked.sigma, stacked.reason)
 
 
-def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None) -> None:
+def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None, air: float) -> None:
     if model is None:
         return
     for parameter, name in {
@@ -273,7 +275,7 @@ def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None) -> None:
         if thrust.value is None or gain.value is None or thrust.sigma is None or gain.sigma is None:
             sheet.put(name, "rigid body", None, note=gain.reason or thrust.reason)
             continue
-        relative = float(np.hypot(thrust.sigma / thrust.value, gain.sigma / gain.value))
+        relative = ratio_sigma(thrust.sigma / thrust.value, gain.sigma / gain.value, air)
         sheet.put(name, "rigid body", thrust.value / gain.value, thrust.value / gain.value * relative)
     for law in ("linear", "quadratic"):
         pair = [model.parameters[f"drag_{law}_{axis}"] for axis in ("x", "y")]

@@ -25,6 +25,7 @@ from logparse import Motor, Vehicle
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.filtering import lfilter
 from sysid.records.motor_scaling import curve, motor_commands
+from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
 
 AXES = ("roll", "pitch", "yaw")
@@ -35,6 +36,9 @@ OVERLAP = 2
 
 #: Band, Hz: above wind and trim, below the filters of gyros and structure; and the highest part of the sampling rate.
 LOWEST, HIGHEST, NYQUIST_PART = 0.4, 10.0, 0.4
+
+#: Damping so far below zero, in standard errors, is none: the controller's answer to noise is seen, not the craft's.
+UNDAMPED = 4.0
 
 #: Coherent part below which a gain is not believed: noise in the command would bias it by up to the rest.
 COHERENT = 0.9
@@ -77,6 +81,7 @@ class RotationFit:
     lag: float
     delay: float
     source: str  #: ``"rate outputs"`` or ``"motor outputs"``.
+    rate: float  #: Rows of the source a second.
 
 
 def logged_motors(record: Experiment, vehicle: Vehicle) -> tuple[Motor, ...]:
@@ -188,7 +193,12 @@ def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float
     parts = [torque_commands(record, vehicle, voltage) for record in records]
     source = parts[0][2]
     same = [(commands, rates) for commands, rates, kind in parts if kind == source]
-    spectra = rotation_spectra([commands for commands, _ in same], [rates for _, rates in same], records[0].dt)
+    # Rates and outputs of one message fade alike on the lines between rows, up to where these fold.
+    rate = min(logged_rate(np.hstack(pair), records[0].dt) for pair in same)
+    slow = rate if source == "rate outputs" else np.inf
+    spectra = rotation_spectra(
+        [commands for commands, _ in same], [rates for _, rates in same], records[0].dt, NYQUIST_PART * slow
+    )
     if spectra is None:
         return None
     omega, q, w = spectra
@@ -208,7 +218,7 @@ def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float
         axis: _axis(omega, q[:, :, k], w[:, :, k], lag, delay, axis == "yaw", float(moved[k]))
         for k, axis in enumerate(AXES)
     }
-    return RotationFit(axes=axes, lag=lag, delay=delay, source=source)
+    return RotationFit(axes=axes, lag=lag, delay=delay, source=source, rate=rate)
 
 
 def run_rates(
@@ -256,7 +266,7 @@ def _moving_mean(values: Floats, size: int) -> Floats:
 
 
 def rotation_spectra(
-    commands: Sequence[Floats], rates: Sequence[Floats], dt: float
+    commands: Sequence[Floats], rates: Sequence[Floats], dt: float, top: float = np.inf
 ) -> tuple[Floats, np.ndarray, np.ndarray] | None:
     """Fourier coefficients of commands and rates in the band, over stretches of all records.
 
@@ -265,6 +275,8 @@ def rotation_spectra(
     commands, rates : sequence of ndarray, shape (N_r, k) and (N_r, 3)
     dt : float
         s.
+    top : float
+        Highest frequency, Hz, where logs are slower than the records.
 
     Returns
     -------
@@ -272,7 +284,7 @@ def rotation_spectra(
         Angular frequencies (F,), commands (S, F, k) and rates (S, F, 3); None when no record is long enough or the
         sampling too slow.
     """
-    top = min(HIGHEST, NYQUIST_PART / dt)
+    top = min(HIGHEST, NYQUIST_PART / dt, top)
     taken = [_spectra(q, w, dt, top) for q, w in zip(commands, rates, strict=True)]
     spectra = [part for part in taken if part is not None]
     if not spectra or len(spectra[0][0]) < _FEWEST_LINES:

@@ -23,12 +23,20 @@ from sysid.rigid_body.output_error import flight_slice
 #: variance is linear, half quadratic.
 DRAG_PART = 0.02
 
+#: Time by which attitude, thrust and velocity of a log may be apart, s. A swing at w 1/s then shows in phase with its
+#: velocity, as drag of w^2 times this: nothing on legs, half of the drag where a craft is only shaken.
+APART = 0.002
+
 #: Slowest usual speed for this, m/s.
 _SLOWEST = 0.3
 
-#: What the equations of thrust misrepresent: commands between the lines of a log (10 Hz), slew and lag of motors that
-#: are not of first order, inflow that differs between motors.
-FORM: Mapping[str, float] = {"thrust_expo": 0.015, "climb_loss": 0.003, "motor_lag": 0.012}
+#: What the equations of thrust misrepresent: slew and lag of motors that are not of first order, inflow that differs
+#: between motors.
+FORM: Mapping[str, float] = {"climb_loss": 0.003, "motor_lag": 0.012}
+
+#: Part by which the steepness of thrust over command errs: commands between the lines of a log (10 Hz) are smoother
+#: than they were (straight lines take a tenth of a swing at 2 Hz), while the craft answered to all of them.
+STEEPNESS = 0.025
 
 #: Error of a wind's exponent by the height of the ground under its profile.
 EXPONENT_ERROR = 0.09
@@ -52,6 +60,9 @@ def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDA
     covariance = fit.covariance.copy()
     places = np.flatnonzero(~held)
     covariance[places, places] += _form_and_attitude(motions, fit.values)[places] ** 2
+    curved = np.zeros(SHARED)
+    curved[places] = _curvature(motions, fit.values)[places]
+    covariance[:SHARED, :SHARED] += np.outer(curved, curved)
     exponents = [flight_slice(k, 1).start for k in range(len(motions))]
     covariance[exponents, exponents] += EXPONENT_ERROR**2
     return replace(fit, covariance=covariance)
@@ -74,7 +85,33 @@ def _form_and_attitude(motions: Sequence[Motion], values: Floats) -> Floats:
         speed = max(usual_speed(motions, place), _SLOWEST)
         linear, square = (THETA.index(f"drag_{law}_{axis}") for law in ("linear", "quadratic"))
         drag = DRAG_PART * (values[linear] * speed + values[square] * speed**2)
-        sigma[linear], sigma[square] = np.sqrt(0.5) * drag / speed, np.sqrt(0.5) * drag / speed**2
+        late = APART * _swing(motions, place) ** 2
+        sigma[linear] = float(np.hypot(np.sqrt(0.5) * drag / speed, late))
+        sigma[square] = np.sqrt(0.5) * drag / speed**2
+    return sigma
+
+
+def _swing(motions: Sequence[Motion], axis: int) -> float:
+    """Acceleration over speed about their means along a body axis, 1/s: at which frequency the craft swings."""
+    speeds = [np.einsum("ni,ni->n", m.rotation.reshape(-1, 3, 3)[:, :, axis], m.velocity) for m in motions]
+    pushes = [np.gradient(speed, m.dt) for speed, m in zip(speeds, motions, strict=True)]
+    moved, pushed = (sum(float(np.var(each)) * len(each) for each in part) for part in (speeds, pushes))
+    return float(np.sqrt(pushed / moved)) if moved > 0.0 else 0.0
+
+
+def _curvature(motions: Sequence[Motion], values: Floats) -> Floats:
+    """Compute what `STEEPNESS` makes of curvature and, as thrust at the usual command stays, of full thrust, (SHARED,).
+
+    With thrust as c (1 - e + e c), steepness d ln T / d ln c is (1 - e + 2 e c) / (1 - e + e c).
+    """
+    linear, square = (
+        float(np.concatenate([getattr(m, name) for m in motions]).mean()) for name in ("linear", "square")
+    )
+    command, (thrust, expo) = square / max(linear, 1e-9), (THETA.index(name) for name in ("thrust", "thrust_expo"))
+    part = 1.0 - values[expo] + values[expo] * command
+    sigma = np.zeros(SHARED)
+    sigma[expo] = STEEPNESS * part**2 / max(command, 1e-9)
+    sigma[thrust] = values[thrust] * (1.0 - command) / part * sigma[expo]
     return sigma
 
 

@@ -57,6 +57,9 @@ from sysid.rotors.thrust_regression import (
 #: of four motors have 300 to 1000, of eight motors driven by four commands 4e4 and more.
 SEPARABLE = 3e3
 
+#: Part by which one lag and straight lines between samples misrepresent what commands do to roll and pitch.
+LEVER_LAW = 0.015
+
 #: Part by which torque goes otherwise with a command than thrust does.
 TORQUE_LAW = 0.03
 
@@ -260,7 +263,11 @@ def fit_kim2017(
     # Commands differ from what motors do by lag and filters, which bias levers by up to what they leave unexplained.
     indirect = 0.0 if law is Law.SPEED or known is not None else 1.0
     lever_sigma = [
-        float(np.hypot(sigma, indirect * (1.0 - best.explained[f"w_{axis}"]) * lever))
+        float(
+            np.linalg.norm(
+                [sigma, *(indirect * part * lever for part in (1.0 - best.explained[f"w_{axis}"], LEVER_LAW))]
+            )
+        )
         for sigma, lever, axis in zip(best.lever_sigma, best.lever, "xy", strict=True)
     ]
     if not rotation:
