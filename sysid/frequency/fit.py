@@ -200,8 +200,8 @@ def _choose(response: FrequencyResponse, structure: Structure | str | None) -> F
     for candidate in candidates:
         if worth < _PER_PARAMETER * len(candidate.specs) or np.count_nonzero(good) < len(candidate.specs) + 2:
             continue
-        flexible = "mode_frequency" in candidate.names
-        if flexible and found and min(attempt.excess for _, _, attempt in found) < _RIGID_FITS:
+        rare = "mode_frequency" in candidate.names or "speed_moment" in candidate.names
+        if rare and found and min(attempt.excess for _, _, attempt in found) < _RIGID_FITS:
             continue
         for start in _starts(response, candidate):
             attempt = _search((response,), (candidate,), None, (), start)
@@ -224,14 +224,16 @@ def _plausible(attempt: FrequencyFit) -> bool:
     sigma = dict(zip(attempt.names, np.sqrt(np.maximum(np.diag(attempt.covariance), 0.0)), strict=True))
     values = dict(zip(attempt.names, attempt.values, strict=True))
     fastest = 2.0 * np.pi * float(hz[-1])
-    for name in ("lag", "lead", "mode_share", "mode_damping"):
+    for name in ("lag", "lead", "mode_share", "mode_damping", "speed_moment"):
         if name in values and not abs(values[name]) > _SIGNIFICANT * sigma[name]:
             return False
     mode = values.get("mode_frequency")
     return bool(
         values.get("lag", 1.0) > 0.1 / fastest
         and max(values.get("lag", 0.0), abs(values.get("lead", 0.0))) < _LARGEST_LAG
-        and values["delay"] > _MOST_NEGATIVE_DELAY
+        and (
+            values["delay"] > _MOST_NEGATIVE_DELAY or "speed_moment" in values
+        )  # at its frequencies delays hardly show
         and (mode is None or 2.0 * np.pi * hz[0] < mode < fastest)
         and _LEAST_MODE[0] < values.get("mode_damping", 0.1) < _MODE_DAMPED
         and abs(values.get("mode_share", 1.0)) > _LEAST_MODE[1]
@@ -255,7 +257,7 @@ def _starts(response: FrequencyResponse, structure: Structure) -> list[Floats]:
     corner = float(omega[half[0]]) if len(half) else float(omega[-1])
     guess = {"gain": sign * gain, "damping": 1.0, "lag": 0.03, "lead": 0.02, "delay": delay}
     guess |= {"natural_frequency": corner, "damping_ratio": 0.7, "corner": corner}
-    guess |= {"mode_damping": 0.04, "mode_share": 0.2, "mode_frequency": corner}
+    guess |= {"speed_moment": 50.0, "mode_damping": 0.04, "mode_share": 0.2, "mode_frequency": corner}
     if "lag" in structure.names:
         guess["delay"] = 0.3 * delay
     start = np.array([guess[name] for name in structure.names])

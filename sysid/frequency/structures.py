@@ -71,6 +71,7 @@ _MODE = (
     ParameterSpec("mode_damping", "1"),
     ParameterSpec("mode_share", "1", positive=False, scale=0.1, absolute=0.1),
 )
+_SPEED = ParameterSpec("speed_moment", "1/s^3", positive=False, scale=20.0, absolute=1.0)
 _ANGULAR, _LINEAR = "rad/s^2", "m/s^2"
 
 
@@ -95,6 +96,14 @@ def _yaw(p: Floats) -> Polynomials:
     return p[0] * np.array([p[2], 1.0]), np.array([1.0, p[1]])
 
 
+def _hovering(p: Floats) -> Polynomials:
+    """Return ``K s^2 / (s^3 + a s^2 + b)``: slowly, motors work against the moment that air makes with speed.
+
+    The cubic of hover (Tischler and Remple 2012, section 11.5), without the drag of the speed.
+    """
+    return p[0] * np.array([1.0, 0.0, 0.0]), np.array([1.0, p[1], 0.0, p[2]])
+
+
 def _second_order(p: Floats) -> Polynomials:
     return p[0] * np.array([p[1] ** 2]), np.array([1.0, 2.0 * p[2] * p[1], p[1] ** 2])
 
@@ -111,6 +120,7 @@ RATE_LAG_MODE = Structure(
     (_gain(_ANGULAR), _DAMPING, *_MODE, _LAG, _DELAY),
     lambda p: _lagged(_flexible(p), float(p[5])),
 )
+RATE_SPEED = Structure("rate, speed", (_gain(_ANGULAR), _DAMPING, _SPEED, _DELAY), _hovering)
 YAW_LEAD = Structure("yaw, lead", (_gain(_ANGULAR), _DAMPING, _LEAD, _DELAY), _yaw)
 YAW_LEAD_LAG = Structure(
     "yaw, lead, lag", (_gain(_ANGULAR), _DAMPING, _LEAD, _LAG, _DELAY), lambda p: _lagged(_yaw(p), float(p[3]))
@@ -152,8 +162,8 @@ CLOSED_ZERO = Structure(
 #: Structures that are tried for the output of each unit or axis, simplest first.
 STRUCTURES: Mapping[str, tuple[Structure, ...]] = MappingProxyType(
     {
-        "roll": (RATE, RATE_LAG, RATE_MODE, RATE_LAG_MODE),
-        "pitch": (RATE, RATE_LAG, RATE_MODE, RATE_LAG_MODE),
+        "roll": (RATE, RATE_LAG, RATE_SPEED, RATE_MODE, RATE_LAG_MODE),
+        "pitch": (RATE, RATE_LAG, RATE_SPEED, RATE_MODE, RATE_LAG_MODE),
         "yaw": (RATE, RATE_LAG, YAW_LEAD, YAW_LEAD_LAG),
         "vertical": (VERTICAL, VERTICAL_LAG, VERTICAL_DAMPED, VERTICAL_DAMPED_LAG),
         "closed": (CLOSED_FIRST, CLOSED, CLOSED_ZERO),

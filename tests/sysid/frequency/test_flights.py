@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.io import loadmat
+from scipy.signal import lfilter
 
 import logparse
 from logparse import FlightLog
@@ -139,6 +140,24 @@ def test_a_flexible_mode_is_found_with_its_damping(tmp_path: Path) -> None:
     poles = found.transfer_function().poles
     assert np.min(np.abs(np.abs(poles) - 2.0 * np.pi * 18.0)) < 4.0
     assert found.transfer_function().state_space.A.shape == (4, 4)
+
+
+def test_the_moment_that_air_makes_with_speed_is_told_from_inertia() -> None:
+    """Of a light craft most of the slow command works against the air: without it in the structure nothing fits."""
+    rng = np.random.default_rng(8)
+    t = np.arange(12000) * 0.01
+    state, rates = np.zeros(3), np.zeros(len(t))
+    u = lfilter([0.03], [1.0, -0.97], rng.normal(0.0, 0.02, len(t)))
+    for k in range(1, len(t)):  # rate, tilt and speed, held steady by what a pilot would do
+        u[k] -= 0.02 * state[0] + 0.1 * state[1] + 0.02 * state[2]
+        w, tilt, speed = state
+        state = state + 0.01 * np.array([400.0 * u[k] - 2.0 * w - 22.0 * speed, w, 9.8 * tilt])
+        rates[k] = state[0]
+    data = Experiment.from_arrays(t, u, rates, input_names=["roll"], output_names=["w_x"])
+    found = frequency.fit(frequency.response([data], "roll"), band=(0.1, 8.0))
+    assert found.structure[0].name == "rate, speed"
+    assert found.parameters["gain"].value == pytest.approx(400.0, rel=0.05)
+    assert found.parameters["speed_moment"].value == pytest.approx(22.0 * 9.8, rel=0.1)
 
 
 def test_orders_are_scanned_without_a_structure(chirped: FlightLog) -> None:
