@@ -183,7 +183,8 @@ class FlightResult(Summarised):
         for each in self.experiments.values():
             return each
         needed = (self.flight, self.trajectory, self.thrust)
-        return Failure("experiment", next(each.reason for each in needed if isinstance(each, Failure)))
+        reasons_given = (each.reason for each in needed if isinstance(each, Failure))
+        return Failure("experiment", next(reasons_given, "no kind of model was asked for"))
 
     @property
     def missing(self) -> Mapping[str, str]:
