@@ -13,7 +13,7 @@ from pipeline.flight.rotation import curve_of, turning_of
 from reports.figure import Figure
 from reports.frequency_figures import pole_figure, response_overlays
 from reports.html import render
-from reports.rotation_views import coupling_sentence, parameter_table, rotation_figures, unchecked
+from reports.rotation_views import coupling_sentence, parameter_table, rotation_figures
 from reports.rotation_views import sentences as sentences_of
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
@@ -54,7 +54,6 @@ def frequency_page(found: FrequencySurvey) -> str:
         facts=" · ".join(found.names),
         sentences=[
             *(sentence for axis in axes for sentence in sentences_of(axis)),
-            *unchecked(axes),
             *(coupling_sentence(each) for each in found.couplings if each.ratio.value is not None),
         ],
         table=parameter_table(axes),

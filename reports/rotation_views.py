@@ -62,7 +62,6 @@ def rotation_view(found: RotationResult | None, file: str) -> Turning | None:
     if found is None:
         return None
     said = [sentence for axis in found.every for sentence in sentences(axis)]
-    said += unchecked(found.every)
     said += [coupling_sentence(each) for each in found.couplings if each.ratio.value is not None]
     doubts = [f"{remark[:1].upper()}{remark[1:]}." for loop in found.loops.values() for remark in loop.remarks]
     return Turning(
@@ -131,17 +130,6 @@ def _checked(axis: AxisRotation) -> list[str]:
     if check.residuals is not None:
         text += f"; {check.residuals.sentence.partition(':')[0].partition(';')[0]}"
     return [f"{text}."]
-
-
-def unchecked(axes: Iterable[AxisRotation]) -> list[str]:
-    """Return of which models no flying was left to judge them, and what to fly."""
-    names = [axis.axis for axis in axes if axis.rate is not None and axis.rate.check_reason]
-    if not names:
-        return []
-    return [
-        f"No flying without chirps, in which something was asked of the axis, is left to judge the {joined(names)} "
-        f"model{'s' if len(names) > 1 else ''}: fly half a minute of short stick inputs on each axis after the chirps."
-    ]
 
 
 def coupling_sentence(found: Coupling) -> str:

@@ -14,6 +14,7 @@ from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.estimate import ordinary_record, records_of, response
 from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.fit import FrequencyFit, refit
+from sysid.frequency.limits import FOLDING
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Floats
 from sysid.statistics.covariance import independent_samples
@@ -183,6 +184,11 @@ def hold_out(found: FrequencyFit, logs: Sequence[FlightLog], within: Within | No
         Where nothing is left that could judge it.
     """
     axis = AXES[found.axes[0]]
+    if axis.attitude and found.responses[0].step > 1.0 / FOLDING:
+        raise FrequencyError(
+            f"rows at {1.0 / found.responses[0].step:.0f} Hz show the command in aliases, from which nothing can be "
+            "predicted; set LOG_BITMASK to include attitude (fast), for 25 Hz or more"
+        )
     if any(chirp.axis == axis.name for log in logs for chirp in find_chirps(log, within)):
         return verify(found, logs, within)
     if len(logs) > 1:

@@ -102,6 +102,18 @@ def test_a_controller_that_starts_anew_within_a_chirp_costs_little(tmp_path: Pat
     assert abs(gain.value - 300.0) < max(3.0 * gain.sigma, 15.0)
 
 
+def test_rows_in_which_the_command_folds_judge_no_model(tmp_path: Path) -> None:
+    # The gain is right, by the instrument; a prediction from aliases is wrong whatever the model is.
+    sticks = Excitation(duration=120.0, stick=0.3, gust=0.1, noise=0.003)
+    slow = replace(PLANT, gain=100.0, lag=0.1)
+    run = run_axis(slow, LoopGains.crossing_at(slow, 0.8), sticks, 3)
+    write_rate_log(tmp_path / "slow.BIN", {"roll": run}, rate=10.0)
+    found = survey(logparse.read_log(tmp_path / "slow.BIN"), ["roll"]).axes[0]
+    assert found.fit is not None
+    assert found.check is None
+    assert "aliases" in found.check_reason or found.fit.parameters["gain"].value is None
+
+
 def test_motors_at_their_limits_are_said(tmp_path: Path) -> None:
     strong = replace(CHIRP, chirp=(0.4, 25.0, 0.6), sid_axis=10)
     gains = replace(GAINS, limit=1.0)
