@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import FlightLog
+from sysid.loops.feedbacks import FeedbackOfEach
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
+from sysid.loops.unseen import Unseen, may_raise
 
 #: Part of the draws beyond the bound of each margin: so few that gain margin, phase margin, peak and rejection hold
 #: together for 95 % of what the data leave possible, and more.
@@ -124,6 +126,8 @@ def others_keep(staying: Iterable[RateLoop], factor: float) -> bool:
         if not new["stable"] or new["phase_deg"] < flown["phase_deg"] - _BYSTANDER_PHASE:
             return False
         if new["gain_db"] < flown["gain_db"] - _BYSTANDER_GAIN:
+            return False
+        if Unseen(loop, other.settings, FeedbackOfEach).raised([{}])[0] > may_raise(loop)[0]:
             return False
     return True
 

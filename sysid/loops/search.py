@@ -16,7 +16,7 @@ from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import typed
 from sysid.loops.safety import Aim, actuator_noise, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
 from sysid.loops.settings import LoopSettings
-from sysid.loops.unseen import FIRST_MODES, Unseen, promised
+from sysid.loops.unseen import Unseen, may_raise, promised
 
 #: Factors of P and D, of I over P's factor, and of the derivative's filter that are tried.
 _P = np.geomspace(0.501, 1.996, 13)
@@ -46,10 +46,6 @@ _CHECKED = 150
 
 #: Part of that loss which the next candidate must have in hand to be looked at.
 _SAME_SPARE = 0.8
-
-#: Factors by which a loop's gain may be raised beyond the measured band, each tried only where the one before leaves no
-#: rejection gained, unless the rigid craft keeps it small there. Chirps that ended below `FIRST_MODES` raise nothing.
-UNSEEN_RAISED = (1.12, 1.5, 2.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +96,7 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     """
     bare = loop.flown.changed(gyro_filter=other_gyro_filter(loop, gyro_factor))
     candidates = _field(loop, bare, _gains(loop), Feedbacks)
-    raised = UNSEEN_RAISED if loop.hz[-1] >= FIRST_MODES else (1.0,)
+    raised = may_raise(loop)
     best = _best(loop, aim, candidates, raised[0])
     allowed = raised[0]
     for most in raised[1:]:

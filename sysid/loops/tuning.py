@@ -23,8 +23,9 @@ from sysid.loops.loop import rate_loop
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
 from sysid.loops.same_craft import SUMMED, gain_apart, other_craft
-from sysid.loops.search import UNSEEN_RAISED, AxisTuning, tune_axis
+from sysid.loops.search import AxisTuning, tune_axis
 from sysid.loops.settings import AXES
+from sysid.loops.unseen import UNSEEN_RAISED, unseen_mode
 
 #: Factors of the gyro's filter that are tried.
 _GYRO = (1.0, 1.25, 1.5, 2.0)
@@ -137,7 +138,7 @@ def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") ->
     if not loops:
         reasons = list(dict.fromkeys(item.refused for item in found if item.refused))
         return refuse("; ".join(reasons), tuple(found))
-    known = all(item.loop is not None and weak_band(item.loop) is None for item in found)
+    known = all(item.loop is not None and weak_band(item.loop) is unseen_mode(item.loop) is None for item in found)
     open_gyro = known and is_calm(flights)
     staying = [item.loop for item in found if item.axis not in loops and item.loop is not None]
     options = [f for f in _GYRO if f == 1.0 or (open_gyro and others_keep(staying, f))]

@@ -50,6 +50,16 @@ _SCATTERS, _SWING = 4.5, 0.5
 _FITS, _FEWEST = 10, 4
 
 
+#: Factors by which a loop's gain may be raised beyond the measured band, each tried only where the one before leaves no
+#: rejection gained, unless the rigid craft keeps it small there. Chirps that ended below `FIRST_MODES` raise nothing.
+UNSEEN_RAISED = (1.12, 1.5, 2.0)
+
+
+def may_raise(loop: RateLoop) -> tuple[float, ...]:
+    """Return the factors by which the gain of a loop may rise beyond its measured band, in the order of trying."""
+    return UNSEEN_RAISED if loop.hz[-1] >= FIRST_MODES else (1.0,)
+
+
 class Unseen:
     """The loop beyond the measured band, as the rigid craft would continue it: modes of the frame may stand above."""
 

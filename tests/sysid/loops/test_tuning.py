@@ -14,7 +14,7 @@ from sysid.loops import LoopError, prove, tune, tuning
 from sysid.loops.evidence import oscillation, two_ways_apart, unsupported, weak_band
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file, read_parameter_file, typed
-from sysid.loops.safety import Aim
+from sysid.loops.safety import Aim, others_keep
 from sysid.loops.same_craft import gain_apart
 from sysid.loops.search import AxisTuning, tune_axis
 from tests.sysid.loops.flown import flown_loop, fly_chirp, gains_of, loop_of_flight, true_loop
@@ -226,6 +226,12 @@ def test_no_log_and_an_unknown_aim():
     assert tune([]).refused == "no log was given"
     with pytest.raises(LoopError, match="aim"):
         tune([], aim="fastest")
+
+
+def test_the_gyro_filter_is_not_opened_over_an_axis_that_nobody_saw_beyond_a_low_chirp():
+    axis, gains = AxisPlant(gain=300.0, lag=0.01, filter_hz=30.0), LoopGains(P=0.12, I=0.1, D=0.003)
+    assert not others_keep([flown_loop(axis, gains, 1, band=(0.5, 20.0))], 1.5)
+    assert others_keep([], 1.5)
 
 
 def test_a_gyro_filter_that_saves_an_axis_is_worth_more_than_one_that_does_not():
