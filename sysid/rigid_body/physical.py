@@ -283,12 +283,12 @@ def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None, air: float) ->
         if None in values or None in sigmas:
             sheet.put(f"{law} drag over mass", "rigid body", None, note=pair[0].reason or pair[1].reason)
             continue
-        sheet.put(
-            f"{law} drag over mass",
-            "rigid body",
-            float(np.mean([value for value in values if value is not None])),
-            float(np.sqrt(sum(sigma**2 for sigma in sigmas if sigma is not None)) / 2.0),
-        )
+        weights = np.zeros(len(model.estimated))
+        weights[[model.estimated.index(f"drag_{law}_{axis}") for axis in ("x", "y")]] = 0.5
+        mean = float(np.mean([value for value in values if value is not None]))
+        # Both axes flew in the same air.
+        sigma = float(np.hypot(np.sqrt(weights @ model.covariance @ weights), air * mean))
+        sheet.put(f"{law} drag over mass", "rigid body", mean, sigma)
 
 
 def _at_hover(
