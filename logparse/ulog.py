@@ -259,6 +259,8 @@ def _columns(topic: Any) -> dict[str, Any]:
     columns: dict[str, Any] = {}
     characters: dict[str, list[npt.NDArray[np.uint8]]] = {}
     for field in topic.field_data:
+        if field.field_name not in topic.data:  # a name that damage has emptied
+            continue
         values = topic.data[field.field_name]
         base, bracket, _ = field.field_name.partition("[")
         if field.type_str == "char" and bracket:

@@ -101,6 +101,17 @@ def test_recognised_by_content():
     assert not looks_like(b"ULog is a format")
 
 
+def test_a_field_whose_name_is_lost_costs_no_other():
+    parts = [
+        b"ULog\x01\x12\x35\x01" + struct.pack("<Q", START),
+        message("F", b"odd:uint64_t timestamp;float ;float x;"),
+        message("A", struct.pack("<BH", 0, 1) + b"odd"),
+        *(data(1, START + 1000 * k, struct.pack("<2f", 7.0, k)) for k in range(3)),
+    ]
+    source = UlogSource(b"".join(parts))
+    assert source.decode("odd", source.boots[0])["x"].tolist() == [0.0, 1.0, 2.0]
+
+
 def test_damage_is_a_finding_and_says_nothing_on_stdout(capsys):
     log = bytearray(small_log())
     at = log.find(struct.pack("<HQ", 1, START + 4001))
