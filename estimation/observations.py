@@ -92,12 +92,20 @@ class Observations:
         if lag == 0.0:
             return self
         t = self.t - lag * np.isin(self.kind, kinds)
-        order = np.argsort(t, kind="stable")
-        count = np.diff(self.start)[order]
+        return self._chosen(np.argsort(t, kind="stable"), t)
+
+    def within(self, kinds: Sequence[int], start: float, stop: float) -> "Observations":
+        """Leave out the groups of some kinds that lie outside a span of time."""
+        kept = ~np.isin(self.kind, kinds) | ((self.t >= start) & (self.t <= stop))
+        return self._chosen(np.flatnonzero(kept), self.t)
+
+    def _chosen(self, groups: np.ndarray, t: np.ndarray) -> "Observations":
+        """Keep some groups in the order given; `t` (g,) are the times of all."""
+        count = np.diff(self.start)[groups]
         start = np.concatenate([[0], np.cumsum(count)])
-        m = np.repeat(self.start[:-1][order] - start[:-1], count) + np.arange(start[-1])
+        m = np.repeat(self.start[:-1][groups] - start[:-1], count) + np.arange(start[-1])
         return Observations(
-            t[order], self.kind[order], start, self.axis[m], self.z[m], self.variance[m], self.admitted[order]
+            t[groups], self.kind[groups], start, self.axis[m], self.z[m], self.variance[m], self.admitted[groups]
         )
 
     @property
