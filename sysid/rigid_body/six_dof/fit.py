@@ -89,7 +89,7 @@ ABSOLUTE: Mapping[str, float] = {
 #: its scatter.
 FLOORS: Mapping[str, tuple[float, float]] = {
     "thrust": (0.001, 0.0),
-    "gain": (0.0005, 0.0),
+    "gain": (0.001, 0.0),
     "yaw_gain": (0.003, 0.0),
     "damping": (0.0, 0.022),
     "inertia": (0.01, 0.0),
@@ -98,6 +98,7 @@ FLOORS: Mapping[str, tuple[float, float]] = {
     "by_speed": (0.0, 2e-4),
     "tilt": (0.0, 1e-4),
     "expo": (0.004, 0.0),
+    "drift": (0.0, 2e-6),
 }
 #: The same for delays and lags, samples.
 FLOOR_SAMPLES = 0.025
