@@ -186,5 +186,5 @@ def _prediction(result: FlightResult) -> Figure | None:
     shapes = [] if not part.training else [band(part.span, "@band", 1.0)]
     layout = layout_of(**axes, shapes=shapes)
     where = "fitted to" if part.training else "held out"
-    caption = f"Position in the part of the flight {where}: measured, and free run of the model from its inputs alone."
+    caption = f"Position in the part {where}: measured, and free run of the model from its inputs alone."
     return Figure("first-prediction", caption, data, layout, _HEIGHT, time=False)
