@@ -3,7 +3,8 @@
 A least-squares smoother follows a wild reading on its first pass, and bends what lies about it, so that good readings
 look wrong. A short running median of the barometer alone removes single spikes, but bursts that overlap outvote their
 neighbours in it. Against the height of the GPS the barometer differs by an offset that changes slowly, whatever the
-craft does; a median of that over a minute is wrong only where most readings of a minute are (Hampel 1974).
+craft does; a median of that over a minute is wrong only where most readings of a minute are (Hampel 1974). What GPS
+heights are too coarse for shows beside the neighbours: no craft leaves the line between them faster than it falls.
 """
 
 import numpy as np
@@ -17,6 +18,9 @@ OFFSET_TIME = 60.0
 NEIGHBOURS = 11
 #: Further than this from a GPS height, s, the craft may have climbed so fast, m/s.
 LONGEST_GAP, CLIMB = 1.5, 10.0
+#: A reading leaves the line between its neighbours by this at most: noise and gusts, m, and vertical acceleration,
+#: m/s^2.
+UNEVEN, FALL = 1.0, 9.81
 
 
 def steady_heights(alt: pd.Series, reference: pd.Series) -> np.ndarray:
@@ -36,7 +40,7 @@ def steady_heights(alt: pd.Series, reference: pd.Series) -> np.ndarray:
     t = alt.index.to_numpy(float)
     alone = _deviation(alt.to_numpy(float), NEIGHBOURS)
     if len(reference) < 2 or len(t) < 2:
-        return np.asarray(alone < SPIKE)
+        return _without_single(t, alt.to_numpy(float), alone < SPIKE)
     when = reference.index.to_numpy(float)
     after = np.clip(np.searchsorted(when, t), 1, len(when) - 1)
     away = np.minimum(np.abs(t - when[after]), np.abs(t - when[after - 1]))
@@ -44,10 +48,28 @@ def steady_heights(alt: pd.Series, reference: pd.Series) -> np.ndarray:
     window = max(NEIGHBOURS, round(OFFSET_TIME / float(np.median(np.diff(t)))))
     between = np.maximum(away - LONGEST_GAP, 0.0)
     steady = _deviation(offset, window) < SPIKE + CLIMB * between
-    return np.asarray(steady & ((between == 0.0) | (alone < SPIKE)))
+    return _without_single(t, alt.to_numpy(float), steady & ((between == 0.0) | (alone < SPIKE)))
 
 
 def _deviation(values: np.ndarray, window: int) -> np.ndarray:
     """Return the distance of each of `values` from the median of `window` of them about it."""
     usual = pd.Series(values).rolling(window, center=True, min_periods=1).median().to_numpy(float)
     return np.asarray(np.abs(values - usual))
+
+
+def _without_single(t: np.ndarray, values: np.ndarray, steady: np.ndarray) -> np.ndarray:
+    """Take from the readings that are `steady` those further from the line between their neighbours than a craft gets.
+
+    The neighbours of a spike look wrong too, by half of it: only the farthest of three in a row is one.
+    """
+    kept = np.flatnonzero(steady)
+    if len(kept) < 3:
+        return steady
+    at, known = t[kept], values[kept]
+    before, after = np.diff(at)[:-1], np.diff(at)[1:]
+    line = (known[:-2] * after + known[2:] * before) / np.maximum(before + after, 1e-9)
+    away = np.zeros(len(kept))
+    away[1:-1] = np.abs(known[1:-1] - line) / (UNEVEN + 0.5 * FALL * before * after)
+    farthest = pd.Series(away).rolling(3, center=True, min_periods=1).max().to_numpy(float)
+    single = (away > 1.0) & (away >= farthest)
+    return np.asarray(np.isin(np.arange(len(t)), kept[~single]))

@@ -56,6 +56,11 @@ LARGEST_FACTOR, FEWEST_ROWS, LASTING = 100.0, 20, 3.0
 #: The gate of a sensor narrows from its farthest reading over this. Nothing bounds the pull of a spike on the first
 #: pass, so that the readings between are moved with it, and come back later.
 NARROWING = 3.0
+#: A reading of the barometer that is fused and lies further off than so many of its sigmas is weighed as if it lay
+#: there: between them and the gate it would pull the more, the wilder it is.
+HONEST = 2.0
+#: Passes end when no variance changes by more than this part.
+SETTLED = 0.3
 #: Readings of the barometer whose median is its height at the start: any one may be a spike.
 FIRST_HEIGHTS = 9
 #: Old firmware sends the vertical speed with the wrong sign: it is turned round if the autopilot's height goes against
@@ -265,10 +270,11 @@ def _estimate_segment(
     )
     node_t = nodes * TICK
     driven = np.tile(np.append(DISTURBANCE, np.full(3, EKF_LASTING)), (len(node_t), 1))
+    given = measured
     for _ in range(PASSES if smoothed else 1):
         x, P = _filter(node_t, thrust, measured, gps_sigma, noise, driven, smoothed=smoothed)
-        judged = _judged(measured, node_t, x, P, noise.gate) if smoothed else measured
-        if all(a.admitted == b.admitted for a, b in zip(measured, judged, strict=True)):
+        judged = _softened(_judged(given, measured, node_t, x, P, noise.gate), node_t, x, P) if smoothed else measured
+        if all(_alike(a, b) for a, b in zip(measured, judged, strict=True)):
             break
         measured = judged
     if smoothed:
@@ -303,12 +309,40 @@ def _estimate_segment(
     return states, sigma, covariance, _counts(measured)
 
 
-def _judged(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarray, gate: float) -> list[_Measured]:
-    """Leave out what is far from the smoothed states, and take back what is not (as `admission.admit` does)."""
+def _alike(one: _Measured, other: _Measured) -> bool:
+    """Whether two passes use a row alike."""
+    close = np.abs(np.log(one.variance / other.variance)).max(initial=0.0) < SETTLED
+    return one.admitted == other.admitted and bool(close)
+
+
+def _softened(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarray) -> list[_Measured]:
+    """Raise the variance of readings of the barometer that are off by more than `HONEST` of their sigmas.
+
+    Iterated, this is the estimate by a loss that stops growing there (reweighted least squares: Holland & Welsch 1977).
+    """
+    node = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
+    out = []
+    for m, at in zip(measured, node, strict=True):
+        if m.admitted and m.sensor == "baro":
+            expected = m.variance + np.einsum("ij,jk,ik->i", m.H, P[at], m.H) + TOLERANCE**2
+            beyond = np.maximum((m.z - m.H @ x[at]) ** 2 / HONEST**2 - expected, 0.0)
+            out.append(replace(m, variance=m.variance + beyond))
+        else:
+            out.append(m)
+    return out
+
+
+def _judged(
+    given: list[_Measured], measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarray, gate: float
+) -> list[_Measured]:
+    """Leave out of the rows `given` what is far from the smoothed states, and take back what is not.
+
+    As `admission.admit` does; `measured` are the rows that made the states.
+    """
     node = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
     worst = np.zeros(len(measured))
     speed = _measured_speed(measured)
-    for k, (m, at) in enumerate(zip(measured, node, strict=True)):
+    for k, (m, at) in enumerate(zip(given, node, strict=True)):
         late = (LATENESS * speed[k]) ** 2
         variance = m.variance + np.einsum("ij,jk,ik->i", m.H, P[at], m.H) + TOLERANCE**2 + late
         worst[k] = np.sqrt(np.max((m.z - m.H @ x[at]) ** 2 / variance, initial=0.0))
@@ -318,7 +352,7 @@ def _judged(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.ndarr
     for sensor in np.unique(sensors):
         mine = (sensors == sensor) & fused
         limit[mine] = max(gate, float(worst[mine].max(initial=0.0)) / NARROWING)
-    return [replace(m, admitted=bool(w <= most)) for m, w, most in zip(measured, worst, limit, strict=True)]
+    return [replace(m, admitted=bool(w <= most)) for m, w, most in zip(given, worst, limit, strict=True)]
 
 
 def _driven(t: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:

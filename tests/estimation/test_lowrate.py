@@ -112,6 +112,17 @@ TELEMETRY = Path(__file__).parents[3] / "shared/logs/sitl/octa03_auto_wind5.tlog
 
 @pytest.mark.slow
 @pytest.mark.skipif(not TELEMETRY.exists(), reason="needs ../shared/logs")
+def test_a_single_small_spike_is_told_from_motion_by_its_neighbours():
+    """A climb that begins and ends within a second stays; 5 m in one reading at 2 Hz do not."""
+    t = np.arange(0.0, 60.0, 0.5)
+    height = pd.Series(np.interp(t, [0.0, 20.0, 26.0, 60.0], [0.0, 0.0, 30.0, 30.0]), index=t)
+    alt = height.copy()
+    alt.iloc[[30, 45, 90]] += [5.0, -4.0, 4.0]
+    for reference in (height + 7.0, pd.Series(dtype=float)):
+        assert np.flatnonzero(~steady_heights(alt, reference)).tolist() == [30, 45, 90]
+        assert steady_heights(height, reference).all()
+
+
 def test_bursts_in_a_telemetry_log_change_less_than_a_sigma():
     """Bursts of 2 to 5 readings in a tenth of a log overlap in places: height then moved by 684 sigma."""
     tables = read_log(TELEMETRY).tables

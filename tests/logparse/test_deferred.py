@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import logparse.canonical.deferred
-import logparse.log
+import logparse.messages
 from logparse import Tables, read_log
 
 LOG = Path(__file__).parents[2] / "sample_logs" / "quad02_delft_systemid.bin"
@@ -24,7 +24,7 @@ def at_once():
 def deferred(monkeypatch):
     """Return the log as if a thousand rows were many."""
     monkeypatch.setattr(logparse.canonical.deferred, "LONG", 1000)
-    monkeypatch.setattr(logparse.log, "LONG", 1000)
+    monkeypatch.setattr(logparse.messages, "LONG", 1000)
     return read_log(LOG)
 
 
