@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from logparse.events.timeline import flight_events
     from logparse.flights import Flight
     from logparse.frames import Motor, Vehicle
-    from logparse.log import FlightLog, check_is_log, read_flights, read_log
+    from logparse.log import FlightLog, check_is_log, read_flights, read_log, read_power_ups
     from logparse.messages import Messages
     from logparse.source import Boot, MessageSource
     from logparse.tables import COLUMNS, Geodetic, Tables
@@ -40,6 +40,7 @@ __all__ = [
     "flight_events",
     "read_flights",
     "read_log",
+    "read_power_ups",
 ]
 
 __getattr__, __dir__ = exports(__name__, __file__)

@@ -313,15 +313,27 @@ def read_flights(path: str | Path) -> tuple[FlightLog, ...]:
     log = read_log(path)
     if len(log.boots) == 1:
         return tuple(log.of_flight(k + 1) for k in range(len(log.flights))) or (log,)
-    looked_into = sorted(log.boots, key=lambda b: b.t_start - b.t_end)[:_MOST_BOOTS]
     flights: list[FlightLog] = []
-    for boot in log.boots:
-        if boot not in looked_into:
-            continue
-        other = log if boot == log.boot else log.of_boot(boot)
+    for other in _power_ups(log):
         with suppress(RotoridError):  # a power-up without tables has no flight
             flights += (other.of_flight(k + 1) for k in range(len(other.flights)))
     return tuple(flights) or (log,)
+
+
+def read_power_ups(path: str | Path) -> tuple[FlightLog, ...]:
+    """Open every power-up of a log file, in order of time; the longest of a file with very many.
+
+    Raises
+    ------
+    LogError
+        As `read_log` raises it.
+    """
+    return _power_ups(read_log(path))
+
+
+def _power_ups(log: FlightLog) -> tuple[FlightLog, ...]:
+    longest = sorted(log.boots, key=lambda b: b.t_start - b.t_end)[:_MOST_BOOTS]
+    return tuple(log if boot == log.boot else log.of_boot(boot) for boot in log.boots if boot in longest)
 
 
 def check_is_log(path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rotorid.cli.exits import SOME_FAILED
-from rotorid.cli.options import existing_log, open_log
+from rotorid.cli.options import existing_log, open_power_ups
 from rotorid.cli.output import prepare
 
 
@@ -43,7 +43,7 @@ def frequency(
     prepare(out)
     with shown() as progress:
         progress("reading", 0.0)
-        flights = [open_log(path) for path in logs]
+        flights = [log for path in logs for log in open_power_ups(path)]
         progress("estimating", 0.3)
         found = survey(flights, wanted)
     (out / "frequency.html").write_text(frequency_page(found), encoding="utf-8")

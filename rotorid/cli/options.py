@@ -58,6 +58,20 @@ def existing_log(given: Path | list[Path] | None) -> Path | list[Path] | None:
     return given
 
 
+def open_power_ups(name: Path) -> tuple[FlightLog, ...]:
+    """Read all power-ups of a log from the command line, or one of its flights, as `open_log` does.
+
+    Raises
+    ------
+    LogError
+        As `open_log` raises it.
+    """
+    from logparse import read_power_ups
+
+    file, number = parted(name)
+    return read_power_ups(file) if number is None else (open_log(name),)
+
+
 def open_log(name: Path, boot: int | None = None) -> FlightLog:
     """Read a log from the command line, or one of its flights: FLIGHT.bin#2 is the second of all its power-ups.
 

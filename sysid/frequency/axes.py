@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from logparse import RotoridError
+from logparse.summary import listed
 
 
 class FrequencyError(RotoridError):
     """A frequency response, or a fit to one, that the data cannot give; the message says why and what to fly or log."""
+
+
+def log_by_log(reasons: Iterable[str]) -> str:
+    """Join reasons of the form "LOG: why"; logs, and power-ups of one, that share a reason stand together."""
+    logs: dict[str, list[str]] = {}
+    for reason in dict.fromkeys(reasons):
+        name, colon, why = reason.partition(": ")
+        logs.setdefault(why if colon else name, []).extend([name] if colon else [])
+    return "; ".join(f"{listed(names)}: {why}" if names else why for why, names in logs.items())
 
 
 @dataclass(frozen=True, slots=True)

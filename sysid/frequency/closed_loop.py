@@ -12,7 +12,7 @@ from logparse import FlightLog
 from logparse.canonical.series import wrap
 from logparse.quantity import uncertain
 from logparse.units import quantity
-from sysid.frequency.axes import Axis, FrequencyError, axis_of
+from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.cost import POOR
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Within
@@ -93,7 +93,7 @@ def attitude_response(
         except FrequencyError as error:
             reasons.append(str(error))
     if not records:
-        raise FrequencyError("; ".join(reasons) or "no logs given")
+        raise FrequencyError(log_by_log(reasons) or "no logs given")
     frf = response_of_records(records, _following(which))
     found = fit(frf)
     bandwidth = _possible(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import Finding, FlightLog, Severity
-from sysid.frequency.axes import PILOTS_THROTTLE, Axis, FrequencyError, axis_of
+from sysid.frequency.axes import PILOTS_THROTTLE, Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.composite import merge
 from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.fit import FrequencyFit, fit, refit
@@ -157,7 +157,7 @@ def records_of(
     fewest = min((record.inputs.shape[1] for record in records), default=1)
     records = [record if record.inputs.shape[1] == fewest else record.alone() for record in records]
     if not records:
-        raise FrequencyError("; ".join(reasons) or f"no excitation of the {axis.name} axis")
+        raise FrequencyError(log_by_log(reasons) or f"no excitation of the {axis.name} axis")
     return records
 
 

@@ -10,7 +10,7 @@ import scipy
 from scipy.linalg import solve_toeplitz
 
 from logparse import FlightLog
-from sysid.frequency.axes import AXES, FrequencyError
+from sysid.frequency.axes import AXES, FrequencyError, log_by_log
 from sysid.frequency.estimate import ordinary_record, records_of, response
 from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.fit import FrequencyFit, refit
@@ -168,7 +168,7 @@ def verify(found: FrequencyFit, data: FlightLog | Sequence[FlightLog], within: W
         except FrequencyError as error:
             reasons.append(str(error))
     if not records:
-        raise FrequencyError("; ".join(reasons) or "no logs given")
+        raise FrequencyError(log_by_log(reasons) or "no logs given")
     return verify_records(found, records)
 
 

@@ -1,12 +1,15 @@
 """Flights that look good and are not: what can be had of them, and for the rest why not and what to fly."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import logparse
+from rotorid.cli.main import app
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import frequency
 from sysid.frequency.axes import SID_AXES
@@ -57,7 +60,7 @@ def test_every_sid_axis_excites_an_axis_of_the_craft() -> None:
     assert {number: SID_AXES[number][0] for number in expected} == expected
 
 
-def test_a_chirp_aborted_after_five_seconds_gives_what_it_swept(tmp_path: Path) -> None:
+def test_a_chirp_aborted_after_five_seconds_is_too_short_and_says_so(tmp_path: Path) -> None:
     run = run_axis(PLANT, GAINS, replace(CHIRP, duration=8.0, chirp=(0.5, 40.0, 0.1), chirp_seconds=20.0), 1)
     cut = 5 * 400
     stopped = replace(run, chirp_hz=np.where(run.elapsed < 5.0, run.chirp_hz, 0.0))
@@ -65,11 +68,8 @@ def test_a_chirp_aborted_after_five_seconds_gives_what_it_swept(tmp_path: Path) 
     stopped = replace(stopped, **{name: getattr(stopped, name)[:cut] for name in names})
     write_rate_log(tmp_path / "cut.BIN", {"roll": stopped}, rate=100.0)
     found = survey(logparse.read_log(tmp_path / "cut.BIN"), ["roll"]).axes[0]
-    if found.response is None:
-        assert "fly" in found.reason
-    else:
-        assert "chirp-aborted" in {finding.id for finding in found.response.findings}
-        assert found.fit is None or found.fit.parameters["gain"].value is None or worst(found.response, high=2.0) < 1.0
+    assert found.response is None
+    assert "a chirp should last 20 s at least" in found.reason
 
 
 def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
@@ -81,12 +81,30 @@ def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
     }
     write_rate_log(tmp_path / "both.BIN", runs, rate=100.0)
     log = logparse.read_log(tmp_path / "both.BIN")
-    for axis, plant in (("roll", PLANT), ("pitch", pitch)):
-        found = survey(log, [axis]).axes[0]
-        if found.response is None or found.fit is None or found.fit.parameters["gain"].value is None:
-            assert found.reason
-        else:
-            assert found.fit.parameters["gain"].value == pytest.approx(plant.gain, rel=0.05)
+    roll, pitched = survey(log, ["roll", "pitch"]).axes
+    # SYSTEMID logs one chirp at a time: that of roll ends where that of pitch begins, too soon for a fit.
+    assert roll.response is not None
+    assert "chirp-aborted" in {finding.id for finding in roll.response.findings}
+    assert roll.fit is None
+    assert "fly a chirp" in roll.reason
+    assert pitched.fit is not None
+    assert pitched.fit.parameters["gain"].value == pytest.approx(pitch.gain, rel=0.03)
+
+
+def test_every_power_up_of_a_file_counts(tmp_path: Path) -> None:
+    """Roll is flown in the first, pitch in the second; nobody yaws, which is said of the file once."""
+    chirps = {"roll": CHIRP, "pitch": replace(CHIRP, sid_axis=11)}
+    parts = []
+    for seed, (axis, chirp) in enumerate(chirps.items()):
+        write_rate_log(tmp_path / f"{axis}.BIN", {axis: run_axis(PLANT, GAINS, chirp, seed)}, rate=100.0)
+        parts.append((tmp_path / f"{axis}.BIN").read_bytes())
+    (tmp_path / "both.BIN").write_bytes(b"".join(parts))
+    done = CliRunner().invoke(app, ["frequency", str(tmp_path / "both.BIN"), "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "frequency.json").read_text())
+    gains = [each["fit"]["parameters"]["gain"]["value"] for each in found["axes"] if "fit" in each]
+    assert gains == pytest.approx([300.0, 300.0], rel=0.03)
+    assert done.output.count("the yaw target hardly moved, nothing was asked") == 1
 
 
 def test_a_controller_that_starts_anew_within_a_chirp_costs_little(tmp_path: Path) -> None:
