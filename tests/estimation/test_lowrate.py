@@ -107,11 +107,6 @@ def test_spikes_are_told_from_climbs(seed):
     np.testing.assert_array_equal(steady_heights(alt, hole)[(t < 100.0) | (t > 104.0)], ~hit[(t < 100.0) | (t > 104.0)])
 
 
-TELEMETRY = Path(__file__).parents[3] / "shared/logs/sitl/octa03_auto_wind5.tlog"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not TELEMETRY.exists(), reason="needs ../shared/logs")
 def test_a_single_small_spike_is_told_from_motion_by_its_neighbours():
     """A climb that begins and ends within a second stays; 5 m in one reading at 2 Hz do not."""
     t = np.arange(0.0, 60.0, 0.5)
@@ -123,6 +118,11 @@ def test_a_single_small_spike_is_told_from_motion_by_its_neighbours():
         assert steady_heights(height, reference).all()
 
 
+TELEMETRY = Path(__file__).parents[3] / "shared/logs/sitl/octa03_auto_wind5.tlog"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not TELEMETRY.exists(), reason="needs ../shared/logs")
 def test_bursts_in_a_telemetry_log_change_less_than_a_sigma():
     """Bursts of 2 to 5 readings in a tenth of a log overlap in places: height then moved by 684 sigma."""
     tables = read_log(TELEMETRY).tables
