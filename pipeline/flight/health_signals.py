@@ -88,7 +88,9 @@ def thin(t: Floats, y: Floats, most: int = _MOST) -> tuple[Floats, Floats]:
 
 
 def _line(name: str, column: pd.Series[float], flight: Span) -> Signal | None:
-    inside = column.loc[flight.start : flight.stop]
+    # Messages are as logged, and damage moves time stamps.
+    ordered = column if column.index.is_monotonic_increasing else column.sort_index(kind="stable")
+    inside = ordered.loc[flight.start : flight.stop]
     values = inside.to_numpy(np.float64)
     if len(values) < 2 or not np.isfinite(values).any():
         return None

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from logparse import FlightEvent, Severity
-from pipeline.flight.health_signals import thin
+from logparse import FlightEvent, Severity, read_log
+from pipeline.flight.health_signals import health_signals, thin
 from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal, Spectrum
 from pipeline.results.span import Span
 from reports.health_figures import health_figures
@@ -38,6 +38,16 @@ def health():
             motor_limits={"MOT_SPIN_MAX": 1950.0},
         ),
     )
+
+
+def test_messages_whose_times_damage_has_put_out_of_order_are_drawn_in_order():
+    log = read_log("sample_logs/octa01_zurich_calm.bin")
+    rows = log.messages["VIBE"]
+    times = rows.index.to_numpy().copy()
+    times[[50, 51]] = times[[51, 50]]
+    log.messages._frames["VIBE"] = rows.set_axis(times)
+    (panel,) = health_signals(log, Span(log.flight.start + 0.03, log.flight.stop - 0.03)).vibration
+    assert all((np.diff(signal.t) > 0.0).all() for signal in panel.signals)
 
 
 def test_thinning_keeps_every_peak():
