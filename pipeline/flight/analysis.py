@@ -140,7 +140,8 @@ def _analyze(
     else:
         rotation = stages.run("rotation", lambda _: find_rotation(log, sound))
         loops = stages.run("loops", lambda _: assess_loops(log, sound))
-        order, trims, weak = _motors(log, tables, sound)
+        motors = stages.run("health", lambda _: _motors(log, tables, sound))
+        order, trims, weak = (None, None, ()) if isinstance(motors, Failure) else motors
     if isinstance(trajectories.get(log.boot), Failure | None):
         trajectories[log.boot] = stages.run(
             "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)

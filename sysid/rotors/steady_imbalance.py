@@ -32,6 +32,8 @@ PATTERN = 0.05
 
 #: Time after lift-off and before landing that is left out, and the shortest flight that tells, s.
 _LIFT_OFF, _SHORTEST = 4.0, 20.0
+#: Rates [rad/s] and specific forces [m/s^2] beyond this were never measured.
+_WILD = 1e4
 
 #: Time over which means are taken, s, and number of what else makes moments.
 BLOCK, _NUISANCES = 2.0, 5
@@ -145,10 +147,14 @@ def _steady(trims: Floats, t: Floats, imu: pd.DataFrame | None) -> tuple[Floats,
     def blocks(values: Floats) -> Floats:
         return np.asarray(values[: count * size].reshape(count, size, -1).mean(axis=1))
 
+    if imu is not None:
+        read = imu[["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y"]]
+        # Damage leaves numbers that are none, or that no craft survives.
+        imu = imu[(read.abs() < _WILD).all(axis=1)]
     means, z, variance = blocks(trims), np.empty(3), np.empty(3)
     for axis in range(3):
         columns = [np.ones(count)]
-        if imu is not None and count > 3 * _NUISANCES:
+        if imu is not None and len(imu) > 1 and count > 3 * _NUISANCES:
             at, rate = imu.index.to_numpy(np.float64), imu[f"gyro_{'xyz'[axis]}"].to_numpy(np.float64)
             edges = (
                 np.interp(t[: count * size : size], at, rate),

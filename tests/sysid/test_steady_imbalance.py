@@ -1,5 +1,6 @@
 """A motor that is weak from the beginning shows in roll, pitch and yaw together; a load to one side does not yaw."""
 
+import numpy as np
 import pytest
 
 from logparse import MissingDataError, Vehicle
@@ -30,6 +31,14 @@ def test_sound_motors_raise_nothing_whatever_the_load(frame_class, frame_type):
     for shift in (None, (0.0, 0.0, 0.1, 0.0), (0.0, 0.1, 0.0, 0.0), (0.0, 0.07, -0.07, 0.0), (0.0, 0.0, 0.0, 0.1)):
         tables = fly(vehicle, 4, off=0.005, shift=shift)
         assert weak_from_start(steady_trims(tables, vehicle, 0.0, SECONDS)) == ()
+
+
+def test_readings_that_damage_made_do_not_count():
+    vehicle = craft("quad", "x")
+    tables = fly(vehicle, 4, off=0.005)
+    clean = steady_trims(tables, vehicle, 0.0, SECONDS)
+    tables.imu.iloc[[300, 500, 700], :4] = [[np.inf] * 4, [1e30] * 4, [np.nan] * 4]
+    assert steady_trims(tables, vehicle, 0.0, SECONDS).trims == pytest.approx(clean.trims, abs=0.01)
 
 
 def test_what_is_needed_is_said():
