@@ -10,6 +10,8 @@ heights are too coarse for shows beside the neighbours: no craft leaves the line
 import numpy as np
 import pandas as pd
 
+from logparse.units import STANDARD_GRAVITY
+
 #: Readings further than this from the running median are spikes, m.
 SPIKE = 10.0
 #: Over what the offset between barometer and GPS is held to be constant, s.
@@ -18,9 +20,8 @@ OFFSET_TIME = 60.0
 NEIGHBOURS = 11
 #: Further than this from a GPS height, s, the craft may have climbed so fast, m/s.
 LONGEST_GAP, CLIMB = 1.5, 10.0
-#: A reading leaves the line between its neighbours by this at most: noise and gusts, m, and vertical acceleration,
-#: m/s^2.
-UNEVEN, FALL = 1.0, 9.81
+#: A reading leaves the line between its neighbours by this and a fall at most, for noise and gusts, m.
+UNEVEN = 1.0
 
 
 def steady_heights(alt: pd.Series, reference: pd.Series) -> np.ndarray:
@@ -69,7 +70,8 @@ def _without_single(t: np.ndarray, values: np.ndarray, steady: np.ndarray) -> np
     before, after = np.diff(at)[:-1], np.diff(at)[1:]
     line = (known[:-2] * after + known[2:] * before) / np.maximum(before + after, 1e-9)
     away = np.zeros(len(kept))
-    away[1:-1] = np.abs(known[1:-1] - line) / (UNEVEN + 0.5 * FALL * before * after)
+    away[1:-1] = np.abs(known[1:-1] - line) / (UNEVEN + 0.5 * STANDARD_GRAVITY * before * after)
     farthest = pd.Series(away).rolling(3, center=True, min_periods=1).max().to_numpy(float)
-    single = (away > 1.0) & (away >= farthest)
-    return np.asarray(np.isin(np.arange(len(t)), kept[~single]))
+    even = steady.copy()
+    even[kept[(away > 1.0) & (away >= farthest)]] = False
+    return even

@@ -309,6 +309,11 @@ def _estimate_segment(
     return states, sigma, covariance, _counts(measured)
 
 
+def _nodes(t: np.ndarray, measured: list[_Measured]) -> np.ndarray:
+    """Return at which of the times `t` each row was measured; both lie on ticks."""
+    return np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
+
+
 def _alike(one: _Measured, other: _Measured) -> bool:
     """Whether two passes use a row alike."""
     close = np.abs(np.log(one.variance / other.variance)).max(initial=0.0) < SETTLED
@@ -320,7 +325,7 @@ def _softened(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.nda
 
     Iterated, this is the estimate by a loss that stops growing there (reweighted least squares: Holland & Welsch 1977).
     """
-    node = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
+    node = _nodes(t, measured)
     out = []
     for m, at in zip(measured, node, strict=True):
         if m.admitted and m.sensor == "baro":
@@ -339,7 +344,7 @@ def _judged(
 
     As `admission.admit` does; `measured` are the rows that made the states.
     """
-    node = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
+    node = _nodes(t, measured)
     worst = np.zeros(len(measured))
     speed = _measured_speed(measured)
     for k, (m, at) in enumerate(zip(given, node, strict=True)):
@@ -377,7 +382,7 @@ def _rescaled(measured: list[_Measured], t: np.ndarray, x: np.ndarray, P: np.nda
     A sensor that contradicts the others by more than its noise makes sigma too small, which shows where rows are left
     out: states then move by more than it. No variance is lowered: errors that last do not show in residuals.
     """
-    node = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
+    node = _nodes(t, measured)
     found: dict[tuple[str, int], tuple[list[float], list[float], list[float]]] = {}
     keys = []
     for m, at in zip(measured, node, strict=True):
@@ -453,7 +458,7 @@ def _filter(
     kf.P = np.diag(
         np.concatenate([np.full(3, 10.0), np.full(3, 10.0), driven[0, :3], gps_sigma, [10.0], driven[0, 3:]]) ** 2
     )
-    nodes = np.searchsorted(np.round(t / TICK), np.round(np.array([m.t for m in measured]) / TICK))
+    nodes = _nodes(t, measured)
     x, P = np.empty((len(t), SIZE)), np.empty((len(t), SIZE, SIZE))
     prior_x, prior_P, F = np.empty_like(x), np.empty_like(P), np.empty_like(P)
     # Mean input of each step by Simpson's rule.

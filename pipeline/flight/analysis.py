@@ -38,6 +38,9 @@ from sysid.rotors.steady_trims import SteadyTrims
 #: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
 SHORTEST_EXPERIMENT = 20.0
 
+#: What motor outputs tell: their order, their trims, and whether one is weak.
+_Motors = tuple[MotorOrder | None, SteadyTrims | None, tuple[Finding, ...]]
+
 
 def analyze(
     path: str | Path, config: AnalysisConfig | None = None, progress: Progress | None = None, *, name: str | None = None
@@ -132,16 +135,14 @@ def _analyze(
     sound = flight if isinstance(timeline, Failure) or timeline.sound is None else timeline.sound
     rotation: RotationResult | Failure
     loops: FlightLoops | Failure
-    order: MotorOrder | None = None
-    trims: SteadyTrims | None = None
-    weak: tuple[Finding, ...] = ()
+    motors: _Motors | Failure
     if isinstance(sound, Failure):
-        rotation = loops = sound
+        rotation = loops = motors = sound
     else:
         rotation = stages.run("rotation", lambda _: find_rotation(log, sound))
         loops = stages.run("loops", lambda _: assess_loops(log, sound))
         motors = stages.run("health", lambda _: _motors(log, tables, sound))
-        order, trims, weak = (None, None, ()) if isinstance(motors, Failure) else motors
+    order, trims, weak = (None, None, ()) if isinstance(motors, Failure) else motors
     if isinstance(trajectories.get(log.boot), Failure | None):
         trajectories[log.boot] = stages.run(
             "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
@@ -325,9 +326,7 @@ def _record(
     return stages.run("experiment", cut)
 
 
-def _motors(
-    log: FlightLog, tables: Tables, sound: Span
-) -> tuple[MotorOrder | None, SteadyTrims | None, tuple[Finding, ...]]:
+def _motors(log: FlightLog, tables: Tables, sound: Span) -> _Motors:
     """Hold motor outputs against the mixer, and against one another, as far as the log has what that takes.
 
     What trims say of a motor must hold in the other flights of the log too.

@@ -15,6 +15,7 @@ from pipeline.flight.kinds import THRUST_KEY
 from pipeline.flight.rotation import curve_of
 from pipeline.results.entry import FlightParameter, ResponseCurve
 from pipeline.results.failure import Failure, present
+from pipeline.results.rotation import FittedResponse
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.physical import HEADLINE, METHODS
@@ -87,17 +88,14 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
 
 def _turning(result: FlightResult) -> Iterator[FlightParameter]:
     """Yield how strongly and how late each axis answers; not what changes with the gains."""
-    rotation = present(result.rotation)
-    for axis in () if rotation is None else rotation.every:
-        if axis.rate is None or not axis.rate_determined:
-            continue
-        source = axis.rate.measured.source or "rate controller"
-        known = axis.rate.parameters
+    for axis, rate in _determined(result):
+        source = rate.measured.source or "rate controller"
+        known = rate.parameters
         late = known.get("effective_delay", known.get("delay"))
         for name, each in (("effectiveness", known["gain"]), ("delay", late)):
             if each is not None and each.value is not None and each.sigma is not None and each.sigma > 0.0:
                 yield FlightParameter(
-                    parameter=f"{axis.axis} {name}",
+                    parameter=f"{axis} {name}",
                     method=f"frequency response, {source}",
                     value=each.value,
                     sigma=each.sigma,
@@ -107,11 +105,16 @@ def _turning(result: FlightResult) -> Iterator[FlightParameter]:
 
 def response_curves(result: FlightResult) -> Iterator[ResponseCurve]:
     """Yield the coherent part of the response of every axis whose gain is determined."""
+    for _, rate in _determined(result):
+        yield curve_of(rate.measured, result.name)
+
+
+def _determined(result: FlightResult) -> Iterator[tuple[str, FittedResponse]]:
+    """Yield every axis whose gain is determined, with its response."""
     rotation = present(result.rotation)
     for axis in () if rotation is None else rotation.every:
-        if axis.rate is None or not axis.rate_determined:
-            continue
-        yield curve_of(axis.rate.measured, result.name)
+        if axis.rate is not None and axis.rate_determined:
+            yield axis.axis, axis.rate
 
 
 def motor_shares(record: Experiment) -> dict[str, tuple[float, float]]:

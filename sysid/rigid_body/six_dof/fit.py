@@ -212,8 +212,8 @@ def fit_six_dof(
         errors_of = partial(errors_from, starts)
         found = minimise(start, errors_of, mean, sigma, (low, high), steps, block, iterations)
         start = found.values
+    found = _centred(found, unknowns)
     theta, moved, wind = unpack(found.values)
-    relative = _relative(unknowns)
     parameters = _parameters(unknowns, found, theta, moved, kinds, mean, sigma, mass, dt)
     scales = spreads(errors_of(found.values))
     findings = _findings(parameters)
@@ -224,7 +224,7 @@ def fit_six_dof(
         shape=moved,
         kinds=kinds,
         estimated=tuple(unknown.name for unknown in unknowns),
-        covariance=relative @ found.covariance @ relative.T,
+        covariance=found.covariance,
         winds=wind,
         scales={float(mark * dt): scale for mark, scale in zip(marks, scales, strict=True)},
         training=tuple(record.name for record in records),
@@ -388,13 +388,11 @@ def _parameters(
 ) -> dict[str, BodyParameter]:
     """Name every parameter, with its standard error, and whether it is determined."""
     out: dict[str, BodyParameter] = {}
-    relative = _relative(unknowns)
-    values = relative @ found.values + (1.0 - relative.sum(axis=1)) * mean
-    spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", relative, found.covariance, relative), 0.0))
+    spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     for k, unknown in enumerate(unknowns):
         if unknown.kind == "wind":
             continue
-        value = float(values[k])
+        value = float(found.values[k])
         error = float(np.hypot(spread[k], _floor(unknown, value, dt)))
         unit = UNITS.get(unknown.name) or _unit(unknown)
         limit = max(RELATIVE * abs(value), _absolute(unknown.family))
@@ -433,10 +431,15 @@ def _parameters(
     return out
 
 
-def _relative(unknowns: Sequence[_Unknown]) -> Floats:
-    """Matrix that takes the mean from the shares of the motors: only what they differ by enters."""
-    shares = np.array([unknown.kind == "share" for unknown in unknowns], dtype=np.float64)
-    return np.asarray(np.eye(len(unknowns)) - np.outer(shares, shares) / max(shares.sum(), 1.0))
+def _centred(found: ShootingFit, unknowns: Sequence[_Unknown]) -> ShootingFit:
+    """Make the shares of the motors 1 in the mean, values and covariance: only what they differ by enters."""
+    shares = np.array([unknown.kind == "share" for unknown in unknowns])
+    if not shares.any():
+        return found
+    values = found.values.copy()
+    values[shares] += 1.0 - values[shares].mean()
+    centre = np.eye(len(unknowns)) - np.outer(shares, shares) / shares.sum()
+    return replace(found, values=values, covariance=centre @ found.covariance @ centre.T)
 
 
 def _floor(unknown: _Unknown, value: float, dt: float) -> float:
