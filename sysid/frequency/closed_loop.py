@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy
 
 from logparse import FlightLog
 from logparse.canonical.series import wrap
@@ -180,11 +179,16 @@ def _phase(found: FrequencyFit, omega: float) -> float:
 
 
 def _crossing(found: FrequencyFit, phase: float) -> float:
-    """Return the frequency at which the model's phase passes a level, rad/s; NaN where it never does below 50 Hz."""
-    top = 2.0 * np.pi * 50.0
-    if _phase(found, top) > phase:
+    """Return the first frequency at which the model's phase passes a level, rad/s; NaN where it never does below 50 Hz."""
+    hz = np.geomspace(1e-2, 50.0, 3000)
+    phases = np.unwrap(np.angle(found.response(hz) * np.sign(found.values[0])))
+    beyond = np.flatnonzero(phases <= phase)
+    # A model that starts beyond the level is of no craft: it never passed it either.
+    if not len(beyond) or beyond[0] == 0:
         return float("nan")
-    return float(scipy.optimize.brentq(lambda omega: _phase(found, omega) - phase, 0.1, top, xtol=1e-4))
+    k = int(beyond[0])
+    part = (phase - phases[k - 1]) / (phases[k] - phases[k - 1])
+    return float(2.0 * np.pi * (hz[k - 1] + part * (hz[k] - hz[k - 1])))
 
 
 def _bandwidth(found: FrequencyFit) -> float:
@@ -215,7 +219,7 @@ def _known(
     """Return a quantity of a fit with its error (delta method), or why it is not determined."""
     value = quantity_of(found)
     if not np.isfinite(value):
-        return Parameter(None, None, unit, "the model's phase never reaches this level below 50 Hz")
+        return Parameter(None, None, unit, "the model's phase never passes this level below 50 Hz")
     slope = np.zeros(len(found.values), dtype=np.float64)
     for k in range(len(found.values)):
         step = 0.1 * float(np.sqrt(max(found.covariance[k, k], 1e-20)))
