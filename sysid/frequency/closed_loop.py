@@ -179,9 +179,11 @@ def _phase(found: FrequencyFit, omega: float) -> float:
 
 
 def _crossing(found: FrequencyFit, phase: float) -> float:
-    """Return the first frequency at which the model's phase passes a level, rad/s; NaN where it never does below 50 Hz."""
+    """Return the first frequency at which the model's phase passes a level, rad/s; NaN if it never does below 50 Hz."""
     hz = np.geomspace(1e-2, 50.0, 3000)
     phases = np.unwrap(np.angle(found.response(hz) * np.sign(found.values[0])))
+    if phases[0] > 0.5 * np.pi:  # A response to a target leads by less: it lags by more than half a turn.
+        phases -= 2.0 * np.pi
     beyond = np.flatnonzero(phases <= phase)
     # A model that starts beyond the level is of no craft: it never passed it either.
     if not len(beyond) or beyond[0] == 0:
