@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from logparse.events.timeline import flight_events
     from logparse.flights import Flight
     from logparse.frames import Motor, Vehicle
+    from logparse.given import GivenLogs, logs_of
     from logparse.log import FlightLog, check_is_log, read_flights, read_log, read_power_ups
     from logparse.messages import Messages
     from logparse.source import Boot, MessageSource
@@ -27,6 +28,7 @@ __all__ = [
     "FlightEvent",
     "FlightLog",
     "Geodetic",
+    "GivenLogs",
     "LogError",
     "MessageSource",
     "Messages",
@@ -38,6 +40,7 @@ __all__ = [
     "Vehicle",
     "check_is_log",
     "flight_events",
+    "logs_of",
     "read_flights",
     "read_log",
     "read_power_ups",

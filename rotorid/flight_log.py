@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -44,7 +45,8 @@ class FlightLog(logparse.FlightLog):
             Without these inputs, without a flight, or when the trajectory does not cover it.
         """
         name = self.path.name
-        return Experiment.from_flight(self, self.trajectory, rate, inputs, outputs, frame, name=name)
+        cut = Experiment.from_flight(self, self.trajectory, rate, inputs, outputs, frame, name=name)
+        return replace(cut, log=self)
 
 
 def load(path: str | Path, boot: int | None = None) -> FlightLog:

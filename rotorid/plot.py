@@ -14,6 +14,7 @@ from plotly.subplots import make_subplots
 
 from logparse import FlightLog
 from rotorid.flight_log import FlightLog as LoadedLog
+from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import COHERENT, FrequencyResponse
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.transfer_functions.frequency_response import frequency_response
@@ -39,15 +40,17 @@ _TEMPLATE = go.layout.Template(
 )
 
 
-def bode(*responses: FrequencyResponse | TransferFunction) -> go.Figure:
+def bode(*responses: FrequencyResponse | FrequencyFit | TransferFunction) -> go.Figure:
     """Draw gain, phase and coherence over frequency; measured ones in dark, models in colour.
 
     Parameters
     ----------
-    *responses : FrequencyResponse or TransferFunction
-        A transfer function is drawn over the frequencies of the measured ones, or over 0.1 to 20 Hz alone.
+    *responses : FrequencyResponse, FrequencyFit or TransferFunction
+        Models are drawn over the frequencies of the measured ones, or over 0.1 to 20 Hz alone; of a fit to several
+        responses the first.
     """
-    measured = [each for each in responses if not isinstance(each, TransferFunction)]
+    measured = [each for each in responses if isinstance(each, FrequencyResponse)]
+    models = [each for each in responses if not isinstance(each, FrequencyResponse)]
     span = np.concatenate([each.hz for each in measured]) if measured else np.array([0.1, 20.0])
     grid = np.geomspace(span.min(), span.max(), 200)
     rows = 3 if measured else 2
@@ -61,11 +64,11 @@ def bode(*responses: FrequencyResponse | TransferFunction) -> go.Figure:
         _curve(figure, 1, each.hz, gain, _BAND * each.sigma * 20.0 / np.log(10.0), name, colour)
         _curve(figure, 2, each.hz, phase, _BAND * np.degrees(each.sigma_phase), name, colour, legend=False)
         _curve(figure, 3, each.hz, each.coherence, None, name, colour, legend=False)
-    for number, function in enumerate((each for each in responses if isinstance(each, TransferFunction)), start=1):
-        found = frequency_response(function, 2.0 * np.pi * grid)
+    for number, model in enumerate(models, start=1):
+        gain, phase = _gain_and_phase(model, grid)
         name, colour = f"model {number}" if number > 1 else "model", next(colours)
-        _curve(figure, 1, grid, 20.0 * np.log10(found.gain), None, name, colour)
-        _curve(figure, 2, grid, np.degrees(found.phase), None, name, colour, legend=False)
+        _curve(figure, 1, grid, gain, None, name, colour)
+        _curve(figure, 2, grid, phase, None, name, colour, legend=False)
     if measured:
         poor = {"type": "rect", "xref": "x domain", "yref": "y3", "x0": 0, "x1": 1, "y0": 0, "y1": COHERENT}
         figure.add_shape(poor | {"fillcolor": "#9aa3ab", "opacity": 0.15, "line": {"width": 0}, "layer": "below"})
@@ -75,6 +78,15 @@ def bode(*responses: FrequencyResponse | TransferFunction) -> go.Figure:
     figure.update_xaxes(type="log")
     figure.update_xaxes(title_text="frequency (Hz)", row=rows, col=1)
     return figure.update_layout(template=_TEMPLATE, height=240 * rows)
+
+
+def _gain_and_phase(model: FrequencyFit | TransferFunction, hz: Floats) -> tuple[Floats, Floats]:
+    """Return a model's gain [dB] and phase [deg]."""
+    if isinstance(model, FrequencyFit):
+        found = model.response(hz)
+        return 20.0 * np.log10(np.abs(found)), np.degrees(np.unwrap(np.angle(found)))
+    function = frequency_response(model, 2.0 * np.pi * hz)
+    return 20.0 * np.log10(function.gain), np.degrees(function.phase)
 
 
 def prediction(

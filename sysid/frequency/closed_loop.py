@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from logparse import FlightLog
+from logparse import FlightLog, GivenLogs, logs_of
 from logparse.canonical.series import wrap
 from logparse.quantity import uncertain
 from logparse.units import quantity
@@ -59,7 +59,7 @@ class AttitudeResponse:
 
 
 def attitude_response(
-    data: FlightLog | Sequence[FlightLog],
+    data: GivenLogs,
     axis: str,
     *,
     part: tuple[float, float] = (0.0, 1.0),
@@ -69,7 +69,7 @@ def attitude_response(
 
     Parameters
     ----------
-    data : FlightLog or sequence of FlightLog
+    data : FlightLog, path-like, or a sequence of either
     axis : {"roll", "pitch", "yaw"}
     part : tuple of float
         From where to where in each flight, in parts of its length.
@@ -84,7 +84,7 @@ def attitude_response(
     which = axis_of(axis)
     if not which.attitude:
         raise FrequencyError("the vertical axis has no attitude; ask for roll, pitch or yaw")
-    logs = [data] if isinstance(data, FlightLog) else list(data)
+    logs = logs_of(data)
     records, reasons = [], []
     for log in logs:
         try:

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from logparse import Finding, FlightLog, Severity
+from logparse import Finding, FlightLog, Severity, logs_of
 from sysid.frequency.axes import PILOTS_THROTTLE, Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.composite import merge
 from sysid.frequency.excitation import Within, find_chirps
@@ -62,7 +63,8 @@ _BESIDE = 2
 #: Lowest rate [Hz] at which the rate loop's samples tell more than their own folding.
 _LOWEST_RATE = 8.0
 
-Data = FlightLog | Experiment
+#: A log by its path, too.
+Data = FlightLog | Experiment | str | Path
 
 
 def response(
@@ -75,7 +77,7 @@ def response(
 
     Parameters
     ----------
-    data : FlightLog, Experiment, or a sequence of either
+    data : FlightLog, path-like, Experiment, or a sequence of these
         Several are summed. An experiment needs an input and an output of the axis (see `experiment_record`), or one
         input and one output.
     axis : {"roll", "pitch", "yaw", "vertical"}
@@ -92,8 +94,7 @@ def response(
     which = axis_of(axis)
     findings: list[Finding] = []
     records = records_of(data, which, findings, within)
-    sources = [data] if isinstance(data, FlightLog | Experiment) else list(data)
-    logs = [source for source in sources if isinstance(source, FlightLog)]
+    logs = [source for source, _ in _sources(data, within) if isinstance(source, FlightLog)]
     source = records[0].source
     filters = {filtered(log, source) for log in logs}
     gyro = filters.pop() if len(filters) == 1 and which.attitude else None
@@ -123,7 +124,7 @@ def records_of(
 
     Parameters
     ----------
-    data : FlightLog, Experiment, or a sequence of either
+    data : FlightLog, path-like, Experiment, or a sequence of these
     axis : Axis
     findings : list of Finding, optional
         Takes what there is to say of them.
@@ -135,21 +136,21 @@ def records_of(
     FrequencyError
         When there is none; the message says why not, log by log.
     """
-    sources = [data] if isinstance(data, FlightLog | Experiment) else list(data)
+    sources = _sources(data, within)
     if not sources:
         raise FrequencyError("no logs given")
     chirped: list[AxisRecord] = []
     ordinary: list[AxisRecord] = []
     reasons: list[str] = []
-    for source in sources:
+    for source, part in sources:
         try:
             if isinstance(source, Experiment):
                 ordinary.append(experiment_record(source, axis))
                 continue
-            found = _chirped(source, axis, [] if findings is None else findings, reasons, within)
+            found = _chirped(source, axis, [] if findings is None else findings, reasons, part)
             chirped += found
             if not found:
-                ordinary.append(ordinary_record(source, axis, within))
+                ordinary.append(ordinary_record(source, axis, part))
         except FrequencyError as error:
             reasons.append(str(error))
     records = _of_one_source(chirped or ordinary, [] if findings is None else findings)
@@ -159,6 +160,19 @@ def records_of(
     if not records:
         raise FrequencyError(log_by_log(reasons) or f"no excitation of the {axis.name} axis")
     return records
+
+
+def _sources(data: Data | Sequence[Data], within: Within | None) -> list[tuple[FlightLog | Experiment, Within | None]]:
+    """Return each source with the part of it that counts; a record cut from a log is that stretch of the log."""
+    found: list[tuple[FlightLog | Experiment, Within | None]] = []
+    for each in [data] if isinstance(data, Data) else data:
+        if not isinstance(each, Experiment):
+            found += [(log, within) for log in logs_of(each)]
+        elif each.log is None:
+            found.append((each, None))
+        else:
+            found.append((each.log, (float(each.t[0]), float(each.t[-1])) if within is None else within))
+    return found
 
 
 def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[AxisRecord]:

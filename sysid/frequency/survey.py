@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from logparse import Finding, FlightLog, Severity
+from logparse import Finding, FlightLog, GivenLogs, Severity, logs_of
 from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.closed_loop import AttitudeResponse, attitude_response
 from sysid.frequency.coupling import Coupling, coupling
@@ -61,14 +61,12 @@ class FrequencySurvey:
         return any(axis.determined for axis in self.axes)
 
 
-def survey(
-    logs: FlightLog | Sequence[FlightLog], axes: Sequence[str] = tuple(AXES), within: Within | None = None
-) -> FrequencySurvey:
+def survey(logs: GivenLogs, axes: Sequence[str] = tuple(AXES), within: Within | None = None) -> FrequencySurvey:
     """Estimate what can be had of each axis from logs of one craft.
 
     Parameters
     ----------
-    logs : FlightLog or sequence of FlightLog
+    logs : FlightLog, path-like, or a sequence of either
     axes : sequence of str
     within : tuple of float, optional
         From when to when a log counts, s on its boot clock; default its longest flight, and chirps wherever they are.
@@ -78,7 +76,7 @@ def survey(
     FrequencyError
         For an axis that does not exist.
     """
-    given = [logs] if isinstance(logs, FlightLog) else list(logs)
+    given = logs_of(logs)
     found = tuple(_axis(given, axis, within) for axis in axes)
     single = _single(given, axes, within) if len(given) > 1 else ()
     names = tuple(log.name for log in given)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from scipy.linalg import solve_toeplitz
 
-from logparse import FlightLog
+from logparse import FlightLog, GivenLogs, logs_of
 from sysid.frequency.axes import AXES, FrequencyError, log_by_log
 from sysid.frequency.estimate import ordinary_record, records_of, response
 from sysid.frequency.excitation import Within, find_chirps
@@ -43,7 +43,7 @@ GOOD_THEIL = 0.3
 UNRELATED = 4.0
 
 
-def fit_in_time(found: FrequencyFit, data: FlightLog | Sequence[FlightLog]) -> Mapping[str, Parameter]:
+def fit_in_time(found: FrequencyFit, data: GivenLogs) -> Mapping[str, Parameter]:
     """Fit the structure of one frequency response to the samples it came from, by the prediction-error method.
 
     The output-error of the structure is whitened by an autoregression, which makes the estimate consistent also where
@@ -53,7 +53,7 @@ def fit_in_time(found: FrequencyFit, data: FlightLog | Sequence[FlightLog]) -> M
     ----------
     found : FrequencyFit
         Of one axis; its values are where the search starts.
-    data : FlightLog or sequence of FlightLog
+    data : FlightLog, path-like, or a sequence of either
 
     Returns
     -------
@@ -141,14 +141,14 @@ class Verification:
         )
 
 
-def verify(found: FrequencyFit, data: FlightLog | Sequence[FlightLog], within: Within | None = None) -> Verification:
+def verify(found: FrequencyFit, data: GivenLogs, within: Within | None = None) -> Verification:
     """Judge a fit of one axis on other flying: all its time in the air, without chirps, above 0.15 Hz.
 
     Parameters
     ----------
     found : FrequencyFit
         Of one axis.
-    data : FlightLog or sequence of FlightLog
+    data : FlightLog, path-like, or a sequence of either
     within : tuple of float, optional
         From when to when a log counts, s on its boot clock.
 
@@ -160,7 +160,7 @@ def verify(found: FrequencyFit, data: FlightLog | Sequence[FlightLog], within: W
     if len(found.axes) != 1:
         raise FrequencyError("a verification takes a fit of one axis")
     axis = AXES[found.axes[0]]
-    logs = [data] if isinstance(data, FlightLog) else list(data)
+    logs = logs_of(data)
     records, reasons = [], []
     for log in logs:
         try:

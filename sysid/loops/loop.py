@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from logparse import FlightLog
+from logparse import GivenLogs, logs_of
 from logparse.quantity import uncertain
 from logparse.summary import Summarised
 from sysid.frequency.excitation import Within
@@ -167,12 +166,12 @@ class RateLoop(Summarised):
         }
 
 
-def rate_loop(log: FlightLog | Sequence[FlightLog], axis: str, within: Within | None = None) -> RateLoop:
+def rate_loop(log: GivenLogs, axis: str, within: Within | None = None) -> RateLoop:
     """Identify an axis' loop from the chirps of one or several flights with the same settings.
 
     Parameters
     ----------
-    log : FlightLog or sequence of FlightLog
+    log : FlightLog, path-like, or a sequence of either
     axis : {"roll", "pitch", "yaw"}
     within : tuple of float, optional
         From when to when chirps of a log count, s on its boot clock; default all of it.
@@ -184,7 +183,7 @@ def rate_loop(log: FlightLog | Sequence[FlightLog], axis: str, within: Within | 
     FrequencyError
         Where the signals are missing or too short.
     """
-    logs = [log] if isinstance(log, FlightLog) else list(log)
+    logs = logs_of(log)
     if not logs:
         raise LoopError("no log was given")
     settings = [read_settings(one, axis) for one in logs]

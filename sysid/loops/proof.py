@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from logparse import FlightLog, RotoridError
+from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from logparse.summary import Summarised, listed
 from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
@@ -73,10 +73,20 @@ class Proof(Summarised):
         return flights | ({"verdict": self.verdict} if self.refused is None else {"refused": self.refused})
 
 
-def prove(before: FlightLog | Sequence[FlightLog], after: FlightLog | Sequence[FlightLog]) -> Proof:
-    """Compare what flights foretell of later ones of the same craft with what those measured."""
-    firsts = [before] if isinstance(before, FlightLog) else list(before)
-    seconds = [after] if isinstance(after, FlightLog) else list(after)
+def prove(before: GivenLogs, after: GivenLogs) -> Proof:
+    """Compare what flights foretell of later ones of the same craft with what those measured.
+
+    Parameters
+    ----------
+    before, after : FlightLog, path-like, or a sequence of either
+        Flights with chirps, before and after gains or filters were changed.
+
+    Raises
+    ------
+    LogError
+        Where something given is no log.
+    """
+    firsts, seconds = logs_of(before), logs_of(after)
     names = tuple(log.name for log in firsts), tuple(log.name for log in seconds)
     empty = pd.DataFrame(columns=["predicted", "predicted_sigma", "measured", "measured_sigma", "unit"])
 

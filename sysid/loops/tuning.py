@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from logparse import FlightLog, RotoridError
+from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from logparse.summary import Summarised, listed
 from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
@@ -97,12 +97,12 @@ class Tuning(Summarised):
         return {"logs": listed(self.logs), "proposed": listed(changes, most=4)}
 
 
-def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") -> Tuning:
+def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
     """Propose gains for the axes whose logs support it.
 
     Parameters
     ----------
-    logs : FlightLog or sequence of FlightLog
+    logs : FlightLog, path-like, or a sequence of either
         Flights of one craft with the same settings and chirps at the mixer.
     aim : Aim or {"rejection", "quiet", "margins"}
 
@@ -115,7 +115,7 @@ def tune(logs: FlightLog | Sequence[FlightLog], aim: Aim | str = "rejection") ->
         if aim not in AIMS:
             raise LoopError(f"there is no aim {aim!r}; the aims are {', '.join(AIMS)}")
         aim = AIMS[aim]
-    flights = [logs] if isinstance(logs, FlightLog) else list(logs)
+    flights = logs_of(logs)
     names = tuple(log.name for log in flights)
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -79,6 +79,13 @@ class Experiment(Summarised):
     context: pd.DataFrame | None = None
     vehicle: Vehicle | None = None
     findings: tuple[Finding, ...] = ()  #: What resampling had to say.
+    #: From which it was cut, where it was cut by ``log.experiment``: what needs more than the record holds, such as a
+    #: frequency response at the full rate, reads this stretch of it.
+    log: FlightLog | None = field(default=None, compare=False)
+
+    def __getstate__(self) -> list[object]:
+        """Leave the log behind: it is an open file, which no other process has."""
+        return [getattr(self, each.name) if each.name != "log" else None for each in fields(self)]
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""

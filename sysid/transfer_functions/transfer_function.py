@@ -236,9 +236,14 @@ class TransferFunctionModel(FunctionsModel):
         order = f"{self.poles} poles, {self.zeros} zeros, {self.structure.replace('_', ' ')} denominators"
         return {**FunctionsModel.summary(self), "order": order}
 
-    def __getitem__(self, names: tuple[str, str]) -> TransferFunction:
-        """Return the function from an input to an output: ``model["z", "m1"]``."""
-        output, source = names
+    def __getitem__(self, names: tuple[str, str] | str) -> TransferFunction:
+        """Return the function from an input to an output: ``model["z", "m1"]``; of a single input ``model["z"]``."""
+        output, source = (names, self.input_names[0]) if isinstance(names, str) else names
+        if isinstance(names, str) and len(self.input_names) > 1:
+            raise KeyError(
+                f"name an output and an input, such as [{self.output_names[0]!r}, {source!r}]; outputs are "
+                f"{', '.join(self.output_names)}, inputs {', '.join(self.input_names)}"
+            )
         if output not in self.output_names or source not in self.input_names:
             raise KeyError(
                 f"no function to {output!r} from {source!r}; outputs are {', '.join(self.output_names)}, inputs "

@@ -1,6 +1,7 @@
 """``import rotorid as ro``: quick to import, every name there, results that show themselves, the README's example."""
 
 import importlib
+import pickle
 import pkgutil
 import re
 import subprocess
@@ -15,6 +16,7 @@ import estimation
 import pipeline
 import rotorid as ro
 import sysid
+from logparse import RotoridError
 from logparse.summary import Summarised
 from pipeline.errors import ConfigError
 from sysid.records.experiment import Experiment, ExperimentError
@@ -38,6 +40,11 @@ def halves(log):
 @pytest.fixture(scope="module")
 def body(halves):
     return ro.fit.rigid_body(halves[0], mass=4.3)
+
+
+@pytest.fixture(scope="module")
+def chirps():
+    return ro.load(ROOT / "sample_logs" / "quad02_delft_systemid.bin")
 
 
 class Still:
@@ -168,3 +175,47 @@ def test_a_folder_gives_its_craft_with_their_parameters(tmp_path):
 def test_a_simulated_flight_by_name():
     outcome = ro.simulate("motion-vertical")
     assert outcome.history.index.name == "t" or len(outcome.history)
+
+
+def test_a_record_cut_from_a_log_has_the_frequency_response_of_its_stretch(chirps):
+    """At the log's full rate with the chirp as instrument, not from the record's own samples."""
+    data = chirps.experiment(rate=25.0)
+    own, whole = ro.frequency.response(data, "roll"), ro.frequency.response(chirps, "roll")
+    np.testing.assert_allclose(own.response, whole.response, rtol=1e-9)
+    # The chirp on roll is the first: in the last tenth there is only what the attitude controller wanted.
+    assert own.instrument == "chirp of SID_AXIS 10"
+    assert ro.frequency.response(data.split(0.9)[1], "roll").instrument == "roll target"
+
+
+def test_a_record_goes_to_another_process_without_its_log(chirps):
+    data = chirps.experiment(rate=10.0)
+    again = pickle.loads(pickle.dumps(data))
+    assert again.log is None
+    np.testing.assert_array_equal(again.y, data.y)
+
+
+def test_what_asks_for_logs_takes_their_paths(chirps):
+    path = str(chirps.path)
+    np.testing.assert_array_equal(
+        ro.frequency.response(path, "yaw").response, ro.frequency.response([chirps], "yaw").response
+    )
+    assert ro.tune(path).refused == ro.tune([chirps]).refused
+    assert ro.prove(path, [path]).before == (chirps.name,)
+
+
+@pytest.mark.parametrize("given", [3.0, None, [None], {"a": 1}])
+def test_what_is_no_log_is_named(given):
+    with pytest.raises(RotoridError, match="log"):
+        ro.tune(given)
+
+
+def test_bode_lays_a_fit_over_what_was_measured(chirps):
+    frf = ro.frequency.response(chirps, "pitch")
+    figure = ro.plot.bode(frf, ro.frequency.fit(frf))
+    assert [trace.name for trace in figure.data if trace.showlegend] == ["measured pitch", "model"]
+
+
+def test_one_function_of_several_is_asked_for_by_output_and_input(halves):
+    tf = ro.fit.transfer_functions(halves[0].resample(10.0), poles=2, zeros=1)
+    with pytest.raises(KeyError, match=r"\['x', 'm1'\]"):
+        _ = tf["z"]
