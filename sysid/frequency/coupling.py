@@ -17,7 +17,7 @@ from sysid.frequency.axes import AXES, Axis, FrequencyError
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Chirp, Within, find_chirps
 from sysid.frequency.records import AxisRecord, RateSignals, chirp_signal, flight_record, on_uniform_clock
-from sysid.frequency.response import Floats, FrequencyResponse
+from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.sources import signals_of
 from sysid.statistics.parameter import Parameter
 
@@ -129,16 +129,15 @@ def _chirped(log: FlightLog, signals: RateSignals, commanded: Axis, answering: A
         mine = chirp.axis == axis.name
         late = chirp.at_mixer and not signals.with_chirp and mine
         inputs.append(signals.columns[axis.input][rows] + (added if late else 0.0))
-        instruments.append(added if mine else np.zeros(len(t)))
-    columns: list[Floats] = [*inputs, *instruments, signals.columns[answering.output][rows]]
-    clock, values, usable = on_uniform_clock(t, columns)
+        instruments.append(float(mine))
+    clock, values, usable = on_uniform_clock(t, [*inputs, signals.columns[answering.output][rows]])
     return AxisRecord(
         name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
         start=float(clock[0]),
         dt=float(clock[1] - clock[0]),
         inputs=values[:, :2],
-        output=values[:, 4],
-        instruments=values[:, 2:4],
+        output=values[:, 2],
+        instruments=np.outer(chirp_signal(log, clock, chirp), instruments),
         usable=usable,
         band=(chirp.low, chirp.high),
         instrument="chirps",

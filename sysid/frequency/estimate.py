@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from logparse import Finding, FlightLog, Severity, logs_of
 from sysid.frequency.axes import PILOTS_THROTTLE, Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.composite import merge
-from sysid.frequency.excitation import Within, find_chirps
+from sysid.frequency.excitation import Chirp, Within, find_chirps, overlapped
 from sysid.frequency.fit import FrequencyFit, fit, refit
-from sysid.frequency.limits import FOLDING, limits_of
+from sysid.frequency.limits import FOLDING, limits_of, reversed_answer
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, chirp_record, experiment_record, flight_record
 from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.smoothness import roughness
@@ -56,6 +56,9 @@ _PASSES = 7
 #: Roughness of a response, in its stated errors, above which they are too small: random errors that are correlated over
 #: a spectral window leave 0.37 (40 simulated flights, closed loop, three kinds of noise), independent ones 0.9.
 _ROUGH = 0.6
+
+#: Part of the rows from which on it is their loss that leaves no window whole.
+_WHOLE = 0.1
 
 #: Frequencies on either side whose coherence counts as well.
 _BESIDE = 2
@@ -114,6 +117,9 @@ def response(
     ordinary = any(record.band == ORDINARY_BAND for record in records) and logs and which.attitude
     if ordinary and frf.step > 1.0 / FOLDING and frf.usable.any():
         common = float(np.hypot(common, _FOLDED * np.median(frf.sigma[frf.usable])))
+    if logs and which.attitude:
+        findings += reversed_answer(frf)
+    common = float(np.hypot(common, float(np.sqrt(np.mean([record.common**2 for record in records])))))
     return replace(frf, findings=tuple(findings), systematic=common)
 
 
@@ -212,7 +218,10 @@ def _chirped(
     log: FlightLog, axis: Axis, findings: list[Finding], reasons: list[str], within: Within | None
 ) -> list[AxisRecord]:
     """Cut the records of a log's chirps on an axis, and say of those that cannot be used why."""
-    chirps = [chirp for chirp in find_chirps(log, within) if chirp.axis == axis.name]
+    every = find_chirps(log, within)
+    chirps = [chirp for chirp in every if chirp.axis == axis.name]
+    if why := overlapped(log, axis.name, every):
+        reasons.append(why)
     if not chirps:
         return []
     signals = signals_of(log, axis)
@@ -221,25 +230,29 @@ def _chirped(
         if not chirp.worthwhile:
             reasons.append(
                 f"{log.path.name}: the chirp on the {axis.name} axis at {chirp.start:.1f} s was aborted after "
-                f"{chirp.duration:.1f} s, before two cycles of its lowest frequency; fly it again"
+                f"{chirp.duration:.1f} s at {chirp.high:.2g} Hz, before it had swept a band; fly it again, for 20 s "
+                "at least"
             )
+            findings.append(_aborted(log, axis, chirp))
             continue
         if not chirp.complete:
-            findings.append(
-                Finding(
-                    "chirp-aborted",
-                    Severity.WARNING,
-                    f"The chirp on the {axis.name} axis at {chirp.start:.1f} s of {log.path.name} ended at "
-                    f"{chirp.high:.2g} Hz, before its time.",
-                    "Fly it again for the frequencies above.",
-                    {"start": chirp.start, "duration": chirp.duration, "highest_hz": chirp.high},
-                )
-            )
+            findings.append(_aborted(log, axis, chirp))
         try:
             records.append(chirp_record(log, signals, axis, chirp))
         except FrequencyError as error:
             reasons.append(str(error))
     return records
+
+
+def _aborted(log: FlightLog, axis: Axis, chirp: Chirp) -> Finding:
+    return Finding(
+        "chirp-aborted",
+        Severity.WARNING,
+        f"The chirp on the {axis.name} axis at {chirp.start:.1f} s of {log.path.name} ended at {chirp.high:.2g} Hz, "
+        "before its time.",
+        "Fly it again for the frequencies above.",
+        {"start": chirp.start, "duration": chirp.duration, "highest_hz": chirp.high},
+    )
 
 
 def response_of_records(
@@ -319,6 +332,16 @@ def _of_neighbours(coherence: Floats) -> Floats:
     return np.asarray(np.median(around, axis=1))
 
 
+def _less_its_error(coherence: Floats, averages: Floats) -> Floats:
+    """Return coherences less their standard error (Bendat and Piersol 2010, table 9.6).
+
+    Those that pass a limit by chance are those whose responses err most.
+    """
+    known = np.where(np.isfinite(averages) & (averages > 0.0), averages, np.inf)
+    error = np.sqrt(2.0 * coherence / known) * (1.0 - coherence)
+    return np.asarray(np.maximum(coherence - error, 0.0))
+
+
 def _covered(record: AxisRecord, hz: Floats) -> NDArray[np.bool_]:
     """Return at which frequencies what excited a record was logged."""
     skipped = [(hz > low) & (hz < high) for low, high in record.unswept]
@@ -369,7 +392,9 @@ def _composite(
             parts.append((each.mask, part))
     if not parts:
         longest = max(record.duration for record in records)
-        raise FrequencyError(f"records of {longest:.1f} s are too short for windows on the {axis.name} axis")
+        lost = 1.0 - float(np.mean(np.concatenate([record.usable for record in records])))
+        why = "are too short" if lost < _WHOLE else f"miss {100.0 * lost:.0f} % of their rows, which is too much"
+        raise FrequencyError(f"records of {longest:.1f} s {why} for windows on the {axis.name} axis")
     merged = merge(hz, parts, 0)
     smooth = merged.response * (2j * np.pi * hz if axis.attitude else 1.0) if known is None else merged.response / known
     excess = max(1.0, roughness(hz, smooth, merged.sigma, merged.coherence) / _ROUGH)
@@ -379,6 +404,7 @@ def _composite(
         averages = (1.0 - gamma) / (2.0 * gamma * merged.sigma**2)
     instruments = sorted({record.instrument for record in records} - {""})
     covered = np.any([_covered(record, hz) for record in records], axis=0)
+    coherence = np.minimum(merged.coherence, _of_neighbours(merged.coherence))
     return FrequencyResponse(
         axis=axis.name,
         input=axis.input,
@@ -386,7 +412,7 @@ def _composite(
         unit=axis.unit,
         hz=hz,
         response=merged.response,
-        coherence=np.where(covered, np.minimum(merged.coherence, _of_neighbours(merged.coherence)), 0.0),
+        coherence=np.where(covered, _less_its_error(coherence, averages), 0.0),
         sigma=sigma,
         sigma_phase=sigma.copy(),
         averages=np.asarray(averages, dtype=np.float64),

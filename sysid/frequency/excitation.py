@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -22,8 +23,11 @@ _SHOWN = 0.45
 #: A chirp cut to less than this part of its plan is an aborted one.
 _COMPLETE = 0.95
 
-#: Cycles of its lowest frequency that a chirp must last to be of use.
-_SHORTEST = 2.0
+#: Cycles of its lowest frequency that a chirp must last to be of use, and of any frequency that is looked at.
+_SHORTEST, _LEAST_CYCLES = 2.0, 3.0
+
+#: Ratio of highest to lowest frequency up to which it is one tone, at which no dynamics show.
+_WIDEST_TONE = 1.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +52,9 @@ class Chirp:
 
     @property
     def worthwhile(self) -> bool:
-        """Return whether it lasted two cycles of its lowest frequency at least."""
-        return self.high > 0.0 and self.duration * max(self.low, 1e-3) >= _SHORTEST
+        """Return whether it lasted two cycles of its lowest frequency, and swept a band in which dynamics show."""
+        long_enough = self.high > 0.0 and self.duration * max(self.low, 1e-3) >= _SHORTEST
+        return long_enough and self.high > _WIDEST_TONE * max(self.low, _LEAST_CYCLES / self.duration)
 
 
 def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ...]:
@@ -72,7 +77,7 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
     target = table["target"].to_numpy(np.float64)
     new = (np.diff(elapsed) < -1e-3) | (np.diff(t) > _PAUSE) | (np.diff(axis) != 0.0)
     edges = np.concatenate([[0], np.flatnonzero(new) + 1, [len(t)]])
-    planned = _planned(log)
+    planned = _announced(log)
     found = []
     for first, last in pairwise(edges):
         if last - first < 8:
@@ -84,25 +89,53 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
             continue
         # After its last cycle a run only waits.
         last = first + int(np.flatnonzero(moving)[-1]) + 1
-        length = float(t[last - 1] - t[first])
-        plan = [duration for begin, duration in planned if begin <= t[first] + 1.0]
-        complete = not plan or length >= _COMPLETE * plan[-1]
+        lasted = float(t[last - 1] - t[first])
+        plan = [length for begin, length, _ in planned if begin <= t[first] + 1.0]
+        complete = not plan or lasted >= _COMPLETE * plan[-1]
         swept = frequency[first:last][moving[: last - first]]
         swept = swept[np.isfinite(swept)]
         if len(swept) >= 8:
             limits = float(swept.min()), float(swept.max())
         else:  # Autotuning of PX4 says what it adds, not at which frequency; the coherence tells where it did.
-            limits = _SHORTEST / max(length, 1e-3), _SHOWN / float(np.median(np.diff(t[first:last])))
+            limits = _SHORTEST / max(lasted, 1e-3), _SHOWN / float(np.median(np.diff(t[first:last])))
         found.append(Chirp(name, number, float(t[first]), float(t[last - 1]), *limits, at_mixer, complete))
     return tuple(chirp for chirp in found if within is None or (within[0] <= chirp.start and chirp.stop <= within[1]))
 
 
-def _planned(log: FlightLog) -> list[tuple[float, float]]:
-    """Return the time and the planned length, s, of each run that SIDS announces."""
+def overlapped(log: FlightLog, axis: str, found: Sequence[Chirp]) -> str:
+    """Return that the chirp of an axis ran at the time of another's, whose rows stand in SIDD; empty where it did not.
+
+    Parameters
+    ----------
+    log : FlightLog
+    axis : str
+    found : sequence of Chirp
+        All of the log.
+    """
+    for begin, length, name in _announced(log):
+        if name != axis:
+            continue
+        own = [chirp for chirp in found if chirp.axis == axis and begin - 1.0 < chirp.start < begin + length]
+        lost = own[0].stop if own else begin
+        for other in found:
+            cut = not own or not own[0].complete
+            if cut and other.axis != axis and (other.start < lost + 1.0 <= other.stop) and other.stop > begin:
+                return (
+                    f"{log.path.name}: the chirp on the {axis} axis at {begin:.1f} s ran at the time of that on the "
+                    f"{other.axis} axis at {other.start:.1f} s, whose rows stand in SIDD; fly one after the other"
+                )
+    return ""
+
+
+def _announced(log: FlightLog) -> list[tuple[float, float, str]]:
+    """Return the time and the planned length, s, of each run that SIDS announces, and the axis that it excites."""
     if "SIDS" not in log.messages:
         return []
     frame = log.messages["SIDS"]
-    if not {"TR", "TFout"} <= set(frame.columns):
+    if not {"TR", "TFout", "Ax"} <= set(frame.columns):
         return []
-    lengths = frame["TR"].to_numpy(np.float64)
-    return [(float(t), float(length)) for t, length in zip(frame.index, lengths, strict=True)]
+    lengths, axes = frame["TR"].to_numpy(np.float64), frame["Ax"].to_numpy(np.float64)
+    return [
+        (float(t), float(length), SID_AXES.get(int(axis), ("", False))[0])
+        for t, length, axis in zip(frame.index, lengths, np.nan_to_num(axes), strict=True)
+    ]

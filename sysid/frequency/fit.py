@@ -26,6 +26,9 @@ _PER_PARAMETER = 1.0
 #: Lags and leads beyond this [s] are no part of the response any more; modes more damped than this are none.
 _LARGEST_LAG, _MODE_DAMPED = 0.5, 0.4
 
+#: Part of the frequencies that are coherent from which on a chirp did show.
+_ANSWERED = 0.3
+
 #: Powers of the throttle with which thrust may rise about hover: by the square of a speed that is linear in it, or
 #: linearised by the firmware, less where the battery sinks; more where motors start late.
 _POWERS = (0.7, 4.0)
@@ -211,11 +214,22 @@ def _choose(response: FrequencyResponse, structure: Structure | str | None) -> F
         raise FrequencyError(
             f"{response.axis}: {np.count_nonzero(good)} coherent frequencies"
             + (f" from {low:.2g} to {high:.2g} Hz" if good.any() else "")
-            + " are too few for a fit; fly a chirp, or a minute of short, sharp stick inputs on this axis"
+            + f" are too few for a fit; {_what_to_do(response)}"
         )
     usual = max(1.0, min(misfit / max(worth - count, 1.0) for misfit, count, _ in found))
     plausible = [entry for entry in found if _plausible(entry[2])] or found[:1]
     return min(plausible, key=lambda entry: entry[0] / usual + entry[1] * np.log(max(worth, 2.0)))[2]
+
+
+def _what_to_do(response: FrequencyResponse) -> str:
+    if response.instrument.startswith("chirp"):
+        if np.mean(response.usable) > _ANSWERED:
+            return "fly a chirp that sweeps more, for 20 s at least"
+        return (
+            "the chirp that was flown does not show in command and answer alike: check that both are of this axis and "
+            "are not at a limit, or fly it stronger"
+        )
+    return "fly a chirp, or a minute of short, sharp stick inputs on this axis"
 
 
 def _plausible(attempt: FrequencyFit) -> bool:
@@ -250,9 +264,10 @@ def _starts(response: FrequencyResponse, structure: Structure) -> list[Floats]:
     middle = len(hz) // 2
     closed = response.unit == "rad/rad"
     gain = float(np.abs(measured[0])) if closed else float(np.median(np.abs(plain)))
-    slope = -np.unwrap(np.angle(plain))[middle:] / omega[middle:]
+    slow = plain[: max(len(hz) // 3, 3)]  # delays have not turned them yet
+    sign = float(np.sign(np.median(slow.real))) or 1.0
+    slope = -np.unwrap(np.angle(sign * plain))[middle:] / omega[middle:]
     delay = float(np.clip(np.median(slope), 0.0, 0.05))
-    sign = float(np.sign(np.median(plain.real))) or 1.0
     half = np.flatnonzero(np.abs(measured) < 0.7 * np.abs(measured[0]))
     corner = float(omega[half[0]]) if len(half) else float(omega[-1])
     guess = {"gain": sign * gain, "damping": 1.0, "lag": 0.03, "lead": 0.02, "delay": delay}

@@ -8,12 +8,16 @@ import numpy as np
 
 from logparse import Finding, FlightLog, Severity
 from sysid.frequency.records import AxisRecord
+from sysid.frequency.response import FrequencyResponse
 
 #: Rate [Hz] of samples below which the loop's own frequencies fold.
 FOLDING = 25.0
 
 #: Part of the time with a motor at a limit, and distance [us] from it.
 _SATURATED, _AT_LIMIT = 0.02, 3.0
+
+#: Fewest coherent frequencies from which a sign is told.
+_FEWEST = 8
 
 
 def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[Finding]:
@@ -45,6 +49,23 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
                 )
             )
     return findings
+
+
+def reversed_answer(frf: FrequencyResponse) -> list[Finding]:
+    """Return that an axis turns against its command, which no craft that flies does; nothing where it does not."""
+    hz, answer = frf.hz[frf.usable], frf.response[frf.usable]
+    slow = slice(None, max(len(hz) // 3, 1))  # delays have not turned it yet
+    if len(hz) < _FEWEST or not np.median((answer[slow] * 2j * np.pi * hz[slow]).real) < 0.0:
+        return []
+    return [
+        Finding(
+            "response-reversed",
+            Severity.ERROR,
+            f"The {frf.axis} rate turns against the {frf.axis} output: a craft that flies cannot do that.",
+            "Check the sign of the rate, and which axis it is of.",
+            {"axis": frf.axis},
+        )
+    ]
 
 
 def share_at_limits(log: FlightLog, records: Sequence[AxisRecord]) -> float:

@@ -21,6 +21,10 @@ from sysid.records.experiment import Experiment
 #: Samples farther apart than this many usual steps leave a hole that is bridged, but not counted.
 _HOLE = 2.5
 
+#: Gaps between rows, in usual ones, up to which rows are missing one by one; variance of what a kick counts for, per
+#: part of the rows that is lost: 1 for its own row, twice 0.6 squared for its neighbours.
+_SCATTERED, _KICK_VARIANCE = 10.0, 1.7
+
 #: Ratio of frequencies that a chirp passes within a hole from which on they are missing.
 _SKIPPED = 1.15
 
@@ -73,6 +77,8 @@ class AxisRecord:
     source: str = ""  #: What the signals are, where they are not the rate controller's.
     #: Frequencies [Hz], from and to, that a chirp swept while nothing was logged: what leaks there from others is none.
     unswept: tuple[tuple[float, float], ...] = ()
+    #: Standard deviation of ln abs(G), common to all frequencies, from rows that are missing one by one.
+    common: float = 0.0
 
     @property
     def duration(self) -> float:
@@ -183,10 +189,14 @@ def below_folding(log: FlightLog, chirp: Chirp, step: float) -> Chirp:
 
 
 def record_of_chirp(
-    log: FlightLog, chirp: Chirp, t: Floats, command: Floats, answer: Floats, added: Floats
+    log: FlightLog, chirp: Chirp, t: Floats, command: Floats, answer: Floats, added: Callable[[Floats], Floats]
 ) -> AxisRecord:
-    """Arrange what went in and came out within a chirp, at times t [s], with what the chirp added as instrument."""
-    clock, values, usable = on_uniform_clock(t, [command, answer, added])
+    """Arrange what went in and came out within a chirp, at times t [s], with what the chirp added as instrument.
+
+    The instrument is not taken from the same rows: where some are lost, what that adds to command and answer, at all
+    frequencies, must not be in it.
+    """
+    clock, values, usable = on_uniform_clock(t, [command, answer])
     table = log.tables.systemid
     assert table is not None
     hz = np.interp(clock, table.index.to_numpy(np.float64), table["frequency"].to_numpy(np.float64) / (2.0 * np.pi))
@@ -198,7 +208,7 @@ def record_of_chirp(
         dt=float(clock[1] - clock[0]),
         inputs=values[:, :1],
         output=values[:, 1],
-        instruments=values[:, 2:],
+        instruments=added(clock)[:, None],
         usable=usable,
         band=(chirp.low, chirp.high),
         instrument=f"chirp of SID_AXIS {chirp.sid_axis}",
@@ -257,11 +267,11 @@ def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp)
     missing = [n for n in (axis.input, axis.output) if n not in signals.columns]
     if missing:
         raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} for the {axis.name} axis")
-    added = chirp_signal(log, t, chirp)
     command = signals.columns[axis.input][rows]
     if chirp.at_mixer and not signals.with_chirp and chirp.axis == axis.name:
-        command = command + added
-    record = record_of_chirp(log, chirp, t, command, signals.columns[axis.output][rows], added)
+        command = command + chirp_signal(log, t, chirp)
+    answer = signals.columns[axis.output][rows]
+    record = record_of_chirp(log, chirp, t, command, answer, lambda at: chirp_signal(log, at, chirp))
     return replace(record, source=signals.source)
 
 
@@ -314,13 +324,16 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
             "minute of short stick inputs on it"
         )
     if target is not None:
-        instrument, name = target, f"{axis.name} target"
+        instrument, name = known[axis.input], f"{axis.name} target"
     elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
         instrument, name = known[axis.reference], "rate target" if axis.attitude else "acceleration target"
     else:
         instrument, name = known[axis.input], ""
     others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
     clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], instrument, *others])
+    if target is not None:  # not from the rows that may be lost, as in `record_of_chirp`
+        asked = _attitude_target(log, axis, clock)
+        values[:, 2] = values[:, 2] if asked is None else asked
     if np.std(values[:, 0]) < _STILL or np.std(values[:, 2]) == 0.0:
         raise FrequencyError(f"{log.path.name}: nothing moved the {axis.name} axis; give it short stick inputs")
     return AxisRecord(
@@ -334,7 +347,21 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         band=ORDINARY_BAND,
         instrument=name,
         source=signals.source,
+        common=_of_lost_rows(t, values[:, 0]),
     )
+
+
+def _of_lost_rows(t: Floats, command: Floats) -> float:
+    """Return the common error of a response whose command comes in kicks, of which some rows are missing.
+
+    A kick as short as a row counts for nothing where its row is lost, and for about 1.6 times as much where its
+    neighbour is, which the spline makes of it; on an average over all kicks that is nothing, but kicks are few.
+    """
+    steps = np.diff(t) / float(np.median(np.diff(t)))
+    lost = float(np.sum(np.rint(steps[(steps > 1.5) & (steps < _SCATTERED)]) - 1.0)) / len(t)
+    moved = command - np.mean(command)
+    kicks = float(np.sum(moved**2) ** 2 / max(np.sum(moved**4), 1e-300))
+    return float(np.sqrt(_KICK_VARIANCE * min(lost, 1.0) / max(kicks, 1.0)))
 
 
 def _other_outputs(axis: Axis, signals: RateSignals, rows: NDArray[np.bool_]) -> list[Floats]:

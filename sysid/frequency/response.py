@@ -41,7 +41,7 @@ class FrequencyResponse(Summarised):
     hz: Floats  #: shape (n,): Frequencies, increasing, evenly spaced in their logarithm.
     response: Complex  #: shape (n,): SI.
     #: shape (n,): Part of the output's power that the input explains, 0..1; with several inputs the partial coherence
-    #: of this one, and with an instrument the part that is explained through it.
+    #: of this one, and with an instrument the part that is explained through it. Less one standard error.
     coherence: Floats
     sigma: Floats  #: shape (n,): Standard deviation of ln abs(G).
     sigma_phase: Floats  #: shape (n,): Standard deviation of the phase, rad.

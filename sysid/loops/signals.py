@@ -115,7 +115,8 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
         back[same] = pid[1][nearest[same]]
     else:
         back = total - np.where((t + lag >= times[inside][0]) & (t + lag <= times[inside][-1]), added(t + lag), 0.0)
-    return record_of_chirp(log, chirp, t, total, back, added(t))
+    first, last = times[inside][0], times[inside][-1]
+    return record_of_chirp(log, chirp, t, total, back, lambda at: added(np.clip(at, first, last)))
 
 
 def _pid_sum(log: FlightLog, message: str) -> tuple[Floats, Floats] | None:

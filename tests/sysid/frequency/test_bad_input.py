@@ -69,7 +69,8 @@ def test_a_chirp_aborted_after_five_seconds_is_too_short_and_says_so(tmp_path: P
     write_rate_log(tmp_path / "cut.BIN", {"roll": stopped}, rate=100.0)
     found = survey(logparse.read_log(tmp_path / "cut.BIN"), ["roll"]).axes[0]
     assert found.response is None
-    assert "a chirp should last 20 s at least" in found.reason
+    assert "was aborted after 5.0 s at 0.66 Hz" in found.reason
+    assert "for 20 s at least" in found.reason
 
 
 def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
@@ -89,6 +90,45 @@ def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
     assert "fly a chirp" in roll.reason
     assert pitched.fit is not None
     assert pitched.fit.parameters["gain"].value == pytest.approx(pitch.gain, rel=0.03)
+
+
+def test_chirps_that_began_together_are_named(tmp_path: Path) -> None:
+    """SIDD has room for one: what it has is of pitch, and roll is told why it has none."""
+    runs = {"roll": run_axis(PLANT, GAINS, CHIRP, 1), "pitch": run_axis(PLANT, GAINS, replace(CHIRP, sid_axis=11), 2)}
+    write_rate_log(tmp_path / "both.BIN", runs, rate=100.0)
+    roll, pitch = survey(logparse.read_log(tmp_path / "both.BIN"), ["roll", "pitch"]).axes
+    assert "the chirp on the roll axis at 10.0 s ran at the time of that on the pitch axis" in roll.reason
+    assert pitch.determined
+
+
+def test_an_aborted_chirp_leaves_the_sticks_of_its_flight_to_speak(tmp_path: Path) -> None:
+    shaken = replace(CHIRP, duration=60.0, chirp=(0.5, 40.0, 0.05), chirp_seconds=4.9, chirp_start=50.0, stick=0.2)
+    run = run_axis(PLANT, GAINS, shaken, 3)
+    write_rate_log(tmp_path / "cut.BIN", {"roll": replace(run, chirp_hz=np.minimum(run.chirp_hz, 0.55))}, rate=100.0)
+    frf = frequency.response(logparse.read_log(tmp_path / "cut.BIN"), "roll")
+    assert frf.instrument == "roll target"
+    assert "chirp-aborted" in {finding.id for finding in frf.findings}
+    assert frequency.fit(frf).parameters["gain"].value == pytest.approx(PLANT.gain, rel=0.1)
+
+
+def test_rows_lost_one_by_one_leave_a_chirp_right(tmp_path: Path) -> None:
+    """Taken from the same rows, the instrument shared their gaps: one firmware chirp became 16 % too strong."""
+    write_rate_log(tmp_path / "lossy.BIN", {"roll": run_axis(PLANT, GAINS, CHIRP, 6)}, rate=100.0)
+    log = logparse.read_log(tmp_path / "lossy.BIN")
+    rows = log.messages["RATE"]
+    kept = rows[np.random.default_rng(3).random(len(rows)) > 0.15]
+    kept.attrs = rows.attrs
+    log.messages._frames["RATE"] = kept
+    frf = frequency.response(log, "roll")
+    assert frequency.fit(frf).parameters["gain"].value == pytest.approx(PLANT.gain, rel=0.05)
+
+
+def test_a_rate_with_the_wrong_sign_is_named(tmp_path: Path) -> None:
+    run = run_axis(PLANT, GAINS, CHIRP, 6)
+    write_rate_log(tmp_path / "turned.BIN", {"roll": replace(run, measured=-run.measured)}, rate=100.0)
+    frf = frequency.response(logparse.read_log(tmp_path / "turned.BIN"), "roll")
+    assert "response-reversed" in {finding.id for finding in frf.findings}
+    assert frequency.fit(frf).cost < 50.0
 
 
 def test_every_power_up_of_a_file_counts(tmp_path: Path) -> None:
