@@ -17,6 +17,7 @@ import numpy as np
 from logparse import FlightLog, RotoridError, read_log
 from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, random_axis, run_axis
 from simulation.axis_loop.log import write_rate_log
+from simulation.axis_loop.truth import gains_of, settings_of, true_loop
 from sysid.frequency import fit
 from sysid.loops import Limits, prove, tune
 from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp
@@ -26,15 +27,7 @@ from sysid.loops.margins import margins_of
 from sysid.loops.safety import Aim
 from sysid.loops.search import tune_axis
 from sysid.loops.signals import plant_response
-from tests.sysid.loops.flown import (
-    flown_loop,
-    fly_chirp,
-    gains_of,
-    loop_of_flight,
-    records_of_flight,
-    settings_of,
-    true_loop,
-)
+from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, records_of_flight
 
 LOGS = Path(__file__).parents[1].parent / "shared" / "logs"
 CRAFT = ("quad15", "octa3", "octa8", "hexa3", "y6high", "quadslow")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from simulation import mission_case
+from simulation import chirp_case, mission_case
 from simulation.errors import ParameterError
 from simulation.outcome import Outcome
 from simulation.papers import guntur_case, kim_case, motion_case
@@ -48,6 +48,12 @@ _ALL = (
         for sample in FLIGHTS.values()
     ),
     *(Case(name, summary, flight, motion_case.simulate) for name, summary, flight in motion_case.FLIGHTS),
+    Case(
+        "chirps",
+        "a hover with chirps on roll, pitch and yaw, for `rotorid tune` and `rotorid prove`",
+        chirp_case.Chirps(),
+        chirp_case.simulate,
+    ),
     Case("kim-recovery", "Kim 2017: the LQR levels the craft from Table 5", kim_case.Recovery(), kim_case.simulate),
     Case(
         "guntur-profile",

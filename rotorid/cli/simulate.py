@@ -58,6 +58,8 @@ def simulate(
 
     Example: rotorid simulate motion-wind --set wind=3 --out flown
 
+    Example: rotorid simulate chirps --set parameters=tuning/proposed.param --out after
+
     Example: rotorid simulate out/models.json --inputs other.bin --model motors --out replayed
     """
     if case.lower().endswith(".json") and Path(case).is_file():

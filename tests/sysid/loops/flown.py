@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis
-from simulation.axis_loop.axis import GYRO_HZ
+from simulation.axis_loop.truth import settings_of
 from sysid.frequency.records import AxisRecord
-from sysid.loops.controller import AngleController, RateController
 from sysid.loops.loop import RateLoop, loop_of_records
-from sysid.loops.settings import GyroPath, LoopSettings
 from sysid.loops.signals import LoopRecord
 
 
@@ -39,22 +37,6 @@ def fly_chirp(
         gyro_noise=noise,
     )
     return run_axis(plant, gains, shaken, seed)
-
-
-def settings_of(plant: AxisPlant, gains: LoopGains) -> LoopSettings:
-    names = ("P", "I", "D", "FF", "FLTT", "FLTE", "FLTD", "IMAX")
-    return LoopSettings(
-        axis="roll",
-        controller=RateController(**{name: getattr(gains, name) for name in names}),
-        angle=AngleController(P=gains.angle_P),
-        gyro=GyroPath(plant.filter_hz, GYRO_HZ),
-    )
-
-
-def gains_of(settings: LoopSettings) -> LoopGains:
-    """Return the gains with which a craft flies settings, as tuned."""
-    names = ("P", "I", "D", "FF", "FLTT", "FLTE", "FLTD", "IMAX")
-    return LoopGains(**{name: getattr(settings.controller, name) for name in names}, angle_P=settings.angle.P)
 
 
 def records_of_flight(flight: AxisRun, name: str = "simulated") -> tuple[LoopRecord, ...]:
@@ -85,7 +67,3 @@ def loop_of_flight(flight: AxisRun, plant: AxisPlant, gains: LoopGains, name: st
 def flown_loop(plant: AxisPlant, gains: LoopGains, seed: int, name: str = "simulated", **shaken: Any) -> RateLoop:
     """Fly a chirp and identify the loop from it."""
     return loop_of_flight(fly_chirp(plant, gains, seed=seed, **shaken), plant, gains, name)
-
-
-def true_loop(plant: AxisPlant, gains: LoopGains, hz: NDArray[np.float64]) -> NDArray[np.complex128]:
-    return plant.response(hz) * settings_of(plant, gains).feedback(hz)

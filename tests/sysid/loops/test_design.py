@@ -9,6 +9,7 @@ import pytest
 
 from logparse import read_log
 from simulation.axis_loop import AxisPlant, LoopGains
+from simulation.axis_loop.truth import settings_of
 from sysid.frequency import fit
 from sysid.loops import Limits, LoopError, design
 from sysid.loops.chirps import (
@@ -25,7 +26,7 @@ from sysid.loops.chirps import (
 from sysid.loops.missions import drag_errors, drag_legs, thrust_legs, waypoints
 from sysid.loops.multisine import orthogonal_multisines
 from sysid.loops.parameter_file import read_parameter_file
-from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, settings_of
+from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight
 
 PAIRS = Path(__file__).parents[4] / "shared" / "logs" / "pairs"
 CRAFT = AxisPlant(gain=300.0, damping=1.0, lag=0.02, delay=0.003, filter_hz=30.0)

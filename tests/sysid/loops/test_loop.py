@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from simulation.axis_loop import AxisPlant, LoopGains, random_axis
+from simulation.axis_loop.truth import true_loop
 from sysid.loops import LoopError
 from sysid.loops.margins import margins_of
-from tests.sysid.loops.flown import flown_loop, true_loop
+from tests.sysid.loops.flown import flown_loop
 
 HZ = np.geomspace(0.3, 80.0, 3000)
 NAMES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, random_axis, run_axis
+from simulation.axis_loop.truth import settings_of, true_loop
 from sysid.frequency import fit
 from sysid.frequency.axes import axis_of
 from sysid.frequency.estimate import response_of_records
@@ -13,7 +14,6 @@ from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops import LoopError, ordinary_loop
 from sysid.loops.margins import margins_of
-from tests.sysid.loops.flown import settings_of, true_loop
 
 HZ = np.geomspace(0.1, 120.0, 3000)
 NAMES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")

@@ -10,6 +10,7 @@ import pytest
 from logparse import read_log
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, random_axis, run_axis
 from simulation.axis_loop.log import write_rate_log
+from simulation.axis_loop.truth import gains_of, true_loop
 from sysid.loops import LoopError, prove, tune, tuning
 from sysid.loops.evidence import oscillation, two_ways_apart, unsupported, weak_band
 from sysid.loops.margins import margins_of
@@ -17,7 +18,7 @@ from sysid.loops.parameter_file import parameter_file, read_parameter_file, type
 from sysid.loops.safety import Aim, others_keep
 from sysid.loops.same_craft import gain_apart
 from sysid.loops.search import AxisTuning, tune_axis
-from tests.sysid.loops.flown import flown_loop, fly_chirp, gains_of, loop_of_flight, true_loop
+from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight
 
 LOGS = Path(__file__).parents[4] / "shared" / "logs"
 HZ = np.geomspace(0.1, 120.0, 4000)
