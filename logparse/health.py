@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 #: Tables that identification needs: finding, what it is called, what it is for, severity when missing.
 _NEEDED = (
-    ("motors", "no-motor-outputs", "motor outputs", "nothing can be identified", Need.MOTORS, Severity.ERROR),
+    ("motors", "no-motor-outputs", "motor outputs", "no model from motors to motion", Need.MOTORS, Severity.ERROR),
     ("imu", "no-imu", "gyro and accelerometer", "the motion is known at 10 Hz at best", Need.IMU, Severity.WARNING),
     ("gps", "no-gps", "GPS", "there is no position to fit", Need.GPS, Severity.ERROR),
     ("baro", "no-baro", "barometer", "height rests on GPS alone", Need.BARO, Severity.WARNING),
