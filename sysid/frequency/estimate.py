@@ -21,7 +21,7 @@ from sysid.frequency.records import ORDINARY_BAND, AxisRecord, chirp_record, exp
 from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.smoothness import roughness
 from sysid.frequency.sources import filtered, signals_of
-from sysid.frequency.spectra import RecordWindows, band_of_window, estimate, window_lengths, windows_of
+from sysid.frequency.spectra import RecordWindows, ThinnedSignals, band_of_window, estimate, window_lengths, windows_of
 from sysid.frequency.throttle import throttle_record
 from sysid.records.experiment import Experiment
 
@@ -359,13 +359,11 @@ class _Windows:
 
 def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float) -> list[_Windows]:
     lengths = window_lengths(longest, float(hz[0]), float(hz[-1]))
-    found = []
-    for length in lengths:
-        mask = band_of_window(float(length), lengths, hz)
-        if mask.any():
-            cut = tuple(windows_of(record, hz[mask], float(length)) for record in records)
-            found.append(_Windows(float(length), mask, cut))
-    return found
+    masks = [(float(length), band_of_window(float(length), lengths, hz)) for length in lengths]
+    masks = [(length, mask) for length, mask in masks if mask.any()]
+    served, lengths_used = [hz[mask] for _, mask in masks], [length for length, _ in masks]
+    cuts = zip(*(windows_of(record, served, lengths_used) for record in records), strict=True)
+    return [_Windows(length, mask, cut) for (length, mask), cut in zip(masks, cuts, strict=True)]
 
 
 def _composite(
@@ -379,11 +377,10 @@ def _composite(
     """Merge windows of several lengths, of the records as they are or of what a first model leaves of them."""
     known = None if model is None else model.response(hz)
     remains = records if model is None else [record.without(model.response) for record in records]
+    outputs = [ThinnedSignals(record.output[:, None]) for record in remains]
     parts = []
     for each in windows:
-        sums = [
-            cut.sums(record.output) for cut, record in zip(each.of_records, remains, strict=True) if cut is not None
-        ]
+        sums = [cut.sums(output) for cut, output in zip(each.of_records, outputs, strict=True) if cut is not None]
         part = None
         if sums:
             total = reduce(add, sums)

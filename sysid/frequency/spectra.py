@@ -6,11 +6,13 @@ linear one (Tischler and Remple 2012, section 7.3), of the record thinned out to
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.frequency._window_kernels import halved, products
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Complex, Floats
 from sysid.records.filtering import low_pass_taps
@@ -24,7 +26,10 @@ FEWEST_CYCLES, MOST_CYCLES = 3.0, 60.0
 _HOP = 0.2
 
 #: Samples per cycle of the highest frequency that are kept.
-_SAMPLES_PER_CYCLE = 5.0
+_SAMPLES_PER_CYCLE = 3.0
+
+#: Filter before every second sample is dropped.
+_HALVING = low_pass_taps(41, 0.25)
 
 #: Part of a window's samples that may lie in holes of the log.
 _HOLES = 0.03
@@ -84,6 +89,20 @@ def band_of_window(length: float, lengths: Floats, hz: Floats) -> NDArray[np.boo
     return np.asarray((hz >= low) & (hz <= high))
 
 
+class ThinnedSignals:
+    """Signals without trend, and what is left of them at half, a quarter, ... of their rate, made when asked for."""
+
+    def __init__(self, signals: Floats) -> None:
+        self._rates = [detrended(signals)]
+
+    def at(self, halvings: int) -> Floats:
+        """Return them at a rate that was halved so often, shape (N / 2^halvings, columns)."""
+        while len(self._rates) <= halvings:
+            reach = len(_HALVING) // 2
+            self._rates.append(halved(np.pad(self._rates[-1].T, ((0, 0), (reach, reach))), _HALVING))
+        return self._rates[halvings]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordWindows:
     """Windows of one length over a record, with all that does not depend on its output.
@@ -91,63 +110,76 @@ class RecordWindows:
     A model is taken out of the output again and again; inputs and instruments stay.
     """
 
-    #: shape (F, K, q): Transforms of the inputs, then of the instruments that are not inputs, in each of K windows.
-    columns: Complex
+    #: shape (K, q, 2, F): Transforms of the inputs, then of the instruments that are not inputs, in each of K windows.
+    columns: Floats
     instruments: list[int]  #: Column of each instrument.
-    phase: Complex  #: shape (size, F): What a window is multiplied by.
-    #: shape (K, F): What brings the transform of a window to the clock of the record, and the output's derivative to
-    #: the output.
-    turn: Complex
+    phase: Floats  #: shape (size, 2 F): What a window is multiplied by, real parts before imaginary ones.
+    differenced: Complex  #: shape (F,): What differences have made of the output.
     starts: NDArray[np.intp]  #: shape (K,)
-    factor: int  #: Samples of the record for each that is kept.
+    halvings: int  #: Of the record's rate.
     without_output: SpectralSums  #: Its products with the output are zero.
 
-    def sums(self, output: Floats) -> SpectralSums:
-        """Complete the sums with an output, shape (N,)."""
-        thinned = _thinned(output[:, None], self.factor)
-        y = _transforms(thinned, self.starts, self.phase)[..., 0] * self.turn
-        products = _inner(self.columns, np.moveaxis(y, 0, 1)[:, :, None])[..., 0]
+    def sums(self, output: ThinnedSignals) -> SpectralSums:
+        """Complete the sums with an output."""
+        y = _transforms(output.at(self.halvings), self.starts, self.phase)
+        found = products(self.columns, y, self.starts, _NO_TURNS)[:, 0].T / self.differenced[:, None]
         inputs = self.without_output.xy.shape[1]
         return replace(
             self.without_output,
-            zy=products[:, self.instruments],
-            xy=products[:, :inputs],
-            yy=np.sum(y.real**2 + y.imag**2, axis=0),
+            zy=found[:, self.instruments],
+            xy=found[:, :inputs],
+            yy=np.sum(y**2, axis=(0, 1, 2)) / np.abs(self.differenced) ** 2,
         )
 
 
-def windows_of(record: AxisRecord, hz: Floats, length: float) -> RecordWindows | None:
-    """Cut a record into overlapping windows of one length, s; None where none fits into it."""
+def windows_of(record: AxisRecord, hz: Sequence[Floats], lengths: Sequence[float]) -> Iterator[RecordWindows | None]:
+    """Cut a record into overlapping windows of several lengths, s; yields None where none fits into it.
+
+    Parameters
+    ----------
+    record : AxisRecord
+    hz : sequence of ndarray
+        Frequencies that windows of each length serve.
+    lengths : sequence of float
+    """
     m = record.inputs.shape[1]
-    factor = max(int(1.0 / (record.dt * _SAMPLES_PER_CYCLE * hz[-1])), 1)
     # The outputs of other axes are instruments of themselves.
     other = [k for k in range(m) if not np.array_equal(record.instruments[:, k], record.inputs[:, k])]
     instruments = [m + other.index(k) if k in other else k for k in range(m)]
-    signals = _thinned(np.column_stack([record.inputs, record.instruments[:, other]]), factor)
-    usable = _bridged(record.usable, _GAP / (record.dt * float(hz[-1])))[::factor][: len(signals)]
-    dt = record.dt * factor
+    signals = ThinnedSignals(np.column_stack([record.inputs, record.instruments[:, other]]))
+    for length, served in zip(lengths, hz, strict=True):
+        yield _windows_of(record, signals, instruments, served, length)
+
+
+def _windows_of(
+    record: AxisRecord, every_rate: ThinnedSignals, instruments: list[int], hz: Floats, length: float
+) -> RecordWindows | None:
+    m = record.inputs.shape[1]
+    halvings = max(int(np.log2(1.0 / (record.dt * _SAMPLES_PER_CYCLE * hz[-1]))), 0)
+    signals, dt = every_rate.at(halvings), record.dt * 2**halvings
+    usable = _bridged(record.usable, _GAP / (record.dt * float(hz[-1])))[:: 2**halvings]
     size = round(length / dt)
     if size < 16 or size > len(signals):
         return None
-    starts = np.arange(0, len(signals) - size + 1, max(int(_HOP * size), 1))
+    hop = max(int(_HOP * size), 1)
+    starts = np.arange(0, len(signals) - size + 1, hop)
     whole = np.concatenate([[0], np.cumsum(usable)])
     starts = starts[whole[starts + size] - whole[starts] >= (1.0 - _HOLES) * size]
     if not len(starts):
         return None
     taper = hann(size)
     turning = np.exp(-2j * np.pi * np.outer(np.arange(size) * dt, hz)).astype(np.complex128)
-    phase = _detrended(np.asarray(taper[:, None] * turning, dtype=np.complex128))
-    turn = np.exp(-2j * np.pi * np.outer(starts * dt, hz)) * np.sqrt(dt / np.sum(taper**2))
-    columns = np.moveaxis(_transforms(signals, starts, phase), 0, 1)  # (F, K, q)
-    columns = np.multiply(columns, turn.T[:, :, None], order="C")
+    phase = _detrended(np.asarray(taper[:, None] * turning, dtype=np.complex128)) * np.sqrt(dt / np.sum(taper**2))
+    both = np.hstack([phase.real, phase.imag])
+    columns = _transforms(signals, starts, both)
     count = float(len(starts))
-    products = _inner(columns, columns)
-    gain, squares = _overlapped(columns, products, taper, starts)
+    own = np.moveaxis(products(columns, columns, starts, _NO_TURNS), 2, 0)
+    gain, squares = _overlapped(columns, own, taper, starts // hop, hop, dt * hz)
     nothing = np.zeros((len(hz), m), dtype=np.complex128)
     sums = SpectralSums(
-        zz=products[:, instruments][:, :, instruments],
-        zx=products[:, instruments, :m],
-        xx=products[:, :m, :m],
+        zz=own[:, instruments][:, :, instruments],
+        zx=own[:, instruments, :m],
+        xx=own[:, :m, :m],
         zy=nothing,
         xy=nothing,
         yy=np.zeros(len(hz)),
@@ -155,9 +187,8 @@ def windows_of(record: AxisRecord, hz: Floats, length: float) -> RecordWindows |
         windows=count,
         independent=count**2 / squares,
     )
-    if record.differenced:
-        turn = turn / record.difference_response(hz)
-    return RecordWindows(columns, instruments, phase, np.asarray(turn), starts, factor, sums)
+    difference = record.difference_response(hz) if record.differenced else np.ones(len(hz), dtype=np.complex128)
+    return RecordWindows(columns, instruments, both, difference, starts, halvings, sums)
 
 
 def _bridged(usable: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
@@ -169,44 +200,25 @@ def _bridged(usable: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
     return counted
 
 
-def _inner(left: Complex, right: Complex) -> Complex:
-    """Multiply the conjugate transpose, frequency by frequency, shape (F, q, r), without a conjugate copy of `left`."""
-    return np.asarray((np.swapaxes(left, 1, 2) @ right.conj()).conj())
-
+#: Windows that meet themselves alone.
+_NO_TURNS = np.empty((0, 0), dtype=np.complex128)
 
 #: Numbers of windows that are copied at a time: what a processor's cache holds.
 _PIECE = 1 << 17
 
 
-def _thinned(signals: Floats, factor: int) -> Floats:
-    """Keep one sample of `factor`, below half of the new rate, shape (N / factor, columns)."""
-    if factor == 1:
-        return signals
-    reach = 10 * factor
-    padded = np.pad(detrended(signals), ((reach, reach), (0, 0)))
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0)[::factor]
-    taps = low_pass_taps(2 * reach + 1, 0.5 / factor)
-    return np.concatenate([around[piece] @ taps for piece in _pieces(len(around), around[0].size)])
-
-
-def _transforms(signals: Floats, starts: NDArray[np.intp], phase: Complex) -> Complex:
-    """Transform every window of every signal, shape (K, F, columns)."""
-    size, count = phase.shape
+def _transforms(signals: Floats, starts: NDArray[np.intp], phase: Floats) -> Floats:
+    """Transform every window of every signal, shape (K, columns, 2, F)."""
+    size, numbers = phase.shape
     columns = signals.shape[1]
-    both = np.hstack([phase.real, phase.imag])
     windows = np.lib.stride_tricks.sliding_window_view(signals, size, axis=0)
-    result = np.empty((len(starts), count, columns), np.complex128)
-    for piece in _pieces(len(starts), size * columns):
-        product = windows[starts[piece]].reshape(-1, size) @ both
-        parts = product.reshape(-1, columns, 2, count)
-        result.real[piece], result.imag[piece] = np.moveaxis(parts[:, :, 0], 2, 1), np.moveaxis(parts[:, :, 1], 2, 1)
+    result = np.empty((len(starts), columns, 2, numbers // 2))
+    # Copied at once, overlapping windows take many times the memory of a flight.
+    step = max(_PIECE // (size * columns), 1)
+    for first in range(0, len(starts), step):
+        piece = slice(first, first + step)
+        np.matmul(windows[starts[piece]].reshape(-1, size), phase, out=result[piece].reshape(-1, numbers))
     return result
-
-
-def _pieces(count: int, size: int) -> list[slice]:
-    """Part overlapping windows of `size` numbers: copied at once they take many times the memory of a flight."""
-    step = max(_PIECE // size, 1)
-    return [slice(start, start + step) for start in range(0, count, step)]
 
 
 def _detrended(transform: Complex) -> Complex:
@@ -218,15 +230,22 @@ def _detrended(transform: Complex) -> Complex:
 
 
 def _overlapped(
-    columns: Complex, products: Complex, taper: Floats, starts: NDArray[np.intp]
-) -> tuple[Complex, float]:  # fmt: skip
+    columns: Floats, own: Complex, taper: Floats, places: NDArray[np.intp], hop: int, cycles: Floats
+) -> tuple[Complex, float]:
     """Weigh products between windows by the correlation that noise has in them, of the part in which they overlap.
 
     Parameters
     ----------
-    columns : ndarray of complex, shape (F, K, q)
-    products : ndarray of complex, shape (F, q, q)
+    columns : ndarray, shape (K, q, 2, F)
+    own : ndarray of complex, shape (F, q, q)
         Of each window with itself.
+    taper : ndarray, shape (size,)
+    places : ndarray of int, shape (K,)
+        Of the windows, in hops.
+    hop : int
+        Samples by which windows are shifted.
+    cycles : ndarray, shape (F,)
+        Of each frequency in a sample.
 
     Returns
     -------
@@ -235,19 +254,22 @@ def _overlapped(
     squares : float
         Sum of the squared correlations.
     """
-    size, count = len(taper), len(starts)
+    size = len(taper)
     spectrum = np.fft.rfft(taper, 2 * size)
     product = np.fft.irfft(np.abs(spectrum) ** 2, 2 * size)[:size]
-    gain, squares = products.copy(), float(count)
-    for apart in range(1, count):
-        lags = starts[apart:] - starts[:-apart]
-        if lags.min() >= size:
+    lags = np.arange(hop, size, hop)
+    weights = product[lags] / product[0]
+    # Each transform has the clock of its own window.
+    turns = weights[:, None] * np.exp(2j * np.pi * np.outer(lags, cycles))
+    squares = float(len(places))
+    for apart in range(1, len(places)):
+        far = places[apart:] - places[:-apart]
+        near = far[far <= len(lags)]
+        if not len(near):
             break
-        weights = np.where(lags < size, product[np.minimum(lags, size - 1)] / product[0], 0.0)
-        between = _inner(columns[:, apart:], weights[:, None] * columns[:, :-apart])
-        gain += between + np.swapaxes(between, 1, 2).conj()
-        squares += 2.0 * float(weights @ weights)
-    return gain, squares
+        squares += 2.0 * float(np.sum(weights[near - 1] ** 2))
+    between = np.moveaxis(products(columns, columns, places, turns), 2, 0)
+    return own + between + np.swapaxes(between, 1, 2).conj(), squares
 
 
 def estimate(sums: SpectralSums, length: float, known: Complex | None = None) -> WindowEstimate | None:

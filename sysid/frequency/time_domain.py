@@ -17,6 +17,7 @@ from sysid.frequency.fit import FrequencyFit, refit
 from sysid.frequency.limits import FOLDING
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Floats
+from sysid.records.filtering import above
 from sysid.statistics.covariance import independent_samples
 from sysid.statistics.parameter import Parameter
 from sysid.statistics.residuals import ResidualTest, examine_residuals
@@ -214,11 +215,8 @@ def verify_records(found: FrequencyFit, records: Sequence[AxisRecord]) -> Verifi
         raise FrequencyError(f"{seconds:.0f} s of held-out flying are too few to judge the {axis.name} axis")
     for record in records:
         left = record.without(found.response)
-        band = scipy.signal.butter(2, _SLOWEST, "high", fs=1.0 / record.dt, output="sos")
-        error, output, command, outside = (
-            scipy.signal.sosfiltfilt(band, signal)[record.usable]
-            for signal in (left.output, record.output, record.inputs[:, 0], record.instruments[:, 0])
-        )
+        signals = np.column_stack([left.output, record.output, record.inputs[:, 0], record.instruments[:, 0]])
+        error, output, command, outside = above(signals, _SLOWEST * record.dt)[record.usable].T
         errors.append(error)
         outputs.append(output)
         models.append(output - error)

@@ -10,6 +10,9 @@ import numpy as np
 from sysid.records._filter_kernels import filtered
 from sysid.records.arrays import Floats
 
+#: Samples by which signals are continued at both ends before they are filtered forth and back.
+_ENDS = 9
+
 
 def lfilter(
     b: Sequence[float] | Floats, a: Sequence[float] | Floats, signals: Floats, zi: Floats | None = None
@@ -33,6 +36,31 @@ def lfilter(
     if zi is not None and size > 1:
         state[: size - 1] = zi.reshape(size - 1, -1)
     return np.asarray(filtered(coefficients[0], coefficients[1], columns, state)).reshape(np.shape(signals))
+
+
+def above(signals: Floats, cutoff: float) -> Floats:
+    """Pass what is faster than a frequency, without phase: a Butterworth filter of second order, forth and back.
+
+    As `scipy.signal.sosfiltfilt` does it with a section of `scipy.signal.butter`, its ends continued as odd functions.
+
+    Parameters
+    ----------
+    signals : ndarray, shape (N, k)
+        More than `_ENDS` samples.
+    cutoff : float
+        In cycles per sample, where the gain is a half.
+    """
+    warped = np.tan(np.pi * cutoff)
+    scale = 1.0 + np.sqrt(2.0) * warped + warped**2
+    b = np.array([1.0, -2.0, 1.0]) / scale
+    a = np.array([1.0, 2.0 * (warped**2 - 1.0) / scale, (1.0 - np.sqrt(2.0) * warped + warped**2) / scale])
+    first, last = signals[:1], signals[-1:]
+    longer = np.concatenate([2.0 * first - signals[_ENDS:0:-1], signals, 2.0 * last - signals[-2 : -_ENDS - 2 : -1]])
+    # What a constant leaves in the filter: it passes nothing of it.
+    rest = np.array([[-b[0]], [b[2]]])
+    for _ in range(2):
+        longer = lfilter(b, a, longer, rest * longer[:1])[::-1]
+    return np.asarray(longer[_ENDS:-_ENDS])
 
 
 def low_pass_taps(count: int, cutoff: float) -> Floats:

@@ -37,9 +37,27 @@ def welch(signal: Floats, rate: float, size: int) -> tuple[Floats, Floats]:
         In squared units of the signal per Hz.
     """
     windows = np.lib.stride_tricks.sliding_window_view(signal, size)[:: size - size // 2]
+    density: Floats = np.mean(densities(windows, rate), axis=0)
+    return np.asarray(np.fft.rfftfreq(size, 1.0 / rate), np.float64), density
+
+
+def densities(windows: Floats, rate: float) -> Floats:
+    """Estimate the one-sided power spectral density of each window, of what it has beside its mean.
+
+    Parameters
+    ----------
+    windows : ndarray, shape (n, size)
+    rate : float
+        Hz.
+
+    Returns
+    -------
+    ndarray, shape (n, size // 2 + 1)
+    """
+    size = windows.shape[1]
     taper = hann(size)
     spectra = np.fft.rfft((windows - windows.mean(axis=1, keepdims=True)) * taper, axis=1)
-    density: Floats = np.mean(np.abs(spectra) ** 2, axis=0) / (rate * float(taper @ taper))
+    density: Floats = np.abs(spectra) ** 2 / (rate * float(taper @ taper))
     # All but the mean's and the Nyquist frequency's stand for two.
-    density[1 : (size + 1) // 2] *= 2.0
-    return np.asarray(np.fft.rfftfreq(size, 1.0 / rate), np.float64), density
+    density[:, 1 : (size + 1) // 2] *= 2.0
+    return density

@@ -43,6 +43,16 @@ def test_an_analysis_begins_without_what_later_stages_need() -> None:
     assert len(modules) < 1600
 
 
+def test_an_ordinary_analysis_never_needs_all_of_scipy() -> None:
+    """Signal, statistics and splines together take longer to import than a flight's models to fit."""
+    modules = imported(f"""
+import pipeline
+pipeline.analyze({str(SAMPLE)!r})
+""")
+    assert "scipy.optimize" in modules
+    assert not modules & {"scipy.signal", "scipy.stats", "scipy.integrate", "scipy.interpolate", "scipy.ndimage"}
+
+
 def test_a_log_is_looked_at_without_scipy() -> None:
     """Half of what `rotorid inspect` took was importing scipy for one constant."""
     modules = imported(f"from logparse import inspection, read_log\nread_log({str(SAMPLE)!r}).messages['ATT']")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy
 
-from sysid.records.filtering import lfilter, low_pass_taps
-from sysid.records.periodogram import detrended, hann, welch
+from sysid.records.filtering import above, lfilter, low_pass_taps
+from sysid.records.periodogram import densities, detrended, hann, welch
 
 
 @pytest.mark.parametrize(
@@ -38,3 +38,19 @@ def test_windows_and_lines_as_scipy_makes_them() -> None:
     assert detrended(signals) == pytest.approx(scipy.signal.detrend(signals, axis=0), abs=1e-12)
     assert detrended(signals[:1]) == pytest.approx(np.zeros((1, 3)))
     assert low_pass_taps(21, 0.1) == pytest.approx(scipy.signal.firwin(21, 0.2), abs=1e-15)
+
+
+@pytest.mark.parametrize("cutoff", [0.15 / 400.0, 0.01, 0.2])
+def test_slow_movements_are_removed_as_scipy_does(cutoff: float) -> None:
+    signals = np.random.default_rng(1).normal(size=(3000, 2)).cumsum(axis=0)
+    section = scipy.signal.butter(2, cutoff, "high", fs=1.0, output="sos")
+    # Poles near one cost digits, here as there.
+    assert above(signals, cutoff) == pytest.approx(scipy.signal.sosfiltfilt(section, signals, axis=0), abs=1e-7)
+    short = signals[:10]
+    assert above(short, cutoff) == pytest.approx(scipy.signal.sosfiltfilt(section, short, axis=0), abs=1e-7)
+
+
+def test_densities_of_windows_are_those_of_one_window_each() -> None:
+    windows = np.random.default_rng(1).normal(size=(3, 256))
+    for window, density in zip(windows, densities(windows, 50.0), strict=True):
+        assert density == pytest.approx(welch(window, 50.0, 256)[1])

@@ -1,0 +1,85 @@
+"""Compiled loops over the windows of spectra.
+
+Transforms are kept as real numbers, shape (K, q, 2, F): of K windows and q signals the real and the imaginary parts at
+F frequencies, which the innermost loops go along.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from logparse.compiled import njit
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def halved(padded: Floats, taps: Floats) -> Floats:
+    """Filter signals and keep every second sample.
+
+    Parameters
+    ----------
+    padded : ndarray, shape (q, N)
+        N at least as many as the taps.
+    taps : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape ((N - n) // 2 + 1, q)
+    """
+    count = (padded.shape[1] - taps.size) // 2 + 1
+    result = np.empty((count, padded.shape[0]))
+    for signal in range(padded.shape[0]):
+        for k in range(count):
+            total = 0.0
+            for i in range(taps.size):
+                total += padded[signal, 2 * k + i] * taps[i]
+            result[k, signal] = total
+    return result
+
+
+@njit(cache=True, nogil=True)
+def products(left: Floats, right: Floats, later: NDArray[np.intp], turns: Complex) -> Complex:
+    """Sum the products of the transforms of one set of signals, conjugate, with those of another over windows.
+
+    Parameters
+    ----------
+    left : ndarray, shape (K, q, 2, F)
+    right : ndarray, shape (K, r, 2, F)
+    later : ndarray of int, shape (K,)
+        Place of each window, ascending, in the unit by which windows are shifted.
+    turns : ndarray of complex, shape (M, F)
+        Weight and turn of the products between a window and one that comes 1, 2, ... M units later, whose transform is
+        the conjugate one. With M = 0 windows meet themselves, and nothing else.
+
+    Returns
+    -------
+    ndarray of complex, shape (q, r, F)
+    """
+    windows, rows, _, count = left.shape
+    columns = right.shape[1]
+    real, imaginary = np.zeros((rows, columns, count)), np.zeros((rows, columns, count))
+    met = np.empty((rows, 2, count))
+    for k in range(windows):
+        if turns.shape[0] == 0:
+            met[:] = left[k]
+        else:
+            met[:] = 0.0
+            for other in range(k + 1, windows):
+                apart = later[other] - later[k]
+                if apart > turns.shape[0]:
+                    break
+                turn = turns[apart - 1]
+                for i in range(rows):
+                    for f in range(count):
+                        a, b, x, y = left[other, i, 0, f], left[other, i, 1, f], turn[f].real, turn[f].imag
+                        # The conjugate of the turn, since the transform is conjugate below.
+                        met[i, 0, f] += a * x + b * y
+                        met[i, 1, f] += b * x - a * y
+        for i in range(rows):
+            for j in range(columns):
+                for f in range(count):
+                    a, b, x, y = met[i, 0, f], met[i, 1, f], right[k, j, 0, f], right[k, j, 1, f]
+                    real[i, j, f] += a * x + b * y
+                    imaginary[i, j, f] += a * y - b * x
+    return real + 1j * imaginary
