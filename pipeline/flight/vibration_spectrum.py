@@ -108,7 +108,7 @@ def _logged(tables: Tables, flight: Span) -> _Windows | None:
     begins = begins[t[begins + size - 1] - t[begins] < 1.2 * size / rate]
     if not len(begins):
         return None
-    hz = np.fft.rfftfreq(size, 1.0 / rate)
+    hz = np.fft.rfftfreq(size, 1.0 / rate).astype(np.float64)
     gyros = {axis: inside[column].to_numpy(np.float64) for axis, column in _AXES.items()}
     power = {axis: _densities(signal, begins, size, rate) for axis, signal in gyros.items()}
     middles = np.lib.stride_tricks.sliding_window_view(t, size)[begins].mean(axis=1)
