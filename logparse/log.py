@@ -98,7 +98,7 @@ class FlightLog(Summarised):
 
     @cached_property
     def parameters(self) -> Mapping[str, float]:
-        """Autopilot parameters: the last finite value of each in this boot."""
+        """Autopilot parameters: the last value of each in this boot."""
         if isinstance(self._source, _ParameterSource):
             found = dict(self._source.parameters(self.boot))
         elif "PARM" in self.messages:
@@ -111,19 +111,19 @@ class FlightLog(Summarised):
             found = _last_values(rows, "param_id", "param_value")
         else:
             found = {}
-        odd = sorted(name for name, value in found.items() if not math.isfinite(value))
+        odd = sorted(name for name, value in found.items() if not _possible(value))
         if odd:
             self._own_findings.append(
                 Finding(
                     "parameter-not-a-number",
                     Severity.WARNING,
-                    f"Parameters without a finite value are left out: {', '.join(odd[:8])}"
+                    f"Parameters with a value that none can have are left out: {', '.join(odd[:8])}"
                     + (f" and {len(odd) - 8} more." if len(odd) > 8 else "."),
                     "Set them again on the autopilot.",
                     {"count": len(odd)},
                 )
             )
-        return {name: value for name, value in found.items() if math.isfinite(value)}
+        return {name: value for name, value in found.items() if _possible(value)}
 
     @property
     def parameters_flown(self) -> Mapping[str, float]:
@@ -136,7 +136,7 @@ class FlightLog(Summarised):
         if not later.any():
             return self.parameters
         before = _last_values(rows[~later], "Name", "Value")
-        return dict(self.parameters) | {name: value for name, value in before.items() if math.isfinite(value)}
+        return dict(self.parameters) | {name: value for name, value in before.items() if _possible(value)}
 
     @cached_property
     def vehicle(self) -> "Vehicle":
@@ -377,6 +377,11 @@ def _what_it_is(head: bytes) -> str:
     if text[0] in "{[":
         return f"it is JSON ({first!r}), perhaps exported from another program. Give the log that it was made from"
     return f"it is a text that begins {first!r} and has no FMT lines"
+
+
+def _possible(value: float) -> bool:
+    """Return whether a parameter can have a value: the largest are bit masks of 32 bits."""
+    return abs(value) <= 2.0**32
 
 
 def _last_values(rows: pd.DataFrame, name: str, value: str) -> dict[str, float]:

@@ -30,7 +30,7 @@ def pwm_range(parameters: Mapping[str, float]) -> PwmRange:
     channel's calibrated range (RC3_MIN, RC3_MAX). Before 3.4 MOT_SPIN_ARMED is in us above the minimum, THR_MIN
     in thousandths of the range, and before 3.3 the thrust curve is a straight line to MOT_TCRV_MIDPCT percent
     at half and to MOT_TCRV_MAXPCT at full throttle; it is given as the MOT_THST_EXPO that passes through the
-    same middle point.
+    same middle point. Values that no motor can have count as not set, as in a damaged log.
     """
 
     def get(name: str) -> float | None:
@@ -40,10 +40,10 @@ def pwm_range(parameters: Mapping[str, float]) -> PwmRange:
     if "SYS_AUTOSTART" in parameters or "CA_ROTOR_COUNT" in parameters:
         return _px4_pwm_range(parameters)
     low, high = get("MOT_PWM_MIN"), get("MOT_PWM_MAX")
-    if not low or not high or high <= low:
+    if not _pulses(low, high):
         channel = int(get("RCMAP_THROTTLE") or 3)
         low, high = get(f"RC{channel}_MIN"), get(f"RC{channel}_MAX")
-    if not low or not high or high <= low:
+    if low is None or high is None or not _pulses(low, high):
         low, high = 1000.0, 2000.0
     span = high - low
 
@@ -66,14 +66,25 @@ def pwm_range(parameters: Mapping[str, float]) -> PwmRange:
             top, expo = full / 100.0, float(np.clip((share - 0.5) / (share * (1.0 - share)), 0.0, 1.0))
         else:
             top, expo = 1.0, 0.0
+    lowest = _fraction(lowest, 0.15)
+    top = _fraction(top, 0.95)
     return PwmRange(
         pwm_min=low,
         pwm_max=high,
-        spin_arm=arm,
+        spin_arm=_fraction(arm, 0.1),
         spin_min=lowest,
-        spin_max=0.95 if top is None else top,
-        thrust_expo=0.65 if expo is None else expo,
+        spin_max=top if top > lowest else 1.0,
+        thrust_expo=0.65 if expo is None else float(np.clip(expo, -1.0, 1.0)),
     )
+
+
+def _pulses(low: float | None, high: float | None) -> bool:
+    """Return whether motors can be driven between two pulses, us."""
+    return low is not None and high is not None and 500.0 <= low < high <= 2500.0
+
+
+def _fraction(value: float | None, otherwise: float) -> float:
+    return value if value is not None and 0.0 <= value <= 1.0 else otherwise
 
 
 def _px4_pwm_range(parameters: Mapping[str, float]) -> PwmRange:
@@ -94,13 +105,13 @@ def _px4_pwm_range(parameters: Mapping[str, float]) -> PwmRange:
         or parameters.get(f"PWM_MAIN_{end}", 0.0)
         for end in ("MIN", "MAX")
     )
-    if not 500.0 < low < high:
+    if not _pulses(low, high):
         low, high = 1000.0, 2000.0
     return PwmRange(
         pwm_min=low,
         pwm_max=high,
         spin_arm=0.0,
-        spin_min=float(parameters.get("MPC_MANTHR_MIN", 0.08)),
+        spin_min=_fraction(parameters.get("MPC_MANTHR_MIN"), 0.08),
         spin_max=1.0,
-        thrust_expo=float(parameters.get("THR_MDL_FAC", 0.0)),
+        thrust_expo=float(np.clip(parameters.get("THR_MDL_FAC", 0.0), -1.0, 1.0)),
     )

@@ -1,5 +1,7 @@
 """The craft from what logs of different ages say about it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -167,6 +169,13 @@ def test_pwm_range_falls_back_to_the_throttle_channel():
     assert pwm_range({"MOT_PWM_MIN": 0, "MOT_PWM_MAX": 0, "RC3_MIN": 982, "RC3_MAX": 2006}).pwm_max == 2006
     assert pwm_range({"RCMAP_THROTTLE": 1, "RC1_MIN": 1010, "RC1_MAX": 1990, "RC3_MIN": 900}).pwm_min == 1010
     assert pwm_range({}).pwm(0.5) == 1500
+
+
+def test_settings_that_no_motor_can_have_count_as_not_set():
+    """A garbled MOT_THST_EXPO of 1e37 was a thrust of 1e37, and a coverage in that many bins."""
+    odd = {"MOT_THST_EXPO": 7e37, "MOT_SPIN_MIN": -4e9, "MOT_SPIN_MAX": 1e9, "MOT_PWM_MIN": -3e9, "MOT_PWM_MAX": 2000}
+    assert pwm_range(odd) == replace(pwm_range({}), thrust_expo=1.0)
+    assert pwm_range({"SYS_AUTOSTART": 4001, "THR_MDL_FAC": -1e9, "MPC_MANTHR_MIN": 5.0}).thrust_expo == -1.0
 
 
 def test_parameters_of_firmware_3_2_give_the_pulses_that_it_sent():
