@@ -12,6 +12,7 @@ from api.database import Database
 from api.problems import Problem, ProblemError
 from api.records import AnalysisRecord, CraftRecord, FlightRecord
 from api.resources import State
+from pipeline.storage.manifest import FLIGHTS
 
 
 class LeastTrust(StrEnum):
@@ -40,7 +41,7 @@ class LatestModel(NamedTuple):
     """Where the latest model is."""
 
     analysis: str
-    results: str  #: Key of its results.
+    results: str  #: Key of what its files lie below.
     files: tuple[str, ...]
     trust: str
     flights: tuple[str, ...]  #: That it was fitted to.
@@ -94,10 +95,15 @@ def _candidates(session: Session, craft_id: str) -> Iterator[LatestModel]:
         .where(FlightRecord.craft_id == craft_id)
     ).all()
     for flight, analysis in sorted(flights, key=lambda row: row[0].start or row[0].added, reverse=True):
-        if len(analysis.members) == 1:  # the files of several logs are not of this flight alone
-            yield _model(analysis, flight.trust, (flight.name,), joint=False)
+        # Of several flights analysed together each has files of its own; the others are not of this flight alone.
+        own = f"{FLIGHTS}/{flight.folder}/"
+        of_several = len(analysis.members) > 1 or any(name.startswith(own) for name in analysis.files)
+        yield _model(analysis, flight.trust, (flight.name,), below=own if of_several else "")
 
 
-def _model(analysis: AnalysisRecord, trust: str, flights: tuple[str, ...], *, joint: bool) -> LatestModel:
-    place = f"analyses/{analysis.id}/{analysis.results}"
-    return LatestModel(analysis.id, place, tuple(analysis.files), trust, flights, joint)
+def _model(
+    analysis: AnalysisRecord, trust: str, flights: tuple[str, ...], *, joint: bool = False, below: str = ""
+) -> LatestModel:
+    place = f"analyses/{analysis.id}/{analysis.results}/{below}".removesuffix("/")
+    files = tuple(name.removeprefix(below) for name in analysis.files if name.startswith(below))
+    return LatestModel(analysis.id, place, files, trust, flights, joint)

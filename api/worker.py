@@ -20,6 +20,7 @@ import pipeline
 import reports
 from api import log_lines
 from api.flown import write_flown
+from api.proposals import propose, propose_of_crafts
 from api.settings import LogFormat
 from logparse import LogError, RotoridError
 from logparse.containers import limit_unpacked
@@ -33,7 +34,6 @@ from pipeline.storage.store import ENTRY, LOCK, RESULT
 
 if TYPE_CHECKING:
     import sysid
-    import sysid.loops as sysid_loops
     from logparse import FlightLog
     from pipeline.fleet import crafts as fleet_crafts
     from pipeline.flight import kinds
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from reports import fleet as reports_fleet
     from reports import folder as reports_folder
 else:
-    sysid, sysid_loops, store_of = lazy("sysid"), lazy("sysid.loops"), lazy("pipeline.storage.store")
+    sysid, store_of = lazy("sysid"), lazy("pipeline.storage.store")
     dataset, reports_folder = lazy("pipeline.storage.dataset"), lazy("reports.folder")
     fleet_crafts, flight_summary = lazy("pipeline.fleet.crafts"), lazy("pipeline.flight.summary")
     reports_fleet, kinds = lazy("reports.fleet"), lazy("pipeline.flight.kinds")
@@ -144,19 +144,9 @@ def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
     try:
         dataset.write_tables(result, task.folder / "tables")
         _hand_over(result, name, task.folder)
-        _propose(log, task.folder)
+        propose(log, task.folder)
     except Exception:  # must not cost the report
         _log.exception("the tables of %s cannot be written", name)
-
-
-def _propose(log: "FlightLog", folder: Path) -> None:
-    """Write proposed gains and the way back where the log supports some."""
-    try:
-        tuning = sysid_loops.tune(log)
-        (folder / "proposed.param").write_text(tuning.proposed_file(), encoding="utf-8")
-        (folder / "rollback.param").write_text(tuning.rollback_file(), encoding="utf-8")
-    except RotoridError as error:
-        _log.debug("no gains are proposed: %s", error)
 
 
 def _hand_over(result: "FlightResult", name: str, folder: Path) -> None:
@@ -178,6 +168,10 @@ def _analyze_several(task: Task, progress: Progress) -> None:
     reports.write_fleet(fleet)
     (task.folder / reports_folder.SHARED_SCRIPT).unlink(missing_ok=True)
     write_flown((replace(entry, source=PurePath(entry.source).name) for entry in fleet.flights), task.folder)
+    try:
+        propose_of_crafts(fleet.flights, task.folder)
+    except Exception:  # must not cost the report
+        _log.exception("what gains to propose cannot be found out")
     # What serves a second run names the places of the logs on this server, and there is none.
     for file in (*task.folder.rglob(ENTRY), *task.folder.rglob(RESULT), task.folder / MANIFEST, task.folder / LOCK):
         file.unlink(missing_ok=True)

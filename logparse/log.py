@@ -1,6 +1,5 @@
 """`read_log`: any flight log in, a `FlightLog` out."""
 
-import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from copy import copy

@@ -51,6 +51,12 @@ def analyze(task: Task, progress: Progress) -> None:
         trust = facts.get("trust", "no")
         model = {"verdict": {"trust": trust}}
         reports.append((Path(name).stem, {"lines": [line]}, model))
+        if len(task.logs) > 1:
+            own = task.folder / "flights" / entry.folder
+            own.mkdir(parents=True)
+            (own / "models.json").write_text(json.dumps({"alone": entry.name}))
+            if "gains" in facts:
+                (own / "proposed.param").write_text(facts["gains"])
         place = task.folder / f"experiments/motors/vehicle={entry.vehicle}/flight={entry.folder}/part.parquet"
         place.parent.mkdir(parents=True)
         place.write_bytes(b"PAR1" + content)

@@ -125,6 +125,18 @@ def test_a_change_is_an_alert_once_in_list_feed_and_page(service: httpx.Client) 
     assert "sandbox" in drawn.headers["Content-Security-Policy"]
 
 
+def test_flights_analysed_together_have_their_models_and_gains_under_the_stable_address(service: httpx.Client) -> None:
+    """The files of several logs lie below their flights; the address of the craft leads to the newest that has them."""
+    facts = [(0, {"trust": "yes"}), (1, {"gains": "ATC_RAT_RLL_P,0.12"}), (2, {"trust": "limited"})]
+    files = [("file", (f"flight{day}.bin", flights.log(day, **each))) for day, each in facts]
+    logs = [each["id"] for each in service.post("/api/v1/logs", files=files).json()["logs"]]
+    ordered = service.post("/api/v1/analyses", json={"logs": logs}).json()
+    wait(lambda: service.get(f"/api/v1/analyses/{ordered['id']}").json()["state"] == "done")
+    here = f"{only_craft(service)['links']['self']}/model"
+    gains = service.get(f"{here}/proposed.param")
+    assert (gains.text, gains.headers["Rotorid-Analysis"]) == ("ATC_RAT_RLL_P,0.12", ordered["id"])
+
+
 def test_an_unhealthy_flight_is_an_alert(service: httpx.Client) -> None:
     fly(service, "crash.bin", flights.log(0, word="no"))
     craft = settled(service, only_craft(service)["id"])
