@@ -2,7 +2,8 @@
 
 Only https, and only to addresses of the public internet: a name is resolved once, all its addresses are looked at, and
 the connection goes to the very address that was looked at, so that a name that changes its mind leads nowhere. Answers
-are not read, redirects not followed. An operator may allow any address (``ROTORID_WEBHOOKS=any``) or none (``off``).
+are not read, redirects not followed, and who answers byte by byte is cut off: others wait for no one. An operator may
+allow any address (``ROTORID_WEBHOOKS=any``) or none (``off``).
 """
 
 import hashlib
@@ -12,11 +13,17 @@ import ipaddress
 import json
 import socket
 import ssl
+import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from http import HTTPStatus
+from itertools import groupby
+from typing import TypeAlias
 from urllib.parse import urlsplit
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import Row, delete, select, update
 
 from api.database import Database
 from api.ids import new_id, new_secret
@@ -25,14 +32,26 @@ from api.records import AlertRecord, CraftRecord, DeliveryRecord, HookRecord
 from api.rounds import Rounds
 from api.settings import Webhooks
 
-#: Seconds between two looks for alerts to send, and for an answer.
+#: Seconds between two looks for alerts to send, and for an answer, from the connection on.
 _LOOK, _TIMEOUT = 2.0, 10.0
+
+#: Hooks that are sent to at the same time, and alerts of one look.
+_AT_ONCE, _OF_ONE_LOOK = 8, 100
 
 #: Tries of one alert; after each the pause before the next doubles from this on.
 _TRIES, _PAUSE = 8, timedelta(seconds=30)
 
 #: Most hooks of one owner.
 _MOST = 20
+
+#: Where all public addresses of version 6 are.
+_UNICAST = ipaddress.ip_network("2000::/3")
+
+#: Addresses in it, and of version 4, that are nobody's, or lead to others: NAT64, documentation, relays.
+_NOBODYS = tuple(ipaddress.ip_network(each) for each in ("64:ff9b::/96", "3fff::/20", "192.88.99.0/24"))
+
+#: A delivery with what it is of.
+_Due: TypeAlias = Row[DeliveryRecord, AlertRecord, CraftRecord, HookRecord]
 
 
 class ForbiddenAddressError(Exception):
@@ -49,8 +68,11 @@ def check_address(url: str, webhooks: Webhooks) -> None:
     try:
         parts = urlsplit(url)
         port = parts.port
+        (parts.hostname or "").encode("idna")
     except ValueError:
         raise ForbiddenAddressError("it is no address") from None
+    if not all("!" <= letter <= "~" for letter in f"{parts.path}{parts.query}"):
+        raise ForbiddenAddressError("its path must be of printable ASCII; write other characters as %XX")
     if webhooks is Webhooks.OFF:
         raise ForbiddenAddressError("this service sends no webhooks")
     allowed = ("https",) if webhooks is Webhooks.PUBLIC else ("https", "http")
@@ -72,9 +94,10 @@ def _check(address: ipaddress.IPv4Address | ipaddress.IPv6Address, webhooks: Web
         return
     # Addresses that carry an IPv4 address in themselves lead to it.
     carried = getattr(address, "ipv4_mapped", None) or getattr(address, "sixtofour", None)
+    outside = address.version == 6 and address not in _UNICAST
+    nobodys = outside or any(address in network for network in _NOBODYS if network.version == address.version)
     teredo = getattr(address, "teredo", None)
-    nat64 = address in ipaddress.ip_network("64:ff9b::/96") if address.version == 6 else False
-    if carried is not None or teredo is not None or nat64 or not address.is_global or address.is_multicast:
+    if carried is not None or teredo is not None or nobodys or not address.is_global or address.is_multicast:
         raise ForbiddenAddressError(f"{address} is no address of the public internet")
 
 
@@ -107,9 +130,15 @@ def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
     secure = parts.scheme == "https"
     host, port = parts.hostname or "", parts.port or (443 if secure else 80)
     address = resolve(host, port, webhooks)
-    raw = socket.create_connection((address, port), timeout=_TIMEOUT)
+    stream = socket.create_connection((address, port), timeout=_TIMEOUT)
+    if secure:
+        context = ssl.create_default_context()
+        stream = context.wrap_socket(stream, server_hostname=host, do_handshake_on_connect=False)
+    deadline = threading.Timer(_TIMEOUT, _cut_off, (stream,))
+    deadline.start()
     try:
-        stream = ssl.create_default_context().wrap_socket(raw, server_hostname=host) if secure else raw
+        if isinstance(stream, ssl.SSLSocket):
+            stream.do_handshake()
         connection = http.client.HTTPConnection(host, port, timeout=_TIMEOUT)
         connection.sock = stream
         signature = hmac.new(secret.encode(), body, hashlib.sha256).hexdigest()
@@ -125,13 +154,18 @@ def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
                 "Connection": "close",
             },
         )
-        status = connection.getresponse().status
-        connection.close()
-        return status
+        return connection.getresponse().status
     except http.client.HTTPException as error:
         raise OSError(f"no HTTP answer: {type(error).__name__}") from error
     finally:
-        raw.close()
+        deadline.cancel()
+        stream.close()
+
+
+def _cut_off(stream: socket.socket) -> None:
+    """End a connection that another thread waits for."""
+    with suppress(OSError):
+        socket.socket.shutdown(stream, socket.SHUT_RDWR)
 
 
 class Hooks(Rounds):
@@ -203,8 +237,15 @@ class Hooks(Rounds):
                 .join(HookRecord, HookRecord.id == DeliveryRecord.hook_id)
                 .where(DeliveryRecord.due <= now)
                 .order_by(DeliveryRecord.due)
-                .limit(20)
+                .limit(_OF_ONE_LOOK)
             ).all()
+        by_hook = groupby(sorted(due, key=lambda row: row[3].id), key=lambda row: row[3].id)
+        rows = [list(own) for _, own in by_hook]
+        with ThreadPoolExecutor(max_workers=_AT_ONCE, thread_name_prefix="webhook") as pool:
+            list(pool.map(lambda own: self._send_all(own, now), rows))
+
+    def _send_all(self, due: Sequence[_Due], now: datetime) -> None:
+        """Send what is due to one hook; what is left when it does not take one waits as long as that one."""
         for delivery, alert, craft, hook in due:
             if self.closing or not self._take(delivery, now):
                 continue
@@ -220,9 +261,12 @@ class Hooks(Rounds):
             try:
                 status = send(hook.url, json.dumps(body).encode(), hook.secret, self._webhooks)
                 said = "" if status < HTTPStatus.MULTIPLE_CHOICES else f"answered {status}"
-            except (ForbiddenAddressError, OSError) as error:
+            except (ForbiddenAddressError, OSError, ValueError) as error:
                 said = str(error)[:200] or type(error).__name__
             self._note(delivery, f"{now:%Y-%m-%d %H:%M} UTC: {said or 'delivered'}", done=not said)
+            if said:
+                self._put_off(hook.id, now + _PAUSE * 2**delivery.attempts)
+                return
 
     def _take(self, delivery: DeliveryRecord, now: datetime) -> bool:
         mine = (DeliveryRecord.alert_id == delivery.alert_id, DeliveryRecord.hook_id == delivery.hook_id)
@@ -234,6 +278,11 @@ class Hooks(Rounds):
             found.attempts += 1
             found.due = later
             return True
+
+    def _put_off(self, hook_id: str, until: datetime) -> None:
+        mine = (DeliveryRecord.hook_id == hook_id, DeliveryRecord.due < until)
+        with self._database.write() as session:
+            session.execute(update(DeliveryRecord).where(*mine).values(due=until))
 
     def _note(self, delivery: DeliveryRecord, said: str, *, done: bool) -> None:
         with self._database.write() as session:

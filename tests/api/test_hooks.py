@@ -6,6 +6,7 @@ import json
 import socket
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
@@ -14,7 +15,7 @@ import httpx
 import pytest
 
 from api import Settings, create_app, hooks
-from api.hooks import ForbiddenAddressError, check_address, resolve
+from api.hooks import ForbiddenAddressError, check_address, resolve, send
 from api.settings import Webhooks
 from tests.api import flights
 from tests.api.conftest import running
@@ -45,6 +46,12 @@ from tests.api.test_crafts import fly, only_craft, settled
         "https://[::ffff:127.0.0.1]/",
         "https://[64:ff9b::7f00:1]/",
         "https://[2002:7f00:1::]/",
+        "https://[::127.0.0.1]/",
+        "https://[64:ff9b:1::7f00:1]/",
+        "https://[fec0::1]/",
+        "https://a..example.org/",
+        "https://hooks.example.org/\u00fc",
+        "https://hooks.example.org/a b",
         "nonsense",
         "https://[",
     ],
@@ -121,6 +128,55 @@ def test_an_alert_is_sent_signed_until_it_is_taken(
         assert "secret" not in hook
         assert client.delete(f"/api/v1/hooks/{hook['id']}").status_code == 204
         assert client.delete(f"/api/v1/hooks/{hook['id']}").status_code == 404
+
+
+@pytest.fixture
+def dripping() -> Iterator[str]:
+    """Run a server that answers one byte in a tenth of a second, for ever."""
+    listener, over = socket.create_server(("127.0.0.1", 0)), threading.Event()
+
+    def drip() -> None:
+        while not over.is_set():
+            with suppress(OSError), listener.accept()[0] as connection:
+                while not over.wait(0.1):
+                    connection.sendall(b"H")
+
+    thread = threading.Thread(target=drip)
+    thread.start()
+    yield f"http://127.0.0.1:{listener.getsockname()[1]}/"
+    over.set()
+    listener.shutdown(socket.SHUT_RDWR)
+    thread.join()
+    listener.close()
+
+
+def test_who_answers_byte_by_byte_is_cut_off(dripping: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One such address held the webhooks of all owners for as long as it liked: each byte came in time."""
+    monkeypatch.setattr(hooks, "_TIMEOUT", 0.5)
+    with pytest.raises(OSError, match="no HTTP answer"):
+        send(dripping, b"{}", "secret", Webhooks.ANY)
+
+
+def test_an_address_that_takes_nothing_is_tried_once_in_a_while_for_all_its_alerts(
+    tmp_path: Path, receiver: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hooks, "_LOOK", 3600.0)  # the test looks itself
+    _Receiver.answers[:] = [500, 204, 204]
+    app = create_app(
+        Settings(data=tmp_path, workers=1, webhooks=Webhooks.ANY), flights.analyze, preload=flights.PRELOAD
+    )
+    with running(app) as client:
+        client.post("/api/v1/hooks", json={"url": receiver})
+        for name in ("octa", "quad"):
+            fly(client, f"{name}.bin", flights.log(0, craft=name, word="no"))
+        for craft in client.get("/api/v1/crafts").json()["items"]:
+            settled(client, craft["id"])
+        now = datetime.now(UTC) + timedelta(seconds=1)
+        app.state.parts.hooks.deliver(now)
+        app.state.parts.hooks.deliver(now)
+        assert len(_Receiver.got) == 1
+        app.state.parts.hooks.deliver(now + timedelta(hours=1))
+        assert len(_Receiver.got) == 3
 
 
 def test_an_inner_address_is_refused_by_the_service(tmp_path: Path) -> None:
