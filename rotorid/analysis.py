@@ -132,7 +132,8 @@ def analyze(
     Raises
     ------
     RotoridError
-        The one log is not readable, or holds neither a flight nor a trajectory; or a setting does not exist.
+        The one log is not readable, or holds neither a flight nor a trajectory; there is no log; or a setting does
+        not exist.
     """
     unknown = sorted(set(settings) - set(AnalysisConfig.__dataclass_fields__))
     if unknown:
@@ -140,7 +141,9 @@ def analyze(
             f"no setting is called {', '.join(unknown)}; there are {', '.join(AnalysisConfig.__dataclass_fields__)}"
         )
     config = AnalysisConfig(**settings)
-    several = [paths] if isinstance(paths, str | Path) else list(paths)
+    several = [paths] if isinstance(paths, str | Path) else paths
+    if not isinstance(several, Sequence) or not all(isinstance(path, str | Path) for path in several):
+        raise ConfigError("name a log, a folder, or a list of them; logs that are loaded offer `experiment`")
     if len(several) == 1 and Path(several[0]).is_file() and not (config.training or config.validation):
         logs = logparse.read_flights(several[0])
         if len(logs) == 1:
@@ -150,6 +153,9 @@ def analyze(
             return result
     exclude = None if out is None or is_url(out) else Path(out)
     found = find([str(path) for path in several], exclude=exclude)
+    if not found.sources:
+        reasons = [f"{each.file}: {each.reason}" for each in (*found.failures, *found.passed_over)]
+        raise ConfigError(f"there is no log to analyse{'; ' if reasons else ''}{listed(reasons, 3)}")
     workers: AbstractContextManager[Executor | None] = nullcontext()
     if jobs > 1:
         workers = processes(jobs, [source.size for source in found.sources], PRELOAD)

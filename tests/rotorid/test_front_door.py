@@ -219,3 +219,9 @@ def test_one_function_of_several_is_asked_for_by_output_and_input(halves):
     tf = ro.fit.transfer_functions(halves[0].resample(10.0), poles=2, zeros=1)
     with pytest.raises(KeyError, match=r"\['x', 'm1'\]"):
         _ = tf["z"]
+
+
+@pytest.mark.parametrize("given", [3, [], [ROOT / "nothing.bin"], str(ROOT / "nothing.bin"), [None]])
+def test_an_analysis_of_no_log_says_so(given):
+    with pytest.raises(ConfigError, match="log"):
+        ro.analyze(given)
