@@ -121,7 +121,8 @@ def _parameters(numbers: FleetReport) -> ShownAnswer:
                 if common.newton is None
                 else uncertain(common.newton, common.newton_sigma, "N")
             )
-            return _line("Parameters", "partly", Tone.CARE, value, f"thrust per motor ({craft.name})")
+            what = "thrust/mass" if common.newton is None else "thrust"
+            return _line("Parameters", "partly", Tone.CARE, value, f"{what} per motor ({craft.name})")
     known = [
         flight.thrust.common.per_mass
         for flight in numbers.flights
@@ -131,5 +132,5 @@ def _parameters(numbers: FleetReport) -> ShownAnswer:
         return _line("Parameters", "not known", Tone.UNKNOWN, "", "no flight gives the thrust of a motor")
     span = [number(each, 2) for each in (min(known), max(known))]
     shown = f"{' to '.join(dict.fromkeys(span))} m/s²"
-    text = f"thrust per motor, by {len(known)} of {counted(len(numbers.flights), 'flight')}"
+    text = f"thrust/mass per motor, by {len(known)} of {counted(len(numbers.flights), 'flight')}"
     return _line("Parameters", "partly", Tone.CARE, shown, text)

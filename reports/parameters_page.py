@@ -14,7 +14,7 @@ from reports.html import render
 from reports.numbers import parameter_rows
 from reports.parameter_views import ShownParameters, parameters
 from reports.summary import ShownAnswer
-from sysid.rigid_body.physical import HEADLINE, PhysicalParameters
+from sysid.rigid_body.physical import HEADLINE, PhysicalParameters, quantity
 
 #: What a craft is asked first, and the parameters that answer, the first that is known.
 _ASKED = (
@@ -75,9 +75,11 @@ def _answer(asked: str, names: Sequence[str], rows: Sequence[ParameterRow]) -> S
     for row in headlines:
         for value, sigma, unit in ((row.si_value, row.si_sigma, row.si_unit), (row.value, row.sigma, row.unit)):
             if value is not None and sigma is not None:
-                bare, _, condition = unit.partition(", ")
-                line = AnswerLine(purpose=asked, word="known", tone=Tone.GOOD, text=condition)
-                return ShownAnswer(line, uncertain(value, sigma, bare.replace("^2", "²")))
+                bare, _, condition = unit.partition(" (")[0].partition(", ")
+                divisor = quantity(row.parameter, unit)[1]
+                text = ", ".join(each for each in (divisor and f"over {divisor}", condition) if each)
+                line = AnswerLine(purpose=asked, word="known", tone=Tone.GOOD, text=text)
+                return ShownAnswer(line, uncertain(value, sigma, bare.replace("^2", "²").replace(" ", "·")))
     reasons = [row.note for row in rows if row.parameter in names and row.note]
     reason = summary.clause(reasons[0]) if reasons else "no method determines it"
     return ShownAnswer(AnswerLine(purpose=asked, word="not determined", tone=Tone.UNKNOWN, text=reason), "")

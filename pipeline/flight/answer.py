@@ -26,7 +26,7 @@ from pipeline.results.span import Span
 from pipeline.results.verdict import PredictionUse, Trust
 from sysid.rigid_body.frame_json import frame_json
 from sysid.rigid_body.model import RigidBodyModel
-from sysid.rigid_body.physical import HEADLINE
+from sysid.rigid_body.physical import HEADLINE, UNITS, quantity
 from sysid.rotors.thrust_regression import BLOCK_SECONDS, regress
 
 if TYPE_CHECKING:
@@ -324,11 +324,13 @@ def _parameters(result: FlightResult) -> AnswerLine:
     known: list[tuple[str, float, float, str]] = []
     unknown = []
     for label, rows in _SHOWN:
-        found = next((each for each in (_row(result, row) for row in rows) if each is not None), None)
+        found = next(((row, each) for row in rows if (each := _row(result, row)) is not None), None)
         if found is None:
             unknown.append(label)
         else:
-            known.append((label, *found))
+            name, (value, sigma, unit) = found
+            what = _divided(name, unit) + (" per motor" if label == "thrust" else "")
+            known.append((what, value, sigma, _unit(unit)))
     if not known:
         needed = (result.thrust, result.parameters)
         reasons = (each.reason for each in needed if isinstance(each, Failure))
@@ -343,8 +345,8 @@ def _parameters(result: FlightResult) -> AnswerLine:
             sigma=sigma,
             unit="" if value is None else "µs",
         )
-    label, value, sigma, unit = known[0]
-    parts = [f"{label}{' per motor' if label == 'thrust' else ''}"]
+    what, value, sigma, unit = known[0]
+    parts = [what]
     parts += [f"{name} {uncertain(known_value, error, its_unit)}" for name, known_value, error, its_unit in known[1:]]
     text = ", ".join(parts)
     if unknown:
@@ -381,19 +383,26 @@ def _row(result: FlightResult, parameter: str) -> tuple[float, float, str] | Non
         for prefix in ("si_", ""):
             value, sigma = float(row[f"{prefix}value"]), float(row[f"{prefix}sigma"])
             if math.isfinite(value) and math.isfinite(sigma) and sigma > 0.0:
-                return value, sigma, _unit(str(row[f"{prefix}unit"]))
+                return value, sigma, str(row[f"{prefix}unit"])
         return None
     if parameter == "thrust over mass" and not isinstance(result.thrust, Failure):
         common = result.thrust.common
         if common.determined and common.per_mass is not None and common.sigma is not None:
-            return common.per_mass, common.sigma, "m/s²"
+            return common.per_mass, common.sigma, UNITS[parameter]
     return None
+
+
+def _divided(parameter: str, unit: str) -> str:
+    """Name a number as its unit has it: motion alone gives no inertia, but its ratio to mass and arm."""
+    name, divisor = quantity(parameter, unit)
+    if not divisor:
+        return name
+    return f"{name}/({divisor.replace(' and ', '·')})" if " and " in divisor else f"{name}/{divisor}"
 
 
 def _unit(unit: str) -> str:
     """Leave the conditions out of a unit, which stand in the table of parameters."""
-    bare = re.split(r",| at | \(", unit, maxsplit=1)[0]
-    return bare.replace("^2", "²").replace("kg m²", "kg·m²")
+    return re.split(r",| at | \(", unit, maxsplit=1)[0].replace("^2", "²").replace(" ", "·")
 
 
 def _simulate(result: FlightResult) -> AnswerLine:

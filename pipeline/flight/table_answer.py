@@ -51,7 +51,9 @@ def _known(asked: str, parameters: Sequence[BodyParameter], motors: bool) -> Ans
         for value, sigma, unit in ((each.si_value, each.si_sigma, each.si_unit), (each.value, each.sigma, each.unit)):
             if value is not None and sigma is not None:
                 bare, _, condition = unit.replace("^2", "²").partition(" at ")
-                text = f"{_spoken(each.name, motors)} {f'at {condition}' if condition else ''}".strip()
+                # Motion alone knows forces by the mass only, and turning by the inertia: accelerations.
+                mass = "over mass, " if each.name not in ("roll_gain", "pitch_gain") and bare[0] != "N" else ""
+                text = f"{mass}{_spoken(each.name, motors)} {f'at {condition}' if condition else ''}".strip()
                 return AnswerLine(
                     purpose=asked, word="known", tone=Tone.GOOD, text=text, value=value, sigma=sigma, unit=bare
                 )

@@ -49,6 +49,36 @@ UNITS = {
     "whole drag in still air over mass": "1/m, as if all of it were quadratic and there were no wind",
 }
 
+#: What a parameter may be divided by, as its name ends.
+_DIVISORS = ("mass and arm", "mass")
+
+
+def quantity(parameter: str, unit: str) -> tuple[str, str]:
+    """Return what a number of a parameter is, and what it is still divided by.
+
+    Parameters
+    ----------
+    parameter : str
+        As in `UNITS`.
+    unit : str
+        Of the number: the one that motion alone gives, or that with the mass, and the arm where it is known.
+
+    Returns
+    -------
+    tuple of str
+        Such as ``("roll inertia", "mass and arm")``; the second is empty where nothing divides it.
+    """
+    name, _, divisor = parameter.rpartition(" over ")
+    if divisor not in _DIVISORS:
+        return parameter, ""
+    if unit == UNITS[parameter]:
+        return name, divisor
+    return name, "arm" if unit == _OVER_ARM else ""
+
+
+#: Unit of an inertia of which only the mass is known.
+_OVER_ARM = "kg m (inertia over arm)"
+
 #: Why numbers stand without a standard error.
 WIND_WITHIN = "wind and linear drag are in it, by as much as nobody knows"
 SHORT_OF_TRUTH = "its standard errors are too small by several times on craft of known truth"
@@ -163,7 +193,7 @@ class _Sheet:
         if self.mass is None:
             return float("nan"), ""
         if parameter.endswith("over mass and arm"):
-            return (self.mass * self.arm, "kg m^2") if self.arm is not None else (self.mass, "kg m (inertia over arm)")
+            return (self.mass * self.arm, "kg m^2") if self.arm is not None else (self.mass, _OVER_ARM)
         units = {
             "thrust over mass": "N at full command",
             "thrust over mass at hover": "N at the command flown on average",

@@ -10,7 +10,7 @@ import pytest
 from simulation.papers.elhesasy2024 import octocopter
 from sysid import Experiment, analyse_bench, fit_rigid_body, physical_parameters, read_bench
 from sysid.records.motor_scaling import motor_commands
-from sysid.rigid_body.physical import HEADLINE, METHODS, UNITS
+from sysid.rigid_body.physical import HEADLINE, METHODS, UNITS, quantity
 from tests.sysid.simulated_craft import flight, without
 
 LOGS = Path("../shared/logs/sitl")
@@ -47,6 +47,21 @@ def test_methods_agree_on_a_simulated_craft(record):
     assert table.loc[("motor lag", "rotor"), "value"] == pytest.approx(0.045, abs=0.005)
     assert set(table.index.get_level_values(0)) <= set(UNITS)
     assert set(table.index.get_level_values(1)) <= {HEADLINE, *METHODS}
+
+
+@pytest.mark.parametrize(
+    ("parameter", "unit", "name", "divisor"),
+    [
+        ("roll inertia over mass and arm", "m", "roll inertia", "mass and arm"),
+        ("roll inertia over mass and arm", "kg m (inertia over arm)", "roll inertia", "arm"),
+        ("roll inertia over mass and arm", "kg m^2", "roll inertia", ""),
+        ("linear drag over mass", "1/s, mean of body x and y", "linear drag", "mass"),
+        ("linear drag over mass", "N s/m", "linear drag", ""),
+        ("yaw torque over inertia", "rad/s^2, one motor at full command", "yaw torque over inertia", ""),
+    ],
+)
+def test_a_number_is_called_what_its_unit_says(parameter, unit, name, divisor):
+    assert quantity(parameter, unit) == (name, divisor)
 
 
 def test_what_a_method_cannot_do_stands_in_its_note(record):
