@@ -20,6 +20,8 @@ from reports.packing import compact, pack
 
 #: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.
 MOST_POINTS = 1500
+#: Points from which on dots are drawn small.
+MANY_POINTS = 1000
 #: Samples further apart than this, s, are not joined by a line.
 LONGEST_JOIN = 1.5
 TIME_TITLE = "time on the log’s clock (s)"
@@ -209,7 +211,9 @@ def dots(x: ArrayLike, y: ArrayLike, name: str, color: str) -> Trace:
     """Draw points that no line joins."""
     trace = line(x, y, name, color, time=np.arange(np.size(x), dtype=float))
     del trace["line"]
-    return trace | {"mode": "markers", "marker": {"color": color, "size": 4}, "hoverinfo": "skip"}
+    # Of many points each is small, or they cover what lies among them.
+    size = 4 if np.size(x) < MANY_POINTS else 2
+    return trace | {"mode": "markers", "marker": {"color": color, "size": size}, "hoverinfo": "skip"}
 
 
 def rounded(values: NDArray[np.float64], decimals: int) -> list[float | None]:

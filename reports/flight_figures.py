@@ -35,7 +35,7 @@ from reports.numbers import mode_spans
 from reports.prediction_figures import prediction
 
 #: Points of the track that carry a colour, events marked on it, and length of the wind's arrow, pixels.
-_TRACK_POINTS, _MOST_EVENTS, _ARROW = 600, 40, 34
+_TRACK_POINTS, _MOST_EVENTS, _ARROW = 1500, 40, 34
 
 Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
 

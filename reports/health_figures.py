@@ -125,6 +125,8 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[Drawn
             "title": {"text": plotly_text(title), "font": {"size": 11}},
             "nticks": 5,
         }
+        if all(float(np.nanmin(signal.y)) >= 0.0 for signal in panel.signals):
+            axes[f"yaxis{suffix}"]["rangemode"] = "nonnegative"
     axes["xaxis"] = time_axis(margin(flight)) | {"anchor": f"y{len(panels)}" if len(panels) > 1 else "y"}
     layout = layout_of(**axes, shapes=shapes)
     caption = _CAPTIONS[name]

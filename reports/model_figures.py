@@ -170,7 +170,13 @@ def _bode(
             )
     layout = layout_of(
         xaxis={"type": "log", "title": {"text": "frequency (rad/s)"}, "anchor": "y2", "dtick": 1},
-        yaxis={"type": "log", "title": {"text": f"gain ({unit})"}, "domain": [0.46, 1.0], "exponentformat": "power"},
+        yaxis={
+            "type": "log",
+            "title": {"text": f"gain ({unit})"},
+            "domain": [0.46, 1.0],
+            "exponentformat": "power",
+            "dtick": 1,
+        },
         yaxis2={"title": {"text": "phase (°)"}, "domain": [0.0, 0.40], "nticks": 6},
     )
     layout["margin"] = layout["margin"] | {"l": 70, "t": 64}

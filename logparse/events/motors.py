@@ -72,7 +72,7 @@ def _saturation(motors: pd.DataFrame, tables: Tables, flight: Flight) -> Iterato
             t=first,
             end=last,
             severity=Severity.WARNING if lasting else Severity.INFO,
-            reason=f"Motor{plural} {names} at the upper limit ({top:.0f} us) for {seconds:.1f} s.",
+            reason=f"Motor{plural} {names} at the upper limit ({top:.0f} µs) for {seconds:.1f} s.",
             advice="The craft cannot do what is asked then: fly less aggressively, lighter, or with a fuller battery."
             if lasting
             else "",

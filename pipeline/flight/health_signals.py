@@ -110,13 +110,33 @@ def _asked_and_flown(
 ) -> tuple[Panel, ...]:
     panels: tuple[Panel, ...] = ()
     for title, columns in names.items():
-        lines = []
-        for source, column, name in zip(sources, columns, ("asked", "flown"), strict=True):
-            found = next(iter(tables.columns(source, (column,))), None)
-            lines.append(None if found is None else _line(name, found.dropna(), flight))
-        if lines[1] is not None:
-            panels += _panel(title, unit, lines)
+        found = [
+            next((each.dropna() for each in tables.columns(source, (column,))), None)
+            for source, column in zip(sources, columns, strict=True)
+        ]
+        asked, flown = found if title != "yaw" else _turning(*found)
+        if flown is None:
+            continue
+        line = _line("flown", flown, flight)
+        if line is not None:
+            panels += _panel(title, unit, [None if asked is None else _line("asked", asked, flight), line])
     return panels
+
+
+def _turning(
+    asked: pd.Series[float] | None, flown: pd.Series[float] | None
+) -> tuple[pd.Series[float] | None, pd.Series[float] | None]:
+    """Let headings run on beyond half a turn instead of jumping, what was asked beside what was flown, rad."""
+    if flown is None or not len(flown):
+        return asked, flown
+    flown = flown[np.isfinite(flown)]
+    flown = pd.Series(np.unwrap(flown.to_numpy(np.float64)), index=flown.index)
+    if asked is None or not len(asked) or not len(flown):
+        return asked, flown
+    ordered = flown if flown.index.is_monotonic_increasing else flown.sort_index(kind="stable")
+    beside = np.interp(asked.index.to_numpy(np.float64), ordered.index.to_numpy(np.float64), ordered.to_numpy())
+    off = asked.to_numpy(np.float64) - beside
+    return pd.Series(beside + np.arctan2(np.sin(off), np.cos(off)), index=asked.index), flown
 
 
 def _columns(table: pd.DataFrame | None, flight: Span, wanted: Mapping[str, tuple[str, str]]) -> tuple[Panel, ...]:

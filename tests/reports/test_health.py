@@ -50,6 +50,20 @@ def test_messages_whose_times_damage_has_put_out_of_order_are_drawn_in_order():
     assert all((np.diff(signal.t) > 0.0).all() for signal in panel.signals)
 
 
+def test_a_heading_about_south_does_not_jump():
+    log = read_log("sample_logs/octa01_zurich_calm.bin")
+    rows = log.messages["ATT"]
+    t = np.arange(len(rows)) * 0.1
+    flown, asked = 180.0 + 5.0 * np.sin(t), 180.0 + 5.0 * np.sin(t + 0.1)
+    log.messages._frames["ATT"] = rows.assign(Yaw=flown % 360.0, DesYaw=asked % 360.0)
+    panel = health_signals(log, log.flight).attitude[2]
+    assert panel.title == "yaw"
+    by_name = {signal.name: signal.y for signal in panel.signals}
+    for values in by_name.values():
+        assert np.ptp(values) == pytest.approx(np.radians(10.0), abs=0.02)
+    assert np.abs(by_name["asked"] - by_name["flown"]).max() < np.radians(0.6)
+
+
 def test_thinning_keeps_every_peak():
     rng = np.random.default_rng(0)
     t = np.arange(100_000) * 0.0025
