@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from itertools import accumulate
+from itertools import takewhile
 from time import perf_counter
 from types import MappingProxyType
 from typing import TypeVar
@@ -57,25 +57,72 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
 )
 
 
+#: Seconds that a log takes of which nothing is known yet, seconds that loading the packages takes, and seconds after
+#: which the pace of a computer counts for as much as that of the one on which stages were timed.
+_USUAL, _LOADING, _TRUST = 4.0, 0.7, 0.3
+
 #: Reported before the stages of each flight of a log, with the part of the whole that the flight takes.
 NEXT_FLIGHT = "next flight"
 
 
-def overall(progress: Progress) -> Progress:
-    """Turn a stage's name and the fraction of it that is done into its title and the fraction of the whole."""
-    begins = dict(zip(STAGES, accumulate((stage.share for stage in STAGES.values()), initial=0.0), strict=False))
-    begun, share, furthest = 0.0, 0.0, 0.0
+class Overall:
+    """Turns a stage's name and the fraction of it that is done into its title and the fraction of the whole.
 
-    def report(name: str, fraction: float) -> None:
-        nonlocal begun, share, furthest
+    As long as nobody says how long the stages of a log will take, their usual shares count. From `expect` on the
+    fraction is the time gone over the time gone and to go, which no wrong guess of what is past can spoil; how fast the
+    computer is shows in how long the stages took that are done.
+
+    Parameters
+    ----------
+    progress : callable
+    now : callable
+        The clock, s.
+    began : float, optional
+        When the work began by this clock, if packages were loaded since.
+    """
+
+    def __init__(self, progress: Progress, now: Callable[[], float] = perf_counter, began: float | None = None) -> None:
+        self._progress, self._now = progress, now
+        self._began = now() if began is None else began
+        self._loading = 0.0 if began is None else _LOADING
+        self._begun = self._part = self._furthest = 0.0
+        self._guess = None if began is None else {name: _USUAL * stage.share for name, stage in STAGES.items()}
+        self._expected: Mapping[str, float] | None = self._guess
+        self._done = 0.0
+
+    def expect(self, seconds: Mapping[str, float]) -> None:
+        """Take the seconds that each stage of this flight will take, at their ratios."""
+        self._expected = seconds
+
+    def __call__(self, name: str, fraction: float) -> None:
+        """Note progress within a stage."""
         if name == NEXT_FLIGHT:
-            begun, share = begun + share, fraction
+            if self._part:
+                self._began, self._loading = self._now(), 0.0
+            self._begun, self._part = self._begun + self._part, fraction
+            self._expected, self._done = self._guess, 0.0
             return
+        within = self._usual(name, fraction) if self._expected is None else self._timed(self._expected, name, fraction)
         # Some stages come once for every kind of model; the bar must not go back for them.
-        furthest = max(furthest, begun + (share or 1.0) * (begins[name] + STAGES[name].share * fraction))
-        progress(STAGES[name].title, furthest)
+        self._furthest = max(self._furthest, self._begun + (self._part or 1.0) * within)
+        self._progress(STAGES[name].title, self._furthest)
 
-    return report
+    def _usual(self, name: str, fraction: float) -> float:
+        before = takewhile(lambda each: each != name, STAGES)
+        return sum(STAGES[each].share for each in before) + STAGES[name].share * fraction
+
+    def _timed(self, expected: Mapping[str, float], name: str, fraction: float) -> float:
+        before = sum(expected.get(each, 0.0) for each in takewhile(lambda each: each != name, STAGES))
+        self._done = max(self._done, before + expected.get(name, 0.0) * fraction)
+        gone = max(self._now() - self._began, 0.0)
+        pace = (gone + _TRUST) / (self._loading + self._done + _TRUST)
+        left = pace * max(sum(expected.values()) - self._done, 0.0)
+        return gone / (gone + left) if gone + left > 0.0 else 1.0
+
+
+def overall(progress: Progress, began: float | None = None) -> Overall:
+    """Return what a stage's progress is reported to, as `Overall` describes."""
+    return Overall(progress, began=began)
 
 
 class OutOfTimeError(RotoridError):

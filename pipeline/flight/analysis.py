@@ -11,7 +11,7 @@ import logparse
 import sysid
 from logparse import Boot, Finding, FlightLog, MissingDataError, Tables, health
 from pipeline.config import AnalysisConfig
-from pipeline.execution.stages import NEXT_FLIGHT, Progress, Stages, silent
+from pipeline.execution.stages import NEXT_FLIGHT, Overall, Progress, Stages, silent
 from pipeline.flight.advice.next_flights import for_flight
 from pipeline.flight.answer import compose_answer
 from pipeline.flight.comparison import compare_parameters
@@ -24,6 +24,7 @@ from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.log_health import logged_rates
 from pipeline.flight.repetition import without_repetition
 from pipeline.flight.rotation import find_rotation
+from pipeline.flight.workload import expected_seconds
 from pipeline.names import flight_name, printable
 from pipeline.results.coverage import Coverage
 from pipeline.results.failure import Failure, findings_of, present
@@ -131,6 +132,8 @@ def _analyze(
         raise MissingDataError(tables.reason)
     checked = present(stages.run("health", lambda _: health.check(log))) or ()
     flight = stages.run("flight", lambda _: _flight(log, checked))
+    if isinstance(progress, Overall):
+        progress.expect(expected_seconds(log, present(flight)))
     timeline = stages.run("health", lambda _: assess_health(log, present(flight)))
     sound = flight if isinstance(timeline, Failure) or timeline.sound is None else timeline.sound
     rotation: RotationResult | Failure

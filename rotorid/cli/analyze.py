@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, nullco
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
@@ -191,6 +192,7 @@ def _one_flight(
     from pipeline.execution.stages import overall
     from pipeline.storage.sources import fetched
 
+    began = perf_counter()
     with shown() as progress, fetched(source.url) as file:
         # The numerical packages take seconds to import: the terminal shows first that something happens.
         progress("loading the numerical packages", 0.0)
@@ -198,7 +200,7 @@ def _one_flight(
         import reports
         from logparse import read_flights
 
-        advance = overall(progress)
+        advance = overall(progress, began)
         advance("read", 0.0)
         logs = read_flights(file)
         if len(logs) > 1:

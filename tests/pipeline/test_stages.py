@@ -6,11 +6,13 @@ from pathlib import Path
 import pytest
 
 import estimation
-from logparse import FlightLog, MissingDataError
+from logparse import FlightLog, MissingDataError, read_log
 from pipeline.execution.progress import Clock
-from pipeline.execution.stages import STAGES, Stages, overall, silent
+from pipeline.execution.stages import STAGES, Overall, Stages, overall, silent
 from pipeline.flight.analysis import analyze
+from pipeline.flight.workload import expected_seconds
 from pipeline.results.failure import Failure
+from pipeline.results.span import Span
 
 
 def test_a_foreseen_error_becomes_a_reason():
@@ -73,6 +75,37 @@ def test_overall_progress_only_grows():
     assert seen == sorted(seen)
     assert seen[0] == 0.0
     assert abs(seen[-1] - 1.0) < 1e-9
+
+
+@pytest.mark.parametrize("pace", [0.5, 1.0, 4.0])
+@pytest.mark.parametrize("wrong", [0.5, 1.0, 2.0])
+def test_the_share_of_time_is_right_on_slow_and_fast_computers_and_with_a_stage_guessed_wrong(pace, wrong):
+    clock, heard = [0.0], []
+    report = Overall(lambda title, fraction: heard.append(fraction), now=lambda: clock[0], began=-0.7 * pace)
+    takes = {"read": 0.1, "rotation": 1.0, "trajectory": 1.5 * wrong, "motors": 1.0, "rigid_body": 0.5, "report": 0.3}
+    whole = pace * (0.7 + sum(takes.values()))
+    shares = []
+    for name, seconds in takes.items():
+        for step in range(11):
+            report(name, 0.1 * step)
+            shares.append(0.7 * pace / whole + clock[0] / whole)
+            clock[0] += pace * seconds / 10.0 if step < 10 else 0.0
+        if name == "read":
+            report.expect(takes | {"trajectory": 1.5})
+    assert heard == sorted(heard)
+    told = [(each, share) for each, share in zip(heard, shares, strict=True) if share > 0.2]
+    assert all(share / 1.5 < each < share * 1.5 for each, share in told)
+    assert heard[-1] == pytest.approx(1.0)
+
+
+def test_what_a_log_lacks_is_not_waited_for():
+    log = read_log("sample_logs/octa01_zurich_calm.bin")
+    flight = Span(log.flight.start, log.flight.stop)
+    seconds = expected_seconds(log, flight)
+    assert seconds.keys() <= STAGES.keys()
+    assert all(each > 0.0 for each in seconds.values())
+    assert "motors" not in expected_seconds(log, Span(flight.start, flight.start + 10.0))
+    assert expected_seconds(log, None).keys() == {"read", "tables", "health", "trajectory", "report"}
 
 
 def test_the_time_to_go_is_right_for_even_work_whatever_came_before_it():
