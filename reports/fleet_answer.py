@@ -34,9 +34,10 @@ def _flown(numbers: FleetReport) -> ShownAnswer:
     airborne = sum(flight.flight.duration_s for flight in numbers.flights if flight.flight)
     joint = sum(len(craft.training) + len(craft.held_out) for craft in numbers.groups)
     known = [flight.flight for flight in numbers.flights if flight.flight]
-    high = max((each.height_m for each in known if each.height_m is not None), default=None)
+    heights = [shown.line for _, shown in _said(numbers.flights, "Flown") if shown.line.value is not None]
+    high = max(heights, key=lambda each: each.value or 0.0, default=None)
     fast = max((each.speed_max_m_s for each in known if each.speed_max_m_s is not None), default=None)
-    reach = [f"{number(high, 2)} m high"] if high is not None else []
+    reach = [f"{uncertain(high.value, high.sigma, high.unit)} high"] if high is not None else []
     reach += [f"{number(fast, 2)} m/s"] if fast is not None else []
     text = f"up to {' and '.join(reach)}" if reach else ""
     text += ", " if joint and reach else ""
@@ -129,8 +130,23 @@ def _parameters(numbers: FleetReport) -> ShownAnswer:
         if flight.thrust is not None and flight.thrust.common.per_mass is not None
     ]
     if not known:
-        return _line("Parameters", "not known", Tone.UNKNOWN, "", "no flight gives the thrust of a motor")
+        return _outputs(numbers.flights)
     span = [number(each, 2) for each in (min(known), max(known))]
     shown = f"{' to '.join(dict.fromkeys(span))} m/s²"
     text = f"thrust/mass per motor, by {len(known)} of {counted(len(numbers.flights), 'flight')}"
     return _line("Parameters", "partly", Tone.CARE, shown, text)
+
+
+def _outputs(flights: Sequence[FlightInShort]) -> ShownAnswer:
+    """Answer with what the motors were told in the air, where nothing tells what they gave."""
+    means = [
+        (shown.line.value, shown.line.sigma)
+        for _, shown in _said(flights, "Parameters")
+        if shown.line.value is not None and shown.line.unit == "µs"
+    ]
+    if not means:
+        return _line("Parameters", "not known", Tone.UNKNOWN, "", "no flight gives the thrust of a motor")
+    span = [uncertain(*each, "") for each in (min(means), max(means))]
+    shown = f"{' to '.join(dict.fromkeys(span))} µs"
+    text = f"mean motor output, in {len(means)} of {counted(len(flights), 'flight')}; no thrust"
+    return _line("Parameters", "hardly", Tone.UNKNOWN, shown, text)

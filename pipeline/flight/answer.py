@@ -328,9 +328,9 @@ def _parameters(result: FlightResult) -> AnswerLine:
         if found is None:
             unknown.append(label)
         else:
-            name, (value, sigma, unit) = found
-            what = _divided(name, unit) + (" per motor" if label == "thrust" else "")
-            known.append((what, value, sigma, _unit(unit)))
+            name, (known_value, error, in_full) = found
+            what = _divided(name, in_full) + (" per motor" if label == "thrust" else "")
+            known.append((what, known_value, error, _unit(in_full)))
     if not known:
         needed = (result.thrust, result.parameters)
         reasons = (each.reason for each in needed if isinstance(each, Failure))

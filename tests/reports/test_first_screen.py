@@ -237,6 +237,16 @@ def test_a_reason_that_many_flights_share_is_said_once(flight):
     assert "(flight01 and 2 more)" in " ".join(text.split())
 
 
+def test_a_folder_without_thrust_still_tells_what_motors_gave_and_how_high(flight):
+    lost = Failure("thrust", "the trajectory contradicts the sensors")
+    one = in_short(flight_report(answered(flight, thrust=lost, parameters=lost)), "flights/one")
+    said = {shown.line.purpose: shown for shown in fleet_answer(made(FleetReport, flights=[one], groups=()))}
+    assert said["Parameters"].line.word == "hardly"
+    assert said["Parameters"].number.endswith("µs")
+    assert "±" in said["Parameters"].number
+    assert "±" in said["Flown"].line.text
+
+
 def test_a_folder_tells_first_what_its_flights_tell(kinds):
     flights = [dataclasses.replace(in_short(flight_report(each), name), name=name) for name, each in kinds.items()]
     numbers = made(FleetReport, flights=flights)
