@@ -100,7 +100,7 @@ def fit_rigid_body(
     voltage = reference_voltage(records)
     findings += [*_motor_outputs(records, vehicle), *_gaps(records, vehicle, mass, voltage)]
     report("accelerations", 0.0)
-    motions = [motion(record, vehicle, voltage) for record in records]
+    motions = [motion(record, vehicle, voltage, joined=True) for record in records]
     prior, start = _prior(motions, vehicle, priors or {})
     rough = fit_equation_error(motions, [np.ones((len(flight.t), 1)) for flight in motions], start, prior)
     fine, law = fit_best_law(motions, prior, rough, begun + time_limit, report)

@@ -11,6 +11,8 @@ from logparse import MissingDataError, Vehicle
 from logparse.recent import Recent
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
+from sysid.records.resampling import logged_rate
+from sysid.records.slow_rows import join_rows
 from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
 from sysid.rigid_body._rigid_kernels import GRAVITY, SIGNALS, path
 
@@ -43,9 +45,8 @@ _VELOCITY = ("v_n", "v_e", "v_d")
 _FORCE = ("f_x", "f_y", "f_z")
 _ATTITUDE_ERROR = ("phi_n", "phi_e", "phi_d")
 
-#: Part of the samples at which motor outputs bend from which on all are taken to be logged, and the longest time
-#: between logged ones that is told apart, s.
-_ALL_BENDS, _LONGEST_INTERVAL = 0.9, 1.0
+#: Longest time between logged motor outputs that is told apart, s.
+_LONGEST_INTERVAL = 1.0
 
 #: Standard deviation of an attitude whose error nobody stated, rad: a tenth of a degree.
 ATTITUDE_SIGMA = np.radians(0.1)
@@ -69,7 +70,7 @@ class Motion:
     ground: float  #: Down coordinate of the place of take-off, m.
     #: shape (3,): Standard deviation of the attitude's error about north, east and down, usual over the flight, rad.
     attitude_sigma: Floats
-    #: Time between the motor outputs that were logged, s; between them they are taken for straight lines.
+    #: Time between the motor outputs that were logged, s.
     input_interval: float
 
     @property
@@ -113,7 +114,7 @@ class Motion:
         return out
 
 
-def motion(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motion:
+def motion(record: Experiment, vehicle: Vehicle, voltage: float | None, *, joined: bool = False) -> Motion:
     """Read from a record what the equations of motion read.
 
     Parameters
@@ -124,6 +125,9 @@ def motion(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motio
         The autopilot's output scaling.
     voltage : float or None
         Reference, V; None to leave voltage out of account.
+    joined : bool
+        Whether slow rows of motor outputs are joined smoothly (`sysid.records.slow_rows`), which looks at rows to come:
+        for fits. Predictions run on straight lines.
 
     Raises
     ------
@@ -132,14 +136,14 @@ def motion(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motio
     MissingDataError
         Attitude is missing.
     """
-    return _recent.of(record, vehicle, voltage, make=lambda: _read(record, vehicle, voltage))
+    return _recent.of(record, vehicle, voltage, joined, make=lambda: _read(record, vehicle, voltage, joined))
 
 
 #: A model reads the same flight anew for each horizon that it is judged at.
 _recent: Recent[Motion] = Recent(4)
 
 
-def _read(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motion:
+def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: bool) -> Motion:
     if any(unit != "us" for unit in (record.units.get(name, "us") for name in record.input_names)):
         raise ExperimentError(
             f"{record.name}: a rigid body reads the motors' PWM; make the record with inputs='motors'"
@@ -151,7 +155,13 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motion
     context = record.context
     if context is None or not context[list(_ANGLES)].notna().all(axis=None):
         raise MissingDataError(f"{record.name}: no attitude, which the rigid body needs as an input; estimate it first")
-    command = np.clip(motor_commands(record.u, vehicle), 0.0, 1.0)
+    interval = min(1.0 / logged_rate(record.u, record.dt), _LONGEST_INTERVAL)
+    outputs = record.u
+    if joined:
+        # What motors have in common is slower than rows come; their differences, which turn the craft, are not.
+        common = outputs.mean(axis=1, keepdims=True)
+        outputs = outputs + join_rows(common, record.dt, interval) - common
+    command = np.clip(motor_commands(outputs, vehicle), 0.0, 1.0)
     ratio = np.ones(len(record.t))
     if voltage is not None and "voltage" in context and bool(context["voltage"].notna().all()):
         ratio = (context["voltage"].to_numpy(np.float64) / voltage) ** 2
@@ -178,19 +188,8 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Motion
         acceleration=acceleration,
         ground=float(max(position[0, 2], position[-1, 2])),
         attitude_sigma=_attitude_sigma(context),
-        input_interval=_input_interval(record.u, record.dt),
+        input_interval=interval,
     )
-
-
-def _input_interval(u: Floats, dt: float) -> float:
-    """Estimate the time between logged motor outputs from how often the lines between them bend, s."""
-    moving = u[:, np.ptp(u, axis=0) > 0.0]
-    if len(u) < 3 or moving.shape[1] == 0:
-        return dt
-    bends = np.abs(np.diff(moving, 2, axis=0)) > 1e-9 * np.ptp(moving, axis=0)
-    share = float(np.median(bends.mean(axis=0)))
-    # A logged sample within a step bends the line at both of its ends.
-    return dt if share > _ALL_BENDS else min(2.0 * dt / max(share, 1e-9), _LONGEST_INTERVAL)
 
 
 def _attitude_sigma(context: pd.DataFrame) -> Floats:

@@ -105,7 +105,7 @@ def judge_parameters(
         numbers = dict.fromkeys(ROTATION_UNITS, (0.0, float("inf"), why))
     else:
         for axis, fit in turning.axes.items():
-            reason = rotation_doubt(axis, fit, turning.source)
+            reason = rotation_doubt(axis, fit, turning.source, turning.rate)
             floor = GAIN_FLOOR[axis] if turning.rate >= ENOUGH else max(GAIN_FLOOR[axis], SLOW_FLOOR)
             # Noise in the command makes the gain too small by up to what is not coherent.
             parts = [fit.gain_sigma, *(part * fit.gain for part in (1.0 - fit.coherent, floor, air))]
@@ -127,7 +127,21 @@ def judge_parameters(
         reason = reason or _doubt(name, value, spread)
         result[name] = _parameter(name, unit, value, spread, reason)
         covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
+    if turning is not None:
+        result["motor_lag"] = held_against_torque(result["motor_lag"], turning)
     return result, covariance, (*THETA, *ROTATION_UNITS)
+
+
+def held_against_torque(lag: BodyParameter, turning: RotationFit) -> BodyParameter:
+    """Doubt a lag of thrust beyond that of the same motors' torque, in which gyro filters are besides."""
+    most = max(turning.lag + turning.delay, 0.0)
+    if lag.value is None or lag.sigma is None or lag.value - most < 2.0 * float(np.hypot(lag.sigma, _LAG_SIGMA)):
+        return lag
+    reason = (
+        f"thrust would follow its command by {lag.value:.2g} s, the same motors' torque follows within {most:.2g} s: "
+        "gusts or slow rows feign it; log motor outputs faster"
+    )
+    return replace(lag, value=None, sigma=None, determined=False, reason=reason)
 
 
 def shared_air(records: Sequence[Experiment]) -> float:
@@ -145,10 +159,25 @@ def _damping_sigma(fit: AxisFit) -> float:
     return float(np.hypot(fit.damping_sigma, DAMPING_FLOOR))
 
 
-def rotation_doubt(axis: str, fit: AxisFit, source: str) -> str:
-    """Explain why the effectiveness about an axis is not believed; empty when it is."""
+def rotation_doubt(axis: str, fit: AxisFit, source: str, rate: float) -> str:
+    """Explain why the effectiveness about an axis is not believed; empty when it is.
+
+    Parameters
+    ----------
+    axis : str
+    fit : AxisFit
+    source : str
+        Of the commands.
+    rate : float
+        Rows of the source a second.
+    """
     if fit.coherent < COHERENT:
         return _incoherent(axis, fit.coherent, fit.moved, source)
+    if axis != "yaw" and rate < ENOUGH and fit.moved < STILL:
+        return (
+            f"{axis} was hardly moved ({fit.moved:.2g} rad/s), and at {rate:.0f} rows a second the controller's answer "
+            "to noise folds into what it moved; log RATE faster, or fly sticks or SYSTEMID on it"
+        )
     if fit.damping < -UNDAMPED * _damping_sigma(fit):
         return (
             f"{axis} would be driven by its own rate ({fit.damping:.3g} 1/s): with {fit.moved:.2g} rad/s the answer "

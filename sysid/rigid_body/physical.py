@@ -79,6 +79,10 @@ def quantity(parameter: str, unit: str) -> tuple[str, str]:
 #: Unit of an inertia of which only the mass is known.
 _OVER_ARM = "kg m (inertia over arm)"
 
+#: Standard error of a thrust curve that stands in the autopilot's parameters: few owners measure it, and those
+#: recommended for small and large propellers run from 0.5 to 0.8.
+EXPO_SIGMA = 0.1
+
 #: Why numbers stand without a standard error.
 WIND_WITHIN = "wind and linear drag are in it, by as much as nobody knows"
 SHORT_OF_TRUTH = "its standard errors are too small by several times on craft of known truth"
@@ -343,6 +347,11 @@ def _at_hover(
             part = float(curve(np.array(command), expo))
             value, sigma = float(value) * part, float(sigma) * part
         sheet.put("thrust over mass at hover", method, float(value), float(sigma), note)
+        if method not in ("rigid body", "rotor") and np.isfinite(float(full["value"])):
+            # These take the autopilot's curve from hover to full command as it stands in its parameters.
+            steep = (1.0 - command) / max(1.0 - expo + expo * command, 1e-3)
+            spread = float(np.hypot(float(full["sigma"]), EXPO_SIGMA * steep * float(full["value"])))
+            sheet.put("thrust over mass", method, float(full["value"]), spread, str(full["note"]))
 
 
 def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:

@@ -50,6 +50,7 @@ from sysid.rotors.thrust_regression import (
     air_sigma_of,
     conditions_of,
     mass_unknown,
+    pressed,
     require_specific_force,
 )
 
@@ -125,7 +126,7 @@ def fit_refinement2020(
         time_constant = best_lag(motion_at) if rotation else 0.0
     motion = motion_at(time_constant)
     air = air_sigma_of(records)
-    stacked = fit_stacked(motion, air, law is Law.SPEED)
+    stacked = fit_stacked(motion, air, pressed(records), law is Law.SPEED)
     instants = solve_instants(motion)
     if not rotation:
         findings.append(too_slow("Refinement 2020", signals[0].source))

@@ -273,7 +273,7 @@ def motors_explain(motion: Sequence[Motion]) -> dict[str, float]:
     return parts
 
 
-def fit_stacked(motion: Sequence[Motion], air: float, measured: bool) -> dict[str, StackedEstimate]:
+def fit_stacked(motion: Sequence[Motion], air: float, press: float, measured: bool) -> dict[str, StackedEstimate]:
     """Estimate all parameters from all instants at once.
 
     Parameters
@@ -282,6 +282,8 @@ def fit_stacked(motion: Sequence[Motion], air: float, measured: bool) -> dict[st
         One per record.
     air : float
         Relative standard uncertainty of the density.
+    press : float
+        Part of the thrust by which the air presses on the leaning craft (`thrust_regression.pressed`).
     measured : bool
         Whether signals are measured speeds. Commands differ from what motors do by lag and filters, which bias the
         effectiveness by up to the part of the angular acceleration that it does not explain; that part is added to the
@@ -300,7 +302,7 @@ def fit_stacked(motion: Sequence[Motion], air: float, measured: bool) -> dict[st
     ]
     forces = [np.concatenate([m.force[:, 2], m.force[:, 0], m.force[:, 1]]) for m in motion]
     values, covariance, _ = _robust(translation, forces, lags)
-    k, k_sigma = float(values[0]), float(np.sqrt(covariance[0, 0]))
+    k, k_sigma = float(values[0]), float(np.hypot(np.sqrt(covariance[0, 0]), press * values[0]))
     drag, drag_sigma = float(values[1]), float(np.sqrt(covariance[1, 1]))
     result = {
         "k": _judge(k, float(np.hypot(k_sigma, air * k)), "thrust hardly varies"),

@@ -35,6 +35,7 @@ from sysid.rotors.thrust_regression import (
     coefficient,
     conditions_of,
     mass_unknown,
+    pressed,
     regress,
     require_specific_force,
     scatter_between,
@@ -142,7 +143,8 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
 
     sums = [np.hstack([b.thrust.sum(axis=1, keepdims=True), x]) for b, x in zip(blocks, nuisance, strict=True)]
     together = regress(sums, [block.force for block in blocks])
-    scatter = scatter_between(sums, blocks)
+    spread = max(float(together.sigma[0]), scatter_between(sums, blocks))
+    spread = float(np.hypot(spread, pressed(records) * together.values[0]))
     air = air_sigma_of(records)
     apart = regress(
         [np.hstack([b.thrust, x]) for b, x in zip(blocks, nuisance, strict=True)], [block.force for block in blocks]
@@ -154,7 +156,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     condition = float(np.linalg.cond(scaled)) ** 2
     flown = len(vehicle.motors)
     unlogged = f"only {len(motors)} of {flown} motors are logged" if len(motors) < flown else ""
-    common = coefficient(float(together.values[0]), max(float(together.sigma[0]), scatter), air, mass, unlogged)
+    common = coefficient(float(together.values[0]), spread, air, mass, unlogged)
     reason = f"the motors' commands are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
     reason = unlogged or reason
     per_motor = {

@@ -155,6 +155,21 @@ def scatter_between(regressors: Sequence[Floats], blocks: Sequence[Blocks]) -> f
     return float(np.std(alone, ddof=1) / np.sqrt(len(alone))) if len(alone) > 1 else 0.0
 
 
+def pressed(records: Sequence[Experiment]) -> float:
+    """Part of the thrust by which the air presses along body z on craft that lean, which no method here counts.
+
+    Drag along x and y over thrust is the tangent of the lean in steady wind; of such air that tangent comes along z,
+    with a drag of its own. Climbing through still air is counted. 0 where the accelerometer's x and y are not known.
+    """
+    parts = []
+    for record in records:
+        size = max(round(BLOCK_SECONDS / record.dt), 1)
+        count = len(record.t) // size
+        x, y, z = (column(record, f"f_{axis}")[: count * size].reshape(count, size).mean(axis=1) for axis in "xyz")
+        parts.append((x**2 + y**2) / np.maximum(z**2, 1.0))
+    return float(np.nan_to_num(np.mean(np.concatenate(parts))))
+
+
 def air_sigma_of(records: Sequence[Experiment]) -> float:
     """Relative standard uncertainty of the density of the air."""
     known = all(np.isfinite(column(record, "density")).all() for record in records)
