@@ -1,9 +1,10 @@
 """One log to one result: read, estimate, identify on the first part of the flight, judge on the rest."""
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import estimation
@@ -11,6 +12,7 @@ import logparse
 import sysid
 from logparse import Boot, Finding, FlightLog, MissingDataError, Tables, health
 from pipeline.config import AnalysisConfig
+from pipeline.execution import second
 from pipeline.execution.stages import NEXT_FLIGHT, Overall, Progress, Stages, silent
 from pipeline.flight.advice.next_flights import for_flight
 from pipeline.flight.answer import compose_answer
@@ -38,6 +40,9 @@ from sysid.rotors.steady_trims import SteadyTrims
 
 #: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
 SHORTEST_EXPERIMENT = 20.0
+
+#: Stages that take time beside the others where a log is analysed alone.
+ASIDE = ("rotation", "loops")
 
 #: What motor outputs tell: their order, their trims, and whether one is weak.
 _Motors = tuple[MotorOrder | None, SteadyTrims | None, tuple[Finding, ...]]
@@ -79,6 +84,7 @@ def analyze_flights(
     progress: Progress | None = None,
     *,
     name: str | None = None,
+    alone: bool = False,
 ) -> Iterator[FlightResult]:
     """Analyse every flight of a log, one after the other.
 
@@ -90,6 +96,8 @@ def analyze_flights(
         As `analyze` takes them; `progress` hears of the fraction of a stage over all flights.
     name : str, optional
         What the log is called; of several flights each is called ``NAME#NUMBER``, see `pipeline.names.flight_name`.
+    alone : bool
+        Whether this process does nothing else, so that a copy of it may use a second processor.
 
     Yields
     ------
@@ -111,7 +119,7 @@ def analyze_flights(
     for number, log in enumerate(logs, start=1):
         progress(NEXT_FLIGHT, 1.0 / len(logs))
         called = flight_name(name, number, len(logs))
-        result = _analyze(log, config, progress, called, sha256, trajectories)
+        result = _analyze(log, config, progress, called, sha256, trajectories, alone=alone)
         log.tables.release()
         yield replace(result, number=number, of=len(logs))
 
@@ -123,6 +131,8 @@ def _analyze(
     name: str,
     sha256: str,
     trajectories: dict[Boot, estimation.Trajectory | Failure],
+    *,
+    alone: bool = False,
 ) -> FlightResult:
     """Analyse the flight that a log shows; `trajectories` are those of its power-ups, as far as they are known."""
     stages = Stages(progress, config.time_limit)
@@ -133,19 +143,13 @@ def _analyze(
     checked = present(stages.run("health", lambda _: health.check(log))) or ()
     flight = stages.run("flight", lambda _: _flight(log, checked))
     if isinstance(progress, Overall):
-        progress.expect(expected_seconds(log, present(flight)))
+        expected = expected_seconds(log, present(flight))
+        progress.expect({stage: time for stage, time in expected.items() if not (alone and stage in ASIDE)})
     timeline = stages.run("health", lambda _: assess_health(log, present(flight)))
     sound = flight if isinstance(timeline, Failure) or timeline.sound is None else timeline.sound
-    rotation: RotationResult | Failure
-    loops: FlightLoops | Failure
-    motors: _Motors | Failure
-    if isinstance(sound, Failure):
-        rotation = loops = motors = sound
-    else:
-        rotation = stages.run("rotation", lambda _: find_rotation(log, sound))
-        loops = stages.run("loops", lambda _: assess_loops(log, sound))
-        motors = stages.run("health", lambda _: _motors(log, tables, sound))
-    order, trims, weak = (None, None, ()) if isinstance(motors, Failure) else motors
+    # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
+    apart = Stages(silent if alone else progress, config.time_limit)
+    aside = (second.begin if alone else _at_once)(partial(_without_trajectory, log, sound, apart))
     if isinstance(trajectories.get(log.boot), Failure | None):
         trajectories[log.boot] = stages.run(
             "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
@@ -163,6 +167,9 @@ def _analyze(
     fitted = _fit(log, trajectory, flight, sound, config, name, stages)
 
     coverage = _measured(log, trajectory, flight, fitted, stages)
+    done = aside()
+    stages.take(done.stages)
+    order, trims, weak = (None, None, ()) if isinstance(done.motors, Failure) else done.motors
 
     # Findings about the fits stay with their models; those of the experiments are about the log.
     told = len(stages.findings)
@@ -185,13 +192,13 @@ def _analyze(
         motor_order=order,
         trims=trims,
         health=timeline,
-        rotation=rotation,
-        loops=loops,
+        rotation=done.rotation,
+        loops=done.loops,
         findings=(
             *log.findings,
             *checked,
             *(() if isinstance(timeline, Failure) else health_findings(timeline)),
-            *findings_of(rotation),
+            *findings_of(done.rotation),
             *weak,
             *findings_of(estimated, fitted.thrust, fitted.parameters, order, *fitted.experiments.values()),
             *stages.findings,
@@ -202,6 +209,32 @@ def _analyze(
     findings = without_repetition((*result.findings, *stages.findings[told:]))
     result = replace(result, advice=advice or (), findings=findings)
     return replace(result, answer=stages.run("answer", lambda _: compose_answer(result)))
+
+
+@dataclass(frozen=True, slots=True)
+class _WithoutTrajectory:
+    """What a flight tells without its trajectory."""
+
+    rotation: RotationResult | Failure
+    loops: FlightLoops | Failure
+    motors: _Motors | Failure
+    stages: Stages
+
+
+def _without_trajectory(log: FlightLog, sound: Span | Failure, stages: Stages) -> _WithoutTrajectory:
+    """Look at what needs no trajectory: how the craft turns, its loops and its motors."""
+    if isinstance(sound, Failure):
+        return _WithoutTrajectory(sound, sound, sound, stages)
+    rotation = stages.run("rotation", lambda _: find_rotation(log, sound))
+    loops = stages.run("loops", lambda _: assess_loops(log, sound))
+    motors = stages.run("health", lambda _: _motors(log, log.tables, sound))
+    # What was unforeseen is among the findings; errors may not pass to another process.
+    return _WithoutTrajectory(rotation, loops, motors, replace(stages, progress=silent, unforeseen={}))
+
+
+def _at_once(work: Callable[[], _WithoutTrajectory]) -> Callable[[], _WithoutTrajectory]:
+    done = work()
+    return lambda: done
 
 
 @dataclass(frozen=True, slots=True)

@@ -205,7 +205,7 @@ def _one_flight(
         logs = read_flights(file)
         if len(logs) > 1:
             return
-        (result,) = pipeline.analyze_flights(logs, config, advance)
+        (result,) = pipeline.analyze_flights(logs, config, advance, alone=True)
         advance("report", 0.0)
         try:
             report = reports.write(result, out)

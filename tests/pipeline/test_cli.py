@@ -117,7 +117,7 @@ def test_an_unwritable_folder_ends_with_a_sentence(tmp_path, rotorid_here):
 
 def test_a_full_disk_costs_only_the_files(tmp_path, capsys, monkeypatch):
     flight = made_flight(fit=False)
-    monkeypatch.setattr(pipeline, "analyze_flights", lambda *_: iter([flight]), raising=False)
+    monkeypatch.setattr(pipeline, "analyze_flights", lambda *_, **__: iter([flight]), raising=False)
     monkeypatch.setattr(logparse, "read_flights", lambda _: ("one log",), raising=False)
     full = OSError(28, "No space left on device", "report.json")
     monkeypatch.setattr(reports, "write", mock.Mock(side_effect=full), raising=False)

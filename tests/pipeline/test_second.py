@@ -1,0 +1,39 @@
+"""Work on a second processor: the same result, whatever becomes of the process that does it."""
+
+import os
+
+import pytest
+
+from pipeline.execution import second
+
+
+def test_what_a_copy_finds_comes_back() -> None:
+    result = second.begin(lambda: (os.getpid(), b"x" * 1_000_000))
+    pid, made = result()
+    assert len(made) == 1_000_000
+    assert (pid != os.getpid()) == (second.processors() > 1)
+
+
+def test_what_a_copy_does_not_bring_is_made_when_it_is_asked_for() -> None:
+    here = os.getpid()
+
+    def dies_in_the_copy() -> str:
+        if os.getpid() != here:
+            os._exit(9)
+        return "done"
+
+    assert second.begin(dies_in_the_copy)() == "done"
+
+
+def test_an_error_of_the_work_is_raised_here() -> None:
+    def fails() -> None:
+        raise ValueError("of the work")
+
+    result = second.begin(fails)
+    with pytest.raises(ValueError, match="of the work"):
+        result()
+
+
+def test_one_processor_does_the_work_when_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(second, "processors", lambda: 1)
+    assert second.begin(os.getpid)() == os.getpid()
