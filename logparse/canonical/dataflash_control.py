@@ -146,7 +146,7 @@ def setpoints(messages: Messages, vehicle: Vehicle) -> pd.DataFrame | None:
     parts = [
         *_position_targets(messages),
         *(_attitude_targets(messages[name]) for name in ("ATT", "ANG") if name in messages),
-        _throttle(messages, vehicle),
+        throttle_output(messages, vehicle),
     ]
     return join((part for part in parts if part is not None), COLUMNS["setpoints"], gap=_GAP)
 
@@ -200,7 +200,7 @@ def _attitude_targets(frame: pd.DataFrame) -> pd.DataFrame | None:
 _PERCENT = ("ArduPlane", "ArduRover")
 
 
-def _throttle(messages: Messages, vehicle: Vehicle) -> pd.DataFrame | None:
+def throttle_output(messages: Messages, vehicle: Vehicle) -> pd.DataFrame | None:
     """Throttle output 0..1: CTUN.ThO, or ThrOut in thousandths before 3.4; in percent where it is no copter.
 
     It is below 0 where a rover brakes or goes backwards.

@@ -62,13 +62,23 @@ def motor_tables(
         rows = slice(None, None, round(LOOP_HZ / imu))
         columns = {f"Gyr{axis}": gyro[rows, k] for k, axis in enumerate("XYZ")}
         columns |= {"AccX": np.zeros(len(gyro[rows])), "AccY": np.zeros(len(gyro[rows]))}
-        columns["AccZ"] = np.full(len(gyro[rows]), -9.81)
+        lifted = axes["vertical"].measured if "vertical" in axes else np.zeros(n)
+        columns["AccZ"] = -9.81 - lifted[rows]
         tables.append(_table("IMU", "Qffffff", "sEEEooo", "F------", first.t[rows] + boot, columns))
     if esc:
         tables.append(_esc(axes, motors, boot, esc, lag))
+    if "vertical" in axes:
+        tables.append(_throttle(axes["vertical"], boot))
     if pause:
         tables += _bursts(gyro, first.t + boot, pause)
     return tables
+
+
+def _throttle(run: AxisRun, boot: float) -> MessageTable:
+    """Return the pilot's throttle and that of the controller, ten times a second."""
+    rows = slice(None, None, round(LOOP_HZ / 10.0))
+    columns = {"ThI": 0.5 + 0.05 * run.stick[rows], "ThO": HOVER + run.output[rows]}
+    return _table("CTUN", "Qff", "s--", "F--", run.t[rows] + boot, columns)
 
 
 def _thrust(axes: Mapping[str, AxisRun], motors: tuple[Motor, ...], n: int) -> np.ndarray:

@@ -24,7 +24,7 @@ from sysid.frequency.response import Floats
 from sysid.records.mixer import patterns, thrust_commands
 
 #: Rate [Hz] of the controller's rows beyond which nothing else is looked for, and how much faster others must be.
-_FAST_ENOUGH, _FASTER = 25.0, 1.5
+_FAST_ENOUGH, FASTER = 25.0, 1.5
 
 #: Lowest rate [Hz] of motors or gyros that is of use.
 _LOWEST = 8.0
@@ -70,7 +70,7 @@ def signals_of(log: FlightLog, axis: Axis) -> RateSignals:
     # Bursts last a second: what is slower than a few hertz does not show in them.
     whole = [pair for pair in others if not pair.source.endswith(BURSTS)]
     best = next(iter(whole if whole and whole[0].step <= 1.0 / _WHOLE else others), None)
-    if controllers is not None and (best is None or controllers.step < _FASTER * best.step):
+    if controllers is not None and (best is None or controllers.step < FASTER * best.step):
         return controllers
     if best is None:
         raise FrequencyError(
@@ -84,15 +84,15 @@ def signals_of(log: FlightLog, axis: Axis) -> RateSignals:
 def _pairs(log: FlightLog) -> Iterator[RateSignals]:
     """Yield every pair of driving and answering signals."""
     answers = list(_answers(log))
-    for source, driving in _driving(log):
+    for source, driven in driving(log):
         for answer, table, pieces in answers:
             with suppress(FrequencyError):
-                paired = _paired(driving, table, pieces)
+                paired = _paired(driven, table, pieces)
                 if paired.step <= 1.0 / _LOWEST:
                     yield replace(paired, source=f"{source} to {answer}")
 
 
-def _driving(log: FlightLog) -> Iterator[tuple[str, pd.DataFrame]]:
+def driving(log: FlightLog) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield what drove the craft: rotor speeds, motor outputs; as outputs of the mixer, with the slowest first."""
     motors, esc, vehicle = log.tables.motors, log.tables.esc, log.vehicle
     commands: pd.DataFrame | None = None
@@ -173,7 +173,7 @@ def _turning(angles: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rates, index=angles.index)
 
 
-def _paired(driving: pd.DataFrame, answer: pd.DataFrame, pieces: Floats) -> RateSignals:
+def _paired(driven: pd.DataFrame, answer: pd.DataFrame, pieces: Floats) -> RateSignals:
     """Bring the faster table to the times of the slower, below half of its rate.
 
     Raises
@@ -181,12 +181,12 @@ def _paired(driving: pd.DataFrame, answer: pd.DataFrame, pieces: Floats) -> Rate
     FrequencyError
         When they do not overlap.
     """
-    steps = [_step(driving, np.zeros(len(driving))), _step(answer, pieces)]
-    own = pieces_of(driving.index.to_numpy(np.float64))
+    steps = [step_of(driven), step_of(answer, pieces)]
+    own = pieces_of(driven.index.to_numpy(np.float64))
     if steps[0] >= steps[1]:
-        slow, fast, fast_pieces, step = driving, answer, pieces, steps[0]
+        slow, fast, fast_pieces, step = driven, answer, pieces, steps[0]
     else:
-        slow, fast, fast_pieces, step = answer, driving, own, steps[1]
+        slow, fast, fast_pieces, step = answer, driven, own, steps[1]
     at = slow.index.to_numpy(np.float64)
     brought = below(fast.index.to_numpy(np.float64), fast.to_numpy(np.float64), at, step, fast_pieces)
     known = np.isfinite(brought).all(axis=1)
@@ -197,9 +197,10 @@ def _paired(driving: pd.DataFrame, answer: pd.DataFrame, pieces: Floats) -> Rate
     return RateSignals(at[known], columns, with_chirp=True)
 
 
-def _step(table: pd.DataFrame, pieces: Floats) -> float:
+def step_of(table: pd.DataFrame | pd.Series, pieces: Floats | None = None) -> float:
+    """Return the usual step between rows of a piece, s."""
     t = table.index.to_numpy(np.float64)
-    steps = np.diff(t)[np.diff(pieces) == 0.0]
+    steps = np.diff(t) if pieces is None else np.diff(t)[np.diff(pieces) == 0.0]
     return float(np.median(steps)) if len(steps) else np.inf
 
 

@@ -1,25 +1,32 @@
 """Vertical axis of logs without RATE: throttle output to what the accelerometer feels, the pilot's stick as instrument.
 
 Throttle is logged ten times a second whatever LOG_BITMASK says, and no GPS is needed. What is felt along the thrust is
-thrust per mass less drag, whatever the lean; thrust that leans is compensated in the throttle output itself.
+thrust per mass less drag, whatever the lean; thrust that leans is compensated in the throttle output itself. Rotor
+speeds of ESCs, or motor outputs, stand for the throttle where they come faster.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 
 from logparse import FlightLog
+from logparse.canonical.dataflash_control import throttle_output
 from logparse.units import quantity
 from sysid.frequency.axes import PILOTS_THROTTLE, FrequencyError
 from sysid.frequency.excitation import Within
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, flight_span, on_uniform_clock
 from sysid.frequency.response import Floats
+from sysid.frequency.sources import FASTER, driving, step_of
 
 #: Names of the pilot's throttle in CTUN of firmware of all ages.
 _STICK = ("ThI", "ThrIn")
 
 #: Least throttle output [1] of a motor that turns, and standard deviation of the stick that is an input.
 _TURNING, _MOVED = 0.02, 0.01
+
+#: Fewest rows that are a record.
+_FEWEST = 64
 
 
 def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
@@ -34,14 +41,12 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
         Without these signals, or where the pilot did not move the throttle.
     """
     name = log.path.name
-    setpoints, imu = log.tables.setpoints, log.tables.imu
+    imu = log.tables.imu
     stick = next((column for column in _STICK if "CTUN" in log.messages and column in log.messages["CTUN"]), None)
-    if setpoints is None or "throttle" not in setpoints or stick is None or imu is None or len(imu) < 64:
+    if stick is None or imu is None or len(imu) < 64:
         raise FrequencyError(f"{name}: no RATE, and no throttle (CTUN) with an accelerometer (IMU) in its place")
-    output = setpoints["throttle"].dropna()
     frame = log.messages["CTUN"]
-    if len(output) < 64:
-        raise FrequencyError(f"{name}: {len(output)} rows of throttle are no record")
+    output, source = _lifting(log, imu)
     start, stop = flight_span(log, float(output.index[0]), float(output.index[-1]), within)
     times = output.index.to_numpy(np.float64)
     step = float(np.median(np.diff(times)))
@@ -73,8 +78,29 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
         usable=usable & turning,
         band=ORDINARY_BAND,
         instrument=PILOTS_THROTTLE,
+        source=source,
         trim=float(np.median(values[turning, 1]) / np.median(values[turning, 0])),
     )
+
+
+def _lifting(log: FlightLog, imu: pd.DataFrame) -> tuple[pd.Series, str]:
+    """Return what lifted the craft, and what it is where it is not the throttle output.
+
+    Raises
+    ------
+    FrequencyError
+        When nothing that did has 64 rows.
+    """
+    throttle = throttle_output(log.messages, log.vehicle)
+    found = [] if throttle is None else [(throttle["throttle"].dropna(), "")]
+    found += [(outputs["out_thrust"].dropna(), f"{source} to accelerometer") for source, outputs in driving(log)]
+    found = [each for each in found if len(each[0]) >= _FEWEST]
+    if not found:
+        raise FrequencyError(f"{log.path.name}: no {_FEWEST} rows of throttle (CTUN), motor outputs or rotor speeds")
+    felt = step_of(imu)
+    steps = [max(step_of(each[0]), felt) for each in found]
+    fastest = int(np.argmin(steps))
+    return found[fastest] if steps[fastest] * FASTER <= steps[0] else found[0]
 
 
 def _averaged(times: Floats, values: Floats, at: Floats, width: float) -> Floats:

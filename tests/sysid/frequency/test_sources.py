@@ -42,6 +42,18 @@ def test_motor_outputs_and_gyros_stand_for_the_rate_controller(tmp_path: Path, e
     assert gain.value == pytest.approx(150.0, rel=0.1)
 
 
+def test_rotor_speeds_lift_where_they_come_faster_than_the_throttle(tmp_path: Path) -> None:
+    lifts = AxisPlant(gain=28.0, integrates=False, filter_hz=40.0)
+    sticks = Excitation(duration=90.0, stick=1.5, gust=0.2, noise=0.02)
+    run = run_axis(lifts, LoopGains.crossing_at(lifts, 2.5), sticks, 3)
+    path = tmp_path / "lift.BIN"
+    write_rate_log(path, {"vertical": run}, filter_hz=40.0, motors={"imu": 100.0, "esc": 50.0, "rcou": 10.0})
+    frf = frequency.response(logparse.read_log(path), "vertical")
+    assert frf.source == "rotor speeds to accelerometer"
+    assert frequency.fit(frf).parameters["gain"].value == pytest.approx(lifts.gain, rel=0.05)
+    assert frf.step == pytest.approx(0.02)
+
+
 def test_rotor_speeds_are_past_the_motors_lag(tmp_path: Path) -> None:
     log = flown(tmp_path, STICKS, {"rcou": 10.0, "imu": 100.0, "esc": 100.0, "lag": PLANT.lag})
     frf = frequency.response(log, "roll")
