@@ -10,6 +10,10 @@ from logparse.compiled import njit
 Floats = NDArray[np.float64]
 
 
+#: Drag over mass of a craft that drifts, 1/s.
+_DRAG = 0.3
+
+
 class AxisConstants(NamedTuple):
     """Numbers of one axis, SI; `lag` 0 and `flex_omega` 0 mean none."""
 
@@ -32,12 +36,17 @@ class AxisConstants(NamedTuple):
     alpha_derivative: float
     imax: float
     limit: float
+    #: Of a craft that holds its place: velocity per position [1/s] and acceleration per velocity [1/s]; 0 for none.
+    position_p: float
+    velocity_p: float
 
 
 class AxisSignals(NamedTuple):
     """Forcing of one axis: shape (N,) at the loop's rate, `gyro_noise` and `disturbance` (N, substeps)."""
 
     stick: Floats
+    position_chirp: Floats
+    velocity_chirp: Floats
     rate_chirp: Floats
     mixer_chirp: Floats
     noise: Floats
@@ -48,21 +57,22 @@ class AxisSignals(NamedTuple):
 @njit(cache=True, nogil=True)
 def fly_axis(
     c: AxisConstants, f: AxisSignals, loop: float
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats]:
     """Fly one axis.
 
     Returns
     -------
-    output, feedback, integral, derivative, measured, target, angle : ndarray, shape (N,)
+    output, feedback, integral, derivative, measured, target, angle, lean : ndarray, shape (N,)
         Controller output with the chirp and without, two of its terms, filtered measurement that it was computed from,
-        rate target after its filter, attitude.
+        rate target after its filter, attitude and its target.
     """
     n, substeps = f.disturbance.shape
     h = loop / substeps
     output, feedback, measured = np.zeros(n), np.zeros(n), np.zeros(n)
-    target, attitude, terms = np.zeros(n), np.zeros(n), np.zeros((2, n))
+    target, attitude, leans, terms = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
     pending = np.zeros(c.delay_steps + 1)
     motor = rate = angle = flex = flex_rate = 0.0
+    position = velocity = 0.0
     low = first = second = 0.0
     # Bilinear biquad of the second-order Butterworth low-pass.
     warp = np.tan(0.5 * c.filter_omega * h)
@@ -75,7 +85,14 @@ def fly_axis(
     for k in range(n):
         y = low + f.noise[k]
         measured[k], attitude[k] = y, angle
-        want = c.angle_p * (f.stick[k] - angle) if c.integrates else f.stick[k]
+        lean = f.stick[k]
+        if c.velocity_p > 0.0:
+            wanted = c.position_p * (f.position_chirp[k] - position) + f.velocity_chirp[k]
+            lean += c.velocity_p * (wanted - velocity) / 9.80665
+            velocity += loop * (9.80665 * angle - _DRAG * velocity)
+            position += loop * velocity
+        leans[k] = lean
+        want = c.angle_p * (lean - angle) if c.integrates else lean
         want += f.rate_chirp[k]
         filtered += c.alpha_target * (want - filtered)
         target[k] = filtered
@@ -114,4 +131,4 @@ def fly_axis(
                 second = ahead * moving - back2 * low
             else:
                 low = moving
-    return output, feedback, terms[0], terms[1], measured, target, attitude
+    return output, feedback, terms[0], terms[1], measured, target, attitude, leans

@@ -15,6 +15,13 @@ Floats = NDArray[np.float64]
 #: Rate of the controllers, Hz, and steps of the physics in one of theirs.
 LOOP_HZ = 400.0
 _SUBSTEPS = 12
+
+#: Where the chirp of a SID_AXIS is added; others are added to the rate target.
+_POINTS = {
+    **dict.fromkeys(range(10, 14), "mixer"),
+    **dict.fromkeys((14, 15), "position"),
+    **dict.fromkeys(range(16, 20), "velocity"),
+}
 #: Rate of the physics and of the gyro's filter, Hz.
 GYRO_HZ = LOOP_HZ * _SUBSTEPS
 
@@ -88,6 +95,8 @@ class LoopGains:
     IMAX: float = 0.5
     angle_P: float = 4.5  # noqa: N815 -- spelled as the parameter
     limit: float = 1.0  #: Largest output.
+    position_P: float = 0.0  # noqa: N815 -- spelled as PSC_POSXY_P; of a craft that holds its place, 1/s
+    velocity_P: float = 0.0  # noqa: N815 -- spelled as PSC_VELXY_P; 0: nothing holds its place
 
     @classmethod
     def crossing_at(cls, plant: AxisPlant, hz: float) -> LoopGains:
@@ -107,7 +116,9 @@ class Excitation:
     chirp_start: float = 0.0
     chirp_seconds: float = 20.0
     chirp_fades: tuple[float, float] = (1.0, 1.0)
-    sid_axis: int = 10  #: 10 to 13: at the mixer; 7 to 9: on the rate target.
+    #: 10 to 13: at the mixer; 14 and 15: on the place that is held [m]; 16 to 19: on the velocity [m/s]; others: on the
+    #: rate target.
+    sid_axis: int = 10
     stick: float = 0.0  #: Standard deviation of random sticks, rad (or m/s^2), held for 0.4 to 2.5 s each.
     #: Standard deviation of disturbing accelerations, rad/s^2 (or m/s^2), first-order with `gust_hz`.
     gust: float = 0.0
@@ -142,13 +153,16 @@ def run_axis(plant: AxisPlant, gains: LoopGains, excitation: Excitation, seed: i
     t = np.arange(n) / LOOP_HZ
     chirp, frequency, elapsed = _chirp(t, excitation)
     stick = _sticks(rng, n, excitation.stick, smooth=plant.integrates)
-    at_mixer = excitation.sid_axis >= 10
+    added_to = _POINTS.get(excitation.sid_axis, "rate")
+    added = {point: chirp if point == added_to else np.zeros(n) for point in ("rate", "mixer", "position", "velocity")}
     pole = np.exp(-2.0 * np.pi * excitation.gust_hz / GYRO_HZ)
     gust = lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], rng.normal(0.0, excitation.gust, n * _SUBSTEPS))
     signals = AxisSignals(
         stick=stick,
-        rate_chirp=np.zeros(n) if at_mixer else chirp,
-        mixer_chirp=chirp if at_mixer else np.zeros(n),
+        position_chirp=added["position"],
+        velocity_chirp=added["velocity"],
+        rate_chirp=added["rate"],
+        mixer_chirp=added["mixer"],
         noise=rng.normal(0.0, excitation.noise, n),
         gyro_noise=rng.normal(0.0, excitation.gyro_noise, (n, _SUBSTEPS)),
         disturbance=gust.reshape(n, _SUBSTEPS),
@@ -173,8 +187,10 @@ def run_axis(plant: AxisPlant, gains: LoopGains, excitation: Excitation, seed: i
         alpha_derivative=_alpha(gains.FLTD),
         imax=gains.IMAX,
         limit=gains.limit,
+        position_p=gains.position_P,
+        velocity_p=gains.velocity_P,
     )
-    return AxisRun(t, *fly_axis(constants, signals, 1.0 / LOOP_HZ), stick, chirp, frequency, elapsed, excitation)
+    return AxisRun(t, *fly_axis(constants, signals, 1.0 / LOOP_HZ), chirp, frequency, elapsed, excitation)
 
 
 def random_axis(rng: np.random.Generator) -> tuple[AxisPlant, LoopGains]:

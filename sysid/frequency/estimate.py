@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -18,10 +19,11 @@ from sysid.frequency.excitation import Chirp, Within, find_chirps, overlapped
 from sysid.frequency.fit import FrequencyFit, fit, refit
 from sysid.frequency.limits import FOLDING, limits_of, reversed_answer
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, chirp_record, experiment_record, flight_record
-from sysid.frequency.response import Floats, FrequencyResponse
+from sysid.frequency.response import OVER_FREQUENCY, Complex, Floats, FrequencyResponse
 from sysid.frequency.smoothness import roughness
-from sysid.frequency.sources import filtered, signals_of
+from sysid.frequency.sources import BURSTS, filtered, signals_of
 from sysid.frequency.spectra import RecordWindows, ThinnedSignals, band_of_window, estimate, window_lengths, windows_of
+from sysid.frequency.structures import low_pass
 from sysid.frequency.throttle import throttle_record
 from sysid.records.experiment import Experiment
 
@@ -112,6 +114,12 @@ def response(
         )
     findings += limits_of(records, logs)
     frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like)
+    if source.endswith(BURSTS):
+        with suppress(FrequencyError):  # what is slower than bursts last, from gyros that are slow
+            slower = records_of(data, which, within=within, bursts=False)
+            if slower[0].source.split(" to ")[0] == source.split(" to ")[0]:  # rotor speeds are past a lag
+                corner = filtered(logs[0], slower[0].source)
+                frf = _joined(response_of_records(slower, which, gyro_filter_hz=corner), frf)
     rounded = _ROUNDED if any(log.tables.has("motors") for log in logs) else 0.0
     common = _TRIMMED if frf.instrument == PILOTS_THROTTLE or source else rounded
     ordinary = any(record.band == ORDINARY_BAND for record in records) and logs and which.attitude
@@ -124,7 +132,12 @@ def response(
 
 
 def records_of(
-    data: Data | Sequence[Data], axis: Axis, findings: list[Finding] | None = None, within: Within | None = None
+    data: Data | Sequence[Data],
+    axis: Axis,
+    findings: list[Finding] | None = None,
+    within: Within | None = None,
+    *,
+    bursts: bool = True,
 ) -> list[AxisRecord]:
     """Cut the records of an axis: its chirps where there are any, else ordinary flying.
 
@@ -136,6 +149,8 @@ def records_of(
         Takes what there is to say of them.
     within : tuple of float, optional
         From when to when a log counts, s on its boot clock; default its longest flight, and chirps wherever they are.
+    bursts : bool
+        Whether bursts of the batch sampler may be taken for gyros.
 
     Raises
     ------
@@ -153,10 +168,10 @@ def records_of(
             if isinstance(source, Experiment):
                 ordinary.append(experiment_record(source, axis))
                 continue
-            found = _chirped(source, axis, [] if findings is None else findings, reasons, part)
+            found = _chirped(source, axis, [] if findings is None else findings, reasons, part, bursts=bursts)
             chirped += found
             if not found:
-                ordinary.append(ordinary_record(source, axis, part))
+                ordinary.append(ordinary_record(source, axis, part, bursts=bursts))
         except FrequencyError as error:
             reasons.append(str(error))
     records = _of_one_source(chirped or ordinary, [] if findings is None else findings)
@@ -201,7 +216,7 @@ def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[A
     return [record for record in records if record.source == kept]
 
 
-def ordinary_record(log: FlightLog, axis: Axis, within: Within | None) -> AxisRecord:
+def ordinary_record(log: FlightLog, axis: Axis, within: Within | None, *, bursts: bool = True) -> AxisRecord:
     """Cut the record of ordinary flying, of the vertical axis from throttle and accelerometer where RATE is not logged.
 
     Raises
@@ -211,11 +226,11 @@ def ordinary_record(log: FlightLog, axis: Axis, within: Within | None) -> AxisRe
     """
     if not axis.attitude and "RATE" not in log.messages:
         return throttle_record(log, within)
-    return flight_record(log, signals_of(log, axis), axis, within)
+    return flight_record(log, signals_of(log, axis, bursts=bursts), axis, within)
 
 
 def _chirped(
-    log: FlightLog, axis: Axis, findings: list[Finding], reasons: list[str], within: Within | None
+    log: FlightLog, axis: Axis, findings: list[Finding], reasons: list[str], within: Within | None, *, bursts: bool
 ) -> list[AxisRecord]:
     """Cut the records of a log's chirps on an axis, and say of those that cannot be used why."""
     every = find_chirps(log, within)
@@ -224,7 +239,7 @@ def _chirped(
         reasons.append(why)
     if not chirps:
         return []
-    signals = signals_of(log, axis)
+    signals = signals_of(log, axis, bursts=bursts)
     records = []
     for chirp in chirps:
         if not chirp.worthwhile:
@@ -242,6 +257,25 @@ def _chirped(
         except FrequencyError as error:
             reasons.append(str(error))
     return records
+
+
+def _joined(slow: FrequencyResponse, fast: FrequencyResponse) -> FrequencyResponse:
+    """Join the response to slow gyros, up to where bursts know it better, and that to bursts from there on."""
+    of_slow = np.interp(fast.hz, slow.hz, np.where(slow.usable, slow.sigma, np.inf), np.inf, np.inf)
+    better = fast.usable & (fast.sigma < of_slow)
+    if not better.any():
+        return fast
+    at = float(fast.hz[better][0])
+    below, above = slow.between(0.0, np.nextafter(at, 0.0)), fast.between(at, np.inf)
+    columns = {name: np.concatenate([getattr(below, name), getattr(above, name)]) for name in OVER_FREQUENCY}
+    if slow.gyro_filter_hz != fast.gyro_filter_hz:  # to what the fast one was measured through
+        columns["response"][: len(below.hz)] *= _through(below.hz, slow, fast)
+        columns["direct"][: len(below.hz)] *= _through(below.hz, slow, fast)
+    return replace(fast, **columns, records=slow.records + fast.records, source=f"{fast.source}, {slow.source}")
+
+
+def _through(hz: Floats, slow: FrequencyResponse, fast: FrequencyResponse) -> Complex:
+    return np.asarray(low_pass(hz, fast.gyro_filter_hz) / low_pass(hz, slow.gyro_filter_hz))
 
 
 def _aborted(log: FlightLog, axis: Axis, chirp: Chirp) -> Finding:

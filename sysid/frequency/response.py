@@ -18,7 +18,7 @@ COHERENT = 0.6
 
 
 #: Fields with one value for each frequency.
-_OVER_FREQUENCY = (
+OVER_FREQUENCY = (
     *("hz", "response", "coherence", "sigma", "sigma_phase", "averages", "resolution"),
     *("multiple_coherence", "direct"),
 )
@@ -104,7 +104,7 @@ class FrequencyResponse(Summarised):
         return self._rows((self.hz >= low) & (self.hz <= high))
 
     def _rows(self, keep: NDArray[np.bool_]) -> FrequencyResponse:
-        return replace(self, **{name: getattr(self, name)[keep] for name in _OVER_FREQUENCY})
+        return replace(self, **{name: getattr(self, name)[keep] for name in OVER_FREQUENCY})
 
     def summary(self) -> dict[str, str]:
         """Return what responds to what, and over which band it is known."""

@@ -46,8 +46,15 @@ _TURNING, _LIFTING, _TOGETHER, _POWERS = 0.02, 0.5, 0.9, (1.0, 3.0)
 _OUTPUTS = {"roll": "out_roll", "pitch": "out_pitch", "yaw": "out_yaw", "thrust": "out_thrust"}
 
 
-def signals_of(log: FlightLog, axis: Axis) -> RateSignals:
+def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignals:
     """Return the signals of an axis from the best source that a log has.
+
+    Parameters
+    ----------
+    log : FlightLog
+    axis : Axis
+    bursts : bool
+        Whether bursts of the batch sampler may be taken.
 
     Raises
     ------
@@ -69,7 +76,8 @@ def signals_of(log: FlightLog, axis: Axis) -> RateSignals:
     others = sorted(_pairs(log), key=lambda pair: pair.step)
     # Bursts last a second: what is slower than a few hertz does not show in them.
     whole = [pair for pair in others if not pair.source.endswith(BURSTS)]
-    best = next(iter(whole if whole and whole[0].step <= 1.0 / _WHOLE else others), None)
+    enough = not bursts or (whole and whole[0].step <= 1.0 / _WHOLE)
+    best = next(iter(whole if enough else others), None)
     if controllers is not None and (best is None or controllers.step < FASTER * best.step):
         return controllers
     if best is None:

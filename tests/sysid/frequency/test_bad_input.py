@@ -40,6 +40,18 @@ def test_chirps_before_the_controller_are_instruments_as_well(tmp_path: Path, si
     assert worst(frf, high=8.0) < 1.0
 
 
+@pytest.mark.parametrize("sid_axis", [14, 16, 18])
+def test_chirps_on_a_place_that_is_held_are_instruments_as_well(tmp_path: Path, sid_axis: int) -> None:
+    """In position loop: the chirp goes through position, velocity and angle controllers, and gusts come back."""
+    holding = replace(GAINS, position_P=1.0, velocity_P=2.0)
+    swept = (0.1, 4.0, 4.0 if sid_axis == 14 else 3.0)
+    shaken = replace(CHIRP, duration=70.0, sid_axis=sid_axis, chirp=swept, chirp_seconds=69.0)
+    write_rate_log(tmp_path / "held.BIN", {"roll": run_axis(PLANT, holding, shaken, 2)}, rate=100.0)
+    frf = frequency.response(logparse.read_log(tmp_path / "held.BIN"), "roll")
+    assert frf.instrument == f"chirp of SID_AXIS {sid_axis}"
+    assert worst(frf, low=0.4, high=3.5) < 1.0
+
+
 def test_an_excitation_of_unknown_frequency_is_an_instrument_too(tmp_path: Path) -> None:
     """Autotuning of PX4 logs what it adds to the rate target, ten times a second, and not its frequency."""
     run = run_axis(PLANT, GAINS, replace(CHIRP, sid_axis=7, chirp=(0.4, 4.0, 0.8)), 2)
