@@ -16,6 +16,9 @@ from scipy.signal import csd, welch
 
 import logparse
 from logparse import FlightLog
+from pipeline.fleet.history import ALPHA, history
+from pipeline.fleet.meta_analysis import holm
+from pipeline.results.drift import Point
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import Experiment, frequency
 from sysid.frequency.structures import low_pass
@@ -37,6 +40,7 @@ def run() -> Iterator[Row]:
             yield from _firmware(scratch)
         yield from _made(scratch, sticks=False)
         yield from _made(scratch, sticks=True)
+        yield from _histories(scratch)
         yield from _bias(scratch)
         yield from _speed(scratch)
         if (SHARED / "logs").is_dir():
@@ -117,7 +121,7 @@ def _climb(log: FlightLog, axis: str) -> float:
     return -float(log.tables.truth["v_d"].loc[chirp.start + 2.0 : chirp.start + 12.0].mean())
 
 
-def made_craft(number: int, scratch: Path, *, sticks: bool) -> tuple[AxisPlant, FlightLog]:
+def made_craft(number: int, scratch: Path, *, sticks: bool, flight: int = 0) -> tuple[AxisPlant, FlightLog]:
     """Make a rate loop with random gain, damping, lag, delay, filter and, every fourth, a flexible mode."""
     rng = np.random.default_rng(7000 + number)
     kind = number % 4
@@ -140,7 +144,9 @@ def made_craft(number: int, scratch: Path, *, sticks: bool) -> tuple[AxisPlant, 
         noise=float(rng.uniform(0.001, 0.01)),
         stick=0.15 if sticks else 0.0,
     )
-    run = run_axis(plant, LoopGains.crossing_at(plant, 2.5 if plant.lag else 4.0), excitation, number)
+    run = run_axis(
+        plant, LoopGains.crossing_at(plant, 2.5 if plant.lag else 4.0), excitation, number + 100_000 * flight
+    )
     path = scratch / "made.BIN"
     write_rate_log(path, {"roll": run}, rate=50.0 if sticks else 400.0, filter_hz=plant.filter_hz)
     return plant, logparse.read_log(path)
@@ -182,6 +188,28 @@ def _made(scratch: Path, *, sticks: bool) -> Iterator[Row]:
     yield f"made, {kind}: frequencies within 1 dB and 5 deg (%)", 100.0 * float(np.mean(within)), "", "", "100"
     yield f"made, {kind}: truth within 2 sigma, n = {len(scores)} (%)", _share(scores), "", "", "90-98"
     yield f"made, {kind}: J median, largest", f"{np.median(costs):.1f}, {max(costs):.1f}", "", "", "50, 100"
+
+
+def _histories(scratch: Path) -> Iterator[Row]:
+    """Count craft of which nothing changes, but whose effectiveness or delay over flights is said to."""
+    craft, flights, alarms = 30, 8, 0
+    for number in range(craft):
+        points: dict[str, list[Point]] = {"effectiveness": [], "delay": []}
+        for k in range(flights):
+            _, log = made_craft(500 + number, scratch, sticks=True, flight=k + 1)
+            with suppress(frequency.FrequencyError):
+                known = frequency.fit(frequency.response(log, "roll")).parameters
+                late = known.get("effective_delay", known["delay"])
+                for name, each in (("effectiveness", known["gain"]), ("delay", late)):
+                    if each.value is not None and each.sigma is not None:
+                        points[name].append(
+                            Point(flight=str(k), number=k + 1, start_utc=None, value=each.value, sigma=each.sigma)
+                        )
+        followed = [history(name, "", {"": each}) for name, each in points.items() if len(each) > 3]
+        changes = [change for each in followed for change in (each.trend, each.step) if change is not None]
+        alarms += any(p < ALPHA for p in holm([change.p for change in changes]))
+    share = f"{alarms} of {craft}"
+    yield f"craft of {flights} flights, unchanged, whose gain or delay is said to drift or jump", share, "", "", "5 %"
 
 
 def _bias(scratch: Path) -> Iterator[Row]:

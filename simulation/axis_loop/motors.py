@@ -68,17 +68,20 @@ def motor_tables(
     if esc:
         tables.append(_esc(axes, motors, boot, esc, lag))
     if "vertical" in axes:
-        tables.append(_throttle(axes["vertical"], boot))
+        tables += _throttle(axes["vertical"], boot)
     if pause:
         tables += _bursts(gyro, first.t + boot, pause)
     return tables
 
 
-def _throttle(run: AxisRun, boot: float) -> MessageTable:
+def _throttle(run: AxisRun, boot: float) -> list[MessageTable]:
     """Return the pilot's throttle and that of the controller, ten times a second."""
     rows = slice(None, None, round(LOOP_HZ / 10.0))
-    columns = {"ThI": 0.5 + 0.05 * run.stick[rows], "ThO": HOVER + run.output[rows]}
-    return _table("CTUN", "Qff", "s--", "F--", run.t[rows] + boot, columns)
+    asked, t = {"C3": np.rint(1500.0 + 50.0 * run.stick[rows]).astype(np.uint16)}, run.t[rows] + boot
+    return [
+        _table("CTUN", "Qf", "s-", "F-", t, {"ThO": HOVER + run.output[rows]}),
+        _table("RCIN", "QH", "sY", "F-", t, asked),
+    ]
 
 
 def _thrust(axes: Mapping[str, AxisRun], motors: tuple[Motor, ...], n: int) -> np.ndarray:

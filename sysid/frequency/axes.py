@@ -46,8 +46,8 @@ AXES: Mapping[str, Axis] = MappingProxyType(
     }
 )
 
-#: Name of the instrument of the vertical axis where RATE is not logged.
-PILOTS_THROTTLE = "pilot's throttle"
+#: Names of the instruments of the vertical axis in ordinary flights.
+PILOTS_THROTTLE, HEIGHT_TARGET = "pilot's throttle", "height target"
 
 #: Which axis of the craft each SID_AXIS turns or lifts, and whether its chirp is added after the controller.
 SID_AXES: Mapping[int, tuple[str, bool]] = MappingProxyType(

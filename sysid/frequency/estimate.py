@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import Finding, FlightLog, Severity, logs_of
-from sysid.frequency.axes import PILOTS_THROTTLE, Axis, FrequencyError, axis_of, log_by_log
+from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.composite import merge
 from sysid.frequency.excitation import Chirp, Within, find_chirps, overlapped
 from sysid.frequency.fit import FrequencyFit, fit, refit
@@ -121,7 +121,7 @@ def response(
                 corner = filtered(logs[0], slower[0].source)
                 frf = _joined(response_of_records(slower, which, gyro_filter_hz=corner), frf)
     rounded = _ROUNDED if any(log.tables.has("motors") for log in logs) else 0.0
-    common = _TRIMMED if frf.instrument == PILOTS_THROTTLE or source else rounded
+    common = _TRIMMED if frf.trim is not None or source else rounded
     ordinary = any(record.band == ORDINARY_BAND for record in records) and logs and which.attitude
     if ordinary and frf.step > 1.0 / FOLDING and frf.usable.any():
         common = float(np.hypot(common, _FOLDED * np.median(frf.sigma[frf.usable])))

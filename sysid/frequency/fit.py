@@ -10,7 +10,7 @@ import scipy
 
 from logparse.quantity import uncertain
 from logparse.summary import Summarised, listed
-from sysid.frequency.axes import PILOTS_THROTTLE, FrequencyError
+from sysid.frequency.axes import FrequencyError
 from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, POOR, cost
 from sysid.frequency.rational import RationalModel
 from sysid.frequency.response import Complex, Floats, FrequencyResponse
@@ -363,7 +363,7 @@ def _search(
         model = model * low_pass(response.hz[good], response.gyro_filter_hz)
         costs.append(cost(response.response[good], model, response.coherence[good]))
     # Coarse rows, averaged, leave a poor fit no excuse that the structure were too simple.
-    coarse = any(response.instrument == PILOTS_THROTTLE for response in responses)
+    coarse = any(response.trim is not None for response in responses)
     reason = _refusal(parameters, max(costs), ACCEPTABLE if coarse else POOR) or _power_refusal(responses[0], values[0])
     if reason:
         parameters = {name: Parameter(None, None, known.unit, reason) for name, known in parameters.items()}

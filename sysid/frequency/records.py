@@ -15,6 +15,7 @@ from logparse.units import quantity
 from sysid.frequency.antialias import below
 from sysid.frequency.axes import AXES, Axis, FrequencyError
 from sysid.frequency.excitation import Chirp, Within
+from sysid.frequency.lift_asked import lift_asked
 from sysid.frequency.response import Complex, Floats
 from sysid.records.experiment import Experiment
 
@@ -316,23 +317,26 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     missing = [n for n in (axis.input, axis.output) if n not in known or not np.isfinite(known[n]).sum() > 16]
     if missing:
         raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} of the {axis.name} axis")
-    target = _attitude_target(log, axis, t)
-    if target is not None and np.std(target) < _ASKED:
+    target = _outside_target(log, axis, t)
+    if axis.attitude and target is not None and np.std(target) < _ASKED:
         # The rate target moves all the same, with the disturbances that the angle loop answers: no instrument.
         raise FrequencyError(
             f"{log.path.name}: the {axis.name} target hardly moved, nothing was asked of this axis; fly a chirp, or a "
             "minute of short stick inputs on it"
         )
     if target is not None:
-        instrument, name = known[axis.input], f"{axis.name} target"
+        instrument, name = (
+            known[axis.input],
+            f"{axis.name} target" if axis.attitude else lift_asked(log, *t[[0, -1]])[2],
+        )
     elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
-        instrument, name = known[axis.reference], "rate target" if axis.attitude else "acceleration target"
+        instrument, name = known[axis.reference], "rate target"
     else:
         instrument, name = known[axis.input], ""
     others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
     clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], instrument, *others])
     if target is not None:  # not from the rows that may be lost, as in `record_of_chirp`
-        asked = _attitude_target(log, axis, clock)
+        asked = _outside_target(log, axis, clock)
         values[:, 2] = values[:, 2] if asked is None else asked
     if np.std(values[:, 0]) < _STILL or np.std(values[:, 2]) == 0.0:
         raise FrequencyError(f"{log.path.name}: nothing moved the {axis.name} axis; give it short stick inputs")
@@ -378,16 +382,25 @@ def _other_outputs(axis: Axis, signals: RateSignals, rows: NDArray[np.bool_]) ->
     return found
 
 
-def _attitude_target(log: FlightLog, axis: Axis, t: Floats) -> Floats | None:
-    """Interpolate the attitude target of an axis; None where the log has none that moves."""
-    table = log.tables.setpoints
-    if table is None or not axis.attitude or axis.attitude not in table:
-        return None
-    values = table[axis.attitude].to_numpy(np.float64)
-    known = np.isfinite(values)
-    if np.count_nonzero(known) < 16:
-        return None
-    times, wanted = table.index.to_numpy(np.float64)[known], np.unwrap(values[known])
+def _outside_target(log: FlightLog, axis: Axis, t: Floats) -> Floats | None:
+    """Interpolate what asked an axis from outside its loop; None where the log has no attitude target of it.
+
+    Raises
+    ------
+    FrequencyError
+        When nothing asked for lift.
+    """
+    if not axis.attitude:
+        times, wanted, _ = lift_asked(log, float(t[0]), float(t[-1]))
+    else:
+        table = log.tables.setpoints
+        if table is None or axis.attitude not in table:
+            return None
+        values = table[axis.attitude].to_numpy(np.float64)
+        known = np.isfinite(values)
+        if np.count_nonzero(known) < 16:
+            return None
+        times, wanted = table.index.to_numpy(np.float64)[known], np.unwrap(values[known])
     smooth = below(times, wanted[:, None], t, float(np.median(np.diff(t))))[:, 0]
     # What the target has above half of the rows' rate would fold onto what of the outputs folds.
     return np.asarray(np.where(np.isfinite(smooth), smooth, np.interp(t, times, wanted)))

@@ -1,4 +1,4 @@
-"""Vertical axis of logs without RATE: throttle output to what the accelerometer feels, the pilot's stick as instrument.
+"""Vertical axis of logs without RATE: throttle output to what the accelerometer feels, the stick as instrument.
 
 Throttle is logged ten times a second whatever LOG_BITMASK says, and no GPS is needed. What is felt along the thrust is
 thrust per mass less drag, whatever the lean; thrust that leans is compensated in the throttle output itself. Rotor
@@ -12,25 +12,22 @@ import pandas as pd
 
 from logparse import FlightLog
 from logparse.canonical.dataflash_control import throttle_output
-from logparse.units import quantity
-from sysid.frequency.axes import PILOTS_THROTTLE, FrequencyError
+from sysid.frequency.axes import FrequencyError
 from sysid.frequency.excitation import Within
+from sysid.frequency.lift_asked import lift_asked
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, flight_span, on_uniform_clock
 from sysid.frequency.response import Floats
 from sysid.frequency.sources import FASTER, driving, step_of
 
-#: Names of the pilot's throttle in CTUN of firmware of all ages.
-_STICK = ("ThI", "ThrIn")
-
-#: Least throttle output [1] of a motor that turns, and standard deviation of the stick that is an input.
-_TURNING, _MOVED = 0.02, 0.01
+#: Least throttle output [1] of a motor that turns.
+_TURNING = 0.02
 
 #: Fewest rows that are a record.
 _FEWEST = 64
 
 
 def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
-    """Cut the record of a flight: throttle output, specific force along the thrust, and the pilot's throttle.
+    """Cut the record of a flight: throttle output, specific force along the thrust, and what asked for lift.
 
     All are averaged over the step of the throttle's rows, so that the average cancels in their ratio and vibration does
     not fold.
@@ -38,14 +35,12 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
     Raises
     ------
     FrequencyError
-        Without these signals, or where the pilot did not move the throttle.
+        Without these signals, or where nothing asked for lift.
     """
     name = log.path.name
     imu = log.tables.imu
-    stick = next((column for column in _STICK if "CTUN" in log.messages and column in log.messages["CTUN"]), None)
-    if stick is None or imu is None or len(imu) < 64:
+    if imu is None or len(imu) < _FEWEST:
         raise FrequencyError(f"{name}: no RATE, and no throttle (CTUN) with an accelerometer (IMU) in its place")
-    frame = log.messages["CTUN"]
     output, source = _lifting(log, imu)
     start, stop = flight_span(log, float(output.index[0]), float(output.index[-1]), within)
     times = output.index.to_numpy(np.float64)
@@ -54,17 +49,13 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
     rows = rows[np.concatenate([[True], np.diff(rows) > 0.0])]
     if len(rows) < 64:
         raise FrequencyError(f"{name}: too few rows of throttle in the air")
+    asked_t, asked, instrument = lift_asked(log, start, stop)
     columns = [
         _averaged(times, output.to_numpy(np.float64), rows, step),
         _averaged(imu.index.to_numpy(np.float64), -imu["accel_z"].to_numpy(np.float64), rows, step),
-        _averaged(frame.index.to_numpy(np.float64), quantity(frame, stick, ""), rows, step),
+        _averaged(asked_t, asked, rows, step),
     ]
     clock, values, usable = on_uniform_clock(rows, columns)
-    span = float(np.nanmax(np.abs(quantity(frame, stick, ""))))
-    if span == 0.0 or np.std(values[:, 2]) < _MOVED * span:
-        raise FrequencyError(
-            f"{name}: the pilot's throttle hardly moved; climb and sink by short movements of it for a minute"
-        )
     turning = values[:, 0] > _TURNING
     if np.count_nonzero(turning) < 64:
         raise FrequencyError(f"{name}: the throttle output is zero in the air")
@@ -77,7 +68,7 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
         instruments=values[:, 2:],
         usable=usable & turning,
         band=ORDINARY_BAND,
-        instrument=PILOTS_THROTTLE,
+        instrument=instrument,
         source=source,
         trim=float(np.median(values[turning, 1]) / np.median(values[turning, 0])),
     )
