@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
+from typing import Any
 from pathlib import Path
 
 import numpy as np
@@ -267,7 +268,9 @@ def _joined(slow: FrequencyResponse, fast: FrequencyResponse) -> FrequencyRespon
         return fast
     at = float(fast.hz[better][0])
     below, above = slow.between(0.0, np.nextafter(at, 0.0)), fast.between(at, np.inf)
-    columns = {name: np.concatenate([getattr(below, name), getattr(above, name)]) for name in OVER_FREQUENCY}
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(below, name), getattr(above, name)]) for name in OVER_FREQUENCY
+    }
     if slow.gyro_filter_hz != fast.gyro_filter_hz:  # to what the fast one was measured through
         columns["response"][: len(below.hz)] *= _through(below.hz, slow, fast)
         columns["direct"][: len(below.hz)] *= _through(below.hz, slow, fast)
