@@ -22,6 +22,8 @@ BLOW = 4.0 * STANDARD_GRAVITY
 _FAST, _OVER = 3.0, np.radians(60.0)
 #: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent.
 _FREE, _FALLING = 0.3 * STANDARD_GRAVITY, 0.3
+#: Time over which force is averaged before it is called a fall, s.
+_SMOOTH = 0.1
 #: Part of the flight's median throttle below which less lift was asked for, and time before a fall [s] in which it is.
 _CLOSED, _CLOSING = 0.75, 0.2
 #: Height lost [m] after disarming, within `_AFTER` seconds, that shows that the craft was in the air.
@@ -50,7 +52,7 @@ def impact_events(
     """
     height = height_above_ground(tables)
     force = _force(tables)
-    falls = list(_falls(force, flights))
+    falls = list(_falls(_force(tables, smooth=_SMOOTH), flights))
     dropped = list(_disarmed(tables, height, flights, falls))
     yield from dropped
     for fall in falls:
@@ -60,11 +62,16 @@ def impact_events(
         yield from _blows(force, tables, height, error, flight, [event.t for event in dropped])
 
 
-def _force(tables: Tables) -> "pd.Series[float] | None":
-    """Magnitude of the specific force, m/s^2."""
+def _force(tables: Tables, smooth: float = 0.0) -> "pd.Series[float] | None":
+    """Magnitude of the specific force, m/s^2, or of its mean over `smooth` seconds, of which vibration is no part."""
     if tables.imu is None:
         return None
     axes = tables.imu[["accel_x", "accel_y", "accel_z"]].dropna()
+    if smooth and len(axes) > 2:
+        step = float(np.median(np.diff(axes.index.to_numpy(np.float64))))
+        # Slow samples have been averaged before, and are too few to lose.
+        size = round(smooth / step) if 0.0 < step <= 0.25 * smooth else 1
+        axes = axes.rolling(size, center=True, min_periods=1).mean()
     return pd.Series(np.linalg.norm(axes.to_numpy(np.float64), axis=1), index=axes.index) if len(axes) > 2 else None
 
 
@@ -106,7 +113,7 @@ def _disarmed(
     names = tables.events
     off = names.index[(names["event"] == "DISARMED") | names["detail"].str.startswith("Disarming motors")]
     last = -np.inf
-    for t in off.to_numpy(np.float64):
+    for t in map(float, off):
         repeated, last = t - last < 1.0, t
         if repeated or not airborne(t, flights, margin=1.5):
             continue

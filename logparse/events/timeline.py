@@ -31,6 +31,7 @@ _AFTERMATH = {
     "gps-lost",
     "estimator-doubt",
     "vibration-high",
+    "vibration-rise",
     "battery-sag",
     "battery-low",
 }
@@ -61,7 +62,7 @@ def flight_events(
         impact_events(tables, flights, error),
         motor_events(tables, flights),
         navigation_events(tables, messages, flights),
-        vibration_events(messages, flights),
+        vibration_events(messages, flights, tables.imu),
         battery_events(tables, flights),
         recording_events(messages, flights),
     )

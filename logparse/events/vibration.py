@@ -1,19 +1,26 @@
-"""Vibration beyond ArduPilot's limits, and accelerometers that hit their range."""
+"""Vibration beyond ArduPilot's limits or suddenly larger, and accelerometers that hit their range."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import scipy
 
 from logparse.events.event import FlightEvent
-from logparse.events.stretches import stretches, within
+from logparse.events.stretches import Array, stretches, within
 from logparse.findings import Severity
 from logparse.flights import Flight
 
 _CLIP_SOURCE = "ArduPilot wiki, Measuring Vibration: clipping should stay at zero"
 #: Pauses [s] within one stretch, and shortest stretch [s].
 _PAUSE, _SHORTEST = 5.0, 0.5
+#: A rise: from so many seconds of flight on, vibration that for so long stays this many times above nearly all of what
+#: was before, and above this part of the limit; less is harmless however much it changed. Landing and lift-off shake.
+_USUAL, _STAYS, _TIMES, _PART, _GROUND = 10.0, 5.0, 3.0, 1.0 / 3.0, 3.0
+#: Filters of ArduPilot's own measure, Hz (AP_InertialSensor: 5 Hz floor, 2 Hz smoothing), and the slowest samples of an
+#: accelerometer that it is computed from.
+_FLOOR, _SMOOTH, _FAST = 5.0, 2.0, 90.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +44,17 @@ _ARDUPILOT = (
 _PX4 = (4.905, 9.81, "PX4 Flight Review, accel_vibration_metric: good below 4.905 m/s^2, bad above 9.81")
 
 
-def vibration_levels(messages: Mapping[str, pd.DataFrame]) -> tuple[VibrationLevels, ...]:
-    """Return what the log holds of vibration: VIBE, VIBRATION, or of PX4 vehicle_imu_status.
+def vibration_levels(
+    messages: Mapping[str, pd.DataFrame], imu: pd.DataFrame | None = None
+) -> tuple[VibrationLevels, ...]:
+    """Return what the log holds of vibration: VIBE, VIBRATION, of PX4 vehicle_imu_status, or what a fast IMU shows.
 
     Parameters
     ----------
     messages : mapping of str to DataFrame
         As logged.
+    imu : DataFrame, optional
+        The canonical table, for logs without any of the messages.
     """
     for name, axes in (
         ("VIBE", ("VibeX", "VibeY", "VibeZ")),
@@ -53,31 +64,67 @@ def vibration_levels(messages: Mapping[str, pd.DataFrame]) -> tuple[VibrationLev
             return (VibrationLevels(messages[name], axes, 1, *_ARDUPILOT),)
     metric = "accel_vibration_metric"
     names = ["vehicle_imu_status", *(f"vehicle_imu_status_{k}" for k in range(1, 4))]
-    return tuple(
+    found = tuple(
         VibrationLevels(messages[name], (metric,), number, *_PX4)
         for number, name in enumerate(names, start=1)
         if name in messages and metric in messages[name]
     )
+    return found or _measured(imu)
 
 
-def vibration_events(messages: Mapping[str, pd.DataFrame], flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
-    """Yield stretches of strong vibration and of clipping.
+def _measured(imu: pd.DataFrame | None) -> tuple[VibrationLevels, ...]:
+    """Measure vibration as ArduPilot does: what is faster than 5 Hz, squared, smoothed at 2 Hz, its root."""
+    rows = pd.DataFrame() if imu is None else imu[["accel_x", "accel_y", "accel_z"]].dropna()
+    if len(rows) < 100:
+        return ()
+    t = rows.index.to_numpy(np.float64)
+    step = float(np.median(np.diff(t)))
+    if not 0.0 < step <= 1.0 / _FAST:
+        return ()
+    force = rows.to_numpy(np.float64)
+    vibration = np.sqrt(_smoothed((force - _smoothed(force, _FLOOR * step)) ** 2, _SMOOTH * step))
+    # Ten rows a second, as autopilots write VIBE; filters settle within the first second.
+    every = max(round(0.1 / step), 1)
+    frame = pd.DataFrame(vibration[round(1.0 / step) :: every], columns=["x", "y", "z"])
+    limit = f"{_ARDUPILOT[2]}; computed from the logged accelerations, of which filters have taken a part"
+    frame.index = pd.Index(t[round(1.0 / step) :: every])
+    return (VibrationLevels(frame, ("x", "y", "z"), 1, *_ARDUPILOT[:2], limit),)
+
+
+def _smoothed(values: Array, cutoff: float) -> Array:
+    """Filter columns by one pole; `cutoff` is in samples."""
+    part = 1.0 / (1.0 + 1.0 / (2.0 * np.pi * cutoff))
+    start = (1.0 - part) * values[:1]
+    return np.asarray(scipy.signal.lfilter([part], [1.0, part - 1.0], values, axis=0, zi=start)[0])
+
+
+def vibration_events(
+    messages: Mapping[str, pd.DataFrame], flights: tuple[Flight, ...], imu: pd.DataFrame | None = None
+) -> Iterator[FlightEvent]:
+    """Yield stretches of strong vibration, sudden rises and clipping.
 
     Parameters
     ----------
     messages : mapping of str to DataFrame
         As logged.
     flights : tuple of Flight
+    imu : DataFrame, optional
+        As `vibration_levels` takes it.
     """
     # The end of a flight is the landing, which shakes every craft.
     spans = [(flight.start, flight.stop) for flight in flights]
-    for levels in vibration_levels(messages):
+    for levels in vibration_levels(messages, imu):
         for number, part in _by_sensor(levels):
             t = part.index.to_numpy(np.float64)
             if len(t) < 3:
                 continue
             flying = within(t, spans)
-            yield from _strong(part, levels, number, flying)
+            strong = list(_strong(part, levels, number, flying))
+            yield from strong
+            for flight in flights:
+                rise = _rise(part, levels, number, flight)
+                if rise is not None and not any(event.t - _PAUSE <= rise.t <= event.end for event in strong):
+                    yield rise
             yield from _clipping(part, number, flying)
 
 
@@ -109,6 +156,33 @@ def _strong(part: pd.DataFrame, levels: VibrationLevels, number: int, flying: np
             evidence={"level_m_s2": level, "axis": axis, "accelerometer": number},
             source=levels.source,
         )
+
+
+def _rise(part: pd.DataFrame, levels: VibrationLevels, number: int, flight: Flight) -> FlightEvent | None:
+    """Return when vibration became several times what it was, and stayed; None where it did not."""
+    inside = part.loc[flight.start + _GROUND : flight.stop - _GROUND, list(levels.axes)]
+    t, values = inside.index.to_numpy(np.float64), inside.to_numpy(np.float64)
+    worst = np.max(np.where(np.isfinite(values), values, 0.0), axis=1, initial=0.0)
+    if len(t) < 20 or t[-1] - t[0] < _USUAL + _STAYS:
+        return None
+    for begin in np.arange(t[0] + _USUAL, t[-1] - _STAYS, 0.5):
+        usual = float(np.percentile(worst[t < begin], 95.0))
+        later = worst[(t >= begin) & (t < begin + _STAYS)]
+        if len(later) and float(np.percentile(later, 20.0)) > max(_TIMES * usual, _PART * levels.acceptable):
+            quiet = np.flatnonzero((worst <= 1.5 * usual) & (t < begin + 0.5))
+            first = float(t[min(int(quiet[-1]) + 1, len(t) - 1)]) if len(quiet) else float(begin)
+            level = float(np.median(worst[t >= begin]))
+            return FlightEvent(
+                id="vibration-rise",
+                t=first,
+                end=float(t[-1]),
+                severity=Severity.WARNING,
+                reason=f"Vibration rose from {usual:.1f} to {level:.0f} m/s² (accelerometer {number}) and stayed.",
+                advice="Look for a chipped or loose propeller, a bearing, and screws that came loose at this time.",
+                evidence={"before_m_s2": usual, "level_m_s2": level, "accelerometer": number},
+                source=levels.source,
+            )
+    return None
 
 
 def _clipping(part: pd.DataFrame, number: int, flying: np.ndarray) -> Iterator[FlightEvent]:

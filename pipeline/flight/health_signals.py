@@ -47,7 +47,7 @@ def health_signals(log: FlightLog, flight: Span) -> HealthSignals:
             },
             "rad/s",
         ),
-        vibration=_vibration(log.messages, flight),
+        vibration=_vibration(log.messages, tables, flight),
         battery=_columns(tables.battery, flight, {"voltage": ("voltage", "V"), "current": ("current", "A")})
         + _power(tables.battery, flight),
         estimator=_ratios(log.messages, flight),
@@ -157,8 +157,8 @@ def _power(battery: pd.DataFrame | None, flight: Span) -> tuple[Panel, ...]:
     return _panel("power", "W", [_line("power", watts, flight)]) if len(watts) and float(watts.max()) > 0.0 else ()
 
 
-def _vibration(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, ...]:
-    found = vibration_levels(messages)
+def _vibration(messages: Mapping[str, pd.DataFrame], tables: Tables, flight: Span) -> tuple[Panel, ...]:
+    found = vibration_levels(messages, tables.imu)
     if not found:
         return ()
     first = found[0]

@@ -343,6 +343,24 @@ def test_vibration_and_clipping_by_the_published_limits():
     assert event.evidence["hits"] == 5
 
 
+def shaken(t, before, after, when):
+    """Accelerations at 400 Hz with a line at 90 Hz whose amplitude changes."""
+    line = np.sqrt(2.0) * np.where(t < when, before, after) * np.sin(2.0 * np.pi * 90.0 * t)
+    columns = ("accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z")
+    return pd.DataFrame(dict.fromkeys(columns, 0.0) | {"accel_z": line - 9.8}, index=t)
+
+
+@pytest.mark.parametrize(("before", "after", "names"), [(1.0, 15.0, ["vibration-rise"]), (4.0, 8.0, [])])
+def test_vibration_that_rises_suddenly_is_timed_also_without_vibe(before, after, names):
+    t = np.arange(0.0, 80.0, 0.0025)
+    when = 38.2
+    found = notable(flown(imu=shaken(t, before, after, when)), {})
+    assert [event.id for event in found] == names
+    for event in found:
+        assert event.t == pytest.approx(when, abs=0.3)
+        assert event.evidence["level_m_s2"] == pytest.approx(after, rel=0.05)
+
+
 def test_battery_low_and_sagging():
     low = table(10.0, voltage=lambda t: np.where(t > 50.0, 10.2, 12.3), current=10.0)
     found = {event.id: event for event in notable(flown(battery=low))}
