@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,8 +12,11 @@ from pipeline.execution.machine import processors
 
 T = TypeVar("T")
 
+#: Longest that a copy may take, s: it may wait for ever for a lock that another thread held when it was made.
+_LONGEST = 600.0
 
-def begin(work: Callable[[], T]) -> Callable[[], T]:
+
+def begin(work: Callable[[], T], longest: float = _LONGEST) -> Callable[[], T]:
     """Begin work in a copy of this process, and return a function that waits for its result.
 
     The copy knows all that this process knows, and what it changes stays with it. Only a process that has no other work
@@ -23,13 +27,15 @@ def begin(work: Callable[[], T]) -> Callable[[], T]:
     ----------
     work : callable
         Its result must pass from process to process.
+    longest : float
+        s, after which the copy is given up.
     """
     if not sys.platform.startswith("linux") or processors() < 2:
         return work
     reading, writing = os.pipe()
     pid = os.fork()
     if pid == 0:
-        _work(work, reading, writing)
+        _work(work, reading, writing, longest)
     os.close(writing)
 
     def result() -> T:
@@ -45,9 +51,11 @@ def begin(work: Callable[[], T]) -> Callable[[], T]:
     return result
 
 
-def _work(work: Callable[[], object], reading: int, writing: int) -> None:
+def _work(work: Callable[[], object], reading: int, writing: int, longest: float) -> None:
     """Write the result of the work and end this process at once, without what its original has to do at its end."""
     try:
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)  # ends the process whatever it waits for
+        signal.setitimer(signal.ITIMER_REAL, longest)
         os.close(reading)
         made = pickle.dumps(work(), pickle.HIGHEST_PROTOCOL)
         with os.fdopen(writing, "wb") as file:
