@@ -57,19 +57,21 @@ class AxisSignals(NamedTuple):
 @njit(cache=True, nogil=True)
 def fly_axis(
     c: AxisConstants, f: AxisSignals, loop: float
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats]:
     """Fly one axis.
 
     Returns
     -------
-    output, feedback, integral, derivative, measured, target, angle, lean : ndarray, shape (N,)
+    output, feedback, integral, derivative, measured, unfiltered, asked, target, angle, lean : ndarray, shape (N,)
         Controller output with the chirp and without, two of its terms, filtered measurement that it was computed from,
-        rate target after its filter, attitude and its target.
+        mean over the loop before of what the filter got, rate target before and after its filter, attitude and its
+        target.
     """
     n, substeps = f.disturbance.shape
     h = loop / substeps
     output, feedback, measured = np.zeros(n), np.zeros(n), np.zeros(n)
     target, attitude, leans, terms = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
+    unfiltered, asked = np.zeros(n), np.zeros(n)
     pending = np.zeros(c.delay_steps + 1)
     motor = rate = angle = flex = flex_rate = 0.0
     position = velocity = 0.0
@@ -94,6 +96,7 @@ def fly_axis(
         leans[k] = lean
         want = c.angle_p * (lean - angle) if c.integrates else lean
         want += f.rate_chirp[k]
+        asked[k] = want
         filtered += c.alpha_target * (want - filtered)
         target[k] = filtered
         error_before = error
@@ -125,10 +128,12 @@ def fly_axis(
                 flex += h * flex_rate
                 moving += flex_rate
             moving += f.gyro_noise[k, j]
+            if k + 1 < n:
+                unfiltered[k + 1] += moving / substeps
             if c.filter_omega > 0.0:
                 low = ahead * moving + first
                 first = 2.0 * ahead * moving - back1 * low + second
                 second = ahead * moving - back2 * low
             else:
                 low = moving
-    return output, feedback, terms[0], terms[1], measured, target, attitude, leans
+    return output, feedback, terms[0], terms[1], measured, unfiltered, asked, target, attitude, leans

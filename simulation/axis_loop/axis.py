@@ -137,6 +137,8 @@ class AxisRun:
     integral: Floats
     derivative: Floats
     measured: Floats
+    unfiltered: Floats  #: Before the sensor's filter, mean over the loop before.
+    asked: Floats  #: Rate target before its filter; `target` is behind it.
     target: Floats
     attitude: Floats
     stick: Floats

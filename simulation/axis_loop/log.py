@@ -60,7 +60,7 @@ def write_rate_log(
     for name, letter in _LETTERS.items():
         run = axes.get(name)
         scale = 1.0 if name == "vertical" else np.degrees(1.0)
-        columns[f"{letter}Des"] = zero if run is None else scale * run.target[rows]
+        columns[f"{letter}Des"] = zero if run is None else scale * run.asked[rows]
         columns[letter] = zero if run is None else scale * run.measured[rows]
         columns[f"{letter}Out"] = zero if run is None else run.output[rows] + (0.35 if name == "vertical" else 0.0)
     flown = _loop_parameters(gains or {}) | dict(parameters or {})
@@ -160,7 +160,10 @@ def _chirps(axes: Mapping[str, AxisRun], rows: slice) -> list[MessageTable]:
         scale = 1.0 if run.excitation.sid_axis >= 10 else np.degrees(1.0)
         columns = {"Time": run.elapsed[rows][during], "Targ": scale * run.chirp[rows][during]}
         columns |= {"F": run.chirp_hz[rows][during]}
-        columns |= {f"{kind}{axis}": np.zeros(int(during.sum())) for kind in "GA" for axis in "xyz"}
+        for axis, name in zip("xyz", ("roll", "pitch", "yaw"), strict=True):
+            felt = axes[name].unfiltered[rows][during] if name in axes else np.zeros(int(during.sum()))
+            columns[f"G{axis}"] = np.degrees(felt)
+        columns |= {f"A{axis}": np.zeros(int(during.sum())) for axis in "xyz"}
         parts.append(pd.DataFrame({"t": run.t[rows][during] + _BOOT + 2e-4} | columns))
     data = pd.concat(parts)
     settings = {

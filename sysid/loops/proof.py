@@ -10,6 +10,7 @@ import pandas as pd
 
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from logparse.summary import Summarised, listed
+from sysid.loops.as_flown import contradiction
 from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
 from sysid.loops.evidence import limited_chirp, oscillation, two_ways_apart, unfit_log
@@ -105,13 +106,17 @@ def prove(before: GivenLogs, after: GivenLogs) -> Proof:
             reason = next((r for axis in AXES if (r := oscillation(log, axis))), None)
             if reason is not None:
                 return refuse(f"nothing can be foretold from a flight that oscillates: {reason}")
+        shaking = next((r for log in seconds for axis in AXES if (r := oscillation(log, axis))), None)
+        for log in firsts if shaking is not None else (*firsts, *seconds):
+            reason = contradiction(log)
+            if reason is not None:
+                return refuse(reason)
     except RotoridError as error:
         return refuse(str(error))
     other = other_craft(firsts[0], seconds[0])
     if other is not None:
         return refuse(other)
     changed, beyond = _changes(firsts[0], seconds[0])
-    shaking = next((r for log in seconds for axis in AXES if (r := oscillation(log, axis))), None)
     rows: list[dict[str, object]] = []
     loops: dict[str, tuple[RateLoop, RateLoop]] = {}
     reasons: list[str] = []

@@ -33,7 +33,8 @@ _CALM = 10.0
 class Aim:
     """What a tune must keep, at the worst of the 95 % set.
 
-    `noise` is the largest factor by which rms and slew of the actuators' noise may rise over the flown settings.
+    `noise` is the largest factor by which rms and slew of the actuators' noise may rise over the flown settings, and
+    the controller's gain at any frequency beyond the measured band.
     """
 
     gain_db: float = 6.0
@@ -100,21 +101,32 @@ def in_hand(nominal: MarginSet, k: int, aim: Aim, spare: Mapping[str, float]) ->
     )
 
 
-def actuator_noise(loop: RateLoop) -> Floats:
-    """Compute rms and slew of what white noise of the gyro makes at the mixer, to a common factor, shape (2,).
+class ActuatorNoise:
+    """The noise of the gyro at the actuators: by which factor settings raise it over those flown.
 
-    From 2 Hz to half the loop rate; beyond the measured band the loop is taken as open.
+    The largest of rms and slew of what white noise makes there, from 2 Hz to half the loop rate, and of the
+    controller's gain at any frequency beyond the measured band: noise of motors is not white, and lies there.
     """
-    settings = loop.settings
-    hz = np.linspace(2.0, 0.499 * settings.controller.loop_rate, 400)
-    response = settings.controller.error_response(hz) * settings.gyro.response(hz)
-    inside = hz <= loop.hz[-1]
-    broken = loop.response
-    closed = np.ones(len(hz), np.complex128)
-    back = np.interp(hz[inside], loop.hz, broken.real) + 1j * np.interp(hz[inside], loop.hz, broken.imag)
-    closed[inside] = 1.0 / (1.0 + back)
-    power = np.abs(response * closed) ** 2
-    return np.asarray(np.sqrt([power.sum(), (power * hz**2).sum()]), np.float64)
+
+    def __init__(self, loop: RateLoop) -> None:
+        self._hz = np.linspace(2.0, 0.499 * loop.flown.controller.loop_rate, 400)
+        self._inside = self._hz <= loop.hz[-1]
+        self._flown = self._to_mixer(loop.with_settings(loop.flown))
+
+    def factor(self, loop: RateLoop) -> float:
+        """Return the factor of a loop's settings."""
+        raised = self._to_mixer(loop) / self._flown
+        power = self._flown**2
+        rms, slew = (np.sqrt((raised**2 * each).sum() / each.sum()) for each in (power, power * self._hz**2))
+        return float(max(rms, slew, *raised[~self._inside]))
+
+    def _to_mixer(self, loop: RateLoop) -> Floats:
+        """Compute the gain from the gyro's noise to the mixer; beyond the measured band the loop is taken as open."""
+        settings, inside = loop.settings, self._inside
+        gain = np.abs(settings.controller.error_response(self._hz) * settings.gyro.response(self._hz))
+        broken = loop.response
+        gain[inside] /= np.abs(1.0 + np.interp(self._hz[inside], loop.hz, broken))
+        return np.asarray(gain, np.float64)
 
 
 def others_keep(staying: Iterable[RateLoop], factor: float) -> bool:

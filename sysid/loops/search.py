@@ -14,9 +14,9 @@ from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import typed
-from sysid.loops.safety import Aim, actuator_noise, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
+from sysid.loops.safety import ActuatorNoise, Aim, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
 from sysid.loops.settings import LoopSettings
-from sysid.loops.unseen import Unseen, may_raise, promised
+from sysid.loops.unseen import Unseen, may_raise, promised, saw_modes
 
 #: Factors of P and D, of I over P's factor, and of the derivative's filter that are tried.
 _P = np.geomspace(0.501, 1.996, 13)
@@ -40,6 +40,9 @@ _WANTED_GAIN, _BANDWIDTH_WEIGHT = 0.06, 8.0
 
 #: Corner [Hz] of the gusts' spectrum in that.
 _GUST_HZ = 1.0
+
+#: What the angle loop may add to the controller's gain beyond the band, and rounding.
+_ROUNDED = 1.01
 
 #: Candidates whose worst case is computed, best first.
 _CHECKED = 150
@@ -79,6 +82,7 @@ class _Field:
     gained: Floats  #: Logarithm of the rejection bandwidth over the flown one.
     score: Floats
     unseen: Floats  #: Factor by which the gain rises beyond the measured band where it may count.
+    noise: Floats  #: The same wherever it does, with which noise from there rises.
 
 
 def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
@@ -117,7 +121,7 @@ def _gains(loop: RateLoop) -> list[dict[str, float]]:
     flown = loop.flown.controller
     ranges = RANGES[loop.axis]
     candidates = []
-    for p, d, i, fltd in itertools.product(_P, _D if flown.D > 0.0 else (1.0,), _I, _filters(flown.FLTD, _FLTD)):
+    for p, d, i, fltd in itertools.product(_P, _D if flown.D > 0.0 else (1.0,), _I, _filters(loop, flown.FLTD, _FLTD)):
         values = {
             "P": typed(flown.P * p),
             "I": typed(flown.I * min(max(p * i, _P[0]), _P[-1])),
@@ -133,8 +137,8 @@ def _others(loop: RateLoop) -> list[dict[str, float]]:
     """Lay out the filters of target and error, and the feed-forward, of those that are in use."""
     flown = loop.flown.controller
     factors = {
-        "FLTT": _filters(flown.FLTT, _OTHER_FILTERS),
-        "FLTE": _filters(flown.FLTE, _OTHER_FILTERS),
+        "FLTT": _filters(loop, flown.FLTT, _OTHER_FILTERS),
+        "FLTE": _filters(loop, flown.FLTE, _OTHER_FILTERS),
         "FF": _FF if flown.FF > 0.0 else (1.0,),
     }
     return [
@@ -144,9 +148,13 @@ def _others(loop: RateLoop) -> list[dict[str, float]]:
     ]
 
 
-def _filters(flown: float, factors: Sequence[float]) -> tuple[float, ...]:
-    """Return the factors of a filter that keep it in the documented range; of none, none."""
-    return tuple(k for k in factors if k == 1.0 or 0.0 < flown * k <= _HIGHEST_FILTER)
+def _filters(loop: RateLoop, flown: float, factors: Sequence[float]) -> tuple[float, ...]:
+    """Return the factors of a filter that keep it in the documented range; of none, none.
+
+    None is opened over a band in which no chirp looked for modes of the frame.
+    """
+    highest = _HIGHEST_FILTER if saw_modes(loop) else flown
+    return tuple(k for k in factors if k == 1.0 or 0.0 < flown * k <= highest)
 
 
 def _field(
@@ -161,13 +169,13 @@ def _field(
     true_plant = through / bare.gyro.response(hz)
     feedbacks, beyond = kind(bare, hz), Unseen(loop, bare, kind)
     rows = []
-    gusts, unseen = np.empty(len(candidates)), np.empty(len(candidates))
+    gusts, unseen, noise = (np.empty(len(candidates)) for _ in range(3))
     for first in range(0, len(candidates), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         broken = through * feedbacks.of(candidates[some])
         rows.append(margins_of(hz, broken))
         gusts[some] = _gust_response(hz, true_plant, broken)
-        unseen[some] = beyond.raised(candidates[some])
+        unseen[some], noise[some] = beyond.raised(candidates[some]), beyond.noisier(candidates[some])
     nominal = _stack(rows)
     flown_loop = (loop.with_settings(loop.flown).response)[::_EVERY][None, :]
     flown_rejection = margins_of(hz, flown_loop).rejection_hz[0]
@@ -175,15 +183,21 @@ def _field(
     with np.errstate(invalid="ignore"):
         gained = np.log(nominal.rejection_hz / (flown_rejection if np.isfinite(flown_rejection) else hz[0]))
         score = _BANDWIDTH_WEIGHT * np.minimum(gained, _WANTED_GAIN) - np.log(gusts / flown_gust)
-    return _Field(bare, tuple(candidates), nominal, np.asarray(gained), np.asarray(score), unseen)
+    return _Field(bare, tuple(candidates), nominal, np.asarray(gained), np.asarray(score), unseen, noise)
 
 
 def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
     """Return the candidate of the best score that keeps the aim at its worst, or why there is none."""
     nominal, score = field.nominal, field.score
-    good = (field.unseen <= unseen) & nominal.stable & keeps(nominal, aim) & np.isfinite(nominal.rejection_hz)
+    good = (
+        (field.unseen <= unseen)
+        & (field.noise <= _ROUNDED * aim.noise)
+        & nominal.stable
+        & keeps(nominal, aim)
+        & np.isfinite(nominal.rejection_hz)
+    )
     order = np.flatnonzero(good)[np.argsort(-score[good], kind="stable")]
-    noise_flown = actuator_noise(loop.with_settings(loop.flown))
+    actuators = ActuatorNoise(loop)
     # How far below its nominal margins a candidate's worst case lay: those with less in hand need no look.
     spare = {"gain_db": 0.0, "phase_deg": 0.0, "peak_db": 0.0}
     checked = 0
@@ -191,7 +205,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
         if not in_hand(nominal, int(k), aim, spare):
             continue
         tuned = loop.with_settings(field.bare.changed(**field.values[k]))
-        noise = max(actuator_noise(tuned) / noise_flown)
+        noise = actuators.factor(tuned)
         if noise > aim.noise:
             continue
         checked += 1
@@ -207,7 +221,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
                 loop=loop,
                 tuned=tuned,
                 worst=promised(tuned, bounds, asdict(aim)),
-                noise=float(noise),
+                noise=noise,
                 score=float(score[k]),
                 unseen=float(field.unseen[k]),
                 wider=bool(field.gained[k] > 0.0),

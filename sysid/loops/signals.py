@@ -91,11 +91,12 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
     which = axis_of(axis)
     table = log.tables.systemid
     assert table is not None
+    times = table.index.to_numpy(np.float64)
+    # A spline through rows that end where the chirp is fast swings beyond all bounds there: it takes the whole chirp.
+    inside = (times >= chirp.start) & (times <= chirp.stop)
     chirp = below_folding(log, chirp, signals.step)
     rows = (signals.t >= chirp.start) & (signals.t <= chirp.stop)
     t, total = signals.t[rows], signals.columns[which.input][rows]
-    times = table.index.to_numpy(np.float64)
-    inside = (times >= chirp.start) & (times <= chirp.stop)
     added = scipy.interpolate.make_interp_spline(times[inside], table["target"].to_numpy(np.float64)[inside], k=_ORDER)
     pid = _pid_sum(log, f"PID{which.letter}")
     if pid is None or len(t) < 16:

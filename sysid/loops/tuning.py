@@ -16,6 +16,7 @@ import numpy as np
 
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from logparse.summary import Summarised, listed
+from sysid.loops.as_flown import contradiction, gyro_seen
 from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
 from sysid.loops.evidence import motors_limited, oscillation, saturation, unfit_log, unsupported, weak_band
@@ -25,7 +26,7 @@ from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
 from sysid.loops.same_craft import SUMMED, gain_apart, other_craft
 from sysid.loops.search import AxisTuning, tune_axis
 from sysid.loops.settings import AXES
-from sysid.loops.unseen import UNSEEN_RAISED, unseen_mode
+from sysid.loops.unseen import FIRST_MODES, UNSEEN_RAISED, saw_modes, unseen_mode
 
 #: Factors of the gyro's filter that are tried.
 _GYRO = (1.0, 1.25, 1.5, 2.0)
@@ -127,7 +128,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
     for log in flights:
         try:
             read_settings(log, "roll")
-            reason = unfit_log(log) or next((r for a in AXES if (r := oscillation(log, a))), None)
+            reason = unfit_log(log) or next((r for a in AXES if (r := oscillation(log, a))), None) or contradiction(log)
         except RotoridError as error:
             reason = str(error)
         reason = reason or other_craft(flights[0], log)
@@ -138,10 +139,9 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
     if not loops:
         reasons = list(dict.fromkeys(item.refused for item in found if item.refused))
         return refuse("; ".join(reasons), tuple(found))
-    known = all(item.loop is not None and weak_band(item.loop) is unseen_mode(item.loop) is None for item in found)
-    open_gyro = known and is_calm(flights)
+    closed = _gyro_filter_stays(flights, found)
     staying = [item.loop for item in found if item.axis not in loops and item.loop is not None]
-    options = [f for f in _GYRO if f == 1.0 or (open_gyro and others_keep(staying, f))]
+    options = [f for f in _GYRO if f == 1.0 or (closed is None and others_keep(staying, f))]
     best = {axis: tune_axis(loop, aim) for axis, loop in loops.items()}
     for factor in options[1:]:
         tuned = {axis: tune_axis(loop, aim, factor) for axis, loop in loops.items()}
@@ -156,15 +156,25 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
         for item in axes
         if item.loop is not None and item.unseen > UNSEEN_RAISED[0]
     ]
-    if not open_gyro:
-        remarks.append(
-            "INS_GYRO_FILTER stays: it serves all axes, so it is changed only where roll, pitch and yaw are identified "
-            "and vibration is known to be low"
-        )
+    if closed is not None:
+        remarks.append(f"INS_GYRO_FILTER stays: it serves all axes, and {closed}")
     if not proposed:
         reasons = [item.refused or f"{item.axis}: the flown gains are the best that were found" for item in axes]
         return refuse("; ".join(dict.fromkeys(reasons)), axes)
     return Tuning(names, aim, proposed, rollback, None, axes, tuple(dict.fromkeys(remarks)), made)
+
+
+def _gyro_filter_stays(logs: Sequence[FlightLog], axes: Sequence[AxisTuning]) -> str | None:
+    """Return which evidence is lacking to open the gyro's filter; None where it is all there."""
+    unknown = [item.axis for item in axes if item.loop is None or weak_band(item.loop) or unseen_mode(item.loop)]
+    if unknown:
+        return f"{listed(unknown)} {'is' if len(unknown) == 1 else 'are'} not identified"
+    low = [item.axis for item in axes if item.loop is not None and not saw_modes(item.loop)]
+    if low:
+        return f"the chirp of {listed(low)} ended below {FIRST_MODES:.0f} Hz, where frames bend"
+    if not all(gyro_seen(log, axis) for log in logs for axis in AXES):
+        return "SIDD does not show the rates before the filters, which would tell whether it is the one that flew"
+    return None if is_calm(logs) else "vibration is not known to be low (VIBE)"
 
 
 def _worth(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float]:

@@ -22,8 +22,8 @@ from sysid.records.periodogram import hann
 #: Factor by which a mode of 3 % damping that carries a third of the acceleration stands above the rigid craft.
 MODE = 6.0
 
-#: Gain of a mode that leaves it 4 dB; and the least for which more than what is kept is not promised.
-_SMALL, _COUNTS = 0.63, 0.2
+#: Gain of a mode that leaves it 4 dB.
+_SMALL = 0.63
 
 #: Frequencies looked at beyond the band: up to this, Hz, in so many steps.
 _UP_TO, _STEPS = 150.0, 24
@@ -34,6 +34,9 @@ FIRST_MODES = 30.0
 #: Last frequency of the noise's spectrum, in parts of half the logging rate; and how far beyond the band it must reach
 #: to count as seen.
 _TO, _SEEN = 0.92, 1.5
+
+#: Frequency up to which the noise's floor is looked at, at the least, in parts of the band's end.
+_FLOOR = 3.0
 
 #: Where the chirp is when the noise is looked at: below this part of the first frequency, with this part of its power.
 _CHIRP_BELOW, _NO_CHIRP = 0.8, 1e-4
@@ -52,12 +55,47 @@ _FITS, _FEWEST = 10, 4
 
 #: Factors by which a loop's gain may be raised beyond the measured band, each tried only where the one before leaves no
 #: rejection gained, unless the rigid craft keeps it small there. Chirps that ended below `FIRST_MODES` raise nothing.
-UNSEEN_RAISED = (1.12, 1.5, 2.0)
+UNSEEN_RAISED = (1.12, 1.5)
+
+#: The same for filters of whom nothing is known: rounding.
+_NOT_RAISED = 1.0 + 1e-6
+
+#: Factor of frequency at the end of the band over which the craft's slope is taken; the slopes that a craft without a
+#: mode just beyond has, of ln gain over ln f (-1 for the integration, up to -1 for each lag) and of the phase [rad]
+#: over ln f (lags and delays only turn it back); by how many standard deviations of the slope it must be beyond them;
+#: and where they count however uncertain they are.
+_LAST, _SLOPE, _TURN, _SURE, _STEEP, _FORWARD = 1.2, (-3.0, -0.9), 0.0, 2.5, (-3.5, -0.4), 1.0
+
+
+def saw_modes(loop: RateLoop) -> bool:
+    """Return whether the measured band reaches the frequencies at which frames first bend."""
+    return bool(loop.hz[-1] >= FIRST_MODES)
 
 
 def may_raise(loop: RateLoop) -> tuple[float, ...]:
     """Return the factors by which the gain of a loop may rise beyond its measured band, in the order of trying."""
-    return UNSEEN_RAISED if loop.hz[-1] >= FIRST_MODES else (1.0,)
+    return UNSEEN_RAISED if saw_modes(loop) else (_NOT_RAISED,)
+
+
+def bends_at_its_end(loop: RateLoop) -> str | None:
+    """Return that the response turns at its end as by a mode of the frame there, of which little is known then.
+
+    Up to a fifth below a mode its gain rises or falls more steeply, or its phase forward, than lags and delays let it.
+    """
+    end = float(loop.hz[-1])
+    last = loop.hz > end / _LAST
+    x = np.log(loop.hz[last])
+    drawn = np.concatenate([loop.plant.response[None, last], loop.plant.own_draws[1:, last]])
+    craft = np.log(drawn / loop.flown.gyro.response(loop.hz[last]))
+    slopes, turns = (np.polyfit(x, each.T, 1)[0] for each in (craft.real, np.unwrap(craft.imag)))
+    (slope, error), (turn, wrong) = ((float(each[0]), _SURE * float(np.std(each))) for each in (slopes, turns))
+    low, high = max(_SLOPE[0] - error, _STEEP[0]), min(_SLOPE[1] + error, _STEEP[1])
+    if low <= slope <= high and turn <= min(_TURN + wrong, _FORWARD):
+        return None
+    return (
+        f"{loop.axis}: the response bends at its end, {end:.0f} Hz, as by a mode of the frame just beyond; "
+        f"fly a chirp to {max(1.6 * end, 40.0):.0f} Hz with RATE at {4.0 * max(1.6 * end, 40.0):.0f} Hz or more"
+    )
 
 
 class Unseen:
@@ -65,22 +103,37 @@ class Unseen:
 
     def __init__(self, loop: RateLoop, settings: LoopSettings, kind: type[Feedbacks | FeedbackOfEach]) -> None:
         self._hz, self._craft = _rigid(loop)
+        self._everywhere = not saw_modes(loop)
         self._feedbacks = kind(settings, self._hz)
         self._gyro = np.abs(settings.gyro.response(self._hz))
         self._flown = np.abs(loop.flown.feedback(self._hz) * loop.flown.gyro.response(self._hz))
 
     def raised(self, candidates: Sequence[Mapping[str, float]]) -> Floats:
-        """Return the largest factor by which each raises it where it may count, shape (K,); 1 where nowhere."""
+        """Return the largest factor by which each raises it where it counts, shape (K,); 1 where nowhere.
+
+        Where the first modes were seen it counts only where a mode beyond them would.
+        """
         gain = np.abs(self._feedbacks.of(candidates)) * self._gyro
-        factor = np.where(MODE * gain * self._craft > _SMALL, gain / self._flown, 1.0)
-        return np.asarray(np.maximum(factor.max(axis=1), 1.0))
+        counts = self._everywhere | (MODE * gain * self._craft > _SMALL)
+        return np.asarray(np.maximum(np.where(counts, gain / self._flown, 1.0).max(axis=1), 1.0))
+
+    def noisier(self, candidates: Sequence[Mapping[str, float]]) -> Floats:
+        """Return the largest factor by which each raises the gain of noise there, shape (K,)."""
+        gain = np.abs(self._feedbacks.of(candidates)) * self._gyro
+        return np.asarray((gain / self._flown).max(axis=1))
 
 
 def _rigid(loop: RateLoop) -> tuple[Floats, Floats]:
-    """Return frequencies beyond the band and how strongly a rigid craft would answer there: lags only lower it."""
-    end = loop.hz[-1:]
-    hz = np.geomspace(end[0], max(_UP_TO, 1.1 * end[0]), _STEPS)
-    return hz, np.abs(loop.plant.response[-1:] / loop.flown.gyro.response(end)) * end / hz
+    """Return frequencies beyond the band and how strongly a rigid craft would answer there: lags only lower it.
+
+    Just below a mode the band may end in a dip, which is of the frame: no frequency of the last octave counts for less
+    than a craft with one lag would leave of it at the end.
+    """
+    end = float(loop.hz[-1])
+    last = loop.hz > 0.5 * end
+    craft = np.abs(loop.plant.response[last] / loop.flown.gyro.response(loop.hz[last]))
+    hz = np.geomspace(end, max(_UP_TO, 1.1 * end), _STEPS)
+    return hz, float(np.max(craft * (loop.hz[last] / end) ** 2)) * end / hz
 
 
 def chirp_end(loop: RateLoop) -> float:
@@ -89,18 +142,23 @@ def chirp_end(loop: RateLoop) -> float:
 
 
 def unseen_mode(loop: RateLoop) -> str | None:
-    """Return why nothing can be said of modes beyond the chirps: the noise swings there, or does not show it."""
+    """Return why nothing can be said of modes beyond the chirps: noise or response bend there, or show nothing."""
     hz, craft = _rigid(loop)
     counts = MODE * craft * np.abs(loop.flown.feedback(hz) * loop.flown.gyro.response(hz)) > _SMALL
     if not counts.any() or not loop.records:
         return None
+    bends = bends_at_its_end(loop)
+    if bends is not None:
+        return bends
     end, highest = chirp_end(loop), float(hz[counts].max())
     nyquist = min(0.5 / record.plant.dt for record in loop.records)
     advice = f"fly a chirp to {max(1.3 * end, 40.0):.0f} Hz with RATE at {4.0 * max(end, 40.0):.0f} Hz or more"
     if end < FIRST_MODES and _TO * nyquist < min(_SEEN * end, highest):
         return f"{loop.axis}: no chirp went beyond {end:.0f} Hz, where frames bend, and RATE shows no more; {advice}"
     farthest = _SEEN * end if end >= FIRST_MODES else np.inf  # motors shake beyond, which is no mode of the frame
-    found = _standing_out(loop, min(_TO * nyquist, 1.1 * highest, farthest))
+    found = _standing_out(
+        loop, min(1.1 * highest, farthest), min(_TO * nyquist, max(1.1 * highest, _FLOOR * end), farthest)
+    )
     if found is None:
         return None
     return (
@@ -109,13 +167,15 @@ def unseen_mode(loop: RateLoop) -> str | None:
     )
 
 
-def _standing_out(loop: RateLoop, high: float) -> float | None:
-    """Return where the noise beyond the chirps stands out of its floor, Hz."""
+def _standing_out(loop: RateLoop, high: float, floor_to: float) -> float | None:
+    """Return where the noise beyond the chirps stands out of its floor below `high`, Hz."""
     for resolution, least in _STANDS_OUT.items():
-        spectrum = _noise(loop, resolution, float(loop.hz[-1]), high)
+        spectrum = _noise(loop, resolution, float(loop.hz[-1]), floor_to)
         if spectrum is None:
             continue
-        hz, rest, scatter = spectrum[0][1:], spectrum[1][1:], spectrum[2]  # the first is still the measured band's
+        looked_at = spectrum[0] <= max(high, spectrum[0][_FEWEST - 1])
+        looked_at[0] = False  # still the measured band's
+        hz, rest, scatter = spectrum[0][looked_at], spectrum[1][looked_at], spectrum[2]
         inverse = np.exp(-0.5 * rest)
         swings = resolution == max(_STANDS_OUT) and inverse.max() - inverse.min() > _SWING
         if rest.max() > max(least, _SCATTERS * scatter) or swings:
@@ -162,11 +222,13 @@ def _without_chirp(record: AxisRecord, size: int, above: NDArray[np.bool_]) -> F
 
 def promised(tuned: RateLoop, bounds: Mapping[str, float], aim: Mapping[str, float]) -> dict[str, float]:
     """Return bounds that a mode just beyond the measured band does not break either: of what is kept, not more."""
-    beyond = MODE * float(np.abs(tuned.response[-1]))
+    hz, craft = _rigid(tuned)
+    settings = tuned.settings
+    beyond = MODE * float((craft * np.abs(settings.feedback(hz) * settings.gyro.response(hz)))[0])
+    gain, peak = -20.0 * np.log10(beyond), -20.0 * np.log10(max(1.0 - beyond, 1e-3))
     result = dict(bounds)
-    if beyond > _COUNTS:
-        result["gain_db"] = min(bounds["gain_db"], aim["gain_db"])
-        result["peak_db"] = max(bounds["peak_db"], aim["peak_db"])
+    result["gain_db"] = min(bounds["gain_db"], max(gain, aim["gain_db"]))
+    result["peak_db"] = max(bounds["peak_db"], min(peak, aim["peak_db"]))
     if beyond > _SMALL:
         result["phase_deg"] = min(bounds["phase_deg"], aim["phase_deg"])
     return result

@@ -1,0 +1,94 @@
+"""Parameters that were not the ones flown are found in the log's own signals; true ones never are."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from logparse import read_log
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
+from simulation.axis_loop.log import write_rate_log
+from sysid.loops import as_flown, prove, tune
+from sysid.loops.as_flown import contradiction, gyro_seen
+
+CRAFT = AxisPlant(gain=300.0, damping=1.0, lag=0.02, delay=0.003, filter_hz=40.0)
+GAINS = LoopGains(P=0.08, I=0.08, D=0.002)
+NOTCH = {
+    **{"INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_FREQ": 60.0, "INS_HNTCH_BW": 30.0, "INS_HNTCH_ATT": 40.0},
+    **{"INS_HNTCH_HMNCS": 1.0, "INS_HNTCH_MODE": 0.0, "INS_HNTCH_REF": 0.0, "INS_HNTCH_OPTS": 0.0},
+}
+
+
+@pytest.fixture(scope="module")
+def flight():
+    shaken = Excitation(
+        duration=34.0, chirp=(0.5, 40.0, 0.08), chirp_start=6.0, chirp_seconds=24.0, gust=0.3, gyro_noise=0.015
+    )
+    return run_axis(CRAFT, GAINS, shaken, 1)
+
+
+def _log(path, flight, gains=GAINS, rate=100.0, **parameters):
+    write_rate_log(path, {"roll": flight}, rate=rate, filter_hz=40.0, gains={"roll": gains}, parameters=parameters)
+    return read_log(path)
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 400.0])
+def test_true_parameters_agree_with_the_signals(tmp_path, flight, rate):
+    """Also where the chirp passes half of the rate of the rows, where a spline through them once swung beyond all."""
+    assert contradiction(_log(tmp_path / "true.bin", flight, rate=rate)) is None
+
+
+@pytest.mark.parametrize(
+    ("claimed", "told"),
+    [
+        ({"P": 0.085}, "P as logged is 0.94 times"),
+        ({"I": 0.11}, "I as logged is 0.73 times"),
+        ({"D": 0.0025}, "D as logged is 0.8"),
+        ({"D": 0.0}, "D as logged is not the 0"),
+        ({"FLTD": 40.0}, "D as logged is 0.7"),
+        ({"FLTT": 10.0}, "Tar as logged"),
+        ({"FLTE": 20.0}, "P as logged"),
+    ],
+)
+def test_gains_and_filters_that_did_not_fly_are_named(tmp_path, flight, claimed, told):
+    reason = contradiction(_log(tmp_path / "lies.bin", flight, replace(GAINS, **claimed)))
+    assert told in reason
+    assert "not what flew" in reason
+
+
+@pytest.mark.parametrize(
+    ("claimed", "told"),
+    [
+        ({"INS_GYRO_FILTER": 20.0}, "answers as with INS_GYRO_FILTER 4"),
+        ({"INS_GYRO_FILTER": 80.0}, "answers as with INS_GYRO_FILTER 4"),
+        (NOTCH, "INS_HNTCH_"),
+        ({"SCHED_LOOP_RATE": 50.0}, "faster than the loop"),
+    ],
+)
+def test_a_gyro_filter_a_notch_and_a_loop_that_did_not_fly_are_named(tmp_path, flight, claimed, told):
+    """Nothing of the PID tells of the gyro's filters: SIDD has the rates before them."""
+    log = _log(tmp_path / "lies.bin", flight, **claimed)
+    assert told in contradiction(log)
+
+
+def test_nothing_is_proposed_nor_proven_from_parameters_that_did_not_fly(tmp_path, flight):
+    lies = _log(tmp_path / "lies.bin", flight, INS_GYRO_FILTER=20.0)
+    assert "not what flew" in tune(lies).refused
+    proof = prove(_log(tmp_path / "true.bin", flight), lies)
+    assert "not what flew" in proof.refused
+    assert len(proof.table) == 0
+
+
+def test_the_scheduler_tells_the_rate_at_which_it_ran():
+    """SCHED_LOOP_RATE takes effect when the autopilot starts; PM.LR is the rate that counts."""
+    log = SimpleNamespace(messages={"PM": pd.DataFrame({"LR": [200, 200]})}, tables=SimpleNamespace(rates=None))
+    assert "PM.LR" in as_flown._other_rate(log, 400.0)
+    assert as_flown._other_rate(log, 200.0) is None
+
+
+def test_without_rates_before_the_filters_nobody_has_seen_them(tmp_path, flight):
+    assert gyro_seen(_log(tmp_path / "seen.bin", flight), "roll")
+    unseen = replace(flight, unfiltered=np.zeros(len(flight.t)))
+    assert not gyro_seen(_log(tmp_path / "unseen.bin", unseen), "roll")
