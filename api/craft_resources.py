@@ -69,7 +69,7 @@ class NewNote(BaseModel):
     boundary: bool = Field(default=False, description="Do not pool flights before it with those after it.")
 
 
-class Alert(BaseModel):
+class RaisedAlert(BaseModel):
     """Something about a craft that left its band."""
 
     id: str
@@ -91,7 +91,7 @@ class CraftAnswer(Craft):
         description="What its flights say together: drift and change points of every parameter and of each motor, what "
         "changed with the last boundary, remarks. Null before the first look."
     )
-    recent: list[Alert] = Field(description="Its newest alerts.")
+    recent: list[RaisedAlert] = Field(description="Its newest alerts.")
 
 
 class CraftChange(BaseModel):

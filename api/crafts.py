@@ -9,7 +9,7 @@ from sqlalchemy import delete, func, or_, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from api.craft_flights import lose, touch
-from api.craft_resources import Alert, Craft, CraftAnswer, CraftFlight, JointFit, Note
+from api.craft_resources import Craft, CraftAnswer, CraftFlight, JointFit, Note, RaisedAlert
 from api.database import Database
 from api.ids import digest, is_id, new_id
 from api.problems import Problem, ProblemError
@@ -194,7 +194,7 @@ class Crafts:
             touch(session, [craft_id])
             return True
 
-    def alerts(self, owner: str, *, limit: int, after: str | None = None) -> Sequence[Alert]:
+    def alerts(self, owner: str, *, limit: int, after: str | None = None) -> Sequence[RaisedAlert]:
         """List the alerts of an owner, the newest first."""
         with self._database.read() as session:
             query = (
@@ -285,8 +285,8 @@ def _note(record: NoteRecord) -> Note:
     return Note(id=record.id, at=record.at, text=record.text, boundary=record.boundary)
 
 
-def _alert(record: AlertRecord, craft: CraftRecord) -> Alert:
-    return Alert(
+def _alert(record: AlertRecord, craft: CraftRecord) -> RaisedAlert:
+    return RaisedAlert(
         id=record.id,
         craft=craft.id,
         name=craft.name or craft.kind,

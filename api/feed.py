@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 from sqlalchemy import delete, select
 
-from api.craft_resources import Alert
+from api.craft_resources import RaisedAlert
 from api.database import Database
 from api.ids import digest, new_id, new_secret
 from api.records import HookRecord
@@ -40,7 +40,7 @@ class Feeds:
             )
 
 
-def atom(alerts: Sequence[Alert], base: str) -> bytes:
+def atom(alerts: Sequence[RaisedAlert], base: str) -> bytes:
     """Write alerts as a feed; `base` is the address of the service."""
     ElementTree.register_namespace("", _ATOM)
     feed = ElementTree.Element(f"{{{_ATOM}}}feed")

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from api import problems
-from api.craft_resources import Alert
+from api.craft_resources import RaisedAlert
 from api.dependencies import Owner, PartsOf, from_our_pages
 from api.feed import MEDIA_TYPE, atom
 from api.problems import Problem, ProblemError
@@ -54,7 +54,9 @@ class Feed(BaseModel):
 
 
 @router.get("/alerts", summary="Alerts, the newest first")
-def list_alerts(request: Request, parts: PartsOf, owner: Owner, limit: Limit = 50, after: After = None) -> Page[Alert]:
+def list_alerts(
+    request: Request, parts: PartsOf, owner: Owner, limit: Limit = 50, after: After = None
+) -> Page[RaisedAlert]:
     """List what left its band, of all your craft."""
     return page(request, list(parts.crafts.alerts(owner, limit=limit + 1, after=after)), limit)
 

@@ -1,6 +1,14 @@
 """What the OpenAPI document promises holds for whatever requests can be made of it."""
 
+import importlib
+import json
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -13,6 +21,7 @@ from api import Settings, create_app
 from tests.api import flights
 from tests.api.conftest import running
 from tests.api.programs import PATIENCE
+from tests.api.test_crafts import fly
 
 Upload = Callable[..., httpx.Response]
 
@@ -52,6 +61,31 @@ def test_every_operation_has_a_summary_and_examples(document: dict[str, Any]) ->
             for status, answer in operation["responses"].items():
                 for kind, content in answer.get("content", {}).items():
                     assert "example" in content or "examples" in content, (method, path, status, kind)
+
+
+def test_a_generated_client_asks_a_running_service(
+    service: httpx.Client, document: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As docs/service.md has it; two types of one name once cost the client an answer."""
+    beside = str(Path(sys.prefix) / "client" / "bin")
+    program = shutil.which("openapi-python-client", path=f"{beside}:{os.environ['PATH']}")
+    if program is None:
+        pytest.skip("openapi-python-client is not installed")
+    (tmp_path / "openapi.json").write_text(json.dumps(document))
+    (tmp_path / "config.json").write_text('{"post_hooks": []}')
+    order = [program, "generate", "--path", "openapi.json", "--config", "config.json", "--output-path", "client"]
+    said = subprocess.run(order, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "WARNING" not in said.stdout + said.stderr
+    fly(service, "client.bin", flights.log(0, craft="client"))
+    monkeypatch.syspath_prepend(str(tmp_path / "client"))
+    generated = importlib.import_module("rotorid_client")
+    list_crafts = importlib.import_module("rotorid_client.api.craft.list_crafts_api_v1_crafts_get")
+    show_flights = importlib.import_module("rotorid_client.api.craft.list_flights_api_v1_crafts_craft_id_flights_get")
+    with generated.Client(base_url=str(service.base_url), raise_on_unexpected_status=True) as client:
+        crafts = list_crafts.sync(client=client).items
+        found = {flight.name: craft for craft in crafts for flight in show_flights.sync(craft.id, client=client)}
+        assert found["client"].health == "yes"
+        assert show_flights.sync_detailed("0" * 32, client=client).status_code == HTTPStatus.NOT_FOUND
 
 
 @pytest.mark.slow
