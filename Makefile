@@ -58,9 +58,10 @@ docs: setup  ## build the documentation into out/docs
 serve: setup  ## start the web service on http://127.0.0.1:8000
 	@$(BIN)/rotorid serve
 
-lock: setup  ## refresh constraints.txt to the newest versions that fit
+lock: setup  ## refresh constraints.txt and deploy/requirements.txt to the newest versions that fit
 	@$(BIN)/python -m pip install --quiet uv
 	@$(BIN)/uv pip compile pyproject.toml --extra dev --extra peers --universal --python-version 3.11 --upgrade --no-header --quiet -o constraints.txt
+	@$(BIN)/uv pip compile pyproject.toml --extra postgresql --extra s3 --extra cluster --extra mcp --universal --python-version 3.11 --generate-hashes --no-header --quiet -c constraints.txt -o deploy/requirements.txt
 
 clean:  ## remove .venv, out/ and caches
 	@rm -rf $(VENV) out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

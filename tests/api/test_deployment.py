@@ -38,3 +38,16 @@ def test_the_image_has_every_package_of_ours() -> None:
     copied = set(re.findall(r"^COPY (\w+) \1$", (root / "deploy" / "Dockerfile").read_text(), re.MULTILINE))
     assert "rotorid" in ours
     assert ours <= copied
+
+
+def test_what_is_installed_for_the_service_is_pinned_as_elsewhere_and_hashed() -> None:
+    """With hashes in constraints.txt itself pip would ask for one of this very folder, which it cannot have."""
+    root = UNIT.parents[1]
+    pinned = set(re.findall(r"^(\S+==\S+)", (root / "constraints.txt").read_text(), re.MULTILINE))
+    entries = re.split(r"^(?=\S)", (UNIT.parent / "requirements.txt").read_text(), flags=re.MULTILINE)[1:]
+    assert len(entries) > 50
+    assert [entry for entry in entries if "--hash=sha256:" not in entry] == []
+    assert {entry.split()[0] for entry in entries} <= pinned
+    dockerfile = (root / "deploy" / "Dockerfile").read_text()
+    assert "--require-hashes -r requirements.txt" in dockerfile
+    assert "--no-deps ." in dockerfile
