@@ -26,6 +26,7 @@ from rotorid.cli.export import export
 from rotorid.cli.frequency import frequency
 from rotorid.cli.inspect import inspect
 from rotorid.cli.mcp import mcp
+from rotorid.cli.output import guard_terminal
 from rotorid.cli.plot import plot
 from rotorid.cli.prove import prove
 from rotorid.cli.report import report
@@ -116,6 +117,7 @@ def main() -> NoReturn:
     """Run the command line; whatever happens, the user reads a sentence and not a traceback."""
     # Our matrices are small: more BLAS threads than one only get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    guard_terminal()
     debug = bool(os.environ.get("ROTORID_DEBUG"))
     logging.basicConfig(level=logging.DEBUG if debug else logging.CRITICAL, stream=sys.stderr)
     try:

@@ -1,11 +1,43 @@
 """Where commands write: the terminal and the folder given with ``--out``."""
 
+import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+
+#: Control characters but for tab and lines; what sets a colour is one where Rich may have written it.
+_CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
+_CONTROL_OR_COLOUR = re.compile(r"\x1b\[[0-9;]*m|" + _CONTROL.pattern)
+
+
+class Guarded:
+    r"""A stream that writes control characters as ``\x1b``: names and texts of logs must not command a terminal."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+        self._pattern = _CONTROL_OR_COLOUR if stream.isatty() else _CONTROL
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        self._stream.write(self._pattern.sub(_shown, text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return whatever else the stream has."""
+        return getattr(self._stream, name)
+
+
+def _shown(found: re.Match[str]) -> str:
+    return found[0] if len(found[0]) > 1 else f"\\x{ord(found[0]):02x}"
+
+
+def guard_terminal() -> None:
+    """Let stdout show control characters instead of sending them."""
+    sys.stdout = cast("Any", Guarded(sys.stdout))
 
 
 def console() -> "Console":

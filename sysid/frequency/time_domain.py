@@ -259,7 +259,7 @@ def _one_ahead(output: str, parts: Sequence[tuple[Floats, Floats]]) -> ResidualT
 
 
 def _largest_correlation(error: Floats, command: Floats, record: AxisRecord) -> float:
-    reach = max(int(0.5 / record.dt), 1)
+    reach = min(max(int(0.5 / record.dt), 1), len(error))
     # Two coloured signals are unrelated to within one over the root of the samples that their product is worth.
     worth = independent_samples([error * command / np.sqrt(np.mean((error * command) ** 2))])
     scale = float(np.sqrt(np.mean(error**2) * np.mean(command**2)))

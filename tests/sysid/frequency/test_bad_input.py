@@ -3,6 +3,7 @@
 import json
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, wri
 from sysid import frequency
 from sysid.frequency.axes import SID_AXES
 from sysid.frequency.survey import survey
+from sysid.frequency.time_domain import _largest_correlation
 
 PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
 GAINS = LoopGains.crossing_at(PLANT, 3.0)
@@ -216,3 +218,10 @@ def test_logs_of_two_craft_are_not_summed_unnoticed(tmp_path: Path) -> None:
     assert survey(logs[:2], ["roll"]).findings == ()
     (finding,) = survey(logs[1:], ["roll"]).findings
     assert finding.id == "responses-differ"
+
+
+def test_a_held_out_piece_of_two_samples_has_a_correlation() -> None:
+    """A damaged log left so little of one of its records; lags of half a second reached beyond it."""
+    error, command = np.array([1.0, -1.0]), np.array([0.5, 1.0])
+    found = _largest_correlation(error, command, SimpleNamespace(dt=0.01))  # type: ignore[arg-type]
+    assert 0.0 < found < 2.0
