@@ -106,7 +106,7 @@ def estimate_low_rate(
         )
     states = pd.concat([part[0] for part in parts])
     sigma = pd.concat([part[1] for part in parts])
-    innovations = _refusals([part[3] for part in parts])
+    innovations = _innovations([part[3] for part in parts])
     doubts = doubtful_sensors(innovations) + contradicted_receiver(tables, states, origin, 0.0, velocities=False)
     finding = Finding(
         "low-rate-trajectory",
@@ -131,12 +131,17 @@ def estimate_low_rate(
     )
 
 
-def _refusals(counts: list[dict[str, tuple[int, int]]]) -> dict[str, SensorStatistics]:
-    """Sum up rows fused and refused of each sensor over the stretches of a log."""
+def _innovations(stretches: list[dict[str, np.ndarray]]) -> dict[str, SensorStatistics]:
+    """Sum up over the stretches of a log what of each sensor was fused and refused, and how far it was off."""
     found: dict[str, SensorStatistics] = {}
-    for sensor in sorted({name for part in counts for name in part}):
-        total, refused = (sum(part.get(sensor, (0, 0))[k] for part in counts) for k in range(2))
-        found[sensor] = {"count": total - refused, "refused": refused}
+    for sensor in sorted({name for part in stretches for name in part}):
+        nis = np.concatenate([part[sensor] for part in stretches if sensor in part])
+        fused = nis[np.isfinite(nis)]
+        found[sensor] = {
+            "count": fused.size,
+            "refused": nis.size - fused.size,
+            "nis": float(fused.mean()) if fused.size else float("nan"),
+        }
     return found
 
 
@@ -185,7 +190,7 @@ def _measurements(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[_M
         H = np.zeros((1, SIZE))
         H[0, 2], H[0, 12] = -1.0, 1.0
         # A spike does not even enter the first pass, which nothing protects.
-        steady = steady_heights(baro["alt"], _other_height(fixes, ekf))
+        steady = steady_heights(baro["alt"], _other_height(fixes, ekf), _climb(ekf))
         for when, alt, good in zip(baro.index.to_numpy(float), baro["alt"].to_numpy(float), steady, strict=True):
             rows.append(_Measured(when, "baro", H, np.array([alt]), np.array([noise.baro**2]), bool(good)))
     rows.sort(key=lambda row: row.t)
@@ -197,6 +202,12 @@ def _other_height(fixes: pd.DataFrame | None, ekf: pd.DataFrame | None) -> pd.Se
     if fixes is not None:
         return fixes["alt"].dropna()
     return -ekf["p_d"] if ekf is not None else pd.Series(dtype=float)
+
+
+def _climb(ekf: pd.DataFrame | None) -> pd.Series | None:
+    """Return the autopilot's speed upwards, m/s, if it is to be believed."""
+    sign = 0.0 if ekf is None else _climb_sign(ekf)
+    return None if ekf is None or sign == 0.0 else -sign * ekf["v_d"]
 
 
 def _climb_sign(ekf: pd.DataFrame) -> float:
@@ -247,10 +258,10 @@ def _estimate_segment(
     gps_sigma: np.ndarray,
     noise: SensorNoise,
     smoothed: bool,
-) -> tuple[pd.DataFrame, pd.DataFrame, np.ndarray, dict[str, tuple[int, int]]]:
+) -> tuple[pd.DataFrame, pd.DataFrame, np.ndarray, dict[str, np.ndarray]]:
     """Filter, smooth and lay out one stretch of telemetry.
 
-    Returns states, sigma, covariance (n, 3, 3, 3), and of each sensor how many rows there were and were refused.
+    Returns states, sigma, covariance (n, 3, 3, 3), and of each sensor's rows the normalised innovations squared.
     """
     when = attitude.index.to_numpy(float)
     quat = quat_from_euler(*attitude[["roll", "pitch", "yaw"]].to_numpy(float).T)
@@ -272,16 +283,16 @@ def _estimate_segment(
     driven = np.tile(np.append(DISTURBANCE, np.full(3, EKF_LASTING)), (len(node_t), 1))
     given = measured
     for _ in range(PASSES if smoothed else 1):
-        x, P = _filter(node_t, thrust, measured, gps_sigma, noise, driven, smoothed=smoothed)
+        x, P, nis = _filter(node_t, thrust, measured, gps_sigma, noise, driven, smoothed=smoothed)
         judged = _softened(_judged(given, measured, node_t, x, P, noise.gate), node_t, x, P) if smoothed else measured
         if all(_alike(a, b) for a, b in zip(measured, judged, strict=True)):
             break
         measured = judged
     if smoothed:
         driven = _driven(node_t, x, P)
-        x, P = _filter(node_t, thrust, measured, gps_sigma, noise, driven)
+        x, P, nis = _filter(node_t, thrust, measured, gps_sigma, noise, driven)
         # Sigma only: weighed anew, states of clean logs would move by more than their sigma, for better or worse.
-        _, P = _filter(node_t, thrust, _rescaled(measured, node_t, x, P), gps_sigma, noise, driven)
+        _, P, _ = _filter(node_t, thrust, _rescaled(measured, node_t, x, P), gps_sigma, noise, driven)
     t_in = np.clip(t, node_t[0], node_t[-1])
     position = scipy.interpolate.CubicHermiteSpline(node_t, x[:, :3], x[:, 3:6])(t_in)
     at_node = thrust(np.clip(node_t, when[0], when[-1]))
@@ -306,7 +317,7 @@ def _estimate_segment(
     covariance[:, 2] = np.diag([TILT_SIGMA, TILT_SIGMA, YAW_SIGMA]) ** 2
     variance = np.diagonal(covariance, axis1=2, axis2=3).reshape(-1, 9)
     sigma = pd.DataFrame(np.sqrt(variance), index=index, columns=[*SIGMA_COLUMNS])
-    return states, sigma, covariance, _counts(measured)
+    return states, sigma, covariance, _squares(measured, nis)
 
 
 def _nodes(t: np.ndarray, measured: list[_Measured]) -> np.ndarray:
@@ -342,7 +353,8 @@ def _judged(
 ) -> list[_Measured]:
     """Leave out of the rows `given` what is far from the smoothed states, and take back what is not.
 
-    As `admission.admit` does; `measured` are the rows that made the states.
+    As `admission.admit` does; `measured` are the rows that made the states. What is out of `given` already comes back
+    only where it weighs in full.
     """
     node = _nodes(t, measured)
     worst = np.zeros(len(measured))
@@ -353,7 +365,7 @@ def _judged(
         worst[k] = np.sqrt(np.max((m.z - m.H @ x[at]) ** 2 / variance, initial=0.0))
     sensors = np.array([m.sensor for m in measured])
     fused = np.array([m.admitted for m in measured])
-    limit = np.full(len(measured), gate)
+    limit = np.where([m.admitted for m in given], gate, HONEST)
     for sensor in np.unique(sensors):
         mine = (sensors == sensor) & fused
         limit[mine] = max(gate, float(worst[mine].max(initial=0.0)) / NARROWING)
@@ -428,13 +440,10 @@ def _measured_speed(measured: list[_Measured]) -> np.ndarray:
     return np.asarray(np.interp([m.t for m in measured], t, speed))
 
 
-def _counts(measured: list[_Measured]) -> dict[str, tuple[int, int]]:
-    """Count rows and refused rows of each sensor."""
-    counts: dict[str, tuple[int, int]] = {}
-    for m in measured:
-        total, refused = counts.get(m.sensor, (0, 0))
-        counts[m.sensor] = (total + 1, refused + (not m.admitted))
-    return counts
+def _squares(measured: list[_Measured], nis: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the normalised innovations squared of each sensor's rows, NaN where refused."""
+    sensors = np.array([m.sensor for m in measured])
+    return {sensor: nis[sensors == sensor] for sensor in np.unique(sensors).tolist()}
 
 
 def _filter(
@@ -446,8 +455,11 @@ def _filter(
     driven: np.ndarray,
     *,
     smoothed: bool = True,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Run filterpy's filter over the nodes, to smooth Rauch-Tung-Striebel back; give x (n, 16) and P (n, 16, 16)."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Run filterpy's filter over the nodes, to smooth Rauch-Tung-Striebel back.
+
+    Returns x (n, 16), P (n, 16, 16) and the mean normalised innovation squared of each row, NaN where it was refused.
+    """
     kf = KalmanFilter(dim_x=SIZE, dim_z=1, dim_u=3)
     kf.x = np.zeros((SIZE, 1))
     first = next((m for m in measured if len(m.z) >= 5), measured[0])
@@ -460,6 +472,7 @@ def _filter(
     )
     nodes = _nodes(t, measured)
     x, P = np.empty((len(t), SIZE)), np.empty((len(t), SIZE, SIZE))
+    nis = np.full(len(measured), np.nan)
     prior_x, prior_P, F = np.empty_like(x), np.empty_like(P), np.empty_like(P)
     # Mean input of each step by Simpson's rule.
     edge = np.clip(t, thrust.x[0], thrust.x[-1])
@@ -478,12 +491,13 @@ def _filter(
             if not m.admitted:
                 continue
             kf.update(m.z[:, None], R=np.diag(m.variance), H=m.H)
+            nis[done - 1] = np.mean(kf.y[:, 0] ** 2 / np.diag(kf.S))
         x[k], P[k] = kf.x[:, 0], kf.P
     for k in range(len(t) - 2, -1, -1) if smoothed else ():
         gain = np.linalg.solve(prior_P[k + 1], F[k + 1] @ P[k]).T
         x[k] += gain @ (x[k + 1] - prior_x[k + 1])
         P[k] += gain @ (P[k + 1] - prior_P[k + 1]) @ gain.T
-    return x, P
+    return x, P, nis
 
 
 def _transition(

@@ -50,15 +50,17 @@ LAGGING: Mapping[str, tuple[int, ...]] = {
     "gps2": (_kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY),
     "baro": (_kernels.BARO,),
 }
-#: Ladders of the noise settings, with the names that they have in `SensorNoise`. A prior may only widen: that the three
-#: numbers which it is about came out small proves nothing.
+#: Ladders of the noise settings, with the names that they have in `SensorNoise`. Walks end where vibration that an
+#: accelerometer rectifies, or a gyro takes for turning, moves a bias by 0.5 m/s^2 or 1 deg/s in 100 s: where GPS is
+#: lost nothing else says how velocity drifts. A prior may only widen: that the three numbers which it is about came out
+#: small proves nothing.
 LADDERS: Mapping[str, tuple[float, ...]] = {
-    "gyro_bias_walk": (2e-6, 6e-6, 2e-5, 6e-5, 2e-4),
+    "gyro_bias_walk": (2e-6, 6e-6, 2e-5, 6e-5, 2e-4, 6e-4, 2e-3),
     "hard_iron_walk": (2e-9, 6e-9, 2e-8, 6e-8),
     "hard_iron": (3e-6, 1e-5, 3e-5),
     "gyro_bias": (0.01, 0.03, 0.1, 0.3),
     "accel_bias": (0.1, 0.3, 1.0, 3.0),
-    "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3),
+    "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2, 5e-2),
 }
 #: Tilt and the accelerometer's bias are known to begin with if their 1-sigma is below this, rad and m/s^2.
 TILT_KNOWN, BIAS_KNOWN = 0.2, 0.5

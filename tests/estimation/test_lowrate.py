@@ -107,6 +107,33 @@ def test_spikes_are_told_from_climbs(seed):
     np.testing.assert_array_equal(steady_heights(alt, hole)[(t < 100.0) | (t > 104.0)], ~hit[(t < 100.0) | (t > 104.0)])
 
 
+@pytest.mark.parametrize("climb_known", [True, False])
+def test_bursts_of_some_metres_are_told_from_hops_by_their_edges(climb_known):
+    """Readings off by 2 to 10 m for some seconds, some bursts over others, moved the speed by 4 to 19 sigmas."""
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 120.0, 0.5)
+    hops = np.clip(np.abs((t % 30.0) - 15.0) - 8.0, 0.0, 4.0) * 1.5
+    alt = pd.Series(hops + rng.normal(0.0, 0.1, t.size), t)
+    climb = pd.Series(np.gradient(hops, t), t) if climb_known else None
+    assert steady_heights(alt, pd.Series(dtype=float), climb).all()
+    hit = np.zeros(t.size, bool)
+    for first, length, size in ((30, 3, -8.0), (42, 5, 9.5), (44, 6, 2.5), (150, 2, 4.0), (208, 6, -2.5)):
+        alt.iloc[first : first + length] += size
+        hit[first : first + length] = True
+    assert (steady_heights(alt, pd.Series(dtype=float), climb) == ~hit).all()
+
+
+def test_a_receiver_that_contradicts_itself_is_named(telemetry):
+    """Telemetry had no NIS: a receiver off by many times its stated accuracy passed silently."""
+    rng = np.random.default_rng(4)
+    gps = telemetry.gps.copy()
+    for column in ("v_n", "v_e", "v_d"):
+        gps[column] += rng.normal(0.0, 4.0 * gps["s_acc"].to_numpy(), len(gps))
+    found = [f for f in estimate(replace(telemetry, gps=gps), rate=10.0).findings if f.id == "sensor-refused"]
+    assert [f.evidence["sensor"] for f in found] == ["gps_position"]
+    assert found[0].evidence["nis"] > 2.0
+
+
 def test_a_single_small_spike_is_told_from_motion_by_its_neighbours():
     """A climb that begins and ends within a second stays; 5 m in one reading at 2 Hz do not."""
     t = np.arange(0.0, 60.0, 0.5)
@@ -200,7 +227,7 @@ def test_smoother_agrees_with_filterpy_where_there_is_no_input():
     nodes = np.array([m.t for m in measured[:-1]])
     idle = Akima1DInterpolator(nodes, np.zeros((len(nodes), 3)))
     gps_sigma = np.array([1.0, 1.0, 1.5])
-    x, P = _filter(
+    x, P, _ = _filter(
         nodes,
         idle,
         measured,

@@ -1,0 +1,143 @@
+"""Is any trajectory quietly wrong: what each sensor says against it on every shared log, and its errors against truth.
+
+`python -m benchmarks trust`. One row for each log with shares refused and NIS of its sensors, and where there is truth
+one with NEES of position, velocity and attitude. A sensor of which more than 5 % are refused or whose NIS is above 2
+must be named; beyond 20 % the trajectory must be withdrawn.
+"""
+
+import lzma
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from estimation import Trajectory, errors, estimate
+from estimation.attitude import quat_from_euler
+from estimation.consistency import GROUPS
+from logparse import FlightLog, MissingDataError, read_log
+
+LOGS = Path("../shared/logs")
+SUFFIXES = (".bin", ".BIN", ".log", ".tlog", ".ulg")
+#: What EKF3 is compared in.
+MEASURES = {
+    "position": ("p_n", "p_e", "p_d"),
+    "velocity": ("v_n", "v_e", "v_d"),
+    "tilt": ("phi_n", "phi_e"),
+    "yaw": ("phi_d",),
+}
+
+Row = tuple[str, str, str, str, str]
+
+
+def logs(*folders: str) -> Iterator[tuple[str, FlightLog]]:
+    """Read the logs of folders below `LOGS`, unpacked where they are packed."""
+    with tempfile.TemporaryDirectory() as scratch:
+        for path in sorted(path for folder in folders for path in (LOGS / folder).glob("*")):
+            plain = path
+            if path.suffix == ".xz":
+                plain = Path(scratch) / path.stem
+                plain.write_bytes(lzma.decompress(path.read_bytes()))
+            if plain.suffix in SUFFIXES:
+                yield f"{path.parent.name}/{plain.stem}", read_log(plain)
+
+
+def airborne_truth(log: FlightLog) -> pd.DataFrame | None:
+    """Return truth from a second after take-off to a second before landing, of the longest flight."""
+    if log.tables.truth is None or log.flight is None:
+        return None
+    return log.tables.truth.loc[log.flight.start + 1.0 : log.flight.stop - 1.0]
+
+
+def errors_from(trajectory: Trajectory, truth: pd.DataFrame) -> pd.DataFrame:
+    """Return errors without the constant between the origins of simulator and autopilot."""
+    error = errors(trajectory, truth)
+    error[["p_n", "p_e", "p_d"]] -= error[["p_n", "p_e", "p_d"]].median()
+    return error
+
+
+def nees_of(trajectory: Trajectory, error: pd.DataFrame) -> dict[str, float]:
+    """Mean normalised squares of errors, each group against its covariance block, 1 where sigmas are honest."""
+    t = trajectory.states.index.to_numpy(float)
+    row = np.clip(np.searchsorted(t, error.index.to_numpy(float)), 0, len(t) - 1)
+    found = {}
+    for k, (name, columns) in enumerate(GROUPS.items()):
+        e = error[list(columns)].to_numpy(float)
+        known = np.isfinite(e).all(axis=1)
+        weighted = np.linalg.solve(trajectory.covariance[row[known], k], e[known][:, :, None])[:, :, 0]
+        found[name] = float(np.mean((e[known] * weighted).sum(axis=1)) / 3.0) if known.any() else float("nan")
+    return found
+
+
+def squares_of(error: pd.DataFrame) -> dict[str, float]:
+    """Mean squares of errors by measure."""
+    return {
+        name: float(np.nanmean((error[[*columns]].to_numpy(float) ** 2).sum(axis=1)))
+        for name, columns in MEASURES.items()
+    }
+
+
+def autopilots(log: FlightLog, like: Trajectory) -> Trajectory | None:
+    """Return EKF3's estimate as a trajectory."""
+    ekf = log.tables.ekf
+    if ekf is None:
+        return None
+    quat = quat_from_euler(*ekf[["roll", "pitch", "yaw"]].to_numpy(float).T)
+    columns = dict(zip(("q_w", "q_x", "q_y", "q_z"), quat.T, strict=True))
+    return replace(like, states=ekf.assign(**columns).dropna())
+
+
+@dataclass(frozen=True, slots=True)
+class Complaint:
+    """What a sensor says against a trajectory, and whether a finding says so too."""
+
+    sensor: str
+    share: float
+    nis: float
+    named: bool
+
+
+def complaints(trajectory: Trajectory) -> list[Complaint]:
+    """Return share refused and NIS of every sensor."""
+    withdrawn = any(f.id == "trajectory-inconsistent" for f in trajectory.findings)
+    named = {f.evidence.get("sensor") for f in trajectory.findings if f.id == "sensor-refused"}
+    found = []
+    for sensor, s in trajectory.diagnostics.get("innovations", {}).items():
+        share, nis = s["refused"] / (s["count"] + s["refused"]), s.get("nis", float("nan"))
+        ok = (sensor in named if share > 0.05 or nis > 2.0 else True) and (withdrawn if share > 0.2 else True)
+        found.append(Complaint(sensor, share, nis, ok))
+    return found
+
+
+def spoken(trajectory: Trajectory) -> str:
+    """Return refused share and NIS of every sensor in one line."""
+    return ", ".join(f"{c.sensor} {c.share:.1%} {c.nis:.2g}" for c in complaints(trajectory))
+
+
+def run() -> list[Row]:
+    rows: list[Row] = []
+    ours: list[dict[str, float]] = []
+    theirs: list[dict[str, float]] = []
+    for name, log in logs("real", "sitl", "pairs", "faults"):
+        try:
+            trajectory = estimate(log.tables)
+        except MissingDataError as missing:
+            rows.append((name, "no trajectory", str(missing)[:60], "", ""))
+            continue
+        silent = sum(not c.named for c in complaints(trajectory))
+        rows.append((f"{name}: {spoken(trajectory)}", f"{silent} silent", "", "", "< 1"))
+        truth = airborne_truth(log)
+        if truth is None or truth.empty or trajectory.method != "strapdown":
+            continue
+        error = errors_from(trajectory, truth)
+        honest = nees_of(trajectory, error)
+        rows.append((f"{name}: NEES", ", ".join(f"{v:.2f}" for v in honest.values()), "", "", "0.2-2, -, < 1.5"))
+        if (ekf := autopilots(log, trajectory)) is not None:
+            ours.append(squares_of(error))
+            theirs.append(squares_of(errors_from(ekf, truth)))
+    for measure in MEASURES:
+        us, them = (float(np.sqrt(np.mean([one[measure] for one in each]))) for each in (ours, theirs))
+        rows.append((f"{measure} on {len(ours)} logs, EKF3", f"{us:.4f}", f"{them:.4f}", f"{us / them:.2f}", "< 1"))
+    return rows
