@@ -25,7 +25,7 @@ def cubic_spline(t: Floats, values: Floats, at: Floats) -> Floats:
     ndarray, shape (m, k)
     """
     if len(t) >= 4:
-        return interpolated(t, np.ascontiguousarray(values, dtype=np.float64), at)
+        return interpolated(*(np.ascontiguousarray(each, dtype=np.float64) for each in (t, values, at)))
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)[:, None]
     step, x = np.diff(t)[:, None], at[:, None] - t[k]
     slope = np.diff(values, axis=0) / step

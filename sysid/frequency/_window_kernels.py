@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from logparse.compiled import njit
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
@@ -39,47 +38,47 @@ def halved(padded: Floats, taps: Floats) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def products(left: Floats, right: Floats, later: NDArray[np.intp], turns: Complex) -> Complex:
+def products(left: Floats, right: Floats, places: NDArray[np.intp], turns: Floats) -> Floats:
     """Sum the products of the transforms of one set of signals, conjugate, with those of another over windows.
 
     Parameters
     ----------
     left : ndarray, shape (K, q, 2, F)
     right : ndarray, shape (K, r, 2, F)
-    later : ndarray of int, shape (K,)
+    places : ndarray of int, shape (K,)
         Place of each window, ascending, in the unit by which windows are shifted.
-    turns : ndarray of complex, shape (M, F)
+    turns : ndarray, shape (M, 2, F)
         Weight and turn of the products between a window and one that comes 1, 2, ... M units later, whose transform is
         the conjugate one. With M = 0 windows meet themselves, and nothing else.
 
     Returns
     -------
-    ndarray of complex, shape (q, r, F)
+    ndarray, shape (q, r, 2, F)
     """
     windows, rows, _, count = left.shape
-    columns = right.shape[1]
-    real, imaginary = np.zeros((rows, columns, count)), np.zeros((rows, columns, count))
-    met = np.empty((rows, 2, count))
+    result = np.zeros((rows, right.shape[1], 2, count))
+    met = np.empty((2, count))
     for k in range(windows):
-        if turns.shape[0] == 0:
-            met[:] = left[k]
-        else:
-            met[:] = 0.0
-            for other in range(k + 1, windows):
-                apart = later[other] - later[k]
-                if apart > turns.shape[0]:
-                    break
-                turn = turns[apart - 1]
-                for i in range(rows):
-                    for f in range(count):
-                        a, b, x, y = left[other, i, 0, f], left[other, i, 1, f], turn[f].real, turn[f].imag
-                        # The conjugate of the turn, since the transform is conjugate below.
-                        met[i, 0, f] += a * x + b * y
-                        met[i, 1, f] += b * x - a * y
         for i in range(rows):
-            for j in range(columns):
+            if turns.shape[0] == 0:
                 for f in range(count):
-                    a, b, x, y = met[i, 0, f], met[i, 1, f], right[k, j, 0, f], right[k, j, 1, f]
-                    real[i, j, f] += a * x + b * y
-                    imaginary[i, j, f] += a * y - b * x
-    return real + 1j * imaginary
+                    met[0, f], met[1, f] = left[k, i, 0, f], left[k, i, 1, f]
+            else:
+                for f in range(count):
+                    met[0, f] = met[1, f] = 0.0
+                for other in range(k + 1, windows):
+                    apart = places[other] - places[k]
+                    if apart > turns.shape[0]:
+                        break
+                    for f in range(count):
+                        a, b = left[other, i, 0, f], left[other, i, 1, f]
+                        x, y = turns[apart - 1, 0, f], turns[apart - 1, 1, f]
+                        # The conjugate of the turn, since the transform is conjugate below.
+                        met[0, f] += a * x + b * y
+                        met[1, f] += b * x - a * y
+            for j in range(right.shape[1]):
+                for f in range(count):
+                    a, b, x, y = met[0, f], met[1, f], right[k, j, 0, f], right[k, j, 1, f]
+                    result[i, j, 0, f] += a * x + b * y
+                    result[i, j, 1, f] += a * y - b * x
+    return result

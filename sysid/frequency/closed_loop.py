@@ -143,9 +143,9 @@ def _target_and_angle(log: FlightLog, axis: Axis) -> tuple[Floats, Floats, Float
     """Return times, targets and angles [rad] of an axis, of the fastest message that has both in its rows."""
     best = None
     for name in ("ANG", "ATT"):
-        frame = log.messages.get(name)
-        if frame is None or len(frame) < 32:
+        if log.messages.counts.get(name, 0) < 32:
             continue
+        frame = log.messages.once(name, (*_TARGETS[axis.name], axis.name.title()))
         target = next((column for column in _TARGETS[axis.name] if column in frame), None)
         if target is not None and axis.name.title() in frame and (best is None or len(frame) > len(best[0])):
             best = (frame, target)

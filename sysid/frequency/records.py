@@ -141,8 +141,14 @@ class RateSignals:
         return float(np.median(np.diff(self.t)))
 
 
-def rate_signals(log: FlightLog) -> RateSignals:
+def rate_signals(log: FlightLog, *, vertical: bool = True) -> RateSignals:
     """Read the rate controllers of a log: RATE, or the PID messages where it has none.
+
+    Parameters
+    ----------
+    log : FlightLog
+    vertical : bool
+        Whether the controller of the vertical acceleration is read along.
 
     Raises
     ------
@@ -158,8 +164,9 @@ def rate_signals(log: FlightLog) -> RateSignals:
     t = table.index.to_numpy(np.float64)
     columns = {str(name): table[name].to_numpy(np.float64) for name in table.columns}
     from_rate = "RATE" in log.messages
-    if from_rate:
-        frame = log.messages["RATE"]
+    if from_rate and vertical:
+        # Not kept: of a long log it would be the largest thing in memory.
+        frame = log.messages.once("RATE", ("A", "ADes"))
         times = frame.index.to_numpy(np.float64)
         order = np.argsort(times, kind="stable")
         for name, source in (("a_up", "A"), ("a_up_ref", "ADes")):

@@ -64,7 +64,7 @@ def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignal
     controllers: RateSignals | None = None
     reason = ""
     try:
-        controllers = rate_signals(log)
+        controllers = rate_signals(log, vertical=not axis.attitude)
     except FrequencyError as error:
         reason = str(error)
     if controllers is not None:

@@ -122,13 +122,13 @@ class RecordWindows:
     def sums(self, output: ThinnedSignals) -> SpectralSums:
         """Complete the sums with an output."""
         y = _transforms(output.at(self.halvings), self.starts, self.phase)
-        found = products(self.columns, y, self.starts, _NO_TURNS)[:, 0].T / self.differenced[:, None]
+        found = _products(self.columns, y, self.starts)[..., 0] / self.differenced[:, None]
         inputs = self.without_output.xy.shape[1]
         return replace(
             self.without_output,
             zy=found[:, self.instruments],
             xy=found[:, :inputs],
-            yy=np.sum(y**2, axis=(0, 1, 2)) / np.abs(self.differenced) ** 2,
+            yy=np.einsum("kcpf,kcpf->f", y, y, dtype=np.float64) / np.abs(self.differenced) ** 2,
         )
 
 
@@ -173,7 +173,7 @@ def _windows_of(
     both = np.hstack([phase.real, phase.imag])
     columns = _transforms(signals, starts, both)
     count = float(len(starts))
-    own = np.moveaxis(products(columns, columns, starts, _NO_TURNS), 2, 0)
+    own = _products(columns, columns, starts)
     gain, squares = _overlapped(columns, own, taper, starts // hop, hop, dt * hz)
     nothing = np.zeros((len(hz), m), dtype=np.complex128)
     sums = SpectralSums(
@@ -200,8 +200,13 @@ def _bridged(usable: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
     return counted
 
 
-#: Windows that meet themselves alone.
-_NO_TURNS = np.empty((0, 0), dtype=np.complex128)
+def _products(left: Floats, right: Floats, places: NDArray[np.intp], turns: Complex | None = None) -> Complex:
+    """Sum products of transforms over windows, shape (F, q, r); between windows with `turns`, shape (M, F)."""
+    count = left.shape[-1]
+    parts = np.empty((0, 2, count)) if turns is None else np.stack([turns.real, turns.imag], axis=1)
+    found = products(left, right, places, parts)
+    return np.asarray(np.moveaxis(found[:, :, 0] + 1j * found[:, :, 1], 2, 0))
+
 
 #: Numbers of windows that are copied at a time: what a processor's cache holds.
 _PIECE = 1 << 17
@@ -212,12 +217,13 @@ def _transforms(signals: Floats, starts: NDArray[np.intp], phase: Floats) -> Flo
     size, numbers = phase.shape
     columns = signals.shape[1]
     windows = np.lib.stride_tricks.sliding_window_view(signals, size, axis=0)
-    result = np.empty((len(starts), columns, 2, numbers // 2))
+    # Kept for every length of window of every signal: single precision is far below the noise of any flight.
+    result = np.empty((len(starts), columns, 2, numbers // 2), dtype=np.float32)
     # Copied at once, overlapping windows take many times the memory of a flight.
     step = max(_PIECE // (size * columns), 1)
     for first in range(0, len(starts), step):
         piece = slice(first, first + step)
-        np.matmul(windows[starts[piece]].reshape(-1, size), phase, out=result[piece].reshape(-1, numbers))
+        result[piece].reshape(-1, numbers)[:] = windows[starts[piece]].reshape(-1, size) @ phase
     return result
 
 
@@ -268,7 +274,7 @@ def _overlapped(
         if not len(near):
             break
         squares += 2.0 * float(np.sum(weights[near - 1] ** 2))
-    between = np.moveaxis(products(columns, columns, places, turns), 2, 0)
+    between = _products(columns, columns, places, turns)
     return own + between + np.swapaxes(between, 1, 2).conj(), squares
 
 

@@ -164,8 +164,8 @@ def _gyro_path(log: FlightLog) -> tuple[GyroPath, tuple[str, ...]]:
     """Read the gyro's filters; harmonic notches at their frequency in hover."""
     parameters = log.parameters_flown
     rate, remarks = _GYRO_RATE, []
-    if "IMU" in log.messages and {"GHz", "I"} & set(log.messages["IMU"].columns) >= {"GHz"}:
-        imu = log.messages["IMU"]
+    imu = log.messages.once("IMU", ("GHz", "I")) if "IMU" in log.messages else None
+    if imu is not None and "GHz" in imu:
         first = imu[imu["I"] == 0] if "I" in imu else imu
         logged = first["GHz"].to_numpy(np.float64)
         logged = logged[np.isfinite(logged) & (logged > 100.0)]

@@ -13,17 +13,18 @@ def test_products_of_windows_and_their_neighbours() -> None:
     places = np.array([0, 1, 2, 4, 5, 9, 10])
     one, two = left[:, :, 0] + 1j * left[:, :, 1], right[:, :, 0] + 1j * right[:, :, 1]
     own = np.einsum("kif,kjf->ijf", one.conj(), two)
-    none = np.empty((0, 0), dtype=np.complex128)
-    assert products(left, right, places, none) == pytest.approx(own)
-    turns = random.normal(size=(3, 5)) + 1j * random.normal(size=(3, 5))
+    assert products(left, right, places, np.empty((0, 2, 5))) == pytest.approx(np.stack([own.real, own.imag], axis=2))
+    parts = random.normal(size=(3, 2, 5))
+    turns = parts[:, 0] + 1j * parts[:, 1]
     between = np.zeros((2, 3, 5), dtype=np.complex128)
     for k, first in enumerate(places):
         for other, second in enumerate(places):
             if 0 < second - first <= 3:
                 between += one[other].conj()[:, None] * turns[second - first - 1] * two[k]
-    assert products(left, right, places, turns) == pytest.approx(between)
+    expected = np.stack([between.real, between.imag], axis=2)
+    assert products(left, right, places, parts) == pytest.approx(expected)
     # As far as the interpreter goes, no index leaves its array.
-    assert products.__wrapped__(left, right, places, turns) == pytest.approx(between)
+    assert products.__wrapped__(left, right, places, parts) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("size", [41, 42, 43, 100])
