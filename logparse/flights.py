@@ -23,6 +23,8 @@ _GAP, _GAP_SAMPLES = 5.0, 20.0
 _RISE, _HOP, _TURNING = 1.5, 0.5, 0.05
 #: Height [m] at which the craft has left the ground, or is back on it.
 _LIFT = 0.3
+#: Time beside a flight in which the ground is looked for, s.
+_BESIDE = 3.0
 #: Horizontal movement [m] with a speed [m/s] that makes a flight at constant height, and shortest flight [s].
 _MOVEMENT, _SPEED, _SHORTEST = 8.0, 2.5, 3.0
 #: Median disagreement [m] with the barometer at which the autopilot's height does not count.
@@ -70,7 +72,7 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
     for start, stop in candidates:
         if stop - start < _SHORTEST or not _flew(start, stop, height, tables):
             continue
-        flight = Flight(start, stop) if height is None else _trimmed(start, stop, height, tables.events)
+        flight = Flight(start, stop) if height is None else _trimmed(start, stop, height, tables)
         if flight.duration >= _SHORTEST:
             flights.append(flight)
     return tuple(flights)
@@ -196,18 +198,22 @@ def _turning(start: float, stop: float, tables: Tables) -> float:
     return float(np.sqrt((rates.var(ddof=0)).sum())) if len(rates) > 1 else 0.0
 
 
-def _trimmed(start: float, stop: float, height: "pd.Series[float]", events: pd.DataFrame | None) -> Flight:
+def _trimmed(start: float, stop: float, height: "pd.Series[float]", tables: Tables) -> Flight:
     """Cut the time on the ground off both ends of a powered interval.
 
     The ground is the height just before the motors ran up, and just after they ran down or, where the log ends with
     disarming, at that moment. Where the log does not show the ground (it starts or ends in the air) the interval is
-    kept.
+    kept: messages that come a moment before the first output, or after the last, are as high as the craft.
     """
     inside = height.loc[start:stop]
     if len(inside) < 3:
         return Flight(start, stop)
-    before, after = height.loc[start - 3.0 : start], height.loc[stop : stop + 3.0]
-    if len(after) < 2 and _landed_at(stop, events):
+    before, after = height.loc[start - _BESIDE : start], height.loc[stop : stop + _BESIDE]
+    if tables.motors is not None:
+        outputs = tables.motors.index
+        before = before if len(outputs[(outputs >= start - _BESIDE) & (outputs < start)]) else before.iloc[:0]
+        after = after if len(outputs[(outputs > stop) & (outputs <= stop + _BESIDE)]) else after.iloc[:0]
+    if len(after) < 2 and _landed_at(stop, tables.events):
         after = inside.iloc[-5:]
     for ground, first in ((before, True), (after, False)):
         if len(ground) < 2:

@@ -1,5 +1,7 @@
 """Airborne intervals: the whole fit rests on them, and bench runs must not pass for flights."""
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -57,6 +59,17 @@ def test_two_flights_in_one_log():
 def test_a_log_that_begins_and_ends_in_the_air():
     (flight,) = find_flights(tables(T, np.full(len(T), 1500.0), 10.0 + np.sin(T)))
     assert (flight.start, flight.stop) == pytest.approx((T[0], T[-1]))
+
+
+def test_heights_beside_the_outputs_of_a_log_cut_in_the_air_are_no_ground():
+    """Faster heights go on for a moment after the last output, and begin before the first: at 10 m, not at 0."""
+    fast = np.arange(19.9, 60.1, 0.02)
+    slow = np.arange(20.0, 60.0, 0.1)
+    flown = tables(slow, np.full(len(slow), 1500.0), np.zeros(len(slow)))
+    height = 10.0 + np.where((fast > 25.0) & (fast < 40.0), 2.0, 0.0)
+    flown = dataclasses.replace(flown, ekf=table(fast, p_n=0.0 * fast, p_e=0.0 * fast, p_d=-height))
+    (flight,) = find_flights(flown)
+    assert (flight.start, flight.stop) == pytest.approx((slow[0], slow[-1]))
 
 
 def test_a_log_that_ends_with_disarming():
