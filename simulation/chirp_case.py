@@ -28,11 +28,11 @@ _PLANTS = {
 _GAINS = {
     "roll": LoopGains(P=0.08, I=0.08, D=0.0016),
     "pitch": LoopGains(P=0.1, I=0.1, D=0.002),
-    "yaw": LoopGains(P=0.25, I=0.025, D=0.0, FLTE=10.0, FLTD=0.0, angle_P=3.0),
+    "yaw": LoopGains(P=0.25, I=0.025, D=0.0, FLTE=20.0, FLTD=0.0, angle_P=3.0),
 }
 _LETTERS = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
 #: Length of a chirp and of the hover before, between and after [s], and frequencies from and to [Hz].
-_CHIRP, _PAUSE, _BAND = 26.0, 6.0, (0.5, 30.0)
+_CHIRP, _PAUSE, _BAND = 28.0, 6.0, (0.5, 40.0)
 _MARGINS = {
     "gain_db": ("gain margin", "dB"),
     "phase_deg": ("phase margin", "deg"),
