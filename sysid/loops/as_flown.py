@@ -20,6 +20,7 @@ from sysid.frequency.axes import axis_of
 from sysid.frequency.excitation import Chirp, find_chirps
 from sysid.frequency.records import below_folding, on_uniform_clock, rate_signals
 from sysid.loops.autopilot import read_settings
+from sysid.loops.evidence import limited_chirp
 from sysid.loops.filters import Complexes, Floats, first_order
 from sysid.loops.settings import AXES, LoopSettings
 
@@ -131,7 +132,8 @@ def _blocks(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
     """Compare each block of the loop that each chirp on the axis shows."""
     for chirp in find_chirps(log):
         if chirp.axis == settings.axis and chirp.at_mixer and chirp.worthwhile:
-            yield from _controller_blocks(log, chirp, settings)
+            if limited_chirp(log, settings.axis) is None:  # at a limit the controller is another, which says so itself
+                yield from _controller_blocks(log, chirp, settings)
             yield from _gyro_block(log, chirp, settings)
 
 
@@ -149,6 +151,8 @@ def _controller_blocks(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> 
     source, through = ("Err", np.ones(len(hz))) if "Err" in columns else ("difference", error)
     derivative = rate * (1.0 - back) * first_order(rate, controller.FLTD).response(hz)
     terms = {"P": controller.P, "I": controller.I / (rate * (1.0 - back)), "D": controller.D * derivative}
+    if np.any(columns["Flags"] != 0.0):
+        del terms["I"]  # at a limit it only shrinks
     for term, response in terms.items():
         filters = f" and ATC_RAT_{letters}_FLTD" if term == "D" else ""
         yield from _compared(signals, source, term, response * through, hz, term, f"ATC_RAT_{letters}_{term}{filters}")
@@ -240,6 +244,7 @@ def _pid_signals(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> _Signa
     shown = below_folding(log, chirp, float(np.median(np.diff(t))))
     rows = (t >= shown.start) & (t <= shown.stop)
     columns = {name: frame[name].to_numpy(np.float64)[rows] for name in names}
+    limits = np.asarray(frame["Flags"].to_numpy(np.int64)[rows] & 1, np.float64) if "Flags" in frame else np.zeros(1)
     rates = rate_signals(log)
     if which.reference in rates.columns and "RATE" in log.messages:
         columns["wanted"] = np.interp(t[rows], rates.t, rates.columns[which.reference])
@@ -247,6 +252,7 @@ def _pid_signals(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> _Signa
             del columns["wanted"]
     signals = _aligned(log, chirp, t[rows], columns)
     if signals is not None:
+        signals.columns["Flags"] = limits
         signals.columns["difference"] = signals.columns["Tar"] - signals.columns["Act"]
     return signals
 

@@ -28,6 +28,10 @@ COHERENT, AROUND, MOST_OF = 0.8, (0.4, 1.6), 0.9
 #: Part of a chirp during which the mixer or the controller may be at a limit.
 SATURATED = 0.05
 
+#: Part of the battery's voltage that may go between the first and last third of a chirp where nothing makes up for it
+#: (thrust goes with its square); fewest readings of a third.
+SAG, _FEWEST_VOLTAGES = 0.02, 5
+
 #: An oscillation: rms of the mixer input in a narrow band, share of its power above 2 Hz, and part of the windows.
 NARROW_RMS, NARROW_SHARE, NARROW_PART = 0.02, 0.6, 0.1
 _WINDOW, _LOWEST = 4.0, 2.0
@@ -248,6 +252,32 @@ def motors_limited(log: FlightLog, loop: RateLoop) -> str | None:
         f"{log.path.name}: a motor was at a limit for {100.0 * share:.0f} % of the chirp on the {loop.axis} axis; "
         "fly it with half of SID_MAGNITUDE, or with less weight"
     )
+
+
+def sagged(log: FlightLog, axis: str) -> str | None:
+    """Return that the battery sank so far during the axis' chirps that the craft answered unlike at their two ends."""
+    battery = log.tables.battery
+    if battery is None or log.vehicle.battery_voltage_max > 0.0:
+        return None
+    t, voltage = battery.index.to_numpy(np.float64), battery["voltage"].to_numpy(np.float64)
+    for chirp in find_chirps(log):
+        if chirp.axis != axis or not chirp.at_mixer:
+            continue
+        third = chirp.duration / 3.0
+        parts = [
+            voltage[(t >= start) & (t <= start + third) & np.isfinite(voltage)]
+            for start in (chirp.start, chirp.stop - third)
+        ]
+        if min(map(len, parts)) < _FEWEST_VOLTAGES:
+            continue
+        fell = 1.0 - float(np.median(parts[1]) / np.median(parts[0]))
+        if fell > SAG:
+            return (
+                f"{log.path.name}: the battery fell by {100.0 * fell:.0f} % during the chirp on the {axis} axis, and "
+                "MOT_BAT_VOLT_MAX is 0, so that the craft answered less at its end than at its start; set "
+                "MOT_BAT_VOLT_MAX and MIN, or fly it with a full battery"
+            )
+    return None
 
 
 def unsupported(loop: RateLoop) -> str | None:

@@ -19,7 +19,7 @@ from logparse.summary import Summarised, listed
 from sysid.loops.as_flown import contradiction, gyro_seen
 from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
-from sysid.loops.evidence import motors_limited, oscillation, saturation, unfit_log, unsupported, weak_band
+from sysid.loops.evidence import motors_limited, oscillation, sagged, saturation, unfit_log, unsupported, weak_band
 from sysid.loops.loop import rate_loop
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
@@ -156,6 +156,11 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
         for item in axes
         if item.loop is not None and item.unseen > UNSEEN_RAISED[0]
     ]
+    if any(log.tables.battery is not None and log.vehicle.battery_voltage_max <= 0.0 for log in flights):
+        remarks.append(
+            "MOT_BAT_VOLT_MAX is 0: the margins are those of the battery as it was during the chirps; a fuller one raises "
+            "the gain of the loops by twice as many per cent as its voltage"
+        )
     if closed is not None:
         remarks.append(f"INS_GYRO_FILTER stays: it serves all axes, and {closed}")
     if not proposed:
@@ -205,7 +210,8 @@ def _examined(logs: Sequence[FlightLog], axis: str) -> AxisTuning:
             "of one craft with one load",
             loop,
         )
-    limited = next((r for log in logs if (r := saturation(log, axis) or motors_limited(log, loop))), None)
+    unlike = (saturation(log, axis) or motors_limited(log, loop) or sagged(log, axis) for log in logs)
+    limited = next(filter(None, unlike), None)
     reason = limited or unsupported(loop)
     return AxisTuning(axis, reason, loop)
 

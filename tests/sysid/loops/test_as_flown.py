@@ -92,3 +92,11 @@ def test_without_rates_before_the_filters_nobody_has_seen_them(tmp_path, flight)
     assert gyro_seen(_log(tmp_path / "seen.bin", flight), "roll")
     unseen = replace(flight, unfiltered=np.zeros(len(flight.t)))
     assert not gyro_seen(_log(tmp_path / "unseen.bin", unseen), "roll")
+
+
+def test_a_controller_at_its_limits_is_not_taken_for_wrong_parameters(tmp_path, flight):
+    """Its integral only shrinks there: the reason to refuse is the limit, and not ATC_RAT_RLL_I."""
+    log = _log(tmp_path / "limited.bin", replace(flight, integral=0.8 * flight.integral))
+    assert "as logged" in contradiction(log)
+    log.messages["PIDR"]["Flags"] = 1
+    assert contradiction(log) is None

@@ -3,16 +3,19 @@
 import lzma
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from logparse import read_log
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, random_axis, run_axis
 from simulation.axis_loop.log import write_rate_log
 from simulation.axis_loop.truth import gains_of, true_loop
+from sysid.frequency.excitation import find_chirps
 from sysid.loops import LoopError, prove, tune, tuning
-from sysid.loops.evidence import oscillation, two_ways_apart, unsupported, weak_band
+from sysid.loops.evidence import oscillation, sagged, two_ways_apart, unsupported, weak_band
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file, read_parameter_file, typed
 from sysid.loops.safety import ActuatorNoise, Aim, others_keep
@@ -280,6 +283,22 @@ def test_a_chirp_that_ends_on_a_mode_is_refused(share, stop):
     )
     loop = flown_loop(axis, LoopGains(P=0.08, I=0.08, D=0.002), 1, magnitude=0.08, band=(0.5, stop))
     assert "bends at its end" in (unseen_mode(loop) or "")
+
+
+def test_a_battery_that_sinks_during_a_chirp_is_refused_unless_the_autopilot_makes_up_for_it(flown):
+    """Thrust goes with the square of the voltage: low and high frequencies would be of two craft."""
+    log = flown("quad15_id")
+    chirp = next(c for c in find_chirps(log) if c.axis == "roll")
+    t = np.linspace(chirp.start, chirp.stop, 200)
+    battery = pd.DataFrame({"voltage": np.linspace(16.0, 15.0, 200)}, index=t)
+    tables = SimpleNamespace(battery=battery, systemid=log.tables.systemid)
+    for highest, told in ((0.0, "fell by 4 %"), (16.8, "")):
+        vehicle = SimpleNamespace(battery_voltage_max=highest)
+        sinking = SimpleNamespace(
+            tables=tables, vehicle=vehicle, path=log.path, messages=log.messages, of_one_flight=False, parameters={}
+        )
+        assert told in (sagged(sinking, "roll") or "")
+        assert (sagged(sinking, "roll") is None) == (told == "")
 
 
 def test_nothing_is_opened_nor_raised_beyond_a_low_chirp():
