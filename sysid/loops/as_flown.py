@@ -40,6 +40,9 @@ _OF_RATE_GYRO = 0.4
 #: tell nothing.
 _BAND, _COHERENT, _FEWEST = 0.06, 0.9, 6
 
+#: Time [s] over which signals are faded at the ends of a chirp.
+_TAPER = 0.4
+
 #: Order of the spline through rows of SIDD (see `signals`).
 _ORDER = 13
 
@@ -62,7 +65,12 @@ class _Signals:
         """Compute a response with the chirp as instrument, and the coherence of the answer with the chirp."""
         size = scipy.fft.next_fast_len(4 * len(self.chirp))
         grid = np.fft.rfftfreq(size, self.step)
-        z, x, y = (np.fft.rfft(each - each.mean(), size) for each in (self.chirp, *self._of(source, answer)))
+        # An integral drifts: what it has at the ends must not leak into the band.
+        ends = np.clip(
+            np.minimum(np.arange(len(self.chirp)), np.arange(len(self.chirp))[::-1]) * self.step / _TAPER, 0, 1
+        )
+        taper = 0.5 - 0.5 * np.cos(np.pi * ends)
+        z, x, y = (np.fft.rfft((each - each.mean()) * taper, size) for each in (self.chirp, *self._of(source, answer)))
         response, coherence = np.empty(len(hz), np.complex128), np.empty(len(hz))
         for k, (first, last) in enumerate(np.searchsorted(grid, np.outer(hz, [1.0 - _BAND, 1.0 + _BAND]))):
             band = slice(int(first), int(last))

@@ -158,8 +158,8 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
     ]
     if any(log.tables.battery is not None and log.vehicle.battery_voltage_max <= 0.0 for log in flights):
         remarks.append(
-            "MOT_BAT_VOLT_MAX is 0: the margins are those of the battery as it was during the chirps; a fuller one raises "
-            "the gain of the loops by twice as many per cent as its voltage"
+            "MOT_BAT_VOLT_MAX is 0: the margins are those of the battery as it was during the chirps; a fuller one "
+            "raises the gain of the loops by twice as many per cent as its voltage"
         )
     if closed is not None:
         remarks.append(f"INS_GYRO_FILTER stays: it serves all axes, and {closed}")
