@@ -4,7 +4,8 @@ Thrust over mass (at one voltage), inertias over mass and arm, and yaw torque ov
 standard errors and what air temperature, batteries and methods make them scatter by, must pass a chi-square test. Where
 they do not, the largest set of flights that passes is kept, and every other flight that is by itself too far from that
 set's mean is named: another payload, another battery, changed propellers or motors, or another craft with the same
-parameters in its autopilot.
+parameters in its autopilot. Flights of one day and place share the air, so that less shows among them. A motor that
+gives another thrust than in the other flights shows in what the controller steadily asks for.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from scipy.special import chdtri as chi2_isf
 from scipy.special import ndtri as normal_ppf
 
 from logparse import Finding, Severity
+from pipeline.fleet.places import day_of, places_of
 from pipeline.flight.flight_parameters import BATTERY
+from sysid.rotors.steady_imbalance import changed_motor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,6 +38,12 @@ SCATTER: Mapping[str, float] = {
     "pitch inertia over mass and arm": 0.06,
     "yaw torque over inertia": 0.08,
 }
+
+#: The same of thrust on one day at one place, where 4 K of the air are left.
+SAME_DAY = 0.015
+
+#: Fewest flights of one day, or with known trims, among which one can be odd.
+_FEWEST = 3
 
 #: Chance of a false alarm for one craft and quantity.
 LEVEL = 1e-3
@@ -71,19 +80,57 @@ def unlike_flights(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
     """
     found: dict[str, Unlike] = {}
     for quantity, scatter in SCATTER.items():
-        names, values, sigmas = _values([each for each in flights if each.name not in found], quantity)
-        if len(names) < 2:
-            continue
-        spread = np.hypot(sigmas, scatter)
-        kept = _largest(values, spread)
-        weights = spread[kept] ** -2.0
-        mean = float(weights @ values[kept] / weights.sum())
-        limit = float(-normal_ppf(0.5 * LEVEL / len(names)))
-        for k, name in enumerate(names):
-            off = float(values[k] - mean) / float(np.hypot(spread[k], weights.sum() ** -0.5))
-            if not kept[k] and abs(off) > limit:
-                ratio = float(np.exp(values[k] - mean))
-                found[name] = Unlike(flight=name, quantity=quantity, ratio=ratio, sigmas=abs(off))
+        found |= _apart([each for each in flights if each.name not in found], quantity, scatter)
+    for of_a_day in _days([each for each in flights if each.name not in found]):
+        found |= _apart(of_a_day, "thrust over mass", SAME_DAY)
+    return found | _of_other_motors([each for each in flights if each.name not in found])
+
+
+def _apart(flights: Sequence[FlightEntry], quantity: str, scatter: float) -> dict[str, Unlike]:
+    """Find the flights whose value of a quantity is not like that of the largest set."""
+    found: dict[str, Unlike] = {}
+    names, values, sigmas = _values(flights, quantity)
+    if len(names) < 2:
+        return found
+    spread = np.hypot(sigmas, scatter)
+    kept = _largest(values, spread)
+    weights = spread[kept] ** -2.0
+    mean = float(weights @ values[kept] / weights.sum())
+    limit = float(-normal_ppf(0.5 * LEVEL / len(names)))
+    for k, name in enumerate(names):
+        off = float(values[k] - mean) / float(np.hypot(spread[k], weights.sum() ** -0.5))
+        if not kept[k] and abs(off) > limit:
+            ratio = float(np.exp(values[k] - mean))
+            found[name] = Unlike(flight=name, quantity=quantity, ratio=ratio, sigmas=abs(off))
+    return found
+
+
+def _days(flights: Sequence[FlightEntry]) -> list[list[FlightEntry]]:
+    """Group the flights of one day and place, where they are enough to tell an odd one."""
+    places = places_of(flights)
+    groups: dict[tuple[str, int], list[FlightEntry]] = {}
+    for flight in flights:
+        groups.setdefault((day_of(flight), places[flight.name]), []).append(flight)
+    return [group for (day, place), group in groups.items() if day and place >= 0 and len(group) >= _FEWEST]
+
+
+def _of_other_motors(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
+    """Find the flights in which one motor gives less, or more, than in most, by what controllers steadily ask for."""
+    told = {flight.name: flight.trims for flight in flights if flight.trims is not None}
+    found: dict[str, Unlike] = {}
+    if len(told) < _FEWEST or len({each.motors for each in told.values()}) > 1:
+        return found
+    values = np.array([each.trims for each in told.values()])
+    middle = list(told.values())[int(np.argmin(np.sum((values - np.median(values, axis=0)) ** 2, axis=1)))]
+    most = {name for name, each in told.items() if changed_motor(each, [middle]) is None}
+    for name, trims in told.items():
+        others = [told[each] for each in most if each != name]
+        change = changed_motor(trims, others) if len(most) > len(told) / 2 else None
+        if change is not None:
+            motor, loss, sigma = change
+            # Motors that face each other and turn the other way trim alike.
+            what = f"thrust of motor {motor} (or that of the one across, the other way round)"
+            found[name] = Unlike(flight=name, quantity=what, ratio=1.0 - loss, sigmas=abs(loss) / sigma)
     return found
 
 

@@ -27,6 +27,9 @@ from sysid.rotors.steady_trims import SteadyTrims
 #: Thrust of motors of one kind at one signal differs by this part (standard deviation).
 ALIKE = 0.03
 
+#: Trims of one craft differ by this from flight to flight (standard deviation): loads and batteries lie elsewhere.
+AGAIN = 0.015
+
 #: Part of the trims by which a motor's pattern may err: thrust curves, limits of the mixer.
 PATTERN = 0.05
 
@@ -44,6 +47,9 @@ SMALLEST = 0.1
 #: Squared distances of what one motor leaves unexplained (two degrees of freedom, 5 %), and of what the others leave
 #: (one degree of freedom for the centre of gravity, two for a twist: 0.3 %).
 _FITS, _NOT_BALANCE, _NOT_TWIST = 6.0, 9.0, 11.6
+
+#: The first for a change, which is there whatever explains it (0.1 %).
+_FITS_CHANGE = 13.8
 
 
 def steady_trims(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> SteadyTrims | None:
@@ -113,23 +119,51 @@ def weak_from_start(flight: SteadyTrims, others: Sequence[SteadyTrims] = ()) -> 
     )
 
 
-def _weak(trims: Floats, sampled: Floats, flight: SteadyTrims) -> tuple[str, float, float] | None:
+def changed_motor(flight: SteadyTrims, others: Sequence[SteadyTrims]) -> tuple[str, float, float] | None:
+    """Return the motor that alone explains how trims differ from other flights', the part of thrust lost, its sigma.
+
+    Parameters
+    ----------
+    flight : SteadyTrims
+    others : sequence of SteadyTrims
+        Of the same craft.
+
+    Returns
+    -------
+    tuple or None
+        The part is negative for a motor that gives more than in the others; None where no motor alone explains it.
+    """
+    mean, variance = _mean(others, AGAIN)
+    change, sampled = np.array(flight.trims) - mean, np.array(flight.variance) + variance
+    rows, found = dict(zip(flight.motors, np.array(flight.rows), strict=True)), []
+    for sign in (1.0, -1.0):
+        weak = _weak(sign * change, sampled, flight, AGAIN, _FITS_CHANGE)
+        if weak is not None:
+            motor, loss, sigma = weak
+            left = float(np.linalg.norm(sign * change - loss * rows[motor]))
+            found.append((left, (motor, sign * loss, sigma)))
+    return min(found)[1] if found else None
+
+
+def _weak(
+    trims: Floats, sampled: Floats, flight: SteadyTrims, unlike: float = ALIKE, fits: float = _FITS
+) -> tuple[str, float, float] | None:
     """Return the motor that explains trims, its loss and the loss's standard error; None where none does alone."""
-    variance, rows = sampled + ALIKE**2 + (PATTERN * np.linalg.norm(trims)) ** 2, np.array(flight.rows)
+    variance, rows = sampled + unlike**2 + (PATTERN * np.linalg.norm(trims)) ** 2, np.array(flight.rows)
     information = np.sum(rows**2 / variance, axis=1)
     loss = rows @ (trims / variance) / information
     left = np.sum((trims - loss[:, None] * rows) ** 2 / variance, axis=1)
     k = int(np.argmin(np.where(loss > 0.0, left, np.inf)))
     balance, twist = trims[2] ** 2 / variance[2], float(np.sum(trims[:2] ** 2 / variance[:2]))
-    if not (loss[k] > SMALLEST and left[k] < _FITS and balance > _NOT_BALANCE and twist > _NOT_TWIST):
+    if not (loss[k] > SMALLEST and left[k] < fits and balance > _NOT_BALANCE and twist > _NOT_TWIST):
         return None
     return flight.motors[k], float(loss[k]), float(information[k] ** -0.5)
 
 
-def _mean(flights: Sequence[SteadyTrims]) -> tuple[Floats, Floats]:
+def _mean(flights: Sequence[SteadyTrims], unlike: float = ALIKE) -> tuple[Floats, Floats]:
     """Return the mean trims of flights, (3,), and their variance, (3,), by what they scatter if that is more."""
     trims = np.array([each.trims for each in flights])
-    weights = 1.0 / (np.array([each.variance for each in flights]) + ALIKE**2)
+    weights = 1.0 / (np.array([each.variance for each in flights]) + unlike**2)
     total = weights.sum(axis=0)
     mean = (weights * trims).sum(axis=0) / total
     scatter = (weights * (trims - mean) ** 2).sum(axis=0) / max(len(flights) - 1, 1)

@@ -1,26 +1,39 @@
 """Flights that are pooled are of one load: honest fleets raise nothing, other payloads and craft are named."""
 
+from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from logparse.frames import motor_table
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings, unlike_flights
 from pipeline.flight.flight_parameters import BATTERY
 from pipeline.results.entry import FlightParameter
+from sysid.rotors.steady_trims import SteadyTrims
 
 
-def fleet(seed, count=8, payload=None, voltage=16.0, changes=None):
-    """Return flights of one craft: air 10 K and battery 3 % different from day to day, errors as they are stated."""
+def entry(name, parameters=(), day=None, trims=None):
+    """Return what is read of a flight, at one place."""
+    return SimpleNamespace(
+        name=name, parameters=parameters, trims=trims, start_utc=day, flight=None, origin=(0.8, 0.15, 400.0), track=()
+    )
+
+
+def fleet(seed, count=8, payload=None, voltage=16.0, changes=None, day=None):
+    """Return flights of one craft: air 10 K and battery 3 % different from day to day, errors as they are stated.
+
+    All on one `day`, where it is given: air 4 K, and errors of thrust below 1 %.
+    """
     rng = np.random.default_rng(seed)
     flights = []
     for k in range(count):
         mass = 1.0 if payload is None else payload.get(k, 1.0)
         volts = voltage * float(np.exp(0.03 * rng.standard_normal())) * (changes or {}).get(k, 1.0)
-        thrust = 8.0 * (volts / 16.0) ** 2 / mass * float(np.exp(0.035 * rng.standard_normal()))
+        thrust = 8.0 * (volts / 16.0) ** 2 / mass * float(np.exp((0.014 if day else 0.035) * rng.standard_normal()))
         rows = [FlightParameter(parameter="voltage", method=BATTERY, value=volts, sigma=0.1, unit="V")]
         for parameter, value, part in (
-            ("thrust over mass", thrust, float(rng.uniform(0.003, 0.05))),
+            ("thrust over mass", thrust, float(rng.uniform(0.003, 0.01 if day else 0.05))),
             ("roll inertia over mass and arm", 0.03 / mass, float(rng.uniform(0.01, 0.1))),
             ("yaw torque over inertia", 12.0, float(rng.uniform(0.02, 0.2))),
         ):
@@ -30,7 +43,7 @@ def fleet(seed, count=8, payload=None, voltage=16.0, changes=None):
                     parameter=parameter, method="rigid body", value=measured, sigma=part * measured, unit="m/s^2"
                 )
             )
-        flights.append(SimpleNamespace(name=f"flight {k}", parameters=tuple(rows)))
+        flights.append(entry(f"flight {k}", tuple(rows), day))
     return flights
 
 
@@ -47,6 +60,45 @@ def test_flights_of_another_payload_are_named(mass):
         found = unlike_findings(fleet(seed, payload={1: mass, 4: mass}))
         assert [finding.evidence["flight"] for finding in found] == ["flight 1", "flight 4"]
         assert {finding.id for finding in found} == {"flights-not-alike"}
+
+
+def test_on_one_day_a_tenth_of_payload_is_named():
+    """Flights of one day share the air: 10 % of payload had not been named in three of three fleets flown."""
+    day = datetime(2025, 6, 1, 12, tzinfo=UTC)
+    for mass, least in ((1.1, 17), (0.9, 17), (1.15, 20)):
+        named = [list(unlike_flights(fleet(seed, payload={2: mass}, day=day))) for seed in range(20)]
+        assert sum(each == ["flight 2"] for each in named) >= least
+        assert all(each in ([], ["flight 2"]) for each in named)
+    assert not any(unlike_flights(fleet(seed, count=2 + seed % 12, day=day)) for seed in range(60))
+
+
+def trimmed(rng, frame, loss=None):
+    """Return trims of a flight: the craft's own, its battery's place, and a motor that gives the part `loss` less."""
+    motors = motor_table(*frame)
+    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in motors])
+    basis = np.linalg.qr(factors - factors.mean(axis=0))[0]
+    own = np.array([0.1, -0.2, 0.05]) + 0.005 * rng.standard_normal(3)
+    if loss is not None:
+        own = own + loss * basis[1]
+    return SteadyTrims(
+        tuple(f"m{motor.number}" for motor in motors), tuple(own), (1e-5,) * 3, tuple(map(tuple, basis.tolist()))
+    )
+
+
+@pytest.mark.parametrize("frame", [("quad", "x"), ("hexa", "plus"), ("octa", "x"), ("y6", None), ("octa-quad", "x")])
+def test_a_flight_in_which_one_motor_gives_a_fifth_less_or_more_is_named(frame):
+    named = {0.2: 0, -0.25: 0}
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        sound = [entry(f"flight {k}", trims=trimmed(rng, frame)) for k in range(5)]
+        assert not unlike_flights(sound)
+        for loss in named:
+            odd = unlike_flights([*sound, entry("odd", trims=trimmed(rng, frame, loss))])
+            assert list(odd) in ([], ["odd"])
+            named[loss] += bool(odd)
+            assert not odd or abs(odd["odd"].ratio - 1.0) == pytest.approx(abs(loss), abs=0.08)
+    assert named[0.2] >= 15
+    assert named[-0.25] >= 19
 
 
 def test_a_fuller_battery_is_not_another_craft_but_twice_the_voltage_is():
@@ -75,5 +127,5 @@ def test_flights_of_each_payload_are_pooled_among_themselves():
 
 
 def test_nothing_known_is_no_reason():
-    assert not unlike_flights([SimpleNamespace(name="a", parameters=()), SimpleNamespace(name="b", parameters=())])
+    assert not unlike_flights([entry("a"), entry("b")])
     assert not unlike_flights([])

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline import AnalysisConfig
-from pipeline.fleet.split import MOST_TRAINING, choose_split, day_of, places_of
+from pipeline.fleet.places import day_of, places_of
+from pipeline.fleet.split import MOST_TRAINING, choose_split
 from pipeline.flight.training import excitation, position_sigma
 from pipeline.results.split import Exclusion
 from tests.pipeline.builders import flight, flown
