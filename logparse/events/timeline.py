@@ -16,6 +16,7 @@ from logparse.events.recording import recording_events
 from logparse.events.reported import reported_events
 from logparse.events.vibration import vibration_events
 from logparse.flights import Flight
+from logparse.numeric import NumericMessages
 from logparse.tables import Tables
 
 #: Events that follow from a crash and are not told again after it.
@@ -56,6 +57,7 @@ def flight_events(
         Events that only follow from a crash of the same flight are left out.
     """
     error = attitude_error(tables)
+    messages = NumericMessages(messages)
     found = chain(
         reported_events(tables, flights),
         attitude_events(tables, flights, error),

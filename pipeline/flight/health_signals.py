@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from logparse import FlightLog, Tables
 from logparse.events.vibration import vibration_levels
+from logparse.numeric import NumericMessages
 from logparse.pwm_range import pwm_range
 from pipeline.flight.vibration_spectrum import vibration_spectrum
 from pipeline.results.health import HealthSignals, Panel, Signal
@@ -31,7 +32,7 @@ def health_signals(log: FlightLog, flight: Span) -> HealthSignals:
     log : FlightLog
     flight : Span
     """
-    tables = log.tables
+    tables, messages = log.tables, NumericMessages(log.messages)
     levels = pwm_range(log.parameters)
     return HealthSignals(
         attitude=_asked_and_flown(
@@ -47,10 +48,10 @@ def health_signals(log: FlightLog, flight: Span) -> HealthSignals:
             },
             "rad/s",
         ),
-        vibration=_vibration(log.messages, tables, flight),
+        vibration=_vibration(messages, tables, flight),
         battery=_columns(tables.battery, flight, {"voltage": ("voltage", "V"), "current": ("current", "A")})
         + _power(tables.battery, flight),
-        estimator=_ratios(log.messages, flight),
+        estimator=_ratios(messages, flight),
         gps=_columns(
             tables.gps,
             flight,

@@ -1,0 +1,48 @@
+"""Messages that are missing, empty or hold text where numbers belong cost what rests on them, and nothing else."""
+
+import numpy as np
+import pytest
+
+from logparse import read_log
+from pipeline.flight.flight_health import assess_health
+from pipeline.results.span import Span
+
+LOG = "sample_logs/octa01_zurich_calm.bin"
+FLIGHT = Span(48.0, 90.0)
+
+
+def spoilt(name, how):
+    """Read the log with one of its messages spoilt."""
+    log = read_log(LOG)
+    rows = log.messages[name]
+    kept = rows.iloc[: {"missing": 0, "one row": 1}.get(how, len(rows))]
+    if how == "markup":
+        kept = kept.astype(object).map(lambda _: "<b>n/a</b>")
+    elif how == "no number":
+        kept = kept.map(lambda each: np.nan if isinstance(each, int | float | np.number) else each)
+    kept.attrs = rows.attrs
+    log.messages._frames[name] = kept
+    return log
+
+
+@pytest.mark.parametrize("how", ["missing", "one row", "markup", "no number"])
+@pytest.mark.parametrize(
+    ("name", "panels"),
+    [
+        ("ATT", "attitude"),
+        ("RATE", "rates"),
+        ("VIBE", "vibration"),
+        ("BAT", "battery"),
+        ("GPS", "gps"),
+        ("MAG", "compass"),
+        ("CTUN", ""),
+        ("RCOU", ""),
+        ("IMU", ""),
+        ("PARM", ""),
+    ],
+)
+def test_a_spoilt_message_costs_its_own_plot_only(name, panels, how):
+    health = assess_health(spoilt(name, how), FLIGHT)
+    drawn = {each for each in ("attitude", "rates", "vibration", "battery", "gps") if getattr(health.signals, each)}
+    assert {"attitude", "rates", "vibration", "battery", "gps"} - drawn <= {panels}
+    assert not [event for event in health.notable if event.id in ("crash", "motor-loss", "loss-of-control")]
