@@ -227,4 +227,9 @@ def _said_of_peaks(spectrum: Spectrum) -> str:
         text += " No notch is set: INS_HNTCH_* would take the rotors' lines out."
     if spectrum.rotors_hz is not None:
         text += f" The rotors turned at {spectrum.rotors_hz[0]:.0f} to {spectrum.rotors_hz[1]:.0f} Hz by ESC telemetry."
+    else:
+        text += (
+            " Rotor speeds were not logged, and commands alone do not tell them: that takes the motors' KV and load. "
+            "A line that goes with the commands is called a rotor's."
+        )
     return text

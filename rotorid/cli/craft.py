@@ -46,6 +46,9 @@ def craft(
 
     Example: rotorid craft flight1.bin flight2.bin --mass 4.3 --arm 0.32 --out craft
     """
+    for name, value in (("--mass", mass), ("--arm", arm), ("--disc-area", disc_area)):
+        if value is not None and not 0.0 < value < float("inf"):
+            raise typer.BadParameter(f"{value:g} is of no craft: it must be above 0", param_hint=name)
     import logparse
     import sysid
     from estimation import estimate
