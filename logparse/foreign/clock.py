@@ -218,11 +218,13 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
     A column at its own smallest or largest value is left alone: motors saturate.
     """
     still = np.diff(values, axis=0) == 0.0
-    still &= ~still.all(axis=1)[:, None]
+    # Rows that repeat as a whole interrupt nothing: they are left out, and counted in the time.
+    rows = np.concatenate([[0], 1 + np.flatnonzero(~still.all(axis=1))])
+    values, still = values[rows], still[rows[1:] - 1]
     held: dict[tuple[int, int], list[str]] = {}
     for k, name in enumerate(names):
         edges = np.flatnonzero(np.diff(np.r_[0, still[:, k].astype(np.int8), 0]))
-        first, length = edges[::2], edges[1::2] - edges[::2]
+        first, length = edges[::2], rows[edges[1::2]] - rows[edges[::2]]
         if not len(length) or still[:, k].mean() > 0.5:
             continue
         worst = int(np.argmax(length))
@@ -231,7 +233,7 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
         if length[worst] * dt > max(HELD, _USUALLY_HELD * usual * dt) and np.min(values[:, k]) < level < np.max(
             values[:, k]
         ):
-            held.setdefault((int(first[worst]), int(length[worst])), []).append(name)
+            held.setdefault((int(rows[first[worst]]), int(length[worst])), []).append(name)
     return [
         _finding("table-held", ", ".join(columns), f"the value stands still for {length * dt:.2f} s while others move")
         for (_, length), columns in held.items()

@@ -28,6 +28,12 @@ _SPEEDS, _PULSES, _COMMANDS = (10.0, 8000.0), (500.0, 2500.0), (-0.2, 1.3)
 #: Correlation that signals of one motion have, and what is too little to be one motion.
 _ALIKE, _UNLIKE = 0.5, 0.2
 
+#: How many times as large as the derivative of the other a signal may be; noise and filters make some tenths.
+_SCALE = (0.6, 1.6)
+
+#: How many times as fast as its lean says a craft may speed up, by regression: drag takes some, units much more.
+_SPEEDING = (0.25, 2.0)
+
 #: Correlation of thrust and motors below which they are not of one record; 0.45 on real flights in 12 m/s wind.
 _DRIVEN = 0.3
 
@@ -64,6 +70,12 @@ def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) 
         raise TableError(
             f"{label}: columns {names}: the usual value {raw:.4g} cannot be {declared.motors.quantity}; "
             f"is it {' or '.join(guesses)}?"
+        )
+    below = [name for name, column in zip(declared.motors.columns, motors.T, strict=True) if np.median(column) < 0.0]
+    if below and declared.motors.quantity != "command":
+        raise TableError(
+            f"{label}: column {', '.join(below)}: {declared.motors.quantity} is below zero; give its size, and the "
+            "sense of the rotor's turning in its place"
         )
     still = [name for name, column in zip(declared.motors.columns, motors.T, strict=True) if np.ptp(column) == 0.0]
     if still:
@@ -148,10 +160,21 @@ def _slope(values: Floats, dt: float, reach: int) -> Floats:
 
 
 def _alike(a: Floats, b: Floats) -> float:
-    """Correlation; nan where one does not move."""
+    """Correlation; zero where one does not move."""
     a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / norm if norm > 0.0 else float("nan")
+    return float(a @ b) / norm if norm > 0.0 else 0.0
+
+
+def _still(parts: Mapping[str, Floats], moved: Iterable[int], axes: str) -> str:
+    """Name what stands still on an axis on which the other moves; empty where nothing does."""
+    found = [
+        f"{name} stands still along {axes[axis]}"
+        for name, part in parts.items()
+        for axis in moved
+        if not np.ptp(part[:, axis])
+    ]
+    return "".join(f"; {text}" for text in found)
 
 
 def _ratio(of: Floats, by: Floats) -> float:
@@ -179,7 +202,7 @@ def _velocity(
         return []
     alike = [_alike(slope[:, axis], inside[:, axis]) for axis in moved]
     ratio = float(np.median([_ratio(inside[:, axis], slope[:, axis]) for axis in moved]))
-    if min(alike) > _ALIKE and 0.5 < ratio < 2.0:
+    if min(alike) > _ALIKE and _SCALE[0] < ratio < _SCALE[1]:
         return []
     if min(alike) > _ALIKE:
         return [
@@ -187,9 +210,10 @@ def _velocity(
             f"a unit is wrong{_unit_hint(ratio)}"
         ]
     evidence = ", ".join(f"{'NED'[axis]} {value:+.2f}" for axis, value in zip(moved, alike, strict=True))
-    fits = _best_axes(slope, inside, "velocity")
+    still = _still({"position": position, "velocity": velocity}, moved, "NED")
+    fits = still or _best_axes(slope, inside, "velocity")
     other = rotation[reach:-reach]
-    if declared.velocity is not None and not declared.velocity.body:
+    if declared.velocity is not None and not declared.velocity.body and not still:
         turned = other.apply(inside)
         if min(_alike(slope[:, axis], turned[:, axis]) for axis in moved) > max(_ALIKE, 0.8):
             fits = "; in body axes it would fit (axes: body)"
@@ -204,7 +228,7 @@ def _best_axes(truth: Floats, signal: Floats, what: str) -> str:
     best, score = "", 0.7
     for order in itertools.permutations(range(3)):
         values = [_alike(truth[:, axis], signal[:, order[axis]]) for axis in range(3)]
-        known = [abs(value) for value in values if np.isfinite(value)]
+        known = [abs(value) for value in values if value]
         if known and min(known) > score:
             score = min(known)
             signs = ", ".join(f"{'-' if value < 0 else ''}{'xyz'[order[axis]]}" for axis, value in enumerate(values))
@@ -223,7 +247,7 @@ def _rates(declared: ColumnMap, rotation: Rotation, rates: Floats, dt: float, re
         return []
     alike = [_alike(step[:, axis], smooth[:, axis]) for axis in moved]
     ratio = float(np.median([_ratio(smooth[:, axis], step[:, axis]) for axis in moved]))
-    if min(alike) > _ALIKE and 0.5 < ratio < 2.0:
+    if min(alike) > _ALIKE and _SCALE[0] < ratio < _SCALE[1]:
         return []
     if min(alike) > _ALIKE:
         return [
@@ -231,12 +255,13 @@ def _rates(declared: ColumnMap, rotation: Rotation, rates: Floats, dt: float, re
             f"wrong{_unit_hint(ratio)}"
         ]
     strongest = int(np.argmax([step[:, axis].std() for axis in moved]))
-    if min(alike) > -_ALIKE and alike[strongest] > 0.7 and min(alike) > _UNLIKE and 0.5 < ratio < 2.0:
+    if min(alike) > -_ALIKE and alike[strongest] > 0.7 and min(alike) > _UNLIKE and _SCALE[0] < ratio < _SCALE[1]:
         return []
     evidence = ", ".join(f"{'xyz'[axis]} {value:+.2f}" for axis, value in zip(moved, alike, strict=True))
+    guess = _still({"the rate": rates}, moved, "xyz") or _attitude_guess(declared, rotation, rates, dt, reach)
     return [
         f"columns {attitude} and {names}: the attitude does not turn at the rates (correlation about body axes "
-        f"{evidence}){_attitude_guess(declared, rotation, rates, dt, reach)}"
+        f"{evidence}){guess}"
     ]
 
 
@@ -320,6 +345,13 @@ def _thrust(
         crossed = min(abs(_alike(level[:, 0], lean[:, 1])), abs(_alike(level[:, 1], lean[:, 0])))
         if crossed > _ALIKE:
             return [f"columns {names}: the craft speeds up across its lean: the heading of the world's frame is wrong"]
+    for axis, value in values.items():
+        speeding = value * _ratio(level[:, axis], lean[:, axis])
+        if abs(value) > _ALIKE and not _SPEEDING[0] < speeding < _SPEEDING[1]:
+            return [
+                f"columns {names}: the craft speeds up {speeding:.3g} times as much as its lean says: a unit of "
+                f"position, velocity or time is wrong{_unit_hint(speeding)}"
+            ]
     return _strength(declared, force[:, 2], motors[reach:-reach])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,7 +95,8 @@ def read_motion(
     at = {each: k for k, each in enumerate(names)}
     # Commands are round numbers, which stand still in a calm hover; measured speeds do not.
     measured = () if declared.motors.quantity in {"pwm", "command"} else declared.motors.columns
-    moving = (*declared.position.columns, *declared.attitude.columns, *measured)
+    vectors = [each.columns for each in (declared.velocity, declared.rates) if each is not None]
+    moving = (*declared.position.columns, *declared.attitude.columns, *measured, *itertools.chain(*vectors))
     table = _Converter(values, at, declared, label)
     quaternion, remarks = table.quaternion()
     clock = uniform(t)
@@ -110,7 +112,12 @@ def read_motion(
         columns_of["rates"] = table.vector(declared.rates.columns, declared.rates.factor)
     if declared.voltage is not None:
         columns_of["voltage"] = values[:, [at[declared.voltage.columns[0]]]] * declared.voltage.factor
-    found = [*findings, *more, *spikes, *held_values(values[:, [at[each] for each in moving]], moving, dt), *remarks]
+    signals, labels = values[:, [at[each] for each in moving]], list(moving)
+    if not measured:  # all commands at once do not stand still
+        commands = values[:, [at[each] for each in declared.motors.columns]]
+        signals = np.column_stack([signals, commands @ np.sqrt(np.arange(2.0, 2.0 + commands.shape[1]))])
+        labels.append(", ".join(declared.motors.columns))
+    found = [*findings, *more, *spikes, *held_values(signals, labels, dt), *remarks]
     if len(clock) != len(t) or np.max(np.abs(clock - t)) > 0.3 * dt:
         columns_of = {key: _resampled(t, each, clock) for key, each in columns_of.items()}
     found += check_units(declared, columns_of, label)

@@ -34,27 +34,27 @@ class WindTrack:
     mean_sigma: Floats  #: shape (2,)
 
 
-def estimate_trim(model: SixDofModel, still: Experiment, window: float = 1.0) -> Floats:
+def estimate_trim(model: SixDofModel, still: Experiment) -> Floats:
     """Return the horizontal acceleration that a model misses in still air, forward and right, m/s^2, shape (2,).
 
     A level that is off by a degree, or a thrust that leans otherwise than on the records fitted, pushes like 0.17 m/s^2
-    of drag, which is a wind of half a metre per second on a usual quadrotor. The median over windows leaves out what a
-    passing draught does.
+    of drag, which is a wind of half a metre per second on a usual quadrotor. It is the zero of `estimate_wind`: the
+    mean over the same runs, so that still air is no wind.
 
     Parameters
     ----------
     model : SixDofModel
     still : Experiment
         Flown without wind in the same set-up as those whose wind is asked for.
-    window : float
-        s.
     """
     record = model.record(still)
-    missed = model.with_wind({record.name: np.zeros(2)}).missed(record)[1:]
-    heading = upright_axes(record, np.arange(1, len(record.t)))
-    level = np.einsum("nji,nj->ni", heading, missed[:, :3])[:, :2]
-    count = max(len(level) // max(round(window / record.dt), 1), 1)
-    return np.asarray(np.median([part.mean(axis=0) for part in np.array_split(level, count)], axis=0))
+    steps = max(round(RUN_SECONDS / record.dt), 1)
+    starts = np.arange(len(record.t) - steps, dtype=np.int64)
+    drive, none = drives(record, model.kinds, model.shape), np.zeros((len(starts), 6))
+    air, marks, dt = np.zeros((len(record.t), 3)), np.array([steps]), record.dt
+    found = ahead(model.theta, drive, air, none, record.states, starts, marks, dt, substeps(dt), True)
+    missed = (record.states[starts + steps, 3:6] - found[:, 0, 3:6]) / (steps * dt)
+    return np.asarray(np.einsum("nji,nj->ni", upright_axes(record, starts), missed)[:, :2].mean(axis=0))
 
 
 def estimate_wind(

@@ -374,3 +374,33 @@ def test_yaml_that_is_none_is_refused(tmp_path):
         read_column_map(path)
     with pytest.raises(TableError, match="no such file"):
         read_column_map(tmp_path / "none.yaml")
+
+
+def scaled(frame, names, factor):
+    return frame.assign(**{name: factor * frame[name] for name in names})
+
+
+@pytest.mark.parametrize(
+    ("names", "factor", "message"),
+    [
+        ("x y z vx vy vz", 1000.0, r"speeds up 9\d\d times as much as its lean says.*mm for m"),
+        ("x y z vx vy vz", 3.28, r"speeds up 3\.\d+ times as much as its lean says"),
+        ("x", 0.0, "position stands still along E"),
+        ("vy", 0.0, "velocity stands still along N"),
+        ("wx", 0.0, "the rate stands still along x"),
+        ("a b c d", -1.0, "below zero; give its size"),
+        ("t", 2.0, "a unit is wrong"),
+    ],
+)
+def test_scales_that_all_columns_share_and_columns_that_stand_still_are_refused(names, factor, message):
+    with pytest.raises(TableError, match=message):
+        read_motion(scaled(table(), names.split(), factor), columns())
+
+
+def test_rows_that_repeat_as_a_whole_do_not_hide_what_a_recorder_repeats():
+    frame = table()
+    names = [name for name in frame if name != "t"]
+    frame.loc[1000:1120, "a"] = frame["a"][1000]
+    for row in range(5, len(frame), 13):
+        frame.loc[row, names] = frame.loc[row - 1, names]
+    assert "table-held" in {finding.id for finding in read_motion(frame, columns()).findings}
