@@ -10,7 +10,7 @@ from logparse import Finding
 from logparse.inspection import Inspection, MessageSummary, TableSummary
 from logparse.quantity import duration, number
 from logparse.table import Cell, Row, Table
-from reports import summary
+from reports import log_words
 
 _TONES = {"error": "bad", "warning": "care", "info": "unknown"}
 _WORDS = {"error": "error", "warning": "warning", "info": "note"}
@@ -38,9 +38,9 @@ def _facts(log: Inspection) -> RenderableType:
     motors = len(log.vehicle.motors)
     rows = {
         "file": log.file,
-        "format": summary.FORMATS.get(log.format, log.format),
+        "format": log_words.FORMATS.get(log.format, log.format),
         "length": f"{duration(log.duration)}{start}{boots}",
-        "craft": summary.craft(log.vehicle) + (f", {motors} motors" if motors else ""),
+        "craft": log_words.craft(log.vehicle) + (f", {motors} motors" if motors else ""),
         "flights": flights or "none: the craft never left the ground as far as the log shows",
     }
     lines = [Row(Cell(label, "unknown"), [value]) for label, value in rows.items()]
@@ -53,7 +53,7 @@ def _findings(findings: Sequence[Finding]) -> RenderableType:
     rows = [
         Row(
             Cell(_WORDS[each.severity], _TONES[each.severity]),
-            [" ".join(summary.sentence(text) for text in (each.reason, each.advice) if text)],
+            [" ".join(log_words.sentence(text) for text in (each.reason, each.advice) if text)],
         )
         for each in findings
     ]

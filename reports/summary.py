@@ -6,23 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from logparse import Vehicle
 from logparse.quantity import duration, joined, number, size, uncertain
 from pipeline.results.answer import Answer, AnswerLine, Tone
 from pipeline.results.model_report import ModelInShort, ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
+from reports.log_words import FORMATS as FORMATS
+from reports.log_words import UNKNOWN as UNKNOWN
+from reports.log_words import craft as craft
+from reports.log_words import firmware as firmware
+from reports.log_words import frame as frame
+from reports.log_words import sentence as sentence
 from sysid.rotors.thrust_record import ThrustReport
 from sysid.transfer_functions.model_record import FunctionsRecord
 
-FORMATS = {
-    "dataflash": "DataFlash log",
-    "dataflash-text": "DataFlash text log",
-    "tlog": "MAVLink telemetry log",
-    "mavlink-raw": "MAVLink stream without time stamps",
-    "ulog": "PX4 log",
-}
-#: What a frame is called that the log does not tell.
-UNKNOWN = "unknown"
 #: Files of one reason that are named in a line.
 MOST_NAMED = 5
 TRUST_WORDS: Mapping[str, str] = {"yes": "trust", "limited": "with care", "no": "do not trust", "unknown": "not judged"}
@@ -112,23 +108,6 @@ def _number(line: AnswerLine) -> str:
         return uncertain(value, sigma, unit).replace(" °", "°")
     text = f"{round(value, 1):.8g}" if abs(value) >= 10.0 else f"{value:.3g}"
     return f"{text}{'' if unit == '°' else ' '}{unit}".strip()
-
-
-def craft(vehicle: Vehicle) -> str:
-    """Name a craft: ``ArduCopter 4.7.0, octa plus``, or ``ArduPlane 4.5, frame unknown``."""
-    return ", ".join(
-        part for part in (firmware(vehicle), frame(vehicle) if vehicle.frame_class else "frame unknown") if part
-    )
-
-
-def firmware(vehicle: Vehicle) -> str:
-    """Name the firmware: ``ArduCopter 4.7.0``; empty when the log does not tell."""
-    return " ".join(part for part in (vehicle.firmware or vehicle.autopilot, vehicle.version) if part)
-
-
-def frame(vehicle: Vehicle) -> str:
-    """Name the frame: ``octa plus``; ``unknown`` when the log does not tell."""
-    return " ".join(part for part in (vehicle.frame_class or UNKNOWN, vehicle.frame_type) if part)
 
 
 def facts(numbers: FlightReport) -> str:
@@ -271,15 +250,3 @@ def _named(files: list[str]) -> str:
 def clause(reason: str) -> str:
     """Return the first clause of a reason; the whole stands further down."""
     return re.split(r"[:;(]|\. ", reason, maxsplit=1)[0].strip().rstrip(".")
-
-
-def sentence(text: str) -> str:
-    """Make a clause a sentence: a capital first letter, unless the word is a name such as ``m1``, and a full stop.
-
-    Powers in units are raised: findings, which are plain text, write ``m/s^2``.
-    """
-    text = text.replace("^2", "²").replace("^3", "³")
-    first, _, _ = text.partition(" ")
-    if first.islower() and first.isalpha():
-        text = text[0].upper() + text[1:]
-    return text if not text or text[-1] in ".!?" else f"{text}."

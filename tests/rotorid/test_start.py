@@ -63,6 +63,11 @@ def test_a_log_is_looked_at_without_scipy() -> None:
     }
 
 
+def test_a_log_is_shown_without_the_results_of_an_analysis() -> None:
+    modules = imported("from reports import inspection")
+    assert not [name for name in modules if name.startswith(("pipeline", "sysid", "estimation"))]
+
+
 @pytest.mark.parametrize("options", [[], ["--mass", "1.6"]])
 def test_the_first_line_of_progress_waits_for_no_numerical_package(options: list[str], tmp_path: Path) -> None:
     script = f"""

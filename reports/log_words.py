@@ -1,0 +1,42 @@
+"""What logs, firmware and frames are called: all that showing a log needs, without the results of an analysis."""
+
+from logparse import Vehicle
+
+FORMATS = {
+    "dataflash": "DataFlash log",
+    "dataflash-text": "DataFlash text log",
+    "tlog": "MAVLink telemetry log",
+    "mavlink-raw": "MAVLink stream without time stamps",
+    "ulog": "PX4 log",
+}
+#: What a frame is called that the log does not tell.
+UNKNOWN = "unknown"
+
+
+def craft(vehicle: Vehicle) -> str:
+    """Name a craft: ``ArduCopter 4.7.0, octa plus``, or ``ArduPlane 4.5, frame unknown``."""
+    return ", ".join(
+        part for part in (firmware(vehicle), frame(vehicle) if vehicle.frame_class else "frame unknown") if part
+    )
+
+
+def firmware(vehicle: Vehicle) -> str:
+    """Name the firmware: ``ArduCopter 4.7.0``; empty when the log does not tell."""
+    return " ".join(part for part in (vehicle.firmware or vehicle.autopilot, vehicle.version) if part)
+
+
+def frame(vehicle: Vehicle) -> str:
+    """Name the frame: ``octa plus``; ``unknown`` when the log does not tell."""
+    return " ".join(part for part in (vehicle.frame_class or UNKNOWN, vehicle.frame_type) if part)
+
+
+def sentence(text: str) -> str:
+    """Make a clause a sentence: a capital first letter, unless the word is a name such as ``m1``, and a full stop.
+
+    Powers in units are raised: findings, which are plain text, write ``m/s^2``.
+    """
+    text = text.replace("^2", "²").replace("^3", "³")
+    first, _, _ = text.partition(" ")
+    if first.islower() and first.isalpha():
+        text = text[0].upper() + text[1:]
+    return text if not text or text[-1] in ".!?" else f"{text}."
