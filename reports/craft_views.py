@@ -14,6 +14,7 @@ from pipeline.results.report import CraftReport
 from pipeline.results.verdict import Verdict
 from reports import summary
 from reports.figure import Figure
+from reports.model_board import Board
 from reports.model_views import Judgement, ShownModel, ShownThrust
 from reports.parameter_views import ShownCoherence, ShownParameters
 from reports.rows import PAPER_AVERAGE, average
@@ -40,6 +41,7 @@ class CraftSection:
     missing: Sequence[tuple[str, str]]  #: What could not be done, and why.
     average: Table | None  #: Errors averaged over the flights held out.
     ahead: Figure | None
+    board: Board | None  #: Residuals and responses of the joint models.
     horizons: Table | None
     judgements: Sequence[Judgement]
     residuals: Table | None

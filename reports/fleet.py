@@ -115,7 +115,7 @@ def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], fact
 def _craft(store: Products, folder: str) -> Craft:
     drawn = from_json(store.read(f"{folder}/figures.json"), CraftFigures)
     report = from_json(store.read(f"{folder}/report.json"), CraftReport)
-    return Craft(replace(report, folder=folder), drawn.responses, drawn.predictions)
+    return Craft(replace(report, folder=folder), drawn.board, drawn.predictions)
 
 
 def _models(store: Products, folders: Iterable[str]) -> ModelsFile:

@@ -24,6 +24,7 @@ from reports.drift_views import drift_sentences, drift_table
 from reports.figure import Figure
 from reports.fleet_answer import fleet_answer
 from reports.fleet_views import FlightRow, ShownFinding
+from reports.model_board import Board
 from reports.model_figures import horizon_figure
 from reports.model_views import identified, judgements, thrust_coefficients
 from reports.parameter_views import coherence, parameters
@@ -40,7 +41,7 @@ class Craft:
     """What the products of a craft hold: its report, and plots that only its models could give."""
 
     report: CraftReport
-    responses: Mapping[str, Mapping[str, list[Figure]]] = field(default_factory=dict)  #: By model and output.
+    board: Board | None = None
     predictions: Mapping[str, Figure] = field(default_factory=dict)  #: Measured and predicted position by flight.
 
 
@@ -120,15 +121,8 @@ def _section(craft: Craft, place: int, pages: Mapping[str, str]) -> tuple[CraftS
         flight: replace(figure, id=f"{prefix}prediction-{number}", place=f"{prefix}prediction", time=False)
         for number, (flight, figure) in enumerate(craft.predictions.items())
     }
-    responses = {
-        key: {
-            output: [replace(figure, id=prefix + figure.id) for figure in figures]
-            for output, figures in outputs.items()
-        }
-        for key, outputs in craft.responses.items()
-    }
-    models = identified(report.models)
-    attached = html.attach(models, responses)
+    board = None if craft.board is None else craft.board.within(prefix)
+    boarded = [] if board is None else board.every
     coverage_findings = () if report.coverage is None else report.coverage.findings
     drift_findings = () if report.drift is None else report.drift.findings
     told = [summary.sentence(finding.reason) for finding in drift_findings]
@@ -160,11 +154,12 @@ def _section(craft: Craft, place: int, pages: Mapping[str, str]) -> tuple[CraftS
         drift_sentences=[sentence for sentence in drift_sentences(report.drift) if sentence not in told],
         courses=courses,
         courses_folded=folded,
-        models=models,
+        models=identified(report.models),
+        board=board,
         findings=[finding for finding in report.findings if finding not in (*coverage_findings, *drift_findings)],
         advice=report.advice,
     )
-    return section, [*([ahead] if ahead else []), *flown.values(), *covered, *courses, *folded, *attached]
+    return section, [*([ahead] if ahead else []), *flown.values(), *covered, *courses, *folded, *boarded]
 
 
 def _choice(place: str, figures: Mapping[str, Figure], report: CraftReport, pages: Mapping[str, str]) -> Choice | None:

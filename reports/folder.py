@@ -18,7 +18,8 @@ from reports import html
 from reports.cells import as_cell
 from reports.exports import write_exports
 from reports.figure import Figure
-from reports.model_figures import response_figures
+from reports.model_board import Board, model_board
+from reports.model_figures import off_by_default
 from reports.numbers import craft_report, flight_report, models_file
 from reports.parameter_files import write_parameters
 from reports.prediction_figures import joint_predictions
@@ -86,17 +87,15 @@ def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) ->
 
 @dataclass(frozen=True, slots=True)
 class CraftFigures:
-    """The plots of a craft that need the models and their free runs themselves: by model and output, and by flight."""
+    """The plots of a craft that need the models and their free runs themselves: of all models, and by flight."""
 
-    responses: Mapping[str, Mapping[str, list[Figure]]]
+    board: Board
     predictions: Mapping[str, Figure]
 
 
 def _figures(group: GroupResult, report: CraftReport) -> CraftFigures:
     trust = {model.key: str(model.verdict.trust) for model in report.models}
-    return CraftFigures(
-        {result.key: response_figures(result) for result in group.models}, joint_predictions(group, trust)
-    )
+    return CraftFigures(model_board(group.models, off_by_default(report.models)), joint_predictions(group, trust))
 
 
 def write_page(path: Path, render: Callable[[], str]) -> None:

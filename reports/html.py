@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cache
@@ -123,19 +123,8 @@ def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = 
         excitation=excitation(numbers.coverage),
         details=details(numbers),
     )
-    models = [each for each in (ahead, board.residuals) if each is not None]
-    every = [*first, *predicted, *figures, *healthy, *models, *board.figures, *turned]
+    every = [*first, *predicted, *figures, *healthy, *([] if ahead is None else [ahead]), *board.every, *turned]
     return render("flight.html", every, page, script_file)
-
-
-def attach(models: Sequence[ShownModel], responses: Mapping[str, Mapping[str, list[Figure]]]) -> list[Figure]:
-    """Put the plots of each model's outputs, by key and output, beside their formulae; give them all for the page."""
-    drawn = []
-    for model in models:
-        for output in model.outputs:
-            output.figures = responses.get(model.key, {}).get(output.key, [])
-            drawn += output.figures
-    return drawn
 
 
 def failed_page(error: Exception) -> str:

@@ -39,6 +39,20 @@ class Board:
     figures: tuple[Figure, ...]
     captions: Mapping[str, tuple[str, int]]  #: Of each place with anything to show: its words and height, px.
 
+    @property
+    def every(self) -> list[Figure]:
+        """All plots."""
+        return [*([] if self.residuals is None else [self.residuals]), *self.figures]
+
+    def within(self, prefix: str) -> Board:
+        """Return the same board where a page has several, its plots and places called apart."""
+        return Board(
+            None if self.residuals is None else replace(self.residuals, id=prefix + self.residuals.id),
+            self.choices,
+            tuple(replace(each, id=prefix + each.id, place=prefix + each.place) for each in self.figures),
+            {prefix + place: caption for place, caption in self.captions.items()},
+        )
+
 
 def model_board(models: Sequence[ModelResult], hidden: Collection[str]) -> Board:
     """Draw the board.

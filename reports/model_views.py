@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from markupsafe import Markup
 
@@ -12,7 +12,6 @@ from logparse.quantity import MINUS, column, complex_numbers, counted, number, u
 from logparse.table import Row, Table
 from pipeline.results.model_report import ModelReport
 from reports import summary
-from reports.figure import Figure
 from reports.formula import transfer_function
 from sysid.rotors.thrust_record import ThrustReport
 from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
@@ -33,13 +32,12 @@ class ShownFunction:
 
 @dataclass(slots=True)
 class ShownOutput:
-    """The transfer functions to one output, and their plots."""
+    """The transfer functions to one output."""
 
     key: str
     title: str
     functions: list[ShownFunction]
     note: str
-    figures: list[Figure] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
