@@ -200,11 +200,10 @@ class Experiment(Summarised):
             Of the same log.
         rate : float
             Samples per second. What was logged faster is low-pass filtered first (zero phase).
-        inputs : {"motors", "mixer", "rate_outputs", "reference", "velocity_reference"}
-            See `sysid.records.inputs`: PWM in us by motor number, ``m1 ...``; the mixer's commands ``thrust roll
-            pitch yaw``
-            that the motors' outputs amount to; ``roll pitch yaw throttle`` of the rate controller; position or velocity
-            asked for by the position controller.
+        inputs : {"motors", "rotor_speeds", "mixer", "rate_outputs", "reference", "velocity_reference"}
+            See `sysid.records.inputs`: PWM in us by motor number, ``m1 ...``, or rad/s as ESCs report it; the mixer's
+            commands ``thrust roll pitch yaw`` that the motors' outputs amount to; ``roll pitch yaw throttle`` of the
+            rate controller; position or velocity asked for by the position controller.
         outputs : {"position", "velocity"}
             ``x y z``: metres north, east and up of the piece's first sample (axes of Elhesasy 2024); or
             ``v_x v_y v_z``, m/s.

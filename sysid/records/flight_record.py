@@ -104,7 +104,7 @@ def record_flight(
     if inputs in ("motors", "mixer"):
         more += _rounded(log.tables.motors, log.vehicle, start, stop)
     more += _steps(source, start, stop)
-    motion, unit = _motion(states, outputs, turned=frame == "heading" and inputs == "motors")
+    motion, unit = _motion(states, outputs, turned=frame == "heading" and inputs in ("motors", "rotor_speeds"))
     y = resample_frame(motion, t)
     if outputs == "position":
         if inputs == "reference":
@@ -202,7 +202,7 @@ def _usable(source: Inputs, kind: str, start: float, stop: float) -> tuple[pd.Da
     empty = [column for k, column in enumerate(signals.columns) if known[:, k].sum() < needed]
     names = ", ".join(str(column) for column in empty)
     if len(empty) == signals.shape[1] or (empty and kind in _WHOLE and not known.all(axis=1).any()):
-        if kind in ("motors", "mixer"):
+        if kind in ("motors", "rotor_speeds", "mixer"):
             raise MissingDataError(f"no motor output has a value in flight ({names}); check which outputs drive motors")
         raise MissingDataError(f"there are no {source.title} in flight: its controller was not active then")
     if not empty or kind in _WHOLE:

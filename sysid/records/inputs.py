@@ -2,6 +2,7 @@
 
 ==========================  ===========================================================================================
 ``motors``                  PWM in us by motor number: ``m1 ...``
+``rotor_speeds``            speed of the rotors as their ESCs report it, rad/s by motor number: ``m1 ...``
 ``mixer``                   ``thrust roll pitch yaw`` of the motors' outputs, see `sysid.records.mixer`
 ``rate_outputs``            ``roll pitch yaw throttle`` as the rate and height controllers gave them to the mixer
 ``reference``               ``x y z``: where the position controller wanted the craft, m north, east, up of the record's
@@ -16,9 +17,10 @@ does that with the measured yaw:
   the commands that tip the thrust towards north and east; outputs stay in the earth frame. The thrust axis obeys
   rolling and pitching wherever the nose points, so this is exact for a craft whose roll and pitch are alike, but for
   the gyroscopic terms of fast turns.
-- ``motors``: they are bolted to the craft. Instead, what is measured is turned into its heading: ``forward`` and
-  ``right`` are the increments of position along and across the nose, summed (`sysid.records.flight_record`). It
-  neglects that turning at speed v by r rad/s shows as an acceleration ``r v`` without any input.
+- ``motors`` and ``rotor_speeds``: they are bolted to the craft. Instead, what is measured is turned into its heading:
+  ``forward`` and ``right`` are the increments of position along and across the nose, summed
+  (`sysid.records.flight_record`). It neglects that turning at speed v by r rad/s shows as an acceleration ``r v``
+  without any input.
 - ``reference`` and ``velocity_reference``: reference and position are both of the earth, and the position controller
   works there, so nothing is turned.
 """
@@ -41,7 +43,7 @@ if TYPE_CHECKING:
     from estimation import Trajectory
 
 #: Sets of inputs by their public names.
-INPUT_SETS = ("motors", "mixer", "rate_outputs", "reference", "velocity_reference")
+INPUT_SETS = ("motors", "rotor_speeds", "mixer", "rate_outputs", "reference", "velocity_reference")
 
 #: A target that runs away from the craft by more than this between two samples, m and m/s, jumped.
 JUMP, JUMP_SPEED = 0.5, 2.0
@@ -104,6 +106,8 @@ def read_inputs(tables: Tables, vehicle: Vehicle | None, trajectory: Trajectory,
     """
     if kind == "motors":
         return _motors(tables)
+    if kind == "rotor_speeds":
+        return _rotor_speeds(tables)
     if kind == "mixer":
         return _turned(_mixer(tables, vehicle), trajectory, frame)
     if kind == "rate_outputs":
@@ -125,6 +129,19 @@ def _motors(tables: Tables) -> Inputs:
         signals=motors,
         units={str(column): "us" for column in motors.columns},
         title="motor outputs",
+        restarts=np.empty(0),
+    )
+
+
+def _rotor_speeds(tables: Tables) -> Inputs:
+    esc = tables.esc
+    names = {} if esc is None else {name: f"m{str(name)[1:]}" for name in esc if str(name)[:1] == "w"}
+    if esc is None or not any(esc[name].gt(0.0).sum() > 1 for name in names):
+        raise MissingDataError("no rotor speeds (ESC messages with RPM; ESCs with telemetry report them)")
+    return Inputs(
+        signals=esc[list(names)].rename(columns=names),
+        units=dict.fromkeys(names.values(), "rad/s"),
+        title="rotor speeds",
         restarts=np.empty(0),
     )
 

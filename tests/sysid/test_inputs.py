@@ -51,6 +51,14 @@ def test_rate_outputs_are_those_of_the_controller():
     assert record.output_names == ("x", "y", "z")
 
 
+def test_rotor_speeds_are_those_that_escs_report():
+    speeds = {f"w{k}": 600.0 + k + 0.1 * T for k in range(1, 5)}
+    record = Experiment.from_flight(*made(Tables(esc=frame(T, **speeds, volt1=T))), inputs="rotor_speeds")
+    assert record.input_names == ("m1", "m2", "m3", "m4")
+    assert {record.units[name] for name in record.input_names} == {"rad/s"}
+    np.testing.assert_allclose(record.u[0], [602.0, 603.0, 604.0, 605.0], atol=1e-9)
+
+
 def test_throttle_of_ctun_serves_where_rate_has_none():
     """PID messages in place of RATE know roll, pitch and yaw only."""
     tables = Tables(rates=rates(out_thrust=np.full_like(T, np.nan)), setpoints=setpoints(throttle=0.3 + 0.001 * T))
@@ -188,6 +196,7 @@ def test_a_motor_lost_for_a_while_ends_the_piece():
     [
         (Tables(), "motors", "RCOU.*log them"),
         (Tables(), "mixer", "RCOU.*log them"),
+        (Tables(), "rotor_speeds", "ESC messages with RPM"),
         (Tables(motors=frame(T, m1=T, m2=T)), "mixer", "FRAME_CLASS"),
         (Tables(), "rate_outputs", "RATE.*log them"),
         (Tables(rates=rates(out_thrust=T * np.nan)), "rate_outputs", "CTUN"),
