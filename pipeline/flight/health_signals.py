@@ -115,7 +115,7 @@ def _asked_and_flown(
             next((each.dropna() for each in tables.columns(source, (column,))), None)
             for source, column in zip(sources, columns, strict=True)
         ]
-        asked, flown = found if title != "yaw" else _turning(*found)
+        asked, flown = found if title != "yaw" else _turning(found[0], found[1], flight)
         if flown is None:
             continue
         line = _line("flown", flown, flight)
@@ -125,13 +125,19 @@ def _asked_and_flown(
 
 
 def _turning(
-    asked: pd.Series[float] | None, flown: pd.Series[float] | None
+    asked: pd.Series[float] | None, flown: pd.Series[float] | None, flight: Span
 ) -> tuple[pd.Series[float] | None, pd.Series[float] | None]:
-    """Let headings run on beyond half a turn instead of jumping, what was asked beside what was flown, rad."""
+    """Let headings run on beyond half a turn instead of jumping, what was asked beside what was flown, rad.
+
+    They are counted so that the flight's middle one lies within half a turn of north.
+    """
     if flown is None or not len(flown):
         return asked, flown
     flown = flown[np.isfinite(flown)]
-    flown = pd.Series(np.unwrap(flown.to_numpy(np.float64)), index=flown.index)
+    headings = np.unwrap(flown.to_numpy(np.float64))
+    inside = (flown.index >= flight.start) & (flown.index <= flight.stop)
+    middle = float(np.median(headings[inside])) if inside.any() else 0.0
+    flown = pd.Series(headings - 2.0 * np.pi * np.round(middle / (2.0 * np.pi)), index=flown.index)
     if asked is None or not len(asked) or not len(flown):
         return asked, flown
     ordered = flown if flown.index.is_monotonic_increasing else flown.sort_index(kind="stable")

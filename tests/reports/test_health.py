@@ -64,6 +64,18 @@ def test_a_heading_about_south_does_not_jump():
     assert np.abs(by_name["asked"] - by_name["flown"]).max() < np.radians(0.6)
 
 
+def test_turns_before_take_off_do_not_count():
+    """A real craft was carried about twice: its heading was drawn from -200 to -500 deg."""
+    log = read_log("sample_logs/octa01_zurich_calm.bin")
+    rows = log.messages["ATT"]
+    t = rows.index.to_numpy()
+    carried = np.interp(t, [t[0], log.flight.start], [0.0, 790.0])
+    log.messages._frames["ATT"] = rows.assign(Yaw=carried % 360.0, DesYaw=carried % 360.0)
+    panel = health_signals(log, log.flight).attitude[2]
+    for signal in panel.signals:
+        assert np.degrees(np.median(signal.y)) == pytest.approx(70.0, abs=1.0)
+
+
 def test_thinning_keeps_every_peak():
     rng = np.random.default_rng(0)
     t = np.arange(100_000) * 0.0025
