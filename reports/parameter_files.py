@@ -10,6 +10,7 @@ from pipeline.results.failure import Failure
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
 from reports.cells import as_cell
+from sysid.rigid_body.physical import quantity
 
 COLUMNS = ("craft", "flight", "parameter", "value", "sigma", "unit", "method", "determined", "reason")
 
@@ -17,7 +18,8 @@ COLUMNS = ("craft", "flight", "parameter", "value", "sigma", "unit", "method", "
 def write_parameters(result: FlightResult | GroupResult, folder: Path) -> Path:
     """Write the table; only its head where no method could be applied.
 
-    A parameter comes in SI units where mass (and arm) were given, otherwise in those in which motion alone gives it.
+    A parameter comes in SI units where mass (and arm) were given, otherwise in those in which motion alone gives it,
+    and is called accordingly: thrust in newtons, thrust over mass in m/s^2.
     """
     own = isinstance(result, FlightResult)
     vehicle = result.log.vehicle if isinstance(result, FlightResult) else None
@@ -29,11 +31,12 @@ def write_parameters(result: FlightResult | GroupResult, folder: Path) -> Path:
             si = pd.notna(row["si_value"])
             value = row["si_value"] if si else row["value"]
             known = pd.notna(value)
+            name, divisor = quantity(row["parameter"], row["si_unit"] if si else row["unit"])
             rows.append(
                 {
                     "craft": as_cell(craft),
                     "flight": as_cell(result.name) if own else "",
-                    "parameter": row["parameter"],
+                    "parameter": f"{name} over {divisor}" if divisor and si else name if si else row["parameter"],
                     "value": value if known else None,
                     "sigma": (row["si_sigma"] if si else row["sigma"]) if known else None,
                     "unit": row["si_unit"] if si else row["unit"],

@@ -20,12 +20,17 @@ def inspect(
 
     Example: rotorid inspect flight.bin
     """
-    import logparse
-    from logparse.inspection import inspect as look_into
-    from logparse.serialization import as_json as to_text
+    from pipeline.execution.progress import shown
 
     file, flight = parted(log)
-    found = look_into(logparse.read_log(file, power_up(boot)) if flight is None else open_log(log))
+    with shown(quiet=as_json) as progress:
+        # The numerical packages take a second to import: the terminal shows first that something happens.
+        progress(f"reading {file.name}", 0.0)
+        import logparse
+        from logparse.inspection import inspect as look_into
+        from logparse.serialization import as_json as to_text
+
+        found = look_into(logparse.read_log(file, power_up(boot)) if flight is None else open_log(log))
     if as_json:
         typer.echo(to_text(found), nl=False)
         return

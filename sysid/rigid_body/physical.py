@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -49,9 +50,6 @@ UNITS = {
     "whole drag in still air over mass": "1/m, as if all of it were quadratic and there were no wind",
 }
 
-#: What a parameter may be divided by, as its name ends.
-_DIVISORS = ("mass and arm", "mass")
-
 
 def quantity(parameter: str, unit: str) -> tuple[str, str]:
     """Return what a number of a parameter is, and what it is still divided by.
@@ -68,11 +66,12 @@ def quantity(parameter: str, unit: str) -> tuple[str, str]:
     tuple of str
         Such as ``("roll inertia", "mass and arm")``; the second is empty where nothing divides it.
     """
-    name, _, divisor = parameter.rpartition(" over ")
-    if divisor not in _DIVISORS:
+    parts = re.fullmatch(r"(.+) over (mass and arm|mass)(.*)", parameter)
+    if parts is None:
         return parameter, ""
+    name = parts[1] + parts[3]
     if unit == UNITS[parameter]:
-        return name, divisor
+        return name, parts[2]
     return name, "arm" if unit == _OVER_ARM else ""
 
 

@@ -57,6 +57,7 @@ def test_methods_agree_on_a_simulated_craft(record):
         ("roll inertia over mass and arm", "kg m^2", "roll inertia", ""),
         ("linear drag over mass", "1/s, mean of body x and y", "linear drag", "mass"),
         ("linear drag over mass", "N s/m", "linear drag", ""),
+        ("thrust over mass at hover", "N at the command flown on average", "thrust at hover", ""),
         ("yaw torque over inertia", "rad/s^2, one motor at full command", "yaw torque over inertia", ""),
     ],
 )
