@@ -179,6 +179,9 @@ def _gyro_path(log: FlightLog) -> tuple[GyroPath, tuple[str, ...]]:
         if lacking:
             raise LoopError(f"{log.path.name} lacks {', '.join(lacking)} of a notch that is enabled")
         known = {name: float(value) for name, value in values.items() if value is not None}
+        none = [f"{prefix}{name} = {known[name]:g}" for name in ("FREQ", "BW", "ATT") if not known[name] > 0.0]
+        if none:
+            raise LoopError(f"{log.path.name}: {', '.join(none)} of a notch that is enabled is no value of one")
         base, remark = _notch_base(log, prefix, known["FREQ"])
         options = int(parameters.get(f"{prefix}OPTS", 0.0))
         notches += harmonic_notches(

@@ -116,7 +116,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
         if aim not in AIMS:
             raise LoopError(f"there is no aim {aim!r}; the aims are {', '.join(AIMS)}")
         aim = AIMS[aim]
-    flights = logs_of(logs)
+    flights = _without_copies(logs_of(logs))
     names = tuple(log.name for log in flights)
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
@@ -167,6 +167,14 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
         reasons = [item.refused or f"{item.axis}: the flown gains are the best that were found" for item in axes]
         return refuse("; ".join(dict.fromkeys(reasons)), axes)
     return Tuning(names, aim, proposed, rollback, None, axes, tuple(dict.fromkeys(remarks)), made)
+
+
+def _without_copies(logs: Sequence[FlightLog]) -> list[FlightLog]:
+    """Return logs without those whose flight is another's to the microsecond: the same evidence twice is not more."""
+    found: dict[tuple[float, float] | int, FlightLog] = {}
+    for k, log in enumerate(logs):
+        found.setdefault(k if log.flight is None else (log.flight.start, log.flight.stop), log)
+    return list(found.values())
 
 
 def _gyro_filter_stays(logs: Sequence[FlightLog], axes: Sequence[AxisTuning]) -> str | None:

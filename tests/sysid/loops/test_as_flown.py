@@ -50,6 +50,7 @@ def test_true_parameters_agree_with_the_signals(tmp_path, flight, rate):
         ({"FLTD": 40.0}, "D as logged is 0.7"),
         ({"FLTT": 10.0}, "Tar as logged"),
         ({"FLTE": 20.0}, "P as logged"),
+        ({"angle_P": 6.0}, "wanted as logged is 0.7"),
     ],
 )
 def test_gains_and_filters_that_did_not_fly_are_named(tmp_path, flight, claimed, told):
@@ -86,6 +87,18 @@ def test_the_scheduler_tells_the_rate_at_which_it_ran():
     log = SimpleNamespace(messages={"PM": pd.DataFrame({"LR": [200, 200]})}, tables=SimpleNamespace(rates=None))
     assert "PM.LR" in as_flown._other_rate(log, 400.0)
     assert as_flown._other_rate(log, 200.0) is None
+
+
+def test_a_notch_of_no_frequency_is_a_sentence(tmp_path, flight):
+    """It ended in a division by zero."""
+    log = _log(tmp_path / "none.bin", flight, **(NOTCH | {"INS_HNTCH_FREQ": 0.0, "INS_HNTCH_BW": 0.0}))
+    assert "INS_HNTCH_FREQ = 0, INS_HNTCH_BW = 0 of a notch" in tune(log).refused
+
+
+def test_a_flight_given_twice_counts_once(tmp_path, flight):
+    """Its errors are not smaller for it: a copy of a log would have widened what is proposed."""
+    once, again = _log(tmp_path / "once.bin", flight), _log(tmp_path / "again.bin", flight)
+    assert tune([once, again]).logs == ("once.bin",)
 
 
 def test_without_rates_before_the_filters_nobody_has_seen_them(tmp_path, flight):
