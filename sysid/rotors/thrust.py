@@ -32,6 +32,7 @@ from sysid.rotors.thrust_regression import (
     BLOCK_SECONDS,
     air_sigma_of,
     blocks_of,
+    changed_in_flight,
     coefficient,
     conditions_of,
     mass_unknown,
@@ -143,6 +144,9 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
 
     sums = [np.hstack([b.thrust.sum(axis=1, keepdims=True), x]) for b, x in zip(blocks, nuisance, strict=True)]
     together = regress(sums, [block.force for block in blocks])
+    if reference is not None:
+        for rows, block in zip(sums, blocks, strict=True):
+            findings += changed_in_flight(block, rows @ together.values)
     spread = max(float(together.sigma[0]), scatter_between(sums, blocks))
     spread = float(np.hypot(spread, pressed(records) * together.values[0]))
     air = air_sigma_of(records)

@@ -31,14 +31,19 @@ UNKNOWN_AIR_SIGMA = 0.11
 #: A motor whose thrust at the same signal is this much below the mean of all is weak, if by three standard errors.
 WEAK = 0.15
 
+#: Thrust per mass at the same commands that changes by this part within a flight, and so many times its scatter, is
+#: worth a finding; and the shortest time on either side, s. Wind leans craft and changes it by less.
+CHANGED, CHANGED_SIGMAS, CHANGED_SECONDS = 0.12, 6.0, 10.0
+
 #: A motor that works this much more or less than the mean of all is worth a finding.
 UNEVEN = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """One-second means: specific thrust (M,), thrust signals in sea-level air (M, motors), -climb (M,), density."""
+    """One-second means: time (M,), specific thrust (M,), thrust signals in sea-level air (M, motors), -climb (M,)."""
 
+    t: Floats
     force: Floats
     thrust: Floats
     climb: Floats
@@ -91,6 +96,7 @@ def blocks_of(
 
     keep = mean(inside.astype(np.float64))[:, 0] == 1.0
     return Blocks(
+        t=mean(record.t)[keep, 0],
         force=-mean(column(record, "f_z"))[keep, 0],
         thrust=mean(thrust_signals(record, law, vehicle, voltage, expo))[keep],
         climb=mean(body_down(record))[keep, 0],
@@ -214,6 +220,43 @@ def uneven_motors(effort: Mapping[str, float]) -> list[Finding]:
         )
         for motor, part in effort.items()
         if abs(part - 1.0) > UNEVEN
+    ]
+
+
+def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
+    """Name the second from which the same commands give another thrust per mass: a load dropped, or taken up.
+
+    Parameters
+    ----------
+    blocks : Blocks
+        Of one flight.
+    fitted : ndarray, shape (M,)
+        Its specific thrust by a model of the whole flight.
+    """
+    known = (blocks.force > 0.0) & (fitted > 0.0)
+    part, t, few = np.log(blocks.force[known] / fitted[known]), blocks.t[known], round(CHANGED_SECONDS / BLOCK_SECONDS)
+    if len(part) < 2 * few:
+        return []
+
+    def left(k: int) -> float:
+        return float(sum(np.abs(side - np.median(side)).sum() for side in (part[:k], part[k:])))
+
+    k = min(range(few, len(part) - few + 1), key=left)
+    before, after = float(np.median(part[:k])), float(np.median(part[k:]))
+    scatter = 1.4826 * float(np.median(np.abs(np.concatenate([part[:k] - before, part[k:] - after]))))
+    change = float(np.expm1(after - before))
+    if abs(change) < max(CHANGED, CHANGED_SIGMAS * scatter):
+        return []
+    return [
+        Finding(
+            "thrust-changed-in-flight",
+            Severity.WARNING,
+            f"from {t[k]:.0f} s on the same commands give {100.0 * abs(change):.0f} % "
+            f"{'more' if change > 0.0 else 'less'} thrust per mass: a load was "
+            f"{'dropped' if change > 0.0 else 'taken up'}, or motors changed; what is fitted to all is of neither part",
+            "analyse the parts before and after by themselves, or fly one load",
+            {"time": float(t[k]), "change": change},
+        )
     ]
 
 

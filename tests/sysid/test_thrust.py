@@ -123,6 +123,21 @@ def test_air_that_presses_on_a_leaning_craft_widens_the_standard_error():
     assert sigma == pytest.approx(3.2 * np.hypot(0.35**2, AIR_SIGMA), rel=0.05)
 
 
+@pytest.mark.parametrize("change", [1.25, 0.8, 1.05])
+def test_a_load_that_is_dropped_in_flight_is_named(change):
+    """After a fifth of the mass was dropped a flight was healthy, with no event, and thrust 25 % off for its rest."""
+    made = flight(15, samples=3000)
+    half = len(made.t) // 2
+    force = made.context["f_z"].to_numpy() * np.where(np.arange(len(made.t)) < half, 1.0, change)
+    voltage = np.full(len(made.t), 16.0)
+    model = fit_thrust([replace(made, context=made.context.assign(f_z=force, voltage=voltage))])
+    told = [finding for finding in model.findings if finding.id == "thrust-changed-in-flight"]
+    assert len(told) == (abs(change - 1.0) > 0.12)
+    if told:
+        assert told[0].evidence["change"] == pytest.approx(change - 1.0, abs=0.02)
+        assert told[0].evidence["time"] == pytest.approx(made.t[half], abs=1.5)
+
+
 def test_unknown_air_widens_the_standard_error():
     """Flown at 1000 m (1.112 kg/m^3) without barometer and altitude: the truth is within two standard errors."""
     model = fit_thrust([flight(12, density=1.112, told=np.nan)])
