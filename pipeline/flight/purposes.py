@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
     from sysid import Validation
 
+#: Part of a reach from which on its standard error says that nothing is known of it.
+VAGUE = 0.5
+
 #: A free run follows a flight when its error is below half of the flight's RMS movement: 50 per cent of fit.
 CLOSE_PERCENT = 50.0
 
@@ -101,8 +104,8 @@ def _reach(
         return None, None
     slope = (excess[after] - excess[run[-1]]) / np.log(after / run[-1])
     reach = run[-1] * float(np.exp(-excess[run[-1]] / slope))
-    error = max(seconds / reach, 1.0) ** -0.5
-    return reach, reach * float(error / slope)
+    part = float(max(seconds / reach, 1.0) ** -0.5 / slope)
+    return (reach, reach * part) if part < VAGUE else (None, None)
 
 
 def free_run_use(validation: Validation | None, outside: Collection[str] = ()) -> FreeRunUse:
