@@ -66,13 +66,17 @@ def doubtful_sensors(innovations: Mapping[str, SensorStatistics]) -> list[Findin
 
 
 def _suspect(name: str, share: float, nis: float) -> Finding:
+    fused = bool(np.isfinite(nis))
+    others = (
+        f", and the others differ from the trajectory by {np.sqrt(nis):.1f} times what their noise explains (root mean "
+        "square)"
+    )
     return Finding(
         "sensor-refused",
         Severity.WARNING,
-        f"{share:.0%} of the {SPOKEN[name]} were refused, and the others differ from the trajectory by "
-        f"{np.sqrt(nis):.1f} times what their noise explains (root mean square).",
+        f"{share:.0%} of the {SPOKEN[name]} were refused{others if fused else ''}.",
         "Look at that sensor: its mounting, cables, and what is switched on near it.",
-        {"sensor": name, "refused_share": share, "nis": nis},
+        {"sensor": name, "refused_share": share, "nis": nis if fused else None},
     )
 
 
