@@ -54,6 +54,7 @@ def craft(
     from estimation import estimate
     from pipeline.errors import ConfigError
     from pipeline.execution.progress import shown
+    from pipeline.names import file_name
     from reports.parameters_page import parameters_page
 
     if bench and mass is None:
@@ -62,7 +63,7 @@ def craft(
     records = []
     with shown() as progress:
         for number, path in enumerate(logs):
-            progress(f"reading {path.name}", number / (len(logs) + 1))
+            progress(f"reading {file_name(str(path))}", number / (len(logs) + 1))
             log = logparse.read_log(path)
             records.append(sysid.Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), rate=RATE))
         progress("fitting", len(logs) / (len(logs) + 1))

@@ -195,6 +195,8 @@ def _paired(driven: pd.DataFrame, answer: pd.DataFrame, pieces: Floats) -> RateS
         slow, fast, fast_pieces, step = driven, answer, pieces, steps[0]
     else:
         slow, fast, fast_pieces, step = answer, driven, own, steps[1]
+    if not np.isfinite(step):
+        raise FrequencyError("motors or gyros have a single reading")
     at = slow.index.to_numpy(np.float64)
     brought = below(fast.index.to_numpy(np.float64), fast.to_numpy(np.float64), at, step, fast_pieces)
     known = np.isfinite(brought).all(axis=1)

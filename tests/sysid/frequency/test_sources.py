@@ -4,12 +4,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import logparse
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import frequency
 from sysid.frequency.antialias import below
+from sysid.frequency.axes import FrequencyError
+from sysid.frequency.sources import _paired
 
 PLANT = AxisPlant(gain=150.0, damping=2.0, lag=0.03, delay=0.004, filter_hz=40.0)
 STICKS = Excitation(duration=90.0, stick=0.25, gust=0.2, noise=0.003)
@@ -87,3 +90,11 @@ def test_nothing_folds_and_what_is_below_passes() -> None:
     assert known.sum() > 40
     assert found[known, 0] == pytest.approx(np.sin(2.0 * np.pi * 3.0 * at[known]), abs=0.01)
     assert np.max(np.abs(found[known, 1])) < 0.01
+
+
+def test_motors_with_one_whole_reading_are_no_pair() -> None:
+    """A garbled telemetry log left one row of all motors: its step was infinite, and the stage ended in a traceback."""
+    one = pd.DataFrame({"out_roll": [0.1]}, index=[1.0])
+    gyros = pd.DataFrame({"w_x": np.zeros(200)}, index=0.01 * np.arange(200))
+    with pytest.raises(FrequencyError):
+        _paired(one, gyros, np.zeros(200))
