@@ -112,7 +112,7 @@ class Crafts:
             record = _owned(session, craft_id, owner)
             if record is None:
                 return False
-            record.name = " ".join(name.split())
+            record.name = _plain(" ".join(name.split()))
             return True
 
     def merge(self, craft_id: str, other_id: str, owner: str) -> bool:
@@ -176,7 +176,7 @@ class Crafts:
                 detail = f"A craft has {_NOTES} notes at most. Remove some, then try again."
                 raise ProblemError(Problem.named("too-many-notes", "Too many notes", HTTPStatus.FORBIDDEN, detail))
             now = datetime.now(UTC)
-            when = now if at is None else at.replace(tzinfo=UTC) if at.tzinfo is None else at.astimezone(UTC)
+            when, text = now if at is None else _in_utc(at), _plain(text)
             note = NoteRecord(id=new_id(), craft_id=record.id, at=when, text=text, boundary=boundary, created=now)
             session.add(note)
             session.flush()
@@ -208,6 +208,19 @@ class Crafts:
             if last is not None and _owned(session, last.craft_id, owner) is not None:
                 query = query.where(tuple_(AlertRecord.created, AlertRecord.id) < (last.created, last.id))
             return [_alert(alert, craft) for alert, craft in session.execute(query)]
+
+
+def _plain(text: str) -> str:
+    """Return a text without control characters, which command terminals and which PostgreSQL does not all keep."""
+    return "".join(each for each in text if each.isprintable() or each in " \n\t")
+
+
+def _in_utc(at: datetime) -> datetime:
+    try:
+        return at.replace(tzinfo=UTC) if at.tzinfo is None else at.astimezone(UTC)
+    except OverflowError:  # in the first or last hours of the calendar
+        detail = "There is no such time in UTC."
+        raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, detail)) from None
 
 
 def joint_of(session: Session, craft: CraftRecord) -> JointFit:

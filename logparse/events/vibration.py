@@ -129,11 +129,12 @@ def vibration_events(
 
 
 def _by_sensor(levels: VibrationLevels) -> Iterator[tuple[int, pd.DataFrame]]:
-    """Rows of each accelerometer, numbered from 1."""
-    if "IMU" not in levels.frame:
-        yield levels.number, levels.frame
+    """Rows of each accelerometer in order of time, which damage may put into another; numbered from 1."""
+    frame = levels.frame if levels.frame.index.is_monotonic_increasing else levels.frame.sort_index(kind="stable")
+    if "IMU" not in frame:
+        yield levels.number, frame
         return
-    for number, part in levels.frame.groupby("IMU"):
+    for number, part in frame.groupby("IMU"):
         yield int(float(str(number))) + 1, part
 
 

@@ -64,13 +64,16 @@ def srivc(problem: Problem, bandwidth: float, deadline: float = np.inf) -> Start
             best, vain = (point.cost, theta), 0
         if change < NEAR or vain == VAIN or time.monotonic() > deadline:
             return Start(best[1], best[0], iteration, change < NEAR)
-        following = clip(refine(problem, point, noisy=iteration == 0)[None], problem.band)
+        refined = refine(problem, point, noisy=iteration == 0)
+        if refined is None:
+            return Start(best[1], best[0], iteration, False)
+        following = clip(refined[None], problem.band)
         change = float(np.max(np.abs(following - theta)))
         theta = following
     return Start(best[1], best[0], MOST_ITERATIONS, False)
 
 
-def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats:
+def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats | None:
     """Iterate once: the coefficients of A by instrumental variables.
 
     Parameters
@@ -85,7 +88,7 @@ def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats:
     Returns
     -------
     ndarray, shape (lags,)
-        Parameters of the denominator.
+        Parameters of the denominator; None where the inputs, filtered, leave nothing to tell it from.
     """
     lags, shared = problem.lags, point.numerators.size
     system = _without_integrators(problem, point)
@@ -103,6 +106,8 @@ def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats:
         coupling = np.linalg.solve(product[:locals_, :locals_], product[:locals_, locals_:])
         total += product[locals_:, locals_:] - product[locals_:, :locals_] @ coupling
     numerators = total[:shared, :shared] + point.penalty
+    if not (np.isfinite(total).all() and np.isfinite(numerators).all() and (np.diag(numerators) > 0.0).all()):
+        return None
     scale = 1.0 / np.sqrt(np.diag(numerators))
     inverse = lstsq(numerators * scale * scale[:, None], total[:shared, shared:] * scale[:, None])[0]
     rest = total[shared:, shared:] - (total[shared:, :shared] * scale) @ inverse

@@ -178,6 +178,17 @@ def test_clocks_of_1980_and_none(service: httpx.Client) -> None:
     assert service.get(f"/crafts/{craft['id']}").status_code == 200
 
 
+def test_names_and_notes_hold_no_control_characters_and_times_are_in_the_calendar(service: httpx.Client) -> None:
+    """A terminal would obey them, and PostgreSQL keeps no NUL; a time without one in UTC was an unexpected error."""
+    fly(service, "a.bin", flights.log(0))
+    here = only_craft(service)["links"]["self"]
+    assert service.put(here, json={"name": "Octo\x1b[2J\x00 2\u202e"}).json()["name"] == "Octo[2J 2"
+    note = service.post(f"{here}/notes", json={"text": "new\x07 propellers\nand\x9b motors\x00"}).json()
+    assert note["text"] == "new propellers\nand motors"
+    early = service.post(f"{here}/notes", json={"text": "x", "at": "0001-01-01T00:00:00+14:00"})
+    assert early.status_code == 422
+
+
 def test_names_of_flights_are_told_apart(service: httpx.Client) -> None:
     for day in range(3):
         fly(service, "00000012.BIN", flights.log(day))

@@ -1,5 +1,7 @@
 """Poles without a start: from any bandwidth, without the bias of least squares, for systems drawn at random."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter, lsim, max_len_seq
@@ -55,7 +57,7 @@ def test_instruments_take_the_bias_of_least_squares_away():
     y = lsim(([4.0], den), u, np.arange(4000) * dt, interp=False)[1]
     problem = problem_of(u, y + 0.5 * y.std() * rng.standard_normal(4000), 2, 1, dt)
     filtered = solve(problem, from_poles(np.full(2, -10.0 + 0.0j))[None])
-    biased, refined = (refine(problem, filtered, noisy=noisy)[None] for noisy in (True, False))
+    biased, refined = (np.atleast_2d(refine(problem, filtered, noisy=noisy)) for noisy in (True, False))
     settled = srivc(problem, 10.0).theta
     least_squares, once, last = (denominators(theta)[0][0, 1] for theta in (biased, refined, settled))
     assert abs(least_squares - 0.8) > 1.0
@@ -140,3 +142,16 @@ def test_rao_garnier_meets_the_cramer_rao_bound():
     assert np.mean(fits) >= 99.0
     assert min(fits) > 98.0
     assert np.max(np.sqrt(np.mean(np.square(errors), axis=0)) / bound) <= 1.25
+
+
+def test_an_input_that_filters_to_no_number_ends_the_search_at_its_start(monkeypatch):
+    """A garbled log left a position target whose regressors were no numbers: the solver ended the stage."""
+    rng = np.random.default_rng(0)
+    problem = problem_of(rng.standard_normal(400), rng.standard_normal(400), 2, 1, 0.1)
+    whole = solve(problem, from_poles(np.full(2, -10.0 + 0.0j))[None])
+    broken = replace(whole, penalty=np.full((whole.numerators.size,) * 2, np.nan))
+    assert refine(problem, broken, noisy=True) is None
+    monkeypatch.setitem(srivc.__globals__, "solve", lambda *_: broken)
+    found = srivc(problem, 10.0)
+    assert (found.settled, found.iterations) == (False, 0)
+    assert np.isfinite(found.theta).all()
