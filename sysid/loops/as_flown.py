@@ -37,6 +37,9 @@ _FROM, _OF_CHIRP, _OF_RATE, _POINTS = 1.0, 0.92, 0.25, 24
 #: The same part of the rate of the rows for the gyro, whose path is steady from sample to sample.
 _OF_RATE_GYRO = 0.4
 
+#: Highest frequency [Hz] at which the attitude is looked at: it falls with the frequency.
+_ATTITUDE_TO = 8.0
+
 #: Half-width of the band that makes one point, in parts of its frequency; coherence with the chirp, and how few points
 #: tell nothing.
 _BAND, _COHERENT, _FEWEST = 0.06, 0.9, 6
@@ -172,9 +175,11 @@ def _controller_blocks(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> 
         forward = np.full(len(hz), controller.FF, np.complex128)
         yield from _compared(signals, "Tar", "FF", forward, hz, "FF", f"ATC_RAT_{letters}_FF")
     if "wanted" in columns:
-        # The attitude is the integral of the true rate.
-        attitude = settings.angle.rate_response(hz) / settings.gyro.response(hz)
-        yield from _compared(signals, "Act", "wanted", attitude, hz, "ANG", f"ATC_ANG_{letters}_P")
+        # The attitude is the integral of the true rate. That of yaw is seen too weakly to be told.
+        slow = hz[hz <= _ATTITUDE_TO]
+        attitude = settings.angle.rate_response(slow) / settings.gyro.response(slow)
+        if settings.axis != "yaw":
+            yield from _compared(signals, "Act", "wanted", attitude, slow, "ANG", f"ATC_ANG_{letters}_P")
         # The angle controller runs after the rate controller, which sees its target in this loop or the next.
         filtered = first_order(rate, controller.FLTT).response(hz)
         ways = [
