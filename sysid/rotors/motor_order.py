@@ -129,7 +129,10 @@ def motor_order(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> 
     motors = tables.motors.loc[start:stop, list(names)].dropna()
     asked, source = _asked(tables, start, stop)
     by_axis = source == "motion"
-    fits = [_fit(view) for one in asked for view in _views(motors, one, vehicle, factors, by_axis=by_axis)]
+    views = [view for one in asked for view in _views(motors, one, vehicle, factors, by_axis=by_axis)]
+    fits = [fit for view in views if (fit := _fit(view)) is not None]
+    if not fits:
+        raise MissingDataError("what was asked of the motors holds numbers that no controller gives: damage")
     fit = max(fits, key=lambda one: one.explained)
     best, wrong = fit.best, fit.best != np.arange(len(names))
     ratio = float(fit.own.sum() / max(float(fit.found.sum()), 1e-300))
@@ -235,7 +238,8 @@ def _views(
         if whole:
             # What the firmware does about voltage and density is alike for all motors.
             wanted = expectation(due, factors)
-            wanted = wanted / wanted.mean(axis=1, keepdims=True)
+            with np.errstate(divide="ignore", invalid="ignore"):  # damage asks for nothing, or without end
+                wanted = wanted / wanted.mean(axis=1, keepdims=True)
         else:
             wanted = _scaled(got, due if by_axis else due / mean, factors)
         views.append(_View(got=got, wanted=wanted, whole=whole, blocks=blocks))
@@ -255,9 +259,13 @@ def _scaled(got: Floats, driving: Floats, factors: Floats) -> Floats:
     return np.asarray(1.0 + (driving * gain) @ factors.T)
 
 
-def _fit(view: _View) -> _Fit:
-    moved = view.moved
-    costs = np.sum((moved[:, :, None] - view.due[:, None, :]) ** 2, axis=0)
+def _fit(view: _View) -> _Fit | None:
+    """Return the best order; None where numbers are so large that their squares are none."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = view.moved
+        costs = np.sum((moved[:, :, None] - view.due[:, None, :]) ** 2, axis=0)
+    if not np.isfinite(costs).all():
+        return None
     best = _cheapest(costs)
     found = costs[np.arange(len(costs)), best]
     explained = float(1.0 - found.sum() / max(float(np.sum(moved**2)), 1e-300))

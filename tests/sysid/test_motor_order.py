@@ -162,3 +162,14 @@ def test_what_is_needed_is_said():
         motor_order(tables, Vehicle(), 0.0, SECONDS)
     with pytest.raises(MissingDataError, match="only"):
         motor_order(tables, vehicle, 0.0, 8.0)
+
+
+def test_numbers_that_no_controller_gives_are_damage():
+    """A flipped bit makes 0.01 to 1e200: three garbled logs in sixty ended in an error of the solver."""
+    vehicle = craft(QUAD_X)
+    tables = flown(vehicle, 1)
+    for name in ("out_roll", "out_thrust"):
+        rates = tables.rates.copy()
+        rates.iloc[400, rates.columns.get_loc(name)] = 1e200
+        with pytest.raises(MissingDataError, match="damage"):
+            motor_order(replace(tables, rates=rates), vehicle, 0.0, SECONDS)
