@@ -60,6 +60,9 @@ _TURNING, _SLOWEST_GYRO = 0.08, 0.05
 
 _AXES = ("roll", "pitch", "yaw")
 
+#: Largest output of a rate controller in any firmware's scale; beyond are flipped bits.
+_MOST_ASKED = 1e5
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorOrder:
@@ -171,7 +174,8 @@ def _asked(tables: Tables, start: float, stop: float) -> tuple[list[pd.DataFrame
             (thrust,) = tables.columns("rates", ["out_thrust"])
             known = dict(zip(_AXES, columns, strict=True))
             known |= {"thrust": thrust} if thrust.notna().sum() > 1 else {}
-            return [pd.DataFrame(known).loc[start - 1.0 : stop + 1.0].dropna()], "outputs"
+            rows = pd.DataFrame(known).loc[start - 1.0 : stop + 1.0]
+            return [rows[(rows.abs() <= _MOST_ASKED).all(axis=1)]], "outputs"
     if tables.imu is None:
         raise MissingDataError("the order of motors needs the rate controller's outputs (RATE)")
     return _accelerations(tables, start, stop), "motion"
@@ -238,8 +242,7 @@ def _views(
         if whole:
             # What the firmware does about voltage and density is alike for all motors.
             wanted = expectation(due, factors)
-            with np.errstate(divide="ignore", invalid="ignore"):  # damage asks for nothing, or without end
-                wanted = wanted / wanted.mean(axis=1, keepdims=True)
+            wanted = wanted / wanted.mean(axis=1, keepdims=True)
         else:
             wanted = _scaled(got, due if by_axis else due / mean, factors)
         views.append(_View(got=got, wanted=wanted, whole=whole, blocks=blocks))

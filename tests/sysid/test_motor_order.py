@@ -164,12 +164,14 @@ def test_what_is_needed_is_said():
         motor_order(tables, vehicle, 0.0, 8.0)
 
 
-def test_numbers_that_no_controller_gives_are_damage():
+@pytest.mark.parametrize("value", [1e30, 1e200, np.inf, np.nan])
+def test_a_number_that_no_controller_gives_costs_its_row_alone(value):
     """A flipped bit makes 0.01 to 1e200: three garbled logs in sixty ended in an error of the solver."""
     vehicle = craft(QUAD_X)
     tables = flown(vehicle, 1)
     for name in ("out_roll", "out_thrust"):
         rates = tables.rates.copy()
-        rates.iloc[400, rates.columns.get_loc(name)] = 1e200
-        with pytest.raises(MissingDataError, match="damage"):
-            motor_order(replace(tables, rates=rates), vehicle, 0.0, SECONDS)
+        rates.iloc[400, rates.columns.get_loc(name)] = value
+        found = motor_order(replace(tables, rates=rates), vehicle, 0.0, SECONDS)
+        assert found.explained > 0.95
+        assert not found.findings
