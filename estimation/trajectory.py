@@ -44,6 +44,10 @@ SIGMA_COLUMNS: Mapping[str, str] = {
 }
 
 
+#: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
+_POSITION_KNOWN = 25.0
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Trajectory(Summarised):
     """A flight as the estimator sees it."""
@@ -63,6 +67,23 @@ class Trajectory(Summarised):
     def inconsistency(self) -> str:
         """Why nothing may be concluded from it: the reason of `trajectory-inconsistent`; empty when it can be used."""
         return next((f.reason for f in self.findings if f.id == "trajectory-inconsistent"), "")
+
+    def unknown_position(self, start: float, stop: float) -> str:
+        """Explain why there is no motion to fit in a stretch of time; empty where the horizontal position is known.
+
+        Parameters
+        ----------
+        start, stop : float
+            s on the log's clock.
+        """
+        sigma = self.sigma.loc[start:stop]
+        largest = float((sigma["p_n"] ** 2 + sigma["p_e"] ** 2).max() ** 0.5)
+        if largest <= _POSITION_KNOWN:
+            return ""
+        return (
+            f"The horizontal position is not known (its 1-sigma grows to {largest:.0f} m), so there is no motion to "
+            "fit: the log has no usable GPS"
+        )
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""

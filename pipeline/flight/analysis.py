@@ -30,7 +30,7 @@ from pipeline.flight.workload import expected_seconds
 from pipeline.names import flight_name, printable
 from pipeline.results.coverage import Coverage
 from pipeline.results.failure import Failure, findings_of, present
-from pipeline.results.flight import POSITION_KNOWN, FlightResult, LogFacts, ModelResult, horizontal_sigma
+from pipeline.results.flight import FlightResult, LogFacts, ModelResult
 from pipeline.results.loops import FlightLoops
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
@@ -264,7 +264,7 @@ def _fit(
     thrust: sysid.ThrustModel | Failure = Failure("thrust", "no kind of model uses motor outputs")
     experiments: dict[str, sysid.Experiment] = {}
     models: list[ModelResult] = []
-    unfit = _unknown_position(trajectory, flight)
+    unfit = trajectory.unknown_position(flight.start, flight.stop)
     for kind in KINDS:
         record = _record(kind, log, trajectory, sound, config, name, experiments.values(), stages)
         log.tables.release()
@@ -383,17 +383,6 @@ def _motors(log: FlightLog, tables: Tables, sound: Span) -> _Motors:
             with suppress(MissingDataError):
                 beside.append(steady_trims(tables, vehicle, other.start, other.stop))
     return order, trims, weak_from_start(trims, [each for each in beside if each is not None])
-
-
-def _unknown_position(trajectory: estimation.Trajectory, flight: Span) -> str:
-    """Explain why no model of the motion can be fitted; empty when the position is known."""
-    sigma = horizontal_sigma(trajectory, flight)
-    if sigma <= POSITION_KNOWN:
-        return ""
-    return (
-        f"The horizontal position is not known (its 1-sigma grows to {sigma:.0f} m), so there is no motion to fit: "
-        "the log has no usable GPS"
-    )
 
 
 def _sha256(path: Path) -> str:

@@ -17,7 +17,6 @@ from pipeline.flight.excitation import excitation_of
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.flight.log_health import log_health
 from pipeline.results.coverage import MAP, QUANTITIES, Cell, Coverage, Distribution, LoggedRate, TimeMap, Wind
-from pipeline.results.flight import POSITION_KNOWN, horizontal_sigma
 from sysid.records.context import resample_frame, shared_context
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
@@ -77,7 +76,7 @@ def measure(
         "tilt": np.arccos(np.clip(np.cos(context["roll"]) * np.cos(context["pitch"]), -1.0, 1.0)).to_numpy(),
         "yaw_rate": np.abs(context["w_z"].to_numpy()),
     }
-    if horizontal_sigma(trajectory, flight) > POSITION_KNOWN:
+    if trajectory.unknown_position(flight.start, flight.stop):
         series["ground_speed"][:] = np.nan  # what inertial navigation alone drifted to
         missing["ground_speed"] = "the horizontal position is not known"
     if not np.isfinite(series["density"]).any():

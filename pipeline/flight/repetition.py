@@ -5,11 +5,12 @@ from dataclasses import replace
 
 from logparse import Finding
 
-#: What the trajectory says is missing, by what checking the log has said of the same sensor.
+#: What trajectory and records say is missing, by what was said of the same sensor before.
 _SAID_BEFORE = {
     "no-gps": frozenset(("no-gps", "gps-no-fix")),
     "no-magnetometer": frozenset(("no-mag",)),
     "no-baro": frozenset(("no-baro",)),
+    "position-unknown": frozenset(("no-gps", "gps-no-fix", "position-unknown")),
 }
 
 

@@ -32,10 +32,6 @@ if TYPE_CHECKING:
     from sysid.rotors.steady_trims import SteadyTrims
 
 
-#: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
-POSITION_KNOWN = 25.0
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogFacts:
     """What the file is, whether or not anything could be identified from it."""
@@ -207,10 +203,7 @@ class FlightResult(Summarised):
         """Whether there is a horizontal position, and not only what inertial navigation without GPS drifted to."""
         if isinstance(self.trajectory, Failure):
             return False
-        return horizontal_sigma(self.trajectory, present(self.flight)) <= POSITION_KNOWN
-
-
-def horizontal_sigma(trajectory: Trajectory, span: Span | None) -> float:
-    """Return the largest horizontal 1-sigma of position in a stretch of time, m."""
-    sigma = trajectory.sigma if span is None else trajectory.sigma.loc[span.start : span.stop]
-    return float((sigma["p_n"] ** 2 + sigma["p_e"] ** 2).max() ** 0.5)
+        span = present(self.flight)
+        t = self.trajectory.states.index
+        start, stop = (t[0], t[-1]) if span is None else (span.start, span.stop)
+        return not self.trajectory.unknown_position(start, stop)

@@ -32,6 +32,9 @@ ABOVE_ROUNDING = 2.0
 #: Input sets that are the sums of several signals: one of them missing is all missing.
 _WHOLE = ("mixer", "rate_outputs", "reference", "velocity_reference")
 
+#: Finding of a record whose horizontal motion was not measured.
+POSITION_UNKNOWN = "position-unknown"
+
 OUTPUTS = ("position", "velocity")
 FRAMES = ("earth", "heading")
 
@@ -99,6 +102,16 @@ def record_flight(
                 f"({context['density'].mean():.3f} kg/m^3)",
                 "log the barometer (BARO, or SCALED_PRESSURE in telemetry)",
                 {"density": float(context["density"].mean())},
+            )
+        )
+    unknown = trajectory.unknown_position(start, stop)
+    if unknown:
+        more.append(
+            Finding(
+                POSITION_UNKNOWN,
+                Severity.WARNING,
+                f"{unknown}.",
+                "Wait for a 3-D fix before take-off, and log GPS; height, attitude and rates are known without.",
             )
         )
     if inputs in ("motors", "mixer"):

@@ -10,6 +10,7 @@ import numpy as np
 
 from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.records.flight_record import POSITION_UNKNOWN
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY, reference_voltage
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
@@ -85,7 +86,8 @@ def fit_rigid_body(
     Raises
     ------
     ExperimentError
-        When the records are not alike or not of the kind, or too short, or a prior is none of the parameters'.
+        When the records are not alike or not of the kind, or too short, or their position is not known, or a prior is
+        none of the parameters'.
     MissingDataError
         Without attitude.
     """
@@ -96,6 +98,9 @@ def fit_rigid_body(
     unknown = set(priors or {}) - set(THETA)
     if unknown:
         raise ExperimentError(f"no such parameter: {', '.join(sorted(unknown))}; there are {', '.join(THETA)}")
+    lost = next((f for record in records for f in record.findings if f.id == POSITION_UNKNOWN), None)
+    if lost is not None:
+        raise ExperimentError(f"{lost.reason.rstrip('.')}; fit_thrust tells the thrust without")
     vehicle, findings = vehicle_of(records[0])
     voltage = reference_voltage(records)
     findings += [*_motor_outputs(records, vehicle), *_gaps(records, vehicle, mass, voltage)]
