@@ -36,6 +36,17 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
             )
         )
     for log in logs:
+        if log.tables.motors is None or not len(log.tables.motors):
+            findings.append(
+                Finding(
+                    "saturation-unchecked",
+                    Severity.INFO,
+                    f"{log.path.name} has no motor outputs: whether motors were at their limits, which makes gains "
+                    "too small, is not known.",
+                    "Log RCOU: bit 10 (RCOUT) of LOG_BITMASK on ArduCopter.",
+                )
+            )
+            continue
         share = share_at_limits(log, records)
         if share > _SATURATED:
             findings.append(
@@ -71,7 +82,7 @@ def reversed_answer(frf: FrequencyResponse) -> list[Finding]:
 def share_at_limits(log: FlightLog, records: Sequence[AxisRecord]) -> float:
     """Return the part of a log's records in which a motor was at its lowest or highest output."""
     motors = log.tables.motors
-    if motors is None or not len(motors):
+    if motors is None:
         return 0.0
     t = motors.index.to_numpy(np.float64)
     within = np.zeros(len(t), dtype=bool)

@@ -193,6 +193,9 @@ def test_motors_at_their_limits_are_said(tmp_path: Path) -> None:
     write_rate_log(tmp_path / "hard.BIN", {"roll": run_axis(PLANT, gains, strong, 5)}, motors=motors)
     frf = frequency.response(logparse.read_log(tmp_path / "hard.BIN"), "roll")
     assert "motors-at-limits" in {finding.id for finding in frf.findings}
+    write_rate_log(tmp_path / "blind.BIN", {"roll": run_axis(PLANT, gains, strong, 5)}, rate=100.0)
+    frf = frequency.response(logparse.read_log(tmp_path / "blind.BIN"), "roll")
+    assert "saturation-unchecked" in {finding.id for finding in frf.findings}, "without RCOU nothing shows it"
 
 
 def test_half_of_a_chirp_lost_gives_what_is_left_or_says_why_not(tmp_path: Path) -> None:
