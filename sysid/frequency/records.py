@@ -26,6 +26,10 @@ _HOLE = 2.5
 #: part of the rows that is lost: 1 for its own row, twice 0.6 squared for its neighbours.
 _SCATTERED, _KICK_VARIANCE = 10.0, 1.7
 
+#: Part of the rows beyond which those lost one by one leave no response: with a third lost, gains that looked good were
+#: up to 29 % off.
+_MOST_LOST = 0.2
+
 #: Ratio of frequencies that a chirp passes within a hole from which on they are missing.
 _SKIPPED = 1.15
 
@@ -204,6 +208,7 @@ def record_of_chirp(
     The instrument is not taken from the same rows: where some are lost, what that adds to command and answer, at all
     frequencies, must not be in it.
     """
+    _refuse_scattered(log, t)
     clock, values, usable = on_uniform_clock(t, [command, answer])
     table = log.tables.systemid
     assert table is not None
@@ -340,6 +345,7 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         instrument, name = known[axis.reference], "rate target"
     else:
         instrument, name = known[axis.input], ""
+    _refuse_scattered(log, t)
     others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
     clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], instrument, *others])
     if target is not None:  # not from the rows that may be lost, as in `record_of_chirp`
@@ -362,14 +368,35 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     )
 
 
+def _lost_one_by_one(t: Floats) -> float:
+    """Return how many rows are missing one by one for each that is there."""
+    steps = np.diff(t) / float(np.median(np.diff(t)))
+    return float(np.sum(np.rint(steps[(steps > 1.5) & (steps < _SCATTERED)]) - 1.0)) / len(t)
+
+
+def _refuse_scattered(log: FlightLog, t: Floats) -> None:
+    """Refuse rows of which too many are missing one by one.
+
+    Raises
+    ------
+    FrequencyError
+        With the part that is missing.
+    """
+    lost = _lost_one_by_one(t) if len(t) > 1 else 0.0
+    if lost > _MOST_LOST * (1.0 + lost):
+        raise FrequencyError(
+            f"{log.path.name}: {100.0 * lost / (1.0 + lost):.0f} % of the rows are lost one by one, and what is left "
+            "misleads; use a faster card, or log fewer messages (LOG_BITMASK)"
+        )
+
+
 def _of_lost_rows(t: Floats, command: Floats) -> float:
     """Return the common error of a response whose command comes in kicks, of which some rows are missing.
 
     A kick as short as a row counts for nothing where its row is lost, and for about 1.6 times as much where its
     neighbour is, which the spline makes of it; on an average over all kicks that is nothing, but kicks are few.
     """
-    steps = np.diff(t) / float(np.median(np.diff(t)))
-    lost = float(np.sum(np.rint(steps[(steps > 1.5) & (steps < _SCATTERED)]) - 1.0)) / len(t)
+    lost = _lost_one_by_one(t)
     moved = command - np.mean(command)
     kicks = float(np.sum(moved**2) ** 2 / max(np.sum(moved**4), 1e-300))
     return float(np.sqrt(_KICK_VARIANCE * min(lost, 1.0) / max(kicks, 1.0)))

@@ -137,6 +137,17 @@ def test_rows_lost_one_by_one_leave_a_chirp_right(tmp_path: Path) -> None:
     assert frequency.fit(frf).parameters["gain"].value == pytest.approx(PLANT.gain, rel=0.05)
 
 
+def test_a_third_of_the_rows_lost_is_too_much(tmp_path: Path) -> None:
+    write_rate_log(tmp_path / "lossy.BIN", {"roll": run_axis(PLANT, GAINS, CHIRP, 6)}, rate=100.0)
+    log = logparse.read_log(tmp_path / "lossy.BIN")
+    rows = log.messages["RATE"]
+    kept = rows[np.random.default_rng(3).random(len(rows)) > 0.35]
+    kept.attrs = rows.attrs
+    log.messages._frames["RATE"] = kept
+    with pytest.raises(frequency.FrequencyError, match="% of the rows are lost one by one"):
+        frequency.response(log, "roll")
+
+
 def test_a_rate_with_the_wrong_sign_is_named(tmp_path: Path) -> None:
     run = run_axis(PLANT, GAINS, CHIRP, 6)
     write_rate_log(tmp_path / "turned.BIN", {"roll": replace(run, measured=-run.measured)}, rate=100.0)
