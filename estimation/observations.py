@@ -99,6 +99,10 @@ class Observations:
         kept = ~np.isin(self.kind, kinds) | ((self.t >= start) & (self.t <= stop))
         return self._chosen(np.flatnonzero(kept), self.t)
 
+    def without(self, kind: int) -> "Observations":
+        """Leave out the groups of one kind."""
+        return self._chosen(np.flatnonzero(self.kind != kind), self.t)
+
     def _chosen(self, groups: np.ndarray, t: np.ndarray) -> "Observations":
         """Keep some groups in the order given; `t` (g,) are the times of all."""
         count = np.diff(self.start)[groups]

@@ -106,8 +106,8 @@ def _aligned(
     """Align one piece of one IMU."""
     number, samples = piece
     signal = InertialSignal.of(samples, tables.parameters, (noise.gyro, noise.accel))
-    field = place.field.ned if place.field and not place.compass_stuck else None
-    aligned = align(tables, samples, place.frame, field, noise, heading_known=not place.compass_stuck)
+    field = place.field.ned if place.field and not place.compass_useless else None
+    aligned = align(tables, samples, place.frame, field, noise, heading_known=not place.compass_useless)
     segment = Segment(number, samples, signal, aligned)
     if aligned.yaw_source != "unknown" or place.frame is None:
         return segment

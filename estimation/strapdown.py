@@ -10,6 +10,7 @@ import pandas as pd
 from estimation import _kernels
 from estimation.admission import PASSES, admit
 from estimation.alignment import Alignment, carried_over, with_priors
+from estimation.compass import Turn, compass_turn, turned_compass
 from estimation.consistency import innovation_statistics
 from estimation.filter import Filtered, Problem, World, assemble, new_memory, run, ticks
 from estimation.findings import gps_troubles, imu_holes, missing_sensors, other_imu, stuck_magnetometer
@@ -59,6 +60,53 @@ class _Estimated:
     rows: _Rows
 
 
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """What is known of a log before it is estimated: its segments, and settings for their sensors."""
+
+    observations: Observations  #: At the times that their tables give.
+    found: list[Segment]
+    tuned: Tuned
+
+    @classmethod
+    def of(cls, tables: Tables, place: Surroundings, noise: SensorNoise) -> "_Known":
+        observations = observe(tables, place.frame, noise)
+        found = find_segments(tables, place, observations, noise)
+        if not found:
+            raise MissingDataError(
+                f"the log has no {SHORTEST_SEGMENT:g} s of IMU samples without a hole: it is too short, or the logger "
+                "lost most of it (a faster card or fewer messages help)"
+            )
+        longest = _longest(found)
+        return cls(observations, found, tune(longest.signal, observations, longest.aligned, place.world, noise))
+
+
+def _longest(found: list[Segment]) -> Segment:
+    return max(found, key=lambda segment: segment.length)
+
+
+def _find_turn(known: _Known, tables: Tables, place: Surroundings, noise: SensorNoise) -> Turn | None:
+    """Return the turn of a compass of which there is no doubt, else None.
+
+    Settings that were found with a turned compass are those of worse sensors than the log has. So where they raise a
+    suspicion, others are found without.
+    """
+    if tables.mag is None or place.field is None:
+        return None
+
+    def turn_of(which: _Known, tuned: Tuned) -> Turn | None:
+        segment, seen = _longest(which.found), tuned.in_time(known.observations)
+        return compass_turn(segment.signal, seen, segment.aligned, place.world, field, which.tuned, noise)
+
+    field = place.field.ned
+    turn = turn_of(known, known.tuned)
+    if turn is None or not turn.suspected:
+        return None
+    free = _Known.of(replace(tables, mag=None), replace(place, compass_useless=True), noise)
+    turn = turn_of(free, replace(free.tuned, lags={"mag": known.tuned.lags["mag"], **free.tuned.lags}))
+    return turn if turn is not None and turn.certain else None
+
+
 def estimate_strapdown(
     tables: Tables,
     *,
@@ -72,18 +120,16 @@ def estimate_strapdown(
     """Filter and smooth every segment of the IMU; parameters as in `estimation.estimate`."""
     place = Surroundings.of(tables, date)
     mag = usable_field(tables.mag) is not None
-    if place.field is None or place.compass_stuck:
+    findings = stuck_magnetometer() if place.compass_useless else []
+    if place.field is None or place.compass_useless:
         tables = replace(tables, mag=None)
-    observations = observe(tables, place.frame, noise)
-    found = find_segments(tables, place, observations, noise)
-    if not found:
-        raise MissingDataError(
-            f"the log has no {SHORTEST_SEGMENT:g} s of IMU samples without a hole: it is too short, or the logger lost "
-            "most of it (a faster card or fewer messages help)"
-        )
-    longest = max(found, key=lambda segment: segment.length)
-    tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)
-    observations = tuned.in_time(observations)
+    known = _Known.of(tables, place, noise)
+    turn = _find_turn(known, tables, place, noise)
+    if turn is not None and tables.mag is not None and not turn.exchanged:
+        tables = replace(tables, mag=turn.undone(tables.mag))
+        known = _Known.of(tables, place, noise)
+    found, tuned = known.found, known.tuned
+    observations = tuned.in_time(known.observations)
     span = (-np.inf if start is None else start, np.inf if stop is None else stop)
     done = [
         e for e in _estimate_all(found, span, rate, observations, place.world, noise, tuned, smoothed) if e.rows.t.size
@@ -91,24 +137,27 @@ def estimate_strapdown(
     if not done:
         raise ValueError(f"the log has no IMU samples between start = {start} and stop = {stop} s")
     fixes = usable_fixes(tables.gps)
-    findings = missing_sensors(
+    findings += missing_sensors(
         gps=fixes is not None and len(fixes) >= FEWEST_FIXES, mag=mag, baro=usable(tables.baro, ["alt"]) is not None
     )
-    findings += stuck_magnetometer() if place.compass_stuck else []
     findings += imu_holes([segment.samples for segment in found])
     for segment in found:
         findings += other_imu(segment.imu, segment.gain, segment.samples)
     for estimated in done:
         findings += gps_troubles(estimated.filtered)
     diagnostics = _diagnostics(tables, done, place, tuned)
-    doubts = doubtful_sensors(innovation_statistics([e.filtered for e in done]))
+    doubts = [turned_compass(turn)] if turn is not None else []
+    doubts += doubtful_sensors(innovation_statistics([e.filtered for e in done]))
     doubts += missed_steps([e.filtered.shocks for e in done], sum(e.segment.length for e in done))
     doubts += late_sensors(tuned.lags)
     lag = tuned.lags.get("gps", 0.0)
     rows = [e.rows for e in done]
     # What comes now is as large as the IMU's samples, which nobody needs any more.
-    del found, longest, segment, estimated, done
+    del found, known, segment, estimated, done
     tables.release()
+    if turn is not None:
+        for each in rows:
+            each.estimates.covariance[:, 2, 2, 2] += turn.sigma**2
     states, sigma = _frames(rows)
     doubts += impossible_biases(states)
     if place.origin is not None:

@@ -17,13 +17,13 @@ STANDARD_GRAVITY = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Where the log was flown, as far as it is known, and whether its compass measured anything."""
+    """Where the log was flown, as far as it is known, and whether its compass is of any use."""
 
     origin: Geodetic | None
     frame: LocalFrame | None
     field: MagneticField | None
     world: World
-    compass_stuck: bool
+    compass_useless: bool  #: Nor is then the heading that the autopilot took from it.
 
     @classmethod
     def of(cls, tables: Tables, date: datetime | None) -> "Surroundings":

@@ -96,6 +96,13 @@ class Tuned:
         return observations
 
 
+def window(signal: InertialSignal) -> tuple[float, float]:
+    """Return the span of the flight that is looked at, s; it begins where the craft first turns."""
+    moving = signal.beyond(GYRO_MOVING)
+    begin = float(signal.t[np.argmax(moving)] - signal.gyro_delay if moving.any() else signal.start)
+    return begin, begin + WINDOW
+
+
 def tune(
     signal: InertialSignal, observations: Observations, aligned: Alignment, world: World, noise: SensorNoise
 ) -> Tuned:
@@ -103,8 +110,7 @@ def tune(
 
     Parameters are those of `filter.assemble`; `aligned` is the start.
     """
-    moving = signal.beyond(GYRO_MOVING)
-    stop = WINDOW + float(signal.t[np.argmax(moving)] - signal.gyro_delay if moving.any() else signal.start)
+    _, stop = window(signal)
 
     def lay_out(observations: Observations) -> Problem:
         return assemble(

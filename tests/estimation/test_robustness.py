@@ -147,6 +147,36 @@ def test_a_stuck_magnetometer_is_not_believed(flight, truth):
     assert np.degrees(compare(result, truth).yaw) < 1.0
 
 
+def turned_by(tables, degrees):
+    """Turn the compass about the body's down axis, clockwise from above."""
+    mag = tables.mag.copy()
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    mag[["mag_x", "mag_y"]] = mag[["mag_x", "mag_y"]].to_numpy() @ np.array([[c, s], [-s, c]])
+    return replace(tables, mag=mag)
+
+
+@pytest.mark.parametrize("degrees", [30.0, -20.0])
+def test_a_turned_compass_is_set_right(flight, truth, degrees):
+    """The filter tilted the craft until compass and GPS agreed, and nothing was said of the compass."""
+    result = estimate(turned_by(flight.tables, degrees), rate=10.0)
+    assert [f.id for f in result.findings] == ["compass-turned"]
+    evidence = result.findings[0].evidence
+    assert evidence["turn_deg"] == pytest.approx(degrees, abs=3.0 * evidence["sigma_deg"])
+    assert np.degrees(compare(result, truth).yaw) < 1.0
+    assert max(nees(result, truth).values()) < 2.5
+
+
+def test_exchanged_axes_are_no_turn(flight):
+    """At a right angle the axes of compass or IMU are exchanged, and which of the two is not known."""
+    assert estimate(turned_by(flight.tables, 90.0), rate=10.0).inconsistency
+
+
+def test_a_compass_that_nothing_contradicts_is_believed():
+    """A craft that only stands shows no heading of its own."""
+    tables = turned_by(fly(4, duration=40.0, still=40.0).tables, 30.0)
+    assert "compass-turned" not in [f.id for f in estimate(tables, rate=10.0).findings]
+
+
 def test_a_wrong_start_is_recovered_from(flight, truth, clean):
     """The attitude at the start is far off and the craft already flies: a gate would lock itself out."""
     names = ("imu", "gps", "baro", "mag", "attitude")

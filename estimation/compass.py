@@ -1,0 +1,208 @@
+"""Does the compass point where GPS and IMU say that north is.
+
+A craft that accelerates shows its heading without a compass: the receiver's velocities change along north and east, the
+accelerometer feels it along the body's axes. A compass that was turned on its mount does not simply contradict that:
+the filter tilts the craft until all agree, each a little wrong. So the beginning of the flight is filtered again
+without it, and its readings are laid over the attitude that comes of this.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from estimation import _kernels
+from estimation.alignment import Alignment, turned, with_priors
+from estimation.attitude import euler_from_quat, matrix_from_quat
+from estimation.filter import COARSE, Problem, World, assemble, run
+from estimation.observations import Observations
+from estimation.smoother import smooth
+from estimation.states import ATTITUDE, FIELD, HARD_IRON, SensorNoise
+from estimation.timing import InertialSignal
+from estimation.trust import inconsistent
+from estimation.tuning import Tuned, relinearised, settled, window
+from logparse import Finding, Severity
+
+#: A compass is set right if it is turned by more than this, rad, and so many times what is known of it ...
+TURNED, CERTAIN = np.radians(8.0), 4.0
+#: ... and looked at closely if by so many times.
+SUSPECTED = 2.0
+#: One turned by more, rad, is no matter of its mount: axes or signs are exchanged, of compass or IMU, and which of the
+#: two is not known, so that the trajectory is withdrawn. Readings that scatter as much show no turn.
+EXCHANGED = np.radians(60.0)
+#: What is known of the heading to begin with, without a compass, rad.
+HEADING_UNKNOWN = 1.0
+#: Passes until the heading about which the filter is linearised settles.
+PASSES = 4
+#: Readings nearer to each other than this, s, are not looked at; errors last for at least the second.
+STEP, LASTING = 0.2, 1.0
+FEWEST = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """By how much the compass is turned about the craft's down axis, clockwise from above."""
+
+    angle: float  #: rad
+    sigma: float  #: 1-sigma of the angle, rad.
+    spread: float  #: Root mean square of what turn and hard iron leave of the readings' directions, rad.
+
+    @property
+    def suspected(self) -> bool:
+        """Whether it deserves a closer look."""
+        return bool(abs(self.angle) > max(TURNED, SUSPECTED * self.sigma))
+
+    @property
+    def certain(self) -> bool:
+        """Whether it is turned.
+
+        A turn that leaves more than it explains is none: then attitude or compass err in another way.
+        """
+        explained = self.spread < min(abs(self.angle), EXCHANGED)
+        return bool(explained and abs(self.angle) > max(TURNED, CERTAIN * self.sigma))
+
+    @property
+    def exchanged(self) -> bool:
+        """Whether axes must be exchanged, of the compass or of the IMU."""
+        return bool(abs(self.angle) > EXCHANGED)
+
+    def undone(self, mag: pd.DataFrame) -> pd.DataFrame:
+        """Return the readings of a compass that is not turned."""
+        level = (mag["mag_x"] + 1j * mag["mag_y"]).to_numpy() * np.exp(-1j * self.angle)
+        return mag.assign(mag_x=level.real, mag_y=level.imag)
+
+
+def compass_turn(
+    signal: InertialSignal,
+    observations: Observations,
+    aligned: Alignment,
+    world: World,
+    field: np.ndarray,
+    tuned: Tuned,
+    noise: SensorNoise,
+) -> Turn | None:
+    """Find the turn of the compass against the heading that all other sensors give; None where there is too little.
+
+    Parameters
+    ----------
+    observations : Observations
+        At the times that were found.
+    field : ndarray, shape (3,)
+        World magnetic field, NED, T.
+    tuned : Tuned
+        Settings, with or without the compass.
+    noise : SensorNoise
+        Settings that the start `aligned` was made with.
+    """
+    begin, stop = window(signal)
+    seen = observations.between(max(begin, signal.start), min(stop, signal.stop))
+    readings = np.flatnonzero((seen.kind == _kernels.MAG) & (np.diff(seen.start) == 3))
+    readings = readings[np.unique(np.floor(seen.t[readings] / STEP), return_index=True)[1]]
+    # Rows of the filter, of which the first is its start.
+    readings = readings[np.diff(seen.t[readings], prepend=signal.start) > 0.5 * STEP]
+    if readings.size < FEWEST:
+        return None
+    t = seen.t[readings]
+    problem = _without_compass(signal, observations, aligned, world, tuned, noise, t, stop)
+    for _ in range(PASSES):
+        result = run(problem)
+        before, x = problem.x, relinearised(problem, result, levelled=aligned.levelled)
+        if settled(before, x):
+            break
+        problem = replace(problem, x=x)
+    smoothed = smooth(problem, result)
+    attitude = matrix_from_quat(smoothed.x[1:, 6:10])
+    yaw_sigma = float(np.sqrt(np.median(smoothed.covariance[1:, ATTITUDE + 2, ATTITUDE + 2])))
+    measured = seen.z[seen.start[readings][:, None] + np.arange(3)]
+    turn = _fitted(measured, np.einsum("nji,j->ni", attitude, field), noise, len(t) / max(np.ptp(t), LASTING))
+    return replace(turn, sigma=float(np.hypot(turn.sigma, yaw_sigma)))
+
+
+def _without_compass(
+    signal: InertialSignal,
+    observations: Observations,
+    aligned: Alignment,
+    world: World,
+    tuned: Tuned,
+    noise: SensorNoise,
+    t: np.ndarray,
+    stop: float,
+) -> Problem:
+    """Lay out the beginning of the flight without compass, with rows at the start and at times t."""
+    start = with_priors(aligned, noise, tuned.noise)
+    start = turned(start, float(euler_from_quat(start.x[6:10])[2]), HEADING_UNKNOWN)
+    P = start.P.copy()
+    for block in (HARD_IRON, FIELD):
+        P[block : block + 3] = P[:, block : block + 3] = 0.0
+    outputs = np.concatenate([[signal.start], t])
+    return assemble(
+        signal,
+        observations.without(_kernels.MAG),
+        outputs,
+        start.x,
+        P,
+        world,
+        tuned.noise,
+        white_scale=tuned.white_scale,
+        imu_scale=tuned.imu_scale,
+        stop=stop,
+        finest=COARSE,
+    )
+
+
+def _fitted(measured: np.ndarray, expected: np.ndarray, noise: SensorNoise, rate: float) -> Turn:
+    """Fit a turn about the body's down axis and a hard iron to readings, shape (n, 3), of which `rate` come a second.
+
+    A craft that never turns cannot tell one from the other but by the hard iron's size (`SensorNoise.hard_iron`).
+    """
+    m, z = (v[:, 0] + 1j * v[:, 1] for v in (expected, measured))
+    angle, iron = float(np.angle(np.sum(z * m.conj()))), 0.0 + 0.0j
+    for _ in range(PASSES):
+        turned_field = m * np.exp(1j * angle)
+        left = z - turned_field - iron
+        scale = max(noise.mag, 1.4826 * float(np.median(np.abs(np.concatenate([left.real, left.imag])))))
+        weight = np.minimum(1.0, 2.0 * scale / np.maximum(np.abs(left), scale)) / scale**2 / max(rate * LASTING, 1.0)
+        slope = 1j * turned_field
+        H = np.array(
+            [
+                [np.sum(weight * np.abs(slope) ** 2), np.sum(weight * slope.real), np.sum(weight * slope.imag)],
+                [np.sum(weight * slope.real), np.sum(weight) + noise.hard_iron**-2, 0.0],
+                [np.sum(weight * slope.imag), 0.0, np.sum(weight) + noise.hard_iron**-2],
+            ]
+        )
+        prior = iron * noise.hard_iron**-2
+        g = np.array(
+            [
+                np.sum(weight * (slope.conj() * left).real),
+                np.sum(weight * left.real) - prior.real,
+                np.sum(weight * left.imag) - prior.imag,
+            ]
+        )
+        step = np.linalg.solve(H, g)
+        angle, iron = angle + float(step[0]), iron + complex(step[1], step[2])
+    left = np.angle((z - iron) * m.conj() * np.exp(-1j * angle))
+    return Turn(
+        float(np.angle(np.exp(1j * angle))),
+        float(np.sqrt(np.linalg.inv(H)[0, 0])),
+        float(np.sqrt(np.mean(left**2))),
+    )
+
+
+def turned_compass(turn: Turn) -> Finding:
+    """Report a compass that is turned: set right, or what withdraws the trajectory."""
+    degrees, sigma = float(np.degrees(turn.angle)), float(np.degrees(turn.sigma))
+    evidence = {"turn_deg": degrees, "sigma_deg": sigma}
+    shown = (
+        f"a heading {abs(degrees):.0f} ± {sigma:.0f} degrees {'left' if degrees > 0.0 else 'right'} of the one that "
+        "GPS and IMU show when the craft accelerates"
+    )
+    if turn.exchanged:
+        return inconsistent(f"the compass shows {shown}, as if its axes or the IMU's were exchanged", evidence)
+    return Finding(
+        "compass-turned",
+        Severity.WARNING,
+        f"The compass shows {shown}: it is turned back by so much.",
+        "Look at how compass and autopilot are mounted (COMPASS_ORIENT, AHRS_ORIENTATION), and at currents and iron "
+        "near the compass; calibrate it again.",
+        evidence,
+    )
