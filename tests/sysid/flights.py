@@ -35,6 +35,8 @@ def made(tables=None, vehicle=None, flight=(10.0, 50.0), north=None, east=None, 
     heading = yaw(t) if callable(yaw) else zero + yaw
     states |= {"q_w": np.cos(heading / 2.0), "q_z": np.sin(heading / 2.0)}
     sigma = frame(t, **{f"phi_{axis}": np.full_like(t, 1e-3) for axis in "ned"})
-    trajectory = SimpleNamespace(states=frame(t, **states), sigma=sigma, origin=None, inconsistency="")
+    trajectory = SimpleNamespace(
+        states=frame(t, **states), sigma=sigma, origin=None, inconsistency="", unknown_position=lambda start, stop: ""
+    )
     interval = flight and SimpleNamespace(start=flight[0], stop=flight[1])
     return Log(tables or Tables(), interval, vehicle=vehicle), trajectory
