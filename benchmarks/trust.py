@@ -16,7 +16,7 @@ import pandas as pd
 
 from estimation import Trajectory, errors, estimate
 from estimation.attitude import quat_from_euler
-from estimation.consistency import GROUPS
+from estimation.consistency import nees_of
 from logparse import FlightLog, MissingDataError, read_log
 
 LOGS = Path("../shared/logs")
@@ -56,19 +56,6 @@ def errors_from(trajectory: Trajectory, truth: pd.DataFrame) -> pd.DataFrame:
     error = errors(trajectory, truth)
     error[["p_n", "p_e", "p_d"]] -= error[["p_n", "p_e", "p_d"]].median()
     return error
-
-
-def nees_of(trajectory: Trajectory, error: pd.DataFrame) -> dict[str, float]:
-    """Mean normalised squares of errors, each group against its covariance block, 1 where sigmas are honest."""
-    t = trajectory.states.index.to_numpy(float)
-    row = np.clip(np.searchsorted(t, error.index.to_numpy(float)), 0, len(t) - 1)
-    found = {}
-    for k, (name, columns) in enumerate(GROUPS.items()):
-        e = error[list(columns)].to_numpy(float)
-        known = np.isfinite(e).all(axis=1)
-        weighted = np.linalg.solve(trajectory.covariance[row[known], k], e[known][:, :, None])[:, :, 0]
-        found[name] = float(np.mean((e[known] * weighted).sum(axis=1)) / 3.0) if known.any() else float("nan")
-    return found
 
 
 def squares_of(error: pd.DataFrame) -> dict[str, float]:
@@ -133,7 +120,15 @@ def run() -> list[Row]:
             continue
         error = errors_from(trajectory, truth)
         honest = nees_of(trajectory, error)
-        rows.append((f"{name}: NEES", ", ".join(f"{v:.2f}" for v in honest.values()), "", "", "0.2-2, -, < 1.5"))
+        rows.append(
+            (
+                f"{name}: NEES",
+                ", ".join(f"{group} {value:.2f}" for group, value in honest.items()),
+                "",
+                "",
+                "0.2-2, -, < 1.5",
+            )
+        )
         if (ekf := autopilots(log, trajectory)) is not None:
             ours.append(squares_of(error))
             theirs.append(squares_of(errors_from(ekf, truth)))

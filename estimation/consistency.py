@@ -126,7 +126,11 @@ def nees(trajectory: Trajectory, truth: pd.DataFrame) -> dict[str, float]:
 
     Position, velocity and attitude each against their 3 x 3 covariance block.
     """
-    error = errors(trajectory, truth)
+    return nees_of(trajectory, errors(trajectory, truth))
+
+
+def nees_of(trajectory: Trajectory, error: pd.DataFrame) -> dict[str, float]:
+    """Compute `nees` of errors that are known already, of the groups of which some row is known."""
     covariance = trajectory.covariance
     t = trajectory.states.index.to_numpy(float)
     row = np.clip(np.searchsorted(t, error.index.to_numpy(float)), 0, len(t) - 1)

@@ -17,6 +17,7 @@ from simulation.errors import ParameterError
 from simulation.outcome import Fact, Outcome, Plot
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import read_parameter_file
+from sysid.loops.settings import AXES
 
 #: A survey quadcopter of 2 kg: how each axis answers the mixer.
 _PLANTS = {
@@ -30,7 +31,6 @@ _GAINS = {
     "pitch": LoopGains(P=0.1, I=0.1, D=0.002),
     "yaw": LoopGains(P=0.25, I=0.025, D=0.0, FLTE=20.0, FLTD=0.0, angle_P=3.0),
 }
-_LETTERS = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
 #: Length of a chirp and of the hover before, between and after [s], and frequencies from and to [Hz].
 _CHIRP, _PAUSE, _BAND = 28.0, 6.0, (0.5, 40.0)
 _MARGINS = {
@@ -115,7 +115,7 @@ def _facts(axis: str, plant: AxisPlant, gains: LoopGains) -> tuple[Fact, ...]:
     hz = np.geomspace(0.1, 150.0, 6000)
     true = margins_of(hz, true_loop(plant, gains, hz))
     values = settings_of(plant, gains, axis).parameters()
-    flown = ", ".join(f"{term} {values[f'ATC_RAT_{_LETTERS[axis]}_{term}']:.4g}" for term in "PID")
+    flown = ", ".join(f"{term} {values[f'ATC_RAT_{AXES[axis]}_{term}']:.4g}" for term in "PID")
     margins = tuple(
         Fact(f"{axis}: {words}", float(getattr(true, field)[0]), unit) for field, (words, unit) in _MARGINS.items()
     )
@@ -142,8 +142,8 @@ def _set(changes: Mapping[str, float]) -> tuple[float, dict[str, LoopGains]]:
     """Return the corner of the gyro filter and the gains of each axis with some parameters changed."""
     filter_hz = next(iter(_PLANTS.values())).filter_hz
     gains = dict(_GAINS)
-    fields = {f"ATC_RAT_{letters}_{term}": (axis, term) for axis, letters in _LETTERS.items() for term in TERMS}
-    fields |= {f"ATC_ANG_{letters}_P": (axis, "angle_P") for axis, letters in _LETTERS.items()}
+    fields = {f"ATC_RAT_{letters}_{term}": (axis, term) for axis, letters in AXES.items() for term in TERMS}
+    fields |= {f"ATC_ANG_{letters}_P": (axis, "angle_P") for axis, letters in AXES.items()}
     for name, value in changes.items():
         if name == "INS_GYRO_FILTER":
             filter_hz = value

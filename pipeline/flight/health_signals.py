@@ -127,7 +127,7 @@ def _asked_and_flown(
 def _turning(
     asked: pd.Series[float] | None, flown: pd.Series[float] | None, flight: Span
 ) -> tuple[pd.Series[float] | None, pd.Series[float] | None]:
-    """Let headings run on beyond half a turn instead of jumping, what was asked beside what was flown, rad.
+    """Return headings that run on beyond half a turn instead of jumping, what was asked beside what was flown, rad.
 
     They are counted so that the flight's middle one lies within half a turn of north.
     """

@@ -36,7 +36,7 @@ def _shown(found: re.Match[str]) -> str:
 
 
 def guard_terminal() -> None:
-    """Let stdout show control characters instead of sending them."""
+    """Make stdout show control characters instead of sending them."""
     sys.stdout = cast("Any", Guarded(sys.stdout))
 
 
