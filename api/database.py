@@ -1,5 +1,6 @@
 """The database: SQLite in a file unless a URL names another; opened, brought up to date, and asked in transactions."""
 
+import fcntl
 import os
 import sqlite3
 from collections.abc import Iterator
@@ -107,12 +108,18 @@ class Database:
 def _engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
         return create_engine(url, pool_pre_ping=True, pool_timeout=_PATIENCE, connect_args=_network(url))
-    _make_private(_sqlite_file(url))
+    file = _sqlite_file(url)
+    _make_private(file)
     # Connections enough for every thread: those that wait for the lock must not keep readers waiting.
     engine = create_engine(
         url, max_overflow=100, pool_timeout=_PATIENCE, connect_args={"timeout": _PATIENCE, "isolation_level": None}
     )
-    event.listen(engine, "connect", _prepare_sqlite)
+
+    def prepare(connection: sqlite3.Connection, _: ConnectionPoolEntry) -> None:
+        with _alone(file):
+            _prepare_sqlite(connection)
+
+    event.listen(engine, "connect", prepare)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
 
@@ -130,7 +137,9 @@ def _make_private(file: Path | None) -> None:
     if file is None:
         return
     with suppress(OSError):  # SQLite says itself that it cannot be opened; and another user's file stays as it is
-        os.close(os.open(file, os.O_RDWR | os.O_CREAT, 0o600))
+        # Only a new file: closing one that SQLite has open elsewhere in this process would drop SQLite's locks on it.
+        with suppress(FileExistsError):
+            os.close(os.open(file, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600))
         file.chmod(0o600)
 
 
@@ -141,7 +150,28 @@ def _network(url: str) -> dict[str, int]:
     return {"connect_timeout": int(_PATIENCE), "tcp_user_timeout": int(1000 * _PATIENCE), "keepalives_idle": 10}
 
 
-def _prepare_sqlite(connection: sqlite3.Connection, _: ConnectionPoolEntry) -> None:
+@contextmanager
+def _alone(file: Path | None) -> Iterator[None]:
+    """Let no other connection to the same file be prepared meanwhile.
+
+    Two that turn a new file to a write-ahead log at once end in "database is locked", for which SQLite does not wait.
+    """
+    if file is None:
+        yield
+        return
+    try:
+        descriptor = os.open(file.parent, os.O_RDONLY)
+    except OSError:  # SQLite says itself that the file cannot be opened
+        yield
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _prepare_sqlite(connection: sqlite3.Connection) -> None:
     """Allow readers while one writes, and flush what was committed to disk."""
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
         connection.execute(f"PRAGMA {pragma}").close()

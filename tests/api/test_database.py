@@ -84,6 +84,19 @@ def test_several_servers_may_migrate_at_once(url: str) -> None:
         each.close()
 
 
+def test_several_servers_may_open_a_new_file_at_once(tmp_path: Path) -> None:
+    def ask(server: Database) -> int | None:
+        with server.read() as session:
+            return session.scalar(select(1))
+
+    for number in range(50):
+        servers = [Database(f"sqlite:///{tmp_path / str(number)}.db") for _ in range(4)]
+        with ThreadPoolExecutor(4) as pool:
+            assert list(pool.map(ask, servers)) == [1, 1, 1, 1]
+        for each in servers:
+            each.close()
+
+
 def test_no_analysis_is_claimed_twice(database: Database, catalog: Catalog, keep: Callable[..., str], url: str) -> None:
     ordered = [catalog.order([keep(b"log %d" % number)], {}, "ann").id for number in range(40)]
     servers = [Database(url) for _ in range(4)]
