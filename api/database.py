@@ -152,7 +152,7 @@ def _network(url: str) -> dict[str, int]:
 
 @contextmanager
 def _alone(file: Path | None) -> Iterator[None]:
-    """Let no other connection to the same file be prepared meanwhile.
+    """Keep other connections to the same file from being prepared meanwhile.
 
     Two that turn a new file to a write-ahead log at once end in "database is locked", for which SQLite does not wait.
     """

@@ -115,7 +115,7 @@ def install(app: FastAPI) -> None:
 
 
 class _ProblemShape:
-    """Gives what the handlers do not see the shape of all errors: bugs, and the framework's plain-text errors.
+    """Brings what the handlers do not see into the shape of all errors: bugs, and the framework's plain-text errors.
 
     Bugs are caught here and not by a handler for `Exception`, which would answer outside of all middleware and so
     without the safe headers. Plain text comes for instance where a Range header is malformed.

@@ -127,7 +127,7 @@ def write(table: str) -> None:
 
 
 def fallen(rows: Iterable[Row], stored: dict[str, float]) -> list[str]:
-    """Say which ratios are less than `WORST` of the stored ones, or missing."""
+    """Return which ratios are less than `WORST` of the stored ones, or missing."""
     now = {row[0]: float(row[3]) for row in rows if row[3] not in ("", "-")}
     return [
         f"{what}: {now[what]:.2f}, stored {before:.2f}" if what in now else f"{what}: not measured, stored {before:.2f}"

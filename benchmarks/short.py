@@ -48,7 +48,7 @@ def run() -> list[Row]:
 
 
 def _ratio(what: str, ours: Callable[[], object], theirs: Callable[[], object], passes: int) -> Row:
-    """Take the two in turn, after one of ours that loads compiled code; least times of each."""
+    """Time the two in turn, after one of ours that loads compiled code; least times of each."""
     ours()
     mine = other = np.inf
     for _ in range(passes):

@@ -65,12 +65,12 @@ def _deviation(values: np.ndarray, window: int) -> np.ndarray:
 
 
 def _even(t: np.ndarray, values: np.ndarray, steady: np.ndarray, climb: pd.Series | None) -> np.ndarray:
-    """Take from the readings that are `steady` what stands out beside its neighbours."""
+    """Remove from the readings that are `steady` what stands out beside its neighbours."""
     return _without_single(t, values, _without_bursts(t, values, steady, climb))
 
 
 def _without_bursts(t: np.ndarray, values: np.ndarray, steady: np.ndarray, climb: pd.Series | None) -> np.ndarray:
-    """Take from the readings that are `steady` those between jumps that no craft does and that lead back.
+    """Remove from the readings that are `steady` those between jumps that no craft does and that lead back.
 
     A jump is what the height changes by between two readings, beyond what the autopilot says that the craft climbs; or
     beyond its usual change, and then a craft that falls, and brakes as hard, does g/4 dt^2 of it.
@@ -115,7 +115,7 @@ def _climbed(t: np.ndarray, climb: pd.Series | None) -> tuple[np.ndarray, np.nda
 
 
 def _without_single(t: np.ndarray, values: np.ndarray, steady: np.ndarray) -> np.ndarray:
-    """Take from the readings that are `steady` those further from the line between their neighbours than a craft gets.
+    """Remove from the readings that are `steady` those farther off the line between their neighbours than a craft gets.
 
     The neighbours of a spike look wrong too, by half of it: only the farthest of three in a row is one.
     """

@@ -147,7 +147,7 @@ class Scan:
 
 
 class Release:
-    """Gives mapped pages back to the system behind a reader, so that a file larger than memory can be read."""
+    """Returns mapped pages to the system behind a reader, so that a file larger than memory can be read."""
 
     def __init__(self, buffer: Buffer):
         self._buffer = buffer

@@ -257,7 +257,7 @@ def _epitaph(exit_code: int | None) -> str:
 
 
 class _Precedence:
-    """Lets calls run beside each other, or one alone, for which the others wait."""
+    """A lock of two kinds: calls run beside each other, or one alone, for which the others wait."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()

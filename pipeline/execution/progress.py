@@ -145,7 +145,7 @@ def _bar() -> Iterator[Progress]:
 
 
 class Clock:
-    """Tells the time to go from how far the work had come when, s.
+    """Estimates the time to go from how far the work had come when, s.
 
     What was done before the first report of a fraction, such as loading packages, is no measure of the rest.
     """

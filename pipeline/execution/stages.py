@@ -91,7 +91,7 @@ class Overall:
         self._done = 0.0
 
     def expect(self, seconds: Mapping[str, float]) -> None:
-        """Take the seconds that each stage of this flight will take, at their ratios."""
+        """Set the seconds expected of each stage of this flight; only their ratios count."""
         self._expected = seconds
 
     def __call__(self, name: str, fraction: float) -> None:

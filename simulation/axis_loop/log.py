@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from logparse.dataflash.writer import MessageTable, write_dataflash
 from simulation.axis_loop.axis import LOOP_HZ, AxisRun, LoopGains
 from simulation.axis_loop.motors import LINEAR, motor_tables
+from sysid.loops.settings import AXES
 
 _SYSTEMID, _STABILIZE = 25, 0
-_NAMES = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
 _LETTERS = {"roll": "R", "pitch": "P", "yaw": "Y", "vertical": "A"}
 _BOOT = 10.0
 
@@ -97,8 +97,8 @@ def _loop_parameters(gains: Mapping[str, LoopGains]) -> dict[str, float]:
     values = {"SCHED_LOOP_RATE": LOOP_HZ} if gains else {}
     for axis, one in gains.items():
         terms = {name: getattr(one, name) for name in ("P", "I", "D", "FF", "FLTT", "FLTE", "FLTD", "IMAX")}
-        values |= {f"ATC_RAT_{_NAMES[axis]}_{name}": float(value) for name, value in terms.items()}
-        values[f"ATC_ANG_{_NAMES[axis]}_P"] = one.angle_P
+        values |= {f"ATC_RAT_{AXES[axis]}_{name}": float(value) for name, value in terms.items()}
+        values[f"ATC_ANG_{AXES[axis]}_P"] = one.angle_P
     return values
 
 

@@ -113,7 +113,7 @@ def choose_ridge(division: Division, theta: Floats, delays: Floats, deadline: fl
 
 
 def _errors(division: Division, theta: Floats, delays: Floats) -> list[float]:
-    """Give, for each candidate at these poles, squared residual plus price of the initial states of what was unseen."""
+    """Return for each candidate at these poles squared residual plus price of the unseen division's initial states."""
     assert division.held_back is not None
     seen = division.seen
     held = replace(division.held_back, initial=seen.initial, group=seen.group, orders=seen.orders)

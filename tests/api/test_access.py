@@ -52,7 +52,7 @@ def headers(parts: Parts, owner: str, days: float | None = None) -> dict[str, st
 
 @pytest.fixture(scope="module")
 def theirs(service: httpx.Client, parts: Parts) -> dict[str, str]:
-    """Let somebody have a log and an analysis of it; gives what stands for them in addresses."""
+    """Make a log and an analysis of it somebody's; return what stands for them in addresses."""
     answer = service.post(
         "/api/v1/logs", params={"analyze": True}, files={"file": ("a.bin", b"good")}, headers=headers(parts, "ann")
     ).json()

@@ -262,7 +262,7 @@ def test_a_clock_that_steps_back_blocks_nothing(database: Database, catalog: Cat
 
 
 def _let_expire(database: Database, claim: Claim) -> None:
-    """Let a worker be silent for too long."""
+    """Make a worker silent for too long."""
     past = datetime.now(UTC) - timedelta(days=1)
     with database.write() as session:
         session.execute(update(AnalysisRecord).where(AnalysisRecord.id == claim.analysis).values(lease_until=past))

@@ -106,7 +106,7 @@ def firmware_truth(facts: Mapping, record: Experiment, voltage: float, *, rotor_
 
 
 def simulated_truth(craft: Multirotor, voltage: float, wind: tuple[float, float]) -> Truth:
-    """Take the truth from a craft of `simulation`."""
+    """Read the truth from a craft of `simulation`."""
     rotor, drive = craft.rotors[0].rotor, craft.drive
     full = rotor.thrust_coefficient * (drive.speed_max * voltage / drive.voltage_reference) ** 2
     mass, arm = craft.mass, float(np.hypot(*craft.rotors[0].position[:2]))
