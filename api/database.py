@@ -16,7 +16,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session, sessionmaker
 from sqlalchemy.pool import ConnectionPoolEntry
 
-#: Seconds that a statement waits for another process that holds SQLite's lock.
+#: Seconds that a statement waits for another process that holds SQLite's lock, unless the URL says ``?timeout=``.
 _PATIENCE = 10.0
 
 #: Bytes kept for deleting at a full disk: SQLite writes every page that it changes into a log first.
@@ -110,9 +110,10 @@ def _engine(url: str) -> Engine:
         return create_engine(url, pool_pre_ping=True, pool_timeout=_PATIENCE, connect_args=_network(url))
     file = _sqlite_file(url)
     _make_private(file)
+    patience = {} if "timeout" in make_url(url).query else {"timeout": _PATIENCE}
     # Connections enough for every thread: those that wait for the lock must not keep readers waiting.
     engine = create_engine(
-        url, max_overflow=100, pool_timeout=_PATIENCE, connect_args={"timeout": _PATIENCE, "isolation_level": None}
+        url, max_overflow=100, pool_timeout=_PATIENCE, connect_args={"isolation_level": None, **patience}
     )
 
     def prepare(connection: sqlite3.Connection, _: ConnectionPoolEntry) -> None:

@@ -43,12 +43,14 @@ def _killed(name: str, settings: dict[str, str]) -> list[tuple[str, str, str, st
 def kill_at_random(service: Service, kills: int) -> tuple[int, int]:
     """Kill while analyses are in all of their stages; gives how many logs and how many results are not as they should.
 
-    After every third kill some analysis gets the time to end, however slow the computer: the oldest come first, so that
-    none loses its server as often as it takes to be given up.
+    Three kills in a row are one of the workers, one of the server and one of both, in an order drawn. After them some
+    analysis gets the time to end, however slow the computer: the oldest come first, so that none loses its server as
+    often as it takes to be given up.
     """
     chance = random.Random(20261121)
     accepted: dict[str, bytes] = {}
     analyses: dict[str, str] = {}
+    victims: list[str] = []
 
     def done() -> int:
         return sum(service.client.get(address).json()["state"] == "done" for address in analyses)
@@ -59,7 +61,9 @@ def kill_at_random(service: Service, kills: int) -> tuple[int, int]:
         accepted[log] = content
         analyses[service.client.post("/api/v1/analyses", json={"logs": [log]}).headers["Location"]] = log
         time.sleep(chance.uniform(0.0, 0.6))
-        victim = chance.choice(["worker", "server", "both"])
+        if number % 3 == 0:
+            victims = chance.sample(["worker", "server", "both"], 3)
+        victim = victims[number % 3]
         if victim in ("worker", "both"):
             for pid in service.workers():
                 os.kill(pid, signal.SIGKILL)

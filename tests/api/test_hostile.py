@@ -56,7 +56,7 @@ def service(folder: Path) -> Iterator[httpx.Client]:
 
 
 @pytest.mark.slow
-def test_two_thousand_malformed_uploads_are_refused_with_a_reason(service: httpx.Client, folder: Path) -> None:
+def test_malformed_uploads_are_refused_with_a_reason(service: httpx.Client, folder: Path) -> None:
     """Forms cut, repeated and spoiled at random: each is kept as a log or refused with a 4xx that says why."""
     chance = random.Random(8)
     good = PART + b'data\r\n--b\r\nContent-Disposition: form-data; name="comment"\r\n\r\nx\r\n--b--\r\n'
@@ -81,7 +81,7 @@ def test_two_thousand_malformed_uploads_are_refused_with_a_reason(service: httpx
         return bytes(body)
 
     with connect(service) as connection, connection.makefile("rb") as answers:
-        for _ in range(500):
+        for _ in range(100):
             # Four to a packet, over one connection: the time goes into the service and not into the client.
             bodies = [spoiled() for _ in range(4)]
             connection.sendall(b"".join(HEAD + b"Content-Length: %d\r\n\r\n" % len(body) + body for body in bodies))
@@ -91,8 +91,8 @@ def test_two_thousand_malformed_uploads_are_refused_with_a_reason(service: httpx
                 seen[status] = seen.get(status, 0) + 1
                 assert status in (201, 400, 422), content
                 assert status == 201 or len(content["detail"]) > 20
-    assert sum(seen.values()) == 2000
-    assert seen[400] > 500
+    assert sum(seen.values()) == 400
+    assert seen[400] > 100
     assert not unfinished(folder)
     assert service.get("/healthz").status_code == 200
 
