@@ -37,7 +37,8 @@ const loops = (() => {
     const error = mul(pid, firstOrder(hz, rate, values.FLTE));
     const forward = add([values.FF, 0], scale(one, values.D_FF * rate));
     const target = mul(firstOrder(hz, rate, values.FLTT), add(error, forward));
-    const attitude = div([values.angle, 0], mul([0, 2 * Math.PI * hz], mul(gyro, [r.notch_real[k], r.notch_imag[k]])));
+    // The rate controller sees the angle controller's target a loop later.
+    const attitude = div(scale(z, values.angle), mul([0, 2 * Math.PI * hz], mul(gyro, [r.notch_real[k], r.notch_imag[k]])));
     return { plant, error, target, loop: mul(plant, add(error, mul(target, attitude))) };
   }
   function stable(loop) {

@@ -96,8 +96,9 @@ def fly_axis(
         leans[k] = lean
         want = c.angle_p * (lean - angle) if c.integrates else lean
         want += f.rate_chirp[k]
+        # As in the firmware, the rate controller runs before the angle controller and sees its target a loop later.
+        filtered += c.alpha_target * ((asked[k - 1] if k else 0.0) - filtered)
         asked[k] = want
-        filtered += c.alpha_target * (want - filtered)
         target[k] = filtered
         error_before = error
         error += c.alpha_error * (filtered - y - error)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation.axis_loop.axis import GYRO_HZ, AxisPlant, Floats, LoopGains
+from simulation.axis_loop.axis import GYRO_HZ, LOOP_HZ, AxisPlant, Floats, LoopGains
 from sysid.loops.controller import AngleController, RateController
 from sysid.loops.settings import GyroPath, LoopSettings
 
@@ -18,7 +18,7 @@ def settings_of(plant: AxisPlant, gains: LoopGains, axis: str = "roll") -> LoopS
     return LoopSettings(
         axis=axis,
         controller=RateController(**{name: getattr(gains, name) for name in TERMS}),
-        angle=AngleController(P=gains.angle_P),
+        angle=AngleController(P=gains.angle_P, late=1.0 / LOOP_HZ),
         gyro=GyroPath(plant.filter_hz, GYRO_HZ),
     )
 

@@ -96,12 +96,18 @@ class RateController:
 class AngleController:
     """Proportional angle controller: rate target = P (angle target - angle), near zero where it is linear.
 
-    Beyond `linear` [rad] ArduPilot's square-root law takes over, which only lowers the gain.
+    Beyond `linear` [rad] ArduPilot's square-root law takes over, which only lowers the gain. It runs after the rate
+    controller, which sees its target `late` [s], in the next loop (12 firmware flights: 2.4 to 2.6 ms at 400 Hz).
     """
 
     P: float
     linear: float = float("inf")
+    late: float = 0.0
 
     def rate_response(self, hz: Floats) -> Complexes:
         """Compute the response from body rate to the rate target: -P / (j w)."""
         return np.asarray(-self.P / (2j * np.pi * np.asarray(hz, np.float64)), np.complex128)
+
+    def delay_response(self, hz: Floats) -> Complexes:
+        """Compute the response from the rate target to that which the rate controller sees."""
+        return np.asarray(np.exp(-2j * np.pi * self.late * np.asarray(hz, np.float64)), np.complex128)

@@ -25,8 +25,9 @@ def rate_transfer(loop: RateLoop) -> Complexes:
 def attitude_transfer(loop: RateLoop) -> Complexes:
     """Compute attitude per attitude target, all loops closed."""
     true_plant = loop.plant.response / loop.flown.gyro.response(loop.hz)
-    forward = true_plant / (2j * np.pi * loop.hz) * loop.settings.controller.target_response(loop.hz)
-    return np.asarray(forward * loop.settings.angle.P / (1.0 + loop.response))
+    angle, controller = loop.settings.angle, loop.settings.controller
+    forward = true_plant / (2j * np.pi * loop.hz) * controller.target_response(loop.hz)
+    return np.asarray(forward * angle.P * angle.delay_response(loop.hz) / (1.0 + loop.response))
 
 
 def attitude_bandwidth(loop: RateLoop) -> float:

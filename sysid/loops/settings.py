@@ -59,7 +59,7 @@ class LoopSettings:
 
         The attitude is the integral of the true rate, not of the filtered one.
         """
-        attitude = -self.angle.rate_response(hz) / self.gyro.response(hz)
+        attitude = -self.angle.rate_response(hz) * self.angle.delay_response(hz) / self.gyro.response(hz)
         return np.asarray(self.controller.error_response(hz) + self.controller.target_response(hz) * attitude)
 
     def changed(self, **values: float) -> LoopSettings:
@@ -134,6 +134,8 @@ def read_copter(log: FlightLog, axis: str) -> LoopSettings:
             f"{log.path.name} lacks {', '.join(missing[:4])}{' ...' if len(missing) > 4 else ''}: without the "
             "parameters the loop is unknown; keep LOG_DISARMED or the start of the log, where they are written"
         )
+    if not parameters["SCHED_LOOP_RATE"] > 0.0:
+        raise LoopError(f"{log.path.name}: SCHED_LOOP_RATE = {parameters['SCHED_LOOP_RATE']:g} is no rate of a loop")
     if parameters.get("FSTRATE_ENABLE", 0.0) > 0.0:
         raise LoopError(f"{log.path.name}: the rate loop runs in its own thread (FSTRATE_ENABLE), at an unknown rate")
     odd = [f"ATC_RAT_{letters}_{n}" for n in ("NTF", "NEF") if parameters.get(f"ATC_RAT_{letters}_{n}", 0.0) > 0.0]
@@ -141,7 +143,11 @@ def read_copter(log: FlightLog, axis: str) -> LoopSettings:
         raise LoopError(f"{log.path.name}: notches within the controller ({', '.join(odd)}) are not modelled")
     terms = {name: parameters.get(f"ATC_RAT_{letters}_{name}", 0.0) for name in (*_NEEDED, *_OPTIONAL)}
     gyro, remarks = _gyro_path(log)
-    angle = AngleController(P=parameters[f"ATC_ANG_{letters}_P"], linear=_linear_angle(parameters, axis, letters))
+    angle = AngleController(
+        P=parameters[f"ATC_ANG_{letters}_P"],
+        linear=_linear_angle(parameters, axis, letters),
+        late=1.0 / parameters["SCHED_LOOP_RATE"],
+    )
     return LoopSettings(
         axis=axis,
         controller=RateController(**terms, loop_rate=parameters["SCHED_LOOP_RATE"]),
