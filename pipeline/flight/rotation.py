@@ -25,6 +25,7 @@ from sysid.frequency.excitation import find_chirps
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, survey
+from sysid.loops.as_flown import contradiction_of
 from sysid.loops.autopilot import check_firmware, read_settings
 from sysid.loops.errors import LoopError
 from sysid.loops.evidence import no_one_loop, oscillation, saturation, two_ways_apart, unfit_log, weak_band
@@ -46,11 +47,15 @@ def find_rotation(log: FlightLog, sound: Span) -> RotationResult:
     """
     within = (sound.start, sound.stop)
     unfit = _unfit(log)
+    contradicted = {} if unfit else {axis: reason for axis in AXES if (reason := _contradiction(log, axis))}
     found = survey(log, (*AXES, "vertical"), within)
     *turning, vertical = found.axes
-    axes = tuple(_axis(log, axis, within, unfit) for axis in turning)
+    axes = tuple(_axis(log, axis, within, unfit or contradicted.get(axis.axis, "")) for axis in turning)
     return RotationResult(
-        axes=axes, vertical=turning_of(vertical), couplings=found.couplings, findings=tuple(_findings(axes))
+        axes=axes,
+        vertical=turning_of(vertical),
+        couplings=found.couplings,
+        findings=(*(_not_flown(axis, reason) for axis, reason in contradicted.items()), *_findings(axes)),
     )
 
 
@@ -62,6 +67,24 @@ def _unfit(log: FlightLog) -> str:
     except LoopError as error:
         return str(error)
     return no_one_loop(log) or ""
+
+
+def _contradiction(log: FlightLog, axis: str) -> str | None:
+    """Return which parameters of an axis are not those that flew; None also where they are missing."""
+    try:
+        return contradiction_of(log, axis)
+    except RotoridError:
+        return None
+
+
+def _not_flown(axis: str, reason: str) -> Finding:
+    return Finding(
+        "parameters-not-flown",
+        Severity.WARNING,
+        f"The margins of the {axis} loop are not computed: {reason}.",
+        "Look at the parameters on the craft; another fault of the log (edited, or of two flights) looks the same.",
+        {"axis": axis},
+    )
 
 
 def _axis(log: FlightLog, found: AxisSurvey, within: tuple[float, float], unfit: str) -> AxisRotation:

@@ -47,6 +47,9 @@ _BAND, _COHERENT, _FEWEST = 0.06, 0.9, 6
 #: Standard deviations of what the coherence leaves open that are tolerated of I and D.
 _SURE = 2.0
 
+#: What the limits of slew and of throttle may take of P in a flight without chirps, and the fewest rows that tell it.
+_SCALED, _ROWS = 0.1, 64
+
 #: Time [s] over which signals are faded at the ends of a chirp.
 _TAPER = 0.4
 
@@ -99,16 +102,45 @@ def contradiction(log: FlightLog) -> str | None:
     LoopError
         Where parameters of an axis with chirps are missing.
     """
-    advice = "reboot, see that the parameters are those wanted, and fly the chirps again"
-    for axis in _chirped(log):
-        settings = read_settings(log, axis)
-        other = _other_rate(log, settings.controller.loop_rate)
-        if other is not None:
-            return f"{log.path.name}: {other}; a change takes effect at the next start: {advice}"
-        for block in _blocks(log, settings):
-            if block.apart > block.tolerated:
-                return f"{log.path.name}: {axis}: {block.told}: the parameters in the log are not what flew; {advice}"
+    return next((reason for axis in _chirped(log) if (reason := contradiction_of(log, axis))), None)
+
+
+def contradiction_of(log: FlightLog, axis: str) -> str | None:
+    """Return the same of the parameters of one axis, whether it has chirps or not.
+
+    Raises
+    ------
+    LoopError
+        Where its parameters are missing.
+    """
+    advice = "reboot, see that the parameters are those wanted, and fly again"
+    settings = read_settings(log, axis)
+    other = _other_rate(log, settings.controller.loop_rate)
+    if other is not None:
+        return f"{log.path.name}: {other}; a change takes effect at the next start: {advice}"
+    blocks = _blocks(log, settings) if axis in _chirped(log) else _proportional(log, settings)
+    for block in blocks:
+        if block.apart > block.tolerated:
+            return f"{log.path.name}: {axis}: {block.told}: the parameters in the log are not what flew; {advice}"
     return None
+
+
+def _proportional(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
+    """Compare P, which is the error times a number whatever is flown, where a flight without chirps has it."""
+    message, flown = f"PID{axis_of(settings.axis).letter}", settings.controller.P
+    if message not in log.messages or log.flight is None or not flown > 0.0:
+        return
+    frame = log.messages[message]
+    if not {"Err", "P"} <= set(frame.columns):
+        return
+    rows = frame[(frame.index >= log.flight.start) & (frame.index <= log.flight.stop)]
+    error, term = rows["Err"].to_numpy(np.float64), rows["P"].to_numpy(np.float64)
+    whole = np.isfinite(error) & np.isfinite(term)
+    large = whole & (np.abs(error) > (np.median(np.abs(error[whole])) if whole.any() else 0.0))
+    if np.count_nonzero(large) >= _ROWS:
+        gain = float(np.median(term[large] / error[large])) / flown
+        apart = abs(gain - 1.0)
+        yield _Block("P as logged is", f"ATC_RAT_{AXES[settings.axis]}_P", apart, _SCALED, gain, 0.0)
 
 
 def gyro_seen(log: FlightLog, axis: str) -> bool:

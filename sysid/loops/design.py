@@ -8,6 +8,7 @@ import numpy as np
 
 from logparse import FlightLog, RotoridError
 from sysid.frequency.fit import fit
+from sysid.loops.as_flown import contradiction_of
 from sysid.loops.chirps import (
     FADE_OUT,
     SID_AXIS,
@@ -131,10 +132,18 @@ def _rates(log: FlightLog, limits: Limits) -> Design:
 
 def _chirp(log: FlightLog, axis: str, limits: Limits) -> ChirpDesign:
     """Design from the craft's response, or, before its first chirp, from the gains alone."""
+    _check_flown(log, axis)
     try:
         return design_chirp(rate_loop(log, axis), limits)
     except RotoridError:
         return first_chirp(read_copter(log, axis), limits)
+
+
+def _check_flown(log: FlightLog, axis: str) -> None:
+    """Raise where the parameters are not those that flew: what a chirp leans the craft by goes with them."""
+    contradicted = contradiction_of(log, axis)
+    if contradicted is not None:
+        raise LoopError(contradicted)
 
 
 def _of_chirp(chirp: ChirpDesign) -> list[Expected]:
@@ -184,6 +193,8 @@ def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
 
 
 def _inertia(log: FlightLog, limits: Limits) -> Design:
+    for axis in ("roll", "pitch"):
+        _check_flown(log, axis)
     loops = {axis: rate_loop(log, axis) for axis in ("roll", "pitch")}
     sines = orthogonal_multisines(3, *_SCRIPT_BAND, _SCRIPT_PERIOD)
     scales = [_rate_scale(sine, limits) for sine in sines]

@@ -8,10 +8,12 @@ import pandas as pd
 import pytest
 
 from logparse import read_log
+from pipeline.flight.rotation import find_rotation
+from pipeline.results.span import Span
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
 from simulation.axis_loop.log import write_rate_log
-from sysid.loops import as_flown, prove, tune
-from sysid.loops.as_flown import contradiction, gyro_seen
+from sysid.loops import as_flown, design, prove, tune
+from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
 
 CRAFT = AxisPlant(gain=300.0, damping=1.0, lag=0.02, delay=0.003, filter_hz=40.0)
 GAINS = LoopGains(P=0.08, I=0.08, D=0.002)
@@ -80,6 +82,29 @@ def test_nothing_is_proposed_nor_proven_from_parameters_that_did_not_fly(tmp_pat
     proof = prove(_log(tmp_path / "true.bin", flight), lies)
     assert "not what flew" in proof.refused
     assert len(proof.table) == 0
+
+
+@pytest.mark.parametrize("claimed", [{"INS_GYRO_FILTER": 20.0}, {"ATC_RAT_RLL_D": 0.003}])
+def test_an_analysis_states_no_margins_of_parameters_that_did_not_fly(tmp_path, flight, claimed):
+    """`tune` refused such logs while the report showed their margins as good; designs leaned on them too."""
+    lies = _log(tmp_path / "lies.bin", flight, **claimed)
+    found = find_rotation(lies, Span(lies.flight.start, lies.flight.stop))
+    assert found.axes[0].loop is None
+    assert "not what flew" in found.axes[0].loop_reason
+    assert [each.id for each in found.findings].count("parameters-not-flown") == 1
+    assert "not what flew" in design(lies, "inertia").refused
+    true = _log(tmp_path / "true.bin", flight)
+    assert find_rotation(true, Span(true.flight.start, true.flight.stop)).axes[0].loop is not None
+
+
+@pytest.mark.parametrize(("claimed", "told"), [(0.08, None), (0.1, "P as logged is 0.80 times")])
+def test_a_flight_without_chirps_tells_the_gain_of_its_error(tmp_path, claimed, told):
+    """P is the error times a number whatever is flown; margins from sticks rest on it too."""
+    sticks = run_axis(CRAFT, GAINS, Excitation(duration=30.0, stick=0.15), 1)
+    log = _log(tmp_path / "sticks.bin", sticks, replace(GAINS, P=claimed))
+    log.messages["PIDR"]["Err"] = log.messages["PIDR"]["Tar"] - log.messages["PIDR"]["Act"]
+    reason = contradiction_of(log, "roll")
+    assert reason is None if told is None else told in reason
 
 
 def test_the_scheduler_tells_the_rate_at_which_it_ran():
