@@ -42,6 +42,11 @@ class Aim:
     peak_db: float = 6.0
     noise: float = 1.5
 
+    @property
+    def words(self) -> str:
+        """Return the margins in words."""
+        return f"{self.gain_db:g} dB, {self.phase_deg:g} deg and a peak of {self.peak_db:g} dB"
+
 
 #: Aims by name: most rejection, quiet actuators, wide margins.
 AIMS: Mapping[str, Aim] = {

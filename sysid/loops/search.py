@@ -88,7 +88,8 @@ class _Field:
 def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim.
 
-    Gains that raise the loop where nothing was measured are tried only where others reject no more than as flown. The
+    One that rejects less is proposed only where the flown gains fall short of the aim: otherwise it would buy nothing
+    but certainty, which a better chirp buys too. Gains that raise the loop where nothing was measured are tried only where others reject no more than as flown. The
     filters of target and error and the feed-forward come last, around the best of the others.
 
     Parameters
@@ -98,6 +99,23 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     gyro_factor : float
         Of INS_GYRO_FILTER.
     """
+    best = _searched(loop, aim, gyro_factor)
+    if best.tuned is None or best.gains or not keeps(flown_margins(loop), aim)[0]:
+        return best
+    return AxisTuning(
+        loop.axis,
+        f"{loop.axis}: the flown gains keep {aim.words} by the best estimate, and none that are sure to keep it "
+        "reject more; a longer chirp, or one in calmer air, would leave less open",
+        loop,
+    )
+
+
+def flown_margins(loop: RateLoop) -> MarginSet:
+    """Return the margins of a loop as flown, by the best estimate."""
+    return margins_of(loop.hz, loop.with_settings(loop.flown).response)
+
+
+def _searched(loop: RateLoop, aim: Aim, gyro_factor: float) -> AxisTuning:
     bare = loop.flown.changed(gyro_filter=other_gyro_filter(loop, gyro_factor))
     candidates = _field(loop, bare, _gains(loop), Feedbacks)
     raised = may_raise(loop)
@@ -232,8 +250,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
                 spare[name] = max(spare[name], _SAME_SPARE * short)
     return AxisTuning(
         loop.axis,
-        f"{loop.axis}: no gains within a factor of two keep {aim.gain_db:g} dB, {aim.phase_deg:g} deg and a peak of "
-        f"{aim.peak_db:g} dB for everything that the data leave possible",
+        f"{loop.axis}: no gains within a factor of two keep {aim.words} for everything that the data leave possible",
         loop,
     )
 

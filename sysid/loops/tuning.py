@@ -21,10 +21,11 @@ from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
 from sysid.loops.evidence import motors_limited, oscillation, sagged, saturation, unfit_log, unsupported, weak_band
 from sysid.loops.loop import rate_loop
+from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
 from sysid.loops.same_craft import SUMMED, gain_apart, other_craft
-from sysid.loops.search import AxisTuning, tune_axis
+from sysid.loops.search import AxisTuning, flown_margins, tune_axis
 from sysid.loops.settings import AXES
 from sysid.loops.unseen import FIRST_MODES, UNSEEN_RAISED, saw_modes, unseen_mode
 
@@ -156,6 +157,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
         for item in axes
         if item.loop is not None and item.unseen > UNSEEN_RAISED[0]
     ]
+    remarks += [remark for item in axes if (remark := _rejects_less(item, aim))]
     if any(log.tables.battery is not None and log.vehicle.battery_voltage_max <= 0.0 for log in flights):
         remarks.append(
             "MOT_BAT_VOLT_MAX is 0: the margins are those of the battery as it was during the chirps; a fuller one "
@@ -222,6 +224,27 @@ def _examined(logs: Sequence[FlightLog], axis: str) -> AxisTuning:
     limited = next(filter(None, unlike), None)
     reason = limited or unsupported(loop)
     return AxisTuning(axis, reason, loop)
+
+
+def _rejects_less(item: AxisTuning, aim: Aim) -> str | None:
+    """Return that a proposal gives rejection up for margins that the flown gains lack."""
+    if item.tuned is None or item.loop is None or item.wider:
+        return None
+    flown, tuned = flown_margins(item.loop).row(0), margins_of(item.tuned.hz, item.tuned.response).row(0)
+    short = [
+        f"{flown[name]:.2g} {words}"
+        for name, words, lacks in (
+            ("gain_db", "dB of gain margin", flown["gain_db"] < aim.gain_db),
+            ("phase_deg", "deg of phase margin", flown["phase_deg"] < aim.phase_deg),
+            ("peak_db", "dB of peak", flown["peak_db"] > aim.peak_db),
+        )
+        if lacks
+    ]
+    why = f"leave {listed(short)}" if flown["stable"] and short else "are unstable"
+    return (
+        f"{item.axis}: disturbances are rejected up to {tuned['rejection_hz']:.2g} Hz instead of "
+        f"{flown['rejection_hz']:.2g}: the flown gains {why}"
+    )
 
 
 def _differences(axes: Sequence[AxisTuning]) -> tuple[dict[str, float], dict[str, float]]:
