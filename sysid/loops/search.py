@@ -89,8 +89,9 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim.
 
     One that rejects less is proposed only where the flown gains fall short of the aim: otherwise it would buy nothing
-    but certainty, which a better chirp buys too. Gains that raise the loop where nothing was measured are tried only where others reject no more than as flown. The
-    filters of target and error and the feed-forward come last, around the best of the others.
+    but certainty, which a better chirp buys too. Gains that raise the loop where nothing was measured are tried only
+    where others reject no more than as flown. The filters of target and error and the feed-forward come last, around
+    the best of the others.
 
     Parameters
     ----------
