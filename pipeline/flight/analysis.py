@@ -37,6 +37,7 @@ from pipeline.results.span import Span
 from sysid.rotors.motor_order import MotorOrder, motor_order
 from sysid.rotors.steady_imbalance import steady_trims, weak_from_start
 from sysid.rotors.steady_trims import SteadyTrims
+from sysid.rotors.thrust_regression import THRUST_CHANGED
 
 #: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
 SHORTEST_EXPERIMENT = 20.0
@@ -277,7 +278,7 @@ def _fit(
         experiments[kind.key] = record
         training, held_out = record.split(config.training_fraction)
         if kind.key == THRUST_KEY:
-            thrust = _thrust(training, config, stages)
+            thrust = _thrust(training, record, config, stages)
         if unfit:
             models.append(without_model(kind, Failure("experiment", unfit)))
         else:
@@ -289,8 +290,18 @@ def _fit(
     return _Fitted(thrust, compare_parameters(compared, models, config, stages), experiments, tuple(models))
 
 
-def _thrust(fitted: sysid.Experiment, config: AnalysisConfig, stages: Stages) -> sysid.ThrustModel | Failure:
-    return stages.run("thrust", lambda _: sysid.fit_thrust([fitted], mass=config.mass))
+def _thrust(
+    training: sysid.Experiment, whole: sysid.Experiment, config: AnalysisConfig, stages: Stages
+) -> sysid.ThrustModel | Failure:
+    """Fit thrust to the first part of the flight; whether a load was dropped is asked of all of it."""
+
+    def fit(_: Progress) -> sysid.ThrustModel:
+        fitted = sysid.fit_thrust([training], mass=config.mass)
+        told = [finding for finding in fitted.findings if finding.id != THRUST_CHANGED]
+        changed = [f for f in sysid.fit_thrust([whole]).findings if f.id == THRUST_CHANGED]
+        return replace(fitted, findings=(*changed, *told))
+
+    return stages.run("thrust", fit)
 
 
 def _nothing(why: object) -> _Fitted:

@@ -27,7 +27,7 @@ from pipeline.results.verdict import PredictionUse, Trust
 from sysid.rigid_body.frame_json import frame_json
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.physical import HEADLINE, UNITS, quantity
-from sysid.rotors.thrust_regression import BLOCK_SECONDS, regress
+from sysid.rotors.thrust_regression import BLOCK_SECONDS, THRUST_CHANGED, regress
 
 if TYPE_CHECKING:
     from logparse import FlightEvent
@@ -308,8 +308,20 @@ def _ahead(result: FlightResult) -> AnswerLine:
     longest = able[best].horizon_s
     # What predicts shorter than a person needs to react is of use to a filter only.
     word, tone = ("yes", Tone.GOOD) if longest is not None and longest >= 1.0 else ("briefly", Tone.CARE)
+    if changed := _changed(result):
+        # Models were fitted to two loads, and this held after the change only.
+        word, tone, text = "with care", Tone.CARE, f"{text}; {changed}"
     value = longest if reach is None else reach
     return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text, value=value, sigma=sigma, unit="s")
+
+
+def _changed(result: FlightResult) -> str:
+    """Say from when on the same commands gave another thrust per mass; empty when they did not."""
+    findings = () if isinstance(result.thrust, Failure) else result.thrust.findings
+    evidence = next((finding.evidence for finding in findings if finding.id == THRUST_CHANGED), None)
+    if evidence is None:
+        return ""
+    return f"thrust/mass changed by {100.0 * float(evidence['change']):+.0f} % at {float(evidence['time']):.0f} s"
 
 
 def _error(use: PredictionUse) -> str:
@@ -354,8 +366,11 @@ def _parameters(result: FlightResult) -> AnswerLine:
     disagree = not isinstance(result.parameters, Failure) and bool(result.parameters.findings)
     if disagree:
         text += "; methods disagree"
-    complete = not unknown and not disagree
-    word = "known" if complete else "disputed" if disagree else "partly"
+    changed = _changed(result)
+    if changed:
+        text += f"; {changed}: of neither load"
+    complete = not unknown and not disagree and not changed
+    word = "known" if complete else "disputed" if disagree or changed else "partly"
     tone = Tone.GOOD if complete else Tone.CARE
     return AnswerLine(purpose="Parameters", word=word, tone=tone, text=text, value=value, sigma=sigma, unit=unit)
 

@@ -35,6 +35,9 @@ WEAK = 0.15
 #: worth a finding; and the shortest time on either side, s. Wind leans craft and changes it by less.
 CHANGED, CHANGED_SIGMAS, CHANGED_SECONDS = 0.12, 6.0, 10.0
 
+#: What names such a flight.
+THRUST_CHANGED = "thrust-changed-in-flight"
+
 #: A motor that works this much more or less than the mean of all is worth a finding.
 UNEVEN = 0.15
 
@@ -249,7 +252,7 @@ def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
         return []
     return [
         Finding(
-            "thrust-changed-in-flight",
+            THRUST_CHANGED,
             Severity.WARNING,
             f"from {t[k]:.0f} s on the same commands give {100.0 * abs(change):.0f} % "
             f"{'more' if change > 0.0 else 'less'} thrust per mass: a load was "

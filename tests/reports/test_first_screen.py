@@ -5,10 +5,11 @@ import io
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from rich.console import Console
 
-from logparse import FlightEvent, Severity
+from logparse import FlightEvent, Severity, Vehicle
 from pipeline.flight.answer import compose_answer
 from pipeline.results.answer import Picture, Tone
 from pipeline.results.failure import Failure
@@ -26,7 +27,9 @@ from reports.html import flight_page
 from reports.numbers import flight_report
 from reports.summary import answer_lines
 from reports.terminal import overview
+from sysid import Experiment, fit_thrust
 from sysid.loops.loop import Margins
+from sysid.records.motor_scaling import motor_commands
 from sysid.statistics.parameter import Parameter
 from tests.reports.made import made
 
@@ -151,6 +154,22 @@ def test_events_of_another_flight_do_not_choose_the_picture(flight):
     assert line.word == "no"
     assert elsewhere.answer.around is None
     assert elsewhere.answer.picture is Picture.PREDICTION
+
+
+def test_words_follow_a_load_that_was_dropped(flight):
+    """After a fifth of the mass was dropped the first screen said "predict yes 3.4 s" and a thrust of one part."""
+    t = np.arange(0.0, 60.0, 0.1)
+    walk = np.random.default_rng(0).normal(0.0, 20.0, (len(t), 1)).cumsum(axis=0).clip(-80.0, 80.0)
+    pwm = 1500.0 + walk + np.zeros(4)
+    pull = 0.1 * motor_commands(pwm, Vehicle()).sum(axis=1) * 50.0
+    context = pd.DataFrame({"f_z": -pull * np.where(t < 30.0, 1.0, 1.25), "voltage": 16.0, "density": 1.2}, index=t)
+    record = Experiment.from_arrays(t, pwm, np.zeros((len(t), 3)), context=context)
+    dropped = answered(flight, thrust=fit_thrust([record], 1.5))
+    ahead, parameters = (line_of(dropped, purpose) for purpose in ("Predict ahead", "Parameters"))
+    assert line_of(answered(flight), "Predict ahead").tone is Tone.GOOD
+    assert (ahead.word, ahead.tone) == ("with care", Tone.CARE)
+    assert parameters.word != "known"
+    assert all(re.search(r"thrust/mass changed by \+\d+ % at (29|30|31) s", line.text) for line in (ahead, parameters))
 
 
 def test_healthy_means_no_event_and_motors_that_were_looked_at(flight):
