@@ -321,7 +321,8 @@ def _changed(result: FlightResult) -> str:
     evidence = next((finding.evidence for finding in findings if finding.id == THRUST_CHANGED), None)
     if evidence is None:
         return ""
-    return f"thrust/mass changed by {100.0 * float(evidence['change']):+.0f} % at {float(evidence['time']):.0f} s"
+    change, time = (float(evidence[name] or 0.0) for name in ("change", "time"))
+    return f"thrust/mass changed by {100.0 * change:+.0f} % at {time:.0f} s"
 
 
 def _error(use: PredictionUse) -> str:

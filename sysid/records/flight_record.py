@@ -14,6 +14,7 @@ from sysid.records.arrays import MIN_SAMPLES, Floats
 from sysid.records.context import Clocked, has_pressure, resample_frame, shared_context
 from sysid.records.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
 from sysid.records.mixer import project, rounding
+from sysid.records.mixer_curve import mixer_differs
 from sysid.records.resampling import resample
 
 if TYPE_CHECKING:
@@ -116,6 +117,7 @@ def record_flight(
         )
     if inputs in ("motors", "mixer"):
         more += _rounded(log.tables.motors, log.vehicle, start, stop)
+        more += mixer_differs(log.tables, log.vehicle, start, stop)
     more += _steps(source, start, stop)
     motion, unit = _motion(states, outputs, turned=frame == "heading" and inputs in ("motors", "rotor_speeds"))
     y = resample_frame(motion, t)

@@ -7,6 +7,10 @@ import numpy as np
 from logparse import Vehicle
 from sysid.records.arrays import Floats
 
+#: Standard error of a thrust curve that stands in the autopilot's parameters: few owners measure it, and those
+#: recommended for small and large propellers run from 0.5 to 0.8.
+EXPO_SIGMA = 0.1
+
 
 def motor_commands(pwm: Floats, vehicle: Vehicle) -> Floats:
     """Invert the autopilot's output scaling: command c between idle and full spin, 0 to 1, not clipped.
@@ -32,6 +36,11 @@ def motor_pwm(command: float, vehicle: Vehicle) -> float:
 def curve(command: Floats, expo: float) -> Floats:
     """Thrust over full thrust, ``(1 - e) c + e c^2``."""
     return np.asarray((1.0 - expo) * command + expo * command**2)
+
+
+def curve_slope(command: Floats, expo: float) -> Floats:
+    """Slope of `curve` over the command."""
+    return np.asarray(1.0 - expo + 2.0 * expo * command)
 
 
 def command_for(thrust: float, expo: float) -> float:

@@ -15,7 +15,15 @@ from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY, reference_voltage
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
 from sysid.rigid_body.body_motion import OWN, SHARED, THETA, Motion, motion
-from sysid.rigid_body.body_parameters import drag_apart, in_si, judge_parameters, shared_air, undetermined
+from sysid.rigid_body.body_parameters import (
+    drag_apart,
+    in_si,
+    judge_parameters,
+    other_curve,
+    shared_air,
+    thrust_over,
+    undetermined,
+)
 from sysid.rigid_body.carried import WIND_SIGMA
 from sysid.rigid_body.drag_law import fit_best_law
 from sysid.rigid_body.equation_error import fit_equation_error
@@ -23,7 +31,7 @@ from sysid.rigid_body.filter_error import FilterErrorFit, mean_winds
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.motor_effects import fit_motor_effects
 from sysid.rigid_body.output_error import Prior, fit_output_error, flight_slice
-from sysid.rigid_body.rotation import RotationFit, fit_rotation, logged_motors
+from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation, logged_motors
 from sysid.rigid_body.systematic import wind_error, with_shared_errors
 from sysid.rigid_body.trim import trim_from, trim_prior
 from sysid.rigid_body.wind import FlightTrim, wind_knots, wind_shapes
@@ -122,13 +130,21 @@ def fit_rigid_body(
     report("paths over windows", 0.7)
     trims, rmse = _trims(motions, fine, law, _knots(motions, wind_spacing), begun + time_limit)
     report("rotation", 0.8)
-    turning = _rotation(records, vehicle, voltage)
+    place = THETA.index("thrust_expo")
+    curved = TorqueCurve.of(vehicle, float(fine.values[place]), float(fine.covariance[place, place]))
+    turning = _rotation(records, vehicle, voltage, curved.expo)
     parameters, covariance, estimated = judge_parameters(fine, prior, records, vehicle, voltage, turning)
+    findings += other_curve(parameters["thrust_expo"], vehicle)
     findings += undetermined(parameters) + drag_apart(parameters, motions, fine, covariance)
     report("fitted", 1.0)
+    flown = replace(vehicle, thrust_expo=curved.expo)
+
+    def over_thrust(name: str) -> float:
+        return thrust_over(name, parameters, covariance, estimated, shared_air(records))
+
     return RigidBodyModel(
         name="rigid body, thrust and drag from PWM and attitude",
-        parameters={name: in_si(each, parameters, mass, shared_air(records)) for name, each in parameters.items()},
+        parameters={name: in_si(each, parameters, mass, over_thrust(name)) for name, each in parameters.items()},
         estimated=estimated,
         covariance=covariance,
         condition=_condition(fine.information[:SHARED, :SHARED]),
@@ -143,7 +159,7 @@ def fit_rigid_body(
         rmse=rmse,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
-        motors={} if turning is None else fit_motor_effects(records, vehicle, voltage, turning),
+        motors={} if turning is None else fit_motor_effects(records, flown, voltage, turning),
     )
 
 
@@ -301,10 +317,12 @@ def _widened(fine: FilterErrorFit, flights: int, shapes: int) -> tuple[Prior, Fl
     return Prior(*np.ascontiguousarray(np.hstack(parts))), np.concatenate(start)
 
 
-def _rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None) -> RotationFit | None:
+def _rotation(
+    records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, expo: float
+) -> RotationFit | None:
     if not logged_motors(records[0], vehicle) or len(records[0].input_names) < len(vehicle.motors):
         return None
-    return fit_rotation(records, vehicle, voltage)
+    return fit_rotation(records, vehicle, voltage, expo)
 
 
 def _condition(information: Floats) -> float:

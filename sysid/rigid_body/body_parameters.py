@@ -9,6 +9,7 @@ import numpy as np
 
 from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, Floats
+from sysid.records.motor_scaling import EXPO_SIGMA
 from sysid.records.motor_signals import ENOUGH
 from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rigid_body.body_motion import SHARED, THETA, Motion
@@ -16,7 +17,15 @@ from sysid.rigid_body.filter_error import FilterErrorFit
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.output_error import Prior
-from sysid.rigid_body.rotation import COHERENT, STILL, UNDAMPED, AxisFit, RotationFit, centre_of_gravity
+from sysid.rigid_body.rotation import (
+    COHERENT,
+    STILL,
+    UNDAMPED,
+    AxisFit,
+    RotationFit,
+    TorqueCurve,
+    centre_of_gravity,
+)
 from sysid.rigid_body.systematic import unlike_motors, usual_speed
 from sysid.rotors.thrust_regression import air_sigma_of
 
@@ -52,6 +61,10 @@ SLOW_FLOOR = 0.03
 
 #: The same for damping, 1/s: a millisecond of lag that is not of first order damps a swing of 3 Hz by 0.3 1/s.
 DAMPING_FLOOR = 0.3
+
+#: Departure of a curvature from the parameters' in standard errors that contradicts them, and what may be wrong then.
+_CONTRADICTS = 3.0
+_WHICH = "MOT_THST_EXPO or MOT_SPIN_MIN is not as set, and no flight tells which"
 
 #: Below this an estimate does not differ from zero.
 _NOTHING = 1e-6
@@ -99,6 +112,10 @@ def judge_parameters(
     covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
     numbers: dict[str, tuple[float, float, str]] = {}
     air = shared_air(records)
+    expo = THETA.index("thrust_expo")
+    curved = TorqueCurve.of(vehicle, float(fine.values[expo]), float(fine.covariance[expo, expo]))
+    if prior.sigma[expo] >= EXPO_SIGMA:
+        result["thrust_expo"] = _held_against_setting(result["thrust_expo"], vehicle)
     if turning is None:
         why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
         why = "not all motors are logged" if unlogged else why
@@ -108,7 +125,8 @@ def judge_parameters(
             reason = rotation_doubt(axis, fit, turning.source, turning.rate)
             floor = GAIN_FLOOR[axis] if turning.rate >= ENOUGH else max(GAIN_FLOOR[axis], SLOW_FLOOR)
             # Noise in the command makes the gain too small by up to what is not coherent.
-            parts = [fit.gain_sigma, *(part * fit.gain for part in (1.0 - fit.coherent, floor, air))]
+            bent = turning.per_expo * curved.sigma
+            parts = [fit.gain_sigma, *(part * fit.gain for part in (1.0 - fit.coherent, floor, air, bent))]
             numbers[f"{axis}_gain"] = (fit.gain, float(np.linalg.norm(parts)), reason)
             numbers[f"{axis}_damping"] = (fit.damping, _damping_sigma(fit), reason)
         # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
@@ -117,9 +135,9 @@ def judge_parameters(
             reason = "" if best.coherent >= COHERENT else "no axis has a determined gain"
             numbers[name] = (value, _LAG_SIGMA, reason)
         numbers["yaw_lead"] = (turning.axes["yaw"].lead, _LAG_SIGMA, numbers["yaw_gain"][2])
-        constant = constant_motors(records)
+        constant, flown = constant_motors(records), replace(vehicle, thrust_expo=curved.expo)
         why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
-        for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, vehicle, voltage), strict=True):
+        for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, flown, voltage), strict=True):
             apart = float(np.hypot(spread, unlike_motors(len(vehicle.motors))))
             numbers[name] = (value, apart, why if constant else "")
     for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):
@@ -127,9 +145,77 @@ def judge_parameters(
         reason = reason or _doubt(name, value, spread)
         result[name] = _parameter(name, unit, value, spread, reason)
         covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
+        if turning is not None and name.endswith("_gain"):
+            # A steeper curve at the command flown makes a gain smaller by as much.
+            with_curve = value * turning.per_expo * curved.part * fine.covariance[expo, :SHARED]
+            covariance[k, :SHARED] = covariance[:SHARED, k] = with_curve
     if turning is not None:
         result["motor_lag"] = held_against_torque(result["motor_lag"], turning)
     return result, covariance, (*THETA, *ROTATION_UNITS)
+
+
+def _held_against_setting(expo: BodyParameter, vehicle: Vehicle) -> BodyParameter:
+    """Widen the standard error of a curvature that contradicts the parameters.
+
+    Thrust that begins at another command than MOT_SPIN_MIN says bends the curve just as another MOT_THST_EXPO, and no
+    flight tells which of the two is wrong: the truth may be either number.
+    """
+    if expo.value is None or expo.sigma is None or abs(expo.value - vehicle.thrust_expo) < _CONTRADICTS * expo.sigma:
+        return expo
+    sigma = float(np.hypot(expo.sigma, 0.5 * (expo.value - vehicle.thrust_expo)))
+    if not (reason := _doubt("thrust_expo", expo.value, sigma)):
+        return replace(expo, sigma=sigma)
+    reason = (
+        f"between the ends of the commands thrust rises as with {expo.value:.2f} ± {expo.sigma:.2f} instead of "
+        f"{vehicle.thrust_expo:.2f}: {_WHICH}"
+    )
+    return replace(expo, value=None, sigma=None, determined=False, reason=reason)
+
+
+def other_curve(expo: BodyParameter, vehicle: Vehicle) -> list[Finding]:
+    """Report when thrust clearly follows another curve than the parameters say."""
+    if expo.determined or not expo.reason.endswith(_WHICH):
+        return []
+    return [
+        Finding(
+            "thrust-curve-differs",
+            Severity.WARNING,
+            f"{expo.reason}; thrust and gains of the rigid body go by the flight, what other methods say of full "
+            "command does not",
+            "measure the curve and where thrust begins on a thrust stand, and set MOT_THST_EXPO and MOT_SPIN_MIN",
+            {"expo": expo.used, "set": vehicle.thrust_expo},
+        )
+    ]
+
+
+def thrust_over(
+    name: str,
+    parameters: Mapping[str, BodyParameter],
+    covariance: Floats,
+    estimated: Sequence[str],
+    air: float,
+) -> float:
+    """Compute the relative standard error of thrust over a gain, which share air and curve; infinite if undetermined.
+
+    Parameters
+    ----------
+    name : str
+        Of the gain.
+    parameters : mapping
+    covariance : ndarray
+    estimated : sequence of str
+        Names of its rows.
+    air : float
+        The error that thrust and gains share (`shared_air`).
+    """
+    if name not in ("roll_gain", "pitch_gain"):
+        return float("inf")
+    thrust, gain = parameters["thrust"], parameters[name]
+    if thrust.value is None or gain.value is None or thrust.sigma is None or gain.sigma is None:
+        return float("inf")
+    one, other = thrust.sigma / thrust.value, gain.sigma / gain.value
+    shared = float(covariance[list(estimated).index("thrust"), list(estimated).index(name)])
+    return ratio_sigma(one, other, air, shared / (thrust.value * gain.value))
 
 
 def held_against_torque(lag: BodyParameter, turning: RotationFit) -> BodyParameter:
@@ -229,9 +315,9 @@ def _parameter(name: str, unit: str, value: float, sigma: float, reason: str) ->
 
 
 def in_si(
-    parameter: BodyParameter, all_of_them: Mapping[str, BodyParameter], mass: float | None, air: float
+    parameter: BodyParameter, all_of_them: Mapping[str, BodyParameter], mass: float | None, over_thrust: float
 ) -> BodyParameter:
-    """Add what the mass turns a parameter into; `air` is the error that thrust and gains share (`shared_air`)."""
+    """Add what the mass turns a parameter into; `over_thrust` is of a gain (`thrust_over`)."""
     name, value, sigma = parameter.name, parameter.value, parameter.sigma
     if mass is None or value is None or sigma is None:
         return parameter
@@ -249,14 +335,24 @@ def in_si(
     thrust = all_of_them["thrust"]
     if name in ("roll_gain", "pitch_gain") and thrust.value is not None and thrust.sigma is not None:
         over_arm = mass * thrust.value / value
-        part = ratio_sigma(thrust.sigma / thrust.value, sigma / value, air)
-        return replace(parameter, si_value=over_arm, si_sigma=over_arm * part, si_unit="kg m (inertia over arm)")
+        return replace(parameter, si_value=over_arm, si_sigma=over_arm * over_thrust, si_unit="kg m (inertia over arm)")
     return parameter
 
 
-def ratio_sigma(one: float, other: float, shared: float) -> float:
-    """Return the relative standard error of a ratio whose parts have relative errors that they partly share."""
-    return float(np.sqrt(max(one**2 - shared**2, 0.0) + max(other**2 - shared**2, 0.0)))
+def ratio_sigma(one: float, other: float, shared: float, covariance: float = 0.0) -> float:
+    """Return the relative standard error of a ratio whose parts have relative errors that they partly share.
+
+    Parameters
+    ----------
+    one, other : float
+        Relative standard errors of the parts.
+    shared : float
+        The part of both that is the same.
+    covariance : float
+        Relative, of what else they share.
+    """
+    parts = max(one**2 - shared**2, 0.0) + max(other**2 - shared**2, 0.0) - 2.0 * covariance
+    return float(np.sqrt(max(parts, 0.0)))
 
 
 def undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:

@@ -37,7 +37,7 @@ from sysid.rigid_body.carried import Carried, carry_states
 from sysid.rigid_body.drift_band import drift_sigma, trim_errors
 from sysid.rigid_body.increments import velocity_increments
 from sysid.rigid_body.model_record import BodyParameter, MotorEffect, RigidBodyRecord, TrimRecord
-from sysid.rigid_body.rotation import AXES, logged_motors, run_rates, torque_commands
+from sysid.rigid_body.rotation import AXES, TorqueCurve, logged_motors, run_rates, torque_commands
 from sysid.rigid_body.trim import early_trim, unusual_thrust, whole_trim
 from sysid.rigid_body.wander import FIXED, GUST_SECONDS
 from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
@@ -278,7 +278,9 @@ class RigidBodyModel(Summarised):
             )
         if len(logged_motors(experiment, self.vehicle)) < len(self.vehicle.motors):
             raise MissingDataError(f"{experiment.name}: rates cannot be predicted without the outputs of all motors")
-        commands, rates, _ = torque_commands(experiment, self.vehicle, self.reference_voltage)
+        place = self.estimated.index("thrust_expo")
+        curved = TorqueCurve.of(self.vehicle, self.value("thrust_expo"), float(self.covariance[place, place]))
+        commands, rates, _ = torque_commands(experiment, self.vehicle, self.reference_voltage, curved.expo)
         gains = np.array([self.value(f"{axis}_gain") for axis in AXES])
         damping = np.array([self.value(f"{axis}_damping") for axis in AXES])
         lag, delay = self.value("torque_lag"), self.value("torque_delay")

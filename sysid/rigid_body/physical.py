@@ -10,13 +10,13 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 
-from logparse import Finding, RotoridError
+from logparse import Finding, RotoridError, Vehicle
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment
-from sysid.records.motor_scaling import curve, motor_commands
+from sysid.records.motor_scaling import EXPO_SIGMA, curve, curve_slope, motor_commands
 from sysid.records.motor_signals import unexplained
 from sysid.records.thrust_curve import Law
-from sysid.rigid_body.body_parameters import ratio_sigma, shared_air
+from sysid.rigid_body.body_parameters import shared_air, thrust_over
 from sysid.rigid_body.consensus import Statement, consensus, disagreement
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
@@ -77,10 +77,6 @@ def quantity(parameter: str, unit: str) -> tuple[str, str]:
 
 #: Unit of an inertia of which only the mass is known.
 _OVER_ARM = "kg m (inertia over arm)"
-
-#: Standard error of a thrust curve that stands in the autopilot's parameters: few owners measure it, and those
-#: recommended for small and large propellers run from 0.5 to 0.8.
-EXPO_SIGMA = 0.1
 
 #: Why numbers stand without a standard error.
 WIND_WITHIN = "wind and linear drag are in it, by as much as nobody knows"
@@ -308,7 +304,7 @@ def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None, air: float) ->
         if thrust.value is None or gain.value is None or thrust.sigma is None or gain.sigma is None:
             sheet.put(name, "rigid body", None, note=gain.reason or thrust.reason)
             continue
-        relative = ratio_sigma(thrust.sigma / thrust.value, gain.sigma / gain.value, air)
+        relative = thrust_over(f"{axis}_gain", model.parameters, model.covariance, model.estimated, air)
         sheet.put(name, "rigid body", thrust.value / gain.value, thrust.value / gain.value * relative)
     for law in ("linear", "quadratic"):
         pair = [model.parameters[f"drag_{law}_{axis}"] for axis in ("x", "y")]
@@ -332,6 +328,7 @@ def _at_hover(
     vehicle, _ = vehicle_of(records[0])
     commands = [np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).ravel() for record in records]
     command = float(np.mean(np.concatenate(commands)))
+    bent = _curve_sigma(vehicle, body)
     expos = dict.fromkeys(METHODS, vehicle.thrust_expo)
     if rotor is not None:
         expos["rotor"] = rotor.thrust_expo
@@ -346,11 +343,34 @@ def _at_hover(
             part = float(curve(np.array(command), expo))
             value, sigma = float(value) * part, float(sigma) * part
         sheet.put("thrust over mass at hover", method, float(value), float(sigma), note)
-        if method not in ("rigid body", "rotor") and np.isfinite(float(full["value"])):
-            # These take the autopilot's curve from hover to full command as it stands in its parameters.
-            steep = (1.0 - command) / max(1.0 - expo + expo * command, 1e-3)
-            spread = float(np.hypot(float(full["sigma"]), EXPO_SIGMA * steep * float(full["value"])))
-            sheet.put("thrust over mass", method, float(full["value"]), spread, str(full["note"]))
+    # Methods without a curve of their own take the autopilot's as it stands in its parameters, from hover to full
+    # command, and for its slope, by which motors turn the craft.
+    expo = vehicle.thrust_expo
+    full_over_hover = (1.0 - command) / max(1.0 - expo + expo * command, 1e-3)
+    slope_over_full = (1.0 - 2.0 * command) / max(float(curve_slope(np.array(command), expo)), 1e-3)
+    parts = {
+        "thrust over mass": full_over_hover,
+        "roll inertia over mass and arm": full_over_hover - slope_over_full,
+        "pitch inertia over mass and arm": full_over_hover - slope_over_full,
+        "yaw torque over inertia": slope_over_full,
+    }
+    for (parameter, method), row in list(sheet.rows.items()):
+        value, sigma = float(row["value"]), float(row["sigma"])
+        if parameter in parts and method not in ("rigid body", "rotor") and np.isfinite([value, sigma]).all():
+            sheet.put(
+                parameter, method, value, float(np.hypot(sigma, bent * parts[parameter] * value)), str(row["note"])
+            )
+
+
+def _curve_sigma(vehicle: Vehicle, body: RigidBodyModel | None) -> float:
+    """Return how far the curve in the parameters is off: by what the flight shows, where it shows that better."""
+    if body is None:
+        return EXPO_SIGMA
+    place = body.estimated.index("thrust_expo")
+    shown = float(np.sqrt(body.covariance[place, place]))
+    if not 0.0 < shown < EXPO_SIGMA:
+        return EXPO_SIGMA
+    return float(np.hypot(shown, body.value("thrust_expo") - vehicle.thrust_expo))
 
 
 def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:

@@ -10,13 +10,14 @@ band of frequencies, for given lag and delay; these two are found by a search on
 controller are logged together with the rates, fast; motor outputs are often logged at a small part of the loop's rate,
 and then show attitude control only in aliases. What one unit of output means in thrust is read off the log: the motors'
 total thrust command over the controller's thrust output, which includes whatever the firmware does about voltage and
-density.
+density. The controller's outputs become commands by the curve in the parameters; what commands do goes by the curve
+that the flight shows (`TorqueCurve`), whose slope about the command flown is what turns the craft.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -24,7 +25,8 @@ import scipy
 from logparse import Motor, Vehicle
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.filtering import lfilter
-from sysid.records.motor_scaling import curve, motor_commands
+from sysid.records.mixer_curve import known_slope
+from sysid.records.motor_scaling import EXPO_SIGMA, curve, curve_slope, motor_commands
 from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
 
@@ -52,6 +54,9 @@ SCALE_SECONDS = 10.0
 
 #: Fewest frequencies from which a lag and a delay are told.
 _FEWEST_LINES = 3
+
+#: Slope of a thrust curve below which nothing is divided by it.
+_LEAST_SLOPE = 0.05
 
 #: Thrust output below which the scale is not read off it.
 _LEAST_THRUST = 0.02
@@ -82,6 +87,22 @@ class RotationFit:
     delay: float
     source: str  #: ``"rate outputs"`` or ``"motor outputs"``.
     rate: float  #: Rows of the source a second.
+    per_expo: float = 0.0  #: Relative change of the gains with the curvature of the torque commands.
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueCurve:
+    """The thrust curve by which commands turn the craft: that of the flight, as far as it is surer than that set."""
+
+    expo: float
+    sigma: float
+    part: float  #: Weight of the flight's curve in it, 0 to 1.
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, expo: float, variance: float) -> TorqueCurve:
+        """Weigh the curve of a fit against that of the parameters, which is `EXPO_SIGMA` uncertain."""
+        part = EXPO_SIGMA**2 / (EXPO_SIGMA**2 + variance)
+        return cls(part * expo + (1.0 - part) * vehicle.thrust_expo, float(np.sqrt(part * variance)), part)
 
 
 def logged_motors(record: Experiment, vehicle: Vehicle) -> tuple[Motor, ...]:
@@ -134,7 +155,9 @@ def centre_of_gravity(
     return x, y
 
 
-def torque_commands(record: Experiment, vehicle: Vehicle, voltage: float | None) -> tuple[Floats, Floats, str]:
+def torque_commands(
+    record: Experiment, vehicle: Vehicle, voltage: float | None, expo: float
+) -> tuple[Floats, Floats, str]:
     """Torque commands and rates about the three axes.
 
     Parameters
@@ -144,6 +167,8 @@ def torque_commands(record: Experiment, vehicle: Vehicle, voltage: float | None)
     vehicle : Vehicle
     voltage : float or None
         Reference, V.
+    expo : float
+        Curvature of thrust over command, which need not be what the autopilot inverts.
 
     Returns
     -------
@@ -155,26 +180,31 @@ def torque_commands(record: Experiment, vehicle: Vehicle, voltage: float | None)
     """
     context = record.context
     assert context is not None
-    thrust = thrust_commands(record, vehicle, voltage)
     motors = logged_motors(record, vehicle)
     arms = levers(motors)
     if "out_roll" not in context or "rate_x" not in context:
+        thrust = thrust_commands(record, replace(vehicle, thrust_expo=expo), voltage)
         commands = np.column_stack([thrust @ arms[axis] for axis in AXES])
         return commands, context[["w_x", "w_y", "w_z"]].to_numpy(np.float64), "motor outputs"
     per_output = [float(arms[axis] @ np.array([getattr(motor, axis) for motor in motors])) for axis in AXES]
     outputs = context[[f"out_{axis}" for axis in AXES]].to_numpy(np.float64)
-    scale = np.ones(len(record.t))
+    size = max(min(round(SCALE_SECONDS / record.dt), len(record.t)), 1)
+    command = _moving_mean(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).mean(axis=1), size)
+    scale = curve_slope(command, expo) / np.maximum(curve_slope(command, vehicle.thrust_expo), _LEAST_SLOPE)
+    scale = scale * known_slope(record.findings)
     if "out_thrust" in context:
-        size = max(min(round(SCALE_SECONDS / record.dt), len(record.t)), 1)
+        thrust = thrust_commands(record, vehicle, voltage).mean(axis=1)
         together, asked = (
-            _moving_mean(values, size) for values in (thrust.mean(axis=1), context["out_thrust"].to_numpy(np.float64))
+            _moving_mean(values, size) for values in (thrust, context["out_thrust"].to_numpy(np.float64))
         )
-        scale = np.where(asked > _LEAST_THRUST, together / np.maximum(asked, _LEAST_THRUST), 1.0)
+        scale = scale * np.where(asked > _LEAST_THRUST, together / np.maximum(asked, _LEAST_THRUST), 1.0)
     rates = context[["rate_x", "rate_y", "rate_z"]].to_numpy(np.float64)
     return outputs * per_output * scale[:, None], rates, "rate outputs"
 
 
-def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None) -> RotationFit | None:
+def fit_rotation(
+    records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, expo: float | None = None
+) -> RotationFit | None:
     """Estimate effectiveness and damping about each axis.
 
     Parameters
@@ -184,13 +214,16 @@ def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float
     vehicle : Vehicle
     voltage : float or None
         Reference, V.
+    expo : float, optional
+        Curvature of thrust over command; default: that of the parameters.
 
     Returns
     -------
     RotationFit or None
         None when no record is long enough for a stretch, or sampled too slowly for the band.
     """
-    parts = [torque_commands(record, vehicle, voltage) for record in records]
+    expo = vehicle.thrust_expo if expo is None else expo
+    parts = [torque_commands(record, vehicle, voltage, expo) for record in records]
     source = parts[0][2]
     same = [(commands, rates) for commands, rates, kind in parts if kind == source]
     # Rates and outputs of one message fade alike on the lines between rows, up to where these fold.
@@ -218,7 +251,10 @@ def fit_rotation(records: Sequence[Experiment], vehicle: Vehicle, voltage: float
         axis: _axis(omega, q[:, :, k], w[:, :, k], lag, delay, axis == "yaw", float(moved[k]))
         for k, axis in enumerate(AXES)
     }
-    return RotationFit(axes=axes, lag=lag, delay=delay, source=source, rate=rate)
+    command = float(np.mean([np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).mean() for record in records]))
+    # Gain times slope is what the flight shows.
+    per_expo = (1.0 - 2.0 * command) / max(float(curve_slope(np.array(command), expo)), _LEAST_SLOPE)
+    return RotationFit(axes=axes, lag=lag, delay=delay, source=source, rate=rate, per_expo=per_expo)
 
 
 def run_rates(

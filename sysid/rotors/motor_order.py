@@ -22,9 +22,9 @@ import pandas as pd
 import scipy
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
-from logparse.cubic_spline import cubic_spline
 from sysid.records.arrays import Floats
 from sysid.records.mixer import INDEPENDENT, expectation
+from sysid.records.mixer_curve import MARGIN, sampled_at
 from sysid.records.motor_scaling import curve, motor_commands
 
 #: Time over which neighbours count as one, and over which means are taken where the controller is logged slowly, s.
@@ -32,12 +32,6 @@ BLOCK_SECONDS = 0.5
 
 #: Fewest half seconds that tell an order.
 _FEWEST = 20
-
-#: Commands nearer to the ends of a motor's range than this are left out: there the mixer gives what it can.
-_MARGIN = 0.02
-
-#: Time between samples of the controller beyond which nothing is interpolated, s.
-_GAP = 0.3
 
 #: Log-likelihood beyond the logarithm of the number of orders by which another order must be better.
 SURE = 15.0
@@ -201,16 +195,6 @@ def _accelerations(tables: Tables, start: float, stop: float) -> list[pd.DataFra
     return found
 
 
-def _at(t: Floats, column: pd.Series) -> Floats:
-    """Sample a column at given times by a cubic spline; NaN outside and where its samples lie apart."""
-    at = column.index.to_numpy(np.float64)
-    if len(at) < 4:
-        return np.full(len(t), np.nan)
-    after = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
-    known = (t >= at[0]) & (t <= at[-1]) & (at[after] - at[after - 1] < _GAP)
-    return np.where(known, cubic_spline(at, column.to_numpy(np.float64)[:, None], t)[:, 0], np.nan)
-
-
 def _views(
     motors: pd.DataFrame, asked: pd.DataFrame, vehicle: Vehicle, factors: Floats, *, by_axis: bool
 ) -> tuple[_View, ...]:
@@ -218,12 +202,12 @@ def _views(
     t = motors.index.to_numpy(np.float64)
     command = motor_commands(motors.to_numpy(np.float64), vehicle)
     given = curve(np.clip(command, 0.0, 1.0), vehicle.thrust_expo)
-    outputs = np.column_stack([_at(t, asked[name]) for name in asked])
+    outputs = np.column_stack([sampled_at(t, asked[name]) for name in asked])
     whole = "thrust" in asked
-    inside = np.isfinite(outputs).all(axis=1) & np.all((command > _MARGIN) & (command < 1.0 - _MARGIN), axis=1)
+    inside = np.isfinite(outputs).all(axis=1) & np.all((command > MARGIN) & (command < 1.0 - MARGIN), axis=1)
     if whole:
         outputs = outputs[:, [3, 0, 1, 2]]
-        inside &= outputs[:, 0] > _MARGIN
+        inside &= outputs[:, 0] > MARGIN
     step = float(np.median(np.diff(t))) if len(t) > 1 else BLOCK_SECONDS
     blocks = inside.sum() * min(step, BLOCK_SECONDS) / BLOCK_SECONDS
     if blocks < _FEWEST:

@@ -8,7 +8,8 @@ import pytest
 
 from logparse import MissingDataError, Motor, Tables, Vehicle
 from sysid.records.mixer import expectation
-from sysid.records.motor_scaling import command_for, motor_pwm
+from sysid.records.mixer_curve import known_slope, mixer_differs
+from sysid.records.motor_scaling import command_for, curve, curve_slope, motor_commands, motor_pwm
 from sysid.rotors.motor_order import motor_order
 
 #: Frames as (angles in degrees, spins).
@@ -175,3 +176,29 @@ def test_a_number_that_no_controller_gives_costs_its_row_alone(value):
         found = motor_order(replace(tables, rates=rates), vehicle, 0.0, SECONDS)
         assert found.explained > 0.95
         assert not found.findings
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("expo", [0.2, 0.65, 0.95])
+def test_a_curve_that_did_not_fly_is_measured_by_what_it_makes_of_outputs(frame, expo):
+    """With MOT_THST_EXPO 0.35 off in the log, gains of rotation were 15 to 27 % off (5 standard errors)."""
+    flew = craft(frame)
+    tables = flown(flew, 3, chirp=True)
+    found = mixer_differs(tables, replace(flew, thrust_expo=expo), 0.0, SECONDS)
+    command = float(motor_commands(tables.motors.to_numpy(), flew).mean())
+
+    def stiffness(e):
+        return float(curve_slope(np.array(command), e) / curve(np.array(command), e))
+
+    if expo == flew.thrust_expo:
+        assert not found
+    else:
+        assert known_slope(found) == pytest.approx(stiffness(expo) / stiffness(flew.thrust_expo), rel=0.02)
+        assert "MOT_THST_EXPO" in found[0].reason
+
+
+def test_a_controller_that_motors_do_not_follow_says_nothing_of_the_curve():
+    tables = flown(craft(QUAD_X), 4, chirp=True)
+    noisy = tables.rates + 0.05 * np.random.default_rng(0).standard_normal(tables.rates.shape)
+    assert not mixer_differs(replace(tables, rates=noisy), replace(craft(QUAD_X), thrust_expo=0.2), 0.0, SECONDS)
+    assert not mixer_differs(without_thrust(tables), replace(craft(QUAD_X), thrust_expo=0.2), 0.0, SECONDS)

@@ -393,6 +393,29 @@ def test_gains_share_the_air_with_thrust_and_inertia_does_not_feel_it():
     assert model.covariance[k, e] > 0.0
 
 
+@pytest.mark.parametrize("off", [-0.25, 0.25])
+def test_a_wrong_thrust_curve_in_the_parameters_misleads_nothing(off):
+    """Gains were 15 to 24 % off (5 standard errors), inertia 18 % (10): torque went by the curve in the parameters."""
+    right = fitted()
+    told = replace(right.vehicle, thrust_expo=right.vehicle.thrust_expo + off)
+    seen = replace(record(exciting(), np.random.default_rng(1)), vehicle=told)
+    model = fit_rigid_body([seen], mass=1.0)
+    for name in ("roll_gain", "pitch_gain", "yaw_gain", "thrust"):
+        stated = model.parameters[name]
+        assert stated.value == pytest.approx(right.value(name), abs=1.5 * stated.sigma), name
+    inertia = model.parameters["roll_gain"]
+    assert inertia.si_value == pytest.approx(
+        right.value("thrust") / right.value("roll_gain"), abs=2.0 * inertia.si_sigma
+    )
+    # Thrust that begins elsewhere looks the same, so that the curvature is not stated, but the departure is.
+    assert not model.parameters["thrust_expo"].determined
+    assert "thrust-curve-differs" in {finding.id for finding in model.findings}
+    assert "thrust-curve-differs" not in {finding.id for finding in right.findings}
+    found = physical_parameters([seen], rigid_body=model).table
+    full = found.loc[("thrust over mass", "mean thrust")]
+    assert full["value"] == pytest.approx(right.value("thrust"), abs=2.0 * full["sigma"])
+
+
 def test_mean_drag_of_both_axes_shares_their_air():
     """The mean of forward and sideways drag was stated as if they erred apart: 4.2 sigmas off on a warm day."""
     model = fitted()
