@@ -9,8 +9,10 @@ import pandas as pd
 from logparse.canonical import dataflash_control as control
 from logparse.canonical import dataflash_events, dataflash_sensors
 from logparse.canonical.batches import batches
+from logparse.canonical.dataflash_sensors import Sensor
 from logparse.canonical.deferred import Later
 from logparse.canonical.remarks import Remarks
+from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.frames import Vehicle
 from logparse.tables import Tables
 from logparse.units import numbers
@@ -28,7 +30,7 @@ def build(
     later: Later,
 ) -> Tables:
     """Build all tables that the messages allow, but for those that `later` takes."""
-    imu, further_imu = later.take("imu", messages, _IMU, lambda own: dataflash_sensors.imu(messages, own), remarks)
+    imu, further_imu = later.take("imu", messages, _IMU, lambda own: _inertial(messages, own), remarks)
     rates, _ = later.take(
         "rates",
         messages,
@@ -51,7 +53,7 @@ def build(
         "mag": further_mag,
         "battery": further_battery,
     }
-    return Tables(
+    tables = Tables(
         motors=dataflash_sensors.motors(messages, vehicle.motors, remarks),
         imu=imu,
         gps=gps,
@@ -72,6 +74,13 @@ def build(
         parameters=parameters,
         origin=control.origin(messages, gps, ekf),
     )
+    return without_stray_rows(tables, remarks)
+
+
+def _inertial(messages: Mapping[str, pd.DataFrame], remarks: Remarks) -> Sensor:
+    """IMUs without damaged rows."""
+    first, further = dataflash_sensors.imu(messages, remarks)
+    return without_stray(first, "imu", remarks), further
 
 
 def _old_receiver(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str, float], vehicle: Vehicle) -> bool:

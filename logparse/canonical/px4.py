@@ -1,6 +1,7 @@
 """Canonical tables of PX4 logs (ulog). Topics are in SI units, NED and FRD already."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from logparse.canonical.dataflash_sensors import PULSE_RANGE, clean_fixes
 from logparse.canonical.modes import PX4_MODES
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, euler_angles, join, sample, series
+from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.frames import Motor, Vehicle
 from logparse.tables import COLUMNS, Geodetic, Tables
 from logparse.units import numbers
@@ -28,7 +30,7 @@ def build(messages: Messages, parameters: Mapping[str, float], vehicle: Vehicle,
     gps = _gps(messages, parameters, remarks)
     attitude = _attitude(messages)
     imu = _imu(messages, remarks)
-    return Tables(
+    tables = Tables(
         motors=_motors(messages, vehicle.motors, _dshot(parameters), remarks),
         imu=imu,
         gps=gps,
@@ -47,6 +49,7 @@ def build(messages: Messages, parameters: Mapping[str, float], vehicle: Vehicle,
         parameters=parameters,
         origin=_origin(messages, gps),
     )
+    return without_stray_rows(replace(tables, imu=without_stray(imu, "imu", remarks)), remarks)
 
 
 def _values(frame: pd.DataFrame, *names: str) -> Array:
