@@ -6,6 +6,7 @@ from importlib import import_module
 
 from estimation.frozen import without_frozen_fixes
 from estimation.observations import usable_fixes
+from estimation.receiver_clock import in_one_time
 from estimation.segmentation import FEWEST_SAMPLES, SLOWEST_IMU
 from estimation.states import SensorNoise
 from estimation.strapdown import estimate_strapdown
@@ -52,7 +53,9 @@ def estimate(
         When neither an IMU of 15 Hz nor attitude with positions is there.
     """
     noise = noise or SensorNoise()
-    tables, frozen = without_frozen_fixes(tables)
+    tables, odd = without_frozen_fixes(tables)
+    tables, changes = in_one_time(tables)
+    odd += changes
     trajectory: Trajectory
     if _has_fast_imu(tables):
         trajectory = estimate_strapdown(
@@ -67,7 +70,7 @@ def estimate(
             "the log has neither IMU samples at 15 Hz or more nor GPS positions with attitude, so there is nothing to "
             "make a trajectory from: log IMU and GPS (rotorid inspect names the setting)"
         )
-    return replace(trajectory, findings=(*frozen, *trajectory.findings)) if frozen else trajectory
+    return replace(trajectory, findings=(*odd, *trajectory.findings)) if odd else trajectory
 
 
 def _has_fast_imu(tables: Tables) -> bool:

@@ -61,8 +61,15 @@ _PULSE = 150.0
 
 def without_stray_rows(tables: Tables, remarks: Remarks) -> Tables:
     """Take damaged rows of all short tables as missing."""
-    names = ("attitude", "gps", "baro", "mag", "ekf", "motors")
-    return replace(tables, **{name: without_stray(getattr(tables, name), name, remarks) for name in names})
+    return replace(
+        tables,
+        attitude=without_stray(tables.attitude, "attitude", remarks),
+        gps=without_stray(tables.gps, "gps", remarks),
+        baro=without_stray(tables.baro, "baro", remarks),
+        mag=without_stray(tables.mag, "mag", remarks),
+        ekf=without_stray(tables.ekf, "ekf", remarks),
+        motors=without_stray(tables.motors, "motors", remarks),
+    )
 
 
 def without_stray(table: pd.DataFrame | None, name: str, remarks: Remarks) -> pd.DataFrame | None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimation import compare, errors, estimate, nees
+from estimation.receiver_clock import in_one_time
 from estimation.timing import ACCEL, GYRO
 from estimation.trust import doubtful_sensors
 from tests.estimation.simulated_flight import Sensors, fly
@@ -73,6 +74,38 @@ def test_a_clock_that_is_off_is_found(flight, truth, clean, lag):
     assert [f.id for f in result.findings] == ["gps-late"]
     assert compare(result, truth).horizontal_velocity < 1.5 * clean.horizontal_velocity
     assert nees(result, truth)["velocity"] < 3.0
+
+
+@pytest.mark.parametrize("step", [0.5, -0.6])
+def test_a_receivers_clock_that_steps_is_set_right(flight, step):
+    """One lag for all bends the trajectory by half a metre a second, and no residual shows why."""
+    gps = flight.tables.gps
+    late = np.where(gps.index > 55.0, step, 0.0)
+    tables, (finding,) = in_one_time(replace(flight.tables, gps=gps.assign(t_valid=gps["t_valid"] + late)))
+    assert finding.id == "gps-clock"
+    assert finding.evidence["t"] == pytest.approx(55.0, abs=3.0)
+    left = (tables.gps["t_valid"] - gps["t_valid"]).to_numpy()
+    assert np.percentile(np.abs(left), 90) < 0.03
+
+
+def test_a_receivers_clock_that_drifts_is_set_right(flight, truth, clean):
+    gps = flight.tables.gps
+    late = 0.01 * gps.index.to_numpy()
+    result = estimate(replace(flight.tables, gps=gps.assign(t_valid=gps["t_valid"] + late)), rate=10.0)
+    assert {f.id for f in result.findings} <= {"gps-clock", "gps-late"}
+    assert result.findings[0].evidence["drift"] == pytest.approx(0.01, abs=0.002)
+    assert compare(result, truth).horizontal_velocity < 1.5 * clean.horizontal_velocity
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_clock_in_order_is_left_alone(seed):
+    tables = fly(seed, duration=60.0).tables
+    assert in_one_time(tables) == (tables, [])
+
+
+def test_a_clock_that_nothing_tells_is_left_alone(flight):
+    for name in ("imu", "attitude", "gps"):
+        assert in_one_time(replace(flight.tables, **{name: None}))[1] == []
 
 
 @pytest.mark.parametrize(("what", "lag"), [("baro", 1.0), ("mag", 0.6), ("mag", -0.4)])
