@@ -76,7 +76,7 @@ def _truth(name: str, axis: str, frf: frequency.FrequencyResponse, climb: float)
 
 def _firmware(scratch: Path) -> Iterator[Row]:
     """Compare responses and parameters of six firmware craft with their truth."""
-    for kind, target in (("id", "5 %, 5 ms"), ("sticks", "10 %, 10 ms")):
+    for kind, target in (("id", "5 %, 5 ms"), ("g1", "5 %, 5 ms"), ("g2", "5 %, 5 ms"), ("sticks", "10 %, 10 ms")):
         decibels, degrees, coherent, gains, delays, scores, costs = [], [], [], [], [], [], []
         for name in CRAFT:
             log = _unpacked(f"{name}_{kind}", scratch)
@@ -84,7 +84,7 @@ def _firmware(scratch: Path) -> Iterator[Row]:
                 frf = frequency.response(log, axis)
                 fit = frequency.fit(frf)
                 costs.append(fit.cost)
-                climb = _climb(log, axis) if kind == "id" else 0.0
+                climb = 0.0 if kind == "sticks" else _climb(log, axis)
                 truth, gain = _truth(name, axis, frf, climb)
                 band = (frf.hz >= 0.5) & (frf.hz <= 15.0)
                 error = np.log(frf.response / truth)[band & frf.usable]
@@ -356,7 +356,8 @@ def _rate(table: pd.DataFrame | None) -> float:
 def _nanodrone() -> Iterator[Row]:
     """Identify a nano-quadrotor from motor speeds to body rates, the acceleration of its references as instrument.
 
-    Multisines end at 0.55 Hz, where motors work against the moment of the air alone; squares reach 1.5 Hz.
+    Multisines and random flights ask nothing above 0.55 Hz, where motors work against the moment of the air alone;
+    squares reach 3.5 Hz.
     """
     groups = {"multisine": ("multisine",), "square": ("square",), "square and random": ("square", "random1", "random2")}
     folder = SHARED / "bench" / "nanodrone"

@@ -21,7 +21,8 @@ from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.records import RateSignals, rate_signals
 from sysid.frequency.response import Floats
-from sysid.records.mixer import patterns, thrust_commands
+from sysid.frequency.whole_pwm import OUTPUTS, as_motors_got
+from sysid.records.mixer import patterns, thrust_commands, voltage_at
 
 #: Rate [Hz] of the controller's rows beyond which nothing else is looked for, and how much faster others must be.
 _FAST_ENOUGH, FASTER = 25.0, 1.5
@@ -42,9 +43,6 @@ _FEWEST = 16
 #: and speeds that vary together; powers of the speed with which thrust may rise.
 _TURNING, _LIFTING, _TOGETHER, _POWERS = 0.02, 0.5, 0.9, (1.0, 3.0)
 
-#: Outputs of the mixer by the names of its patterns.
-_OUTPUTS = {"roll": "out_roll", "pitch": "out_pitch", "yaw": "out_yaw", "thrust": "out_thrust"}
-
 
 def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignals:
     """Return the signals of an axis from the best source that a log has.
@@ -64,7 +62,7 @@ def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignal
     controllers: RateSignals | None = None
     reason = ""
     try:
-        controllers = rate_signals(log, vertical=not axis.attitude)
+        controllers = as_motors_got(log, rate_signals(log, vertical=not axis.attitude))
     except FrequencyError as error:
         reason = str(error)
     if controllers is not None:
@@ -107,14 +105,14 @@ def driving(log: FlightLog) -> Iterator[tuple[str, pd.DataFrame]]:
     if motors is not None and len(motors) > _FEWEST:
         with suppress(MissingDataError):
             known = motors.dropna()
-            commands = thrust_commands(known, vehicle, _voltage(log, known.index.to_numpy(np.float64)))
-            yield "motor outputs", patterns(commands, vehicle).rename(columns=_OUTPUTS)
+            commands = thrust_commands(known, vehicle, voltage_at(log.tables.battery, known.index.to_numpy(np.float64)))
+            yield "motor outputs", patterns(commands, vehicle).rename(columns=OUTPUTS)
     if esc is not None and len(esc) > _FEWEST:
         speeds = esc[[name for name in esc if str(name).startswith("w")]].dropna()
         speeds = speeds[(speeds > 0.0).all(axis=1)].rename(columns=lambda name: f"m{str(name)[1:]}")
         if len(speeds) > _FEWEST:
             with suppress(MissingDataError):
-                yield "rotor speeds", patterns(_thrust_of(speeds, commands), vehicle).rename(columns=_OUTPUTS)
+                yield "rotor speeds", patterns(_thrust_of(speeds, commands), vehicle).rename(columns=OUTPUTS)
 
 
 def _thrust_of(speeds: pd.DataFrame, commands: pd.DataFrame | None) -> pd.DataFrame:
@@ -140,14 +138,6 @@ def _thrust_of(speeds: pd.DataFrame, commands: pd.DataFrame | None) -> pd.DataFr
                 # Both scatter: the ratio of their spreads, where regression would be too flat.
                 power = float(np.clip(np.sqrt(np.sum(thrust**2) / np.sum(speed**2)), *_POWERS))
     return mean * (speeds / speed_there) ** power
-
-
-def _voltage(log: FlightLog, t: Floats) -> Floats | None:
-    battery = log.tables.battery
-    if battery is None:
-        return None
-    known = battery["voltage"][battery["voltage"] > 1.0]
-    return np.interp(t, known.index.to_numpy(np.float64), known.to_numpy(np.float64)) if len(known) > 1 else None
 
 
 def _answers(log: FlightLog) -> Iterator[tuple[str, pd.DataFrame, Floats]]:

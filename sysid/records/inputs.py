@@ -37,7 +37,7 @@ import pymap3d
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from sysid.records.arrays import Floats
-from sysid.records.mixer import project
+from sysid.records.mixer import project, voltage_at
 
 if TYPE_CHECKING:
     from estimation import Trajectory
@@ -148,10 +148,7 @@ def _rotor_speeds(tables: Tables) -> Inputs:
 
 def _mixer(tables: Tables, vehicle: Vehicle | None) -> Inputs:
     motors = _motors(tables).signals
-    voltage = None
-    if tables.battery is not None and tables.battery["voltage"].gt(1.0).sum() > 1:
-        known = tables.battery["voltage"][tables.battery["voltage"] > 1.0]
-        voltage = np.interp(motors.index.to_numpy(np.float64), known.index.to_numpy(np.float64), known.to_numpy())
+    voltage = voltage_at(tables.battery, motors.index.to_numpy(np.float64))
     signals = project(motors, vehicle or Vehicle(), voltage)
     return Inputs(
         signals=signals,

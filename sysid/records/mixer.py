@@ -57,6 +57,14 @@ def thrust_commands(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | No
     return pd.DataFrame(curve(command, vehicle.thrust_expo), index=motors.index, columns=motors.columns)
 
 
+def voltage_at(battery: pd.DataFrame | None, t: Floats) -> Floats | None:
+    """Interpolate the voltage [V] of a battery's table at the times `t` [s]; None without any."""
+    if battery is None:
+        return None
+    known = battery["voltage"][battery["voltage"] > 1.0]
+    return np.interp(t, known.index.to_numpy(np.float64), known.to_numpy(np.float64)) if len(known) > 1 else None
+
+
 def patterns(thrust: pd.DataFrame, vehicle: Vehicle) -> pd.DataFrame:
     """Project the thrusts of motors, columns ``m1 ...``, on the commands of the mixer, in the unit of the thrusts.
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 
 from logparse import Vehicle
 from sysid.records.arrays import Floats
+
+_Command = TypeVar("_Command", float, Floats)
 
 #: Standard error of a thrust curve that stands in the autopilot's parameters: few owners measure it, and those
 #: recommended for small and large propellers run from 0.5 to 0.8.
@@ -27,7 +31,7 @@ def motor_commands(pwm: Floats, vehicle: Vehicle) -> Floats:
     return np.asarray((pwm - idle) / (full - idle))
 
 
-def motor_pwm(command: float, vehicle: Vehicle) -> float:
+def motor_pwm(command: _Command, vehicle: Vehicle) -> _Command:
     """Return the PWM [us] of a command: the inverse of `motor_commands`."""
     width = vehicle.pwm_max - vehicle.pwm_min
     return vehicle.pwm_min + width * (vehicle.spin_min + command * (vehicle.spin_max - vehicle.spin_min))
@@ -43,8 +47,13 @@ def curve_slope(command: Floats, expo: float) -> Floats:
     return np.asarray(1.0 - expo + 2.0 * expo * command)
 
 
-def command_for(thrust: float, expo: float) -> float:
-    """Solve ``(1 - e) c + e c^2 = thrust`` for the command."""
+def commands_for(thrust: Floats, expo: float) -> Floats:
+    """Solve ``(1 - e) c + e c^2 = thrust`` for the commands."""
     if abs(expo) < 1e-6:
         return thrust
-    return float((expo - 1.0 + np.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust)) / (2.0 * expo))
+    return np.asarray((expo - 1.0 + np.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust)) / (2.0 * expo))
+
+
+def command_for(thrust: float, expo: float) -> float:
+    """Solve ``(1 - e) c + e c^2 = thrust`` for the command."""
+    return float(commands_for(np.asarray(thrust, dtype=np.float64), expo))

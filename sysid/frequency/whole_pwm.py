@@ -1,0 +1,108 @@
+"""What reaches the motors of the controllers' outputs: ArduPilot cuts PWM off to whole microseconds.
+
+A closed loop leaves a few microseconds of a slow chirp, and what is cut off goes with it: firmware craft seemed to lead
+by 2 to 5 deg at 0.5 Hz, and by 0 to 2 with what the motors got as input.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from logparse import FlightLog, MissingDataError, Vehicle
+from sysid.frequency.records import RateSignals
+from sysid.frequency.response import Floats
+from sysid.records.mixer import expectation, patterns, thrust_commands, voltage_at
+from sysid.records.motor_scaling import commands_for, motor_pwm
+
+#: Outputs by the names of the mixer's patterns.
+OUTPUTS = {"thrust": "out_thrust", "roll": "out_roll", "pitch": "out_pitch", "yaw": "out_yaw"}
+
+#: Fewest rows of motors that lift, and the time [s] over which air and battery stay the same.
+_FEWEST, _STEADY = 100, 10.0
+
+#: Mean thrust of a craft that flies, and the change [us] between rows of the controller up to which a row of the motors
+#: in between is known.
+_FLYING, _QUIET = 0.05, 1.0
+
+#: Median distance [us] of outputs from the middle of what would be cut off to them, up to which they are understood;
+#: 0.25 where all is understood, half a microsecond where nothing is.
+_UNDERSTOOD = 0.35
+
+
+def as_motors_got(log: FlightLog, signals: RateSignals) -> RateSignals:
+    """Return the controllers' outputs without what was cut off them, where the log's motor outputs can be foretold.
+
+    What the mixer asks of each motor follows from a row of RATE, up to a factor for air and battery that RCOU tells.
+
+    Parameters
+    ----------
+    log : FlightLog
+    signals : RateSignals
+        Of RATE; others are returned as they are.
+    """
+    motors, vehicle = log.tables.motors, log.vehicle
+    if motors is None or signals.source or not signals.with_chirp or not vehicle.motors:
+        return signals
+    names = [f"m{motor.number}" for motor in vehicle.motors]
+    if any(name not in motors for name in names) or any(name not in signals.columns for name in OUTPUTS.values()):
+        return signals
+    with suppress(MissingDataError):
+        return _without_cut(log, signals, motors[names].dropna(), vehicle)
+    return signals
+
+
+def _without_cut(log: FlightLog, signals: RateSignals, motors: pd.DataFrame, vehicle: Vehicle) -> RateSignals:
+    pwm, at = motors.to_numpy(np.float64), motors.index.to_numpy(np.float64)
+    outputs = np.column_stack([signals.columns[name] for name in OUTPUTS.values()])
+    known = np.isfinite(outputs).all(axis=1)
+    if len(at) < _FEWEST or np.count_nonzero(known) < _FEWEST or np.any(pwm != np.rint(pwm)):
+        return signals
+    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
+    t, asked = signals.t[known], expectation(outputs[known], factors)
+    lowest, highest = (motor_pwm(command, vehicle) for command in (0.0, 1.0))
+    asked_there = np.column_stack([np.interp(at, t, column) for column in asked.T])
+    middle = thrust_commands(motors + 0.5, vehicle, voltage_at(log.tables.battery, at)).to_numpy(np.float64)
+    flying = (asked_there.mean(axis=1) > _FLYING) & (pwm > lowest + 1.0).all(axis=1) & (pwm < highest - 1.0).all(axis=1)
+    flying &= (at >= t[0]) & (at <= t[-1])
+    if np.count_nonzero(flying) < _FEWEST:
+        return signals
+    at = at[flying]
+    factor = pd.Series(middle[flying].mean(axis=1) / asked_there[flying].mean(axis=1))
+    rows = round(_STEADY / float(np.median(np.diff(at)))) | 1
+    factor = factor.rolling(rows, center=True, min_periods=1).median()
+    gain = np.interp(t, at, factor)[:, None]
+    foretold = _pwm(asked * gain, vehicle, voltage_at(log.tables.battery, t))
+    if _distance(foretold, t, pwm[flying], at) > _UNDERSTOOD:
+        return signals
+    got = thrust_commands(
+        pd.DataFrame(np.floor(foretold) + 0.5, columns=motors.columns), vehicle, voltage_at(log.tables.battery, t)
+    )
+    inside = (foretold > lowest) & (foretold < highest)
+    lost = np.where(inside, got.to_numpy(np.float64) / gain - asked, 0.0)
+    columns = dict(signals.columns)
+    for name, values in patterns(pd.DataFrame(lost, columns=motors.columns), vehicle).items():
+        corrected = columns[OUTPUTS[str(name)]].copy()
+        corrected[known] += values.to_numpy(np.float64)
+        columns[OUTPUTS[str(name)]] = corrected
+    return replace(signals, columns=columns)
+
+
+def _pwm(thrust: Floats, vehicle: Vehicle, voltage: Floats | None) -> Floats:
+    """Return the PWM [us], not yet whole, of thrusts, shape (N, motors), which `thrust_commands` inverts."""
+    command = commands_for(np.maximum(thrust, 0.0), vehicle.thrust_expo)
+    if voltage is not None and vehicle.battery_voltage_max > 0.0:
+        command = command * (vehicle.battery_voltage_max / voltage)[:, None]
+    return np.asarray(motor_pwm(command, vehicle))
+
+
+def _distance(foretold: Floats, t: Floats, pwm: Floats, at: Floats) -> float:
+    """Return the median distance [us] of foretold outputs from the middle of the microsecond that was logged."""
+    after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
+    quiet = np.abs(foretold[after] - foretold[after - 1]) < _QUIET
+    share = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
+    there = foretold[after - 1] + share * (foretold[after] - foretold[after - 1])
+    return float(np.median(np.abs(there - pwm - 0.5)[quiet])) if np.count_nonzero(quiet) >= _FEWEST else np.inf
