@@ -105,6 +105,7 @@ class AttitudeRecord(msgspec.Struct, frozen=True, kw_only=True):
     phase_delay: Parameter
     peak: Parameter
     fit: FitRecord
+    response: ResponseRecord
 
 
 class CheckRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -175,6 +176,7 @@ def _axis(axis: AxisSurvey) -> AxisRecord:
             phase_delay=attitude.phase_delay,
             peak=attitude.peak,
             fit=_fit(attitude.fit),
+            response=_response(attitude.frf),
         ),
         check=None if axis.check is None else _check(axis.check),
         check_reason=axis.check_reason,
@@ -239,26 +241,36 @@ def _rows(matrix: Floats) -> tuple[Numbers, ...]:
 
 
 def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
-    """Write ``frequency.json``, ``frequency.mat`` and one ``frequency_AXIS.csv`` for each axis with a response.
+    """Write ``frequency.json``, ``frequency.mat`` and one ``frequency_AXIS.csv`` for each response.
 
-    In MATLAB: ``load frequency.mat; sys = frd(roll.response, roll.hz, 'FrequencyUnit', 'Hz'); tf(roll.num, roll.den)``.
+    In MATLAB: ``load frequency.mat; sys = frd(roll.response, roll.hz, 'FrequencyUnit', 'Hz'); tf(roll.num, roll.den)``,
+    which has neither ``roll.delay`` nor the gyro's low-pass of ``roll.gyro_filter_hz``. What follows its target is
+    ``roll_attitude``.
     """
     files = [out / "frequency.json", out / "frequency.mat"]
     files[0].write_text(as_json(survey_record(found)), encoding="utf-8")
-    structs: dict[str, object] = {}
+    responses: dict[str, tuple[FrequencyResponse, FrequencyFit | None]] = {}
     for axis in found.axes:
-        if axis.response is None:
-            continue
-        table = out / f"frequency_{axis.axis}.csv"
-        response_table(axis.response, axis.fit).to_csv(table)
+        if axis.response is not None:
+            responses[axis.axis] = axis.response, axis.fit
+        if axis.attitude is not None:
+            responses[f"{axis.axis}_attitude"] = axis.attitude.frf, axis.attitude.fit
+    for name, (frf, fit) in responses.items():
+        table = out / f"frequency_{name}.csv"
+        response_table(frf, fit).to_csv(table)
         files.append(table)
-        struct = {name: getattr(axis.response, name) for name in ("hz", "response", "coherence", "sigma", "direct")}
-        if axis.fit is not None:
-            model = axis.fit.transfer_function()
-            struct |= {"num": model.num, "den": model.den, "delay": model.delay, "cost": axis.fit.cost}
-        structs[axis.axis] = struct
-    scipy.io.savemat(files[1], structs)
+    scipy.io.savemat(files[1], {name: _struct(*each) for name, each in responses.items()})
     return tuple(files)
+
+
+def _struct(frf: FrequencyResponse, fit: FrequencyFit | None) -> dict[str, object]:
+    names = ("hz", "response", "coherence", "sigma", "sigma_phase", "averages", "direct", "unit")
+    struct: dict[str, object] = {name: getattr(frf, name) for name in names}
+    struct["gyro_filter_hz"] = np.nan if frf.gyro_filter_hz is None else frf.gyro_filter_hz
+    if fit is not None:
+        model = fit.transfer_function()
+        struct |= {"num": model.num, "den": model.den, "delay": model.delay, "cost": fit.cost}
+    return struct
 
 
 def to_control(found: FrequencyResponse | FrequencyFit | RationalModel) -> control.FRD | control.TransferFunction:

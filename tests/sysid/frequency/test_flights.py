@@ -238,7 +238,10 @@ def test_files_for_other_tools(chirped: FlightLog, tmp_path: Path) -> None:
     write(found, tmp_path)
     table = pd.read_csv(tmp_path / "frequency_roll.csv", index_col="hz")
     np.testing.assert_allclose(table["real"] + 1j * table["imag"], frf.response)
-    np.testing.assert_allclose(loadmat(tmp_path / "frequency.mat")["roll"]["hz"][0, 0].ravel(), frf.hz)
+    kept = loadmat(tmp_path / "frequency.mat", squeeze_me=True, struct_as_record=False)["roll"]
+    np.testing.assert_allclose(kept.hz, frf.hz)
+    np.testing.assert_allclose(kept.response, frf.response)
+    assert kept.gyro_filter_hz == frf.gyro_filter_hz
     measured, modelled = to_control(frf), to_control(fit)
     assert isinstance(measured, control.FRD)
     hz = 2.0
