@@ -9,7 +9,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from logparse.foreign.columns import read_column_map
-from logparse.foreign.files import TableError
+from logparse.foreign.files import TableError, read_columns
 from logparse.foreign.motion import read_motion
 from sysid import Experiment
 
@@ -136,6 +136,31 @@ def test_a_damaged_matlab_file_of_version_7_3_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:700])
     with pytest.raises(TableError, match="not a readable MATLAB file"):
         read_motion(path, columns())
+
+
+@pytest.mark.parametrize("suffix", [".csv.gz", ".csv.xz", ".csv.bz2", ".parquet", ".mat"])
+def test_damaged_files_are_refused_or_read_whatever_the_libraries_raise(tmp_path, suffix):
+    """A flipped byte in a packed table ended in an LZMAError, a zlib.error or an IndexError of SciPy."""
+    path, rng = tmp_path / f"table{suffix}", np.random.default_rng(19)
+    frame = pd.DataFrame(rng.normal(size=(200, 3)), columns=["x", "y", "z"])
+    if suffix == ".parquet":
+        frame.to_parquet(path)
+    elif suffix == ".mat":
+        savemat(path, {name: frame[name].to_numpy() for name in frame}, do_compression=True)
+    else:
+        frame.to_csv(path, index=False)
+    whole, refused = path.read_bytes(), 0
+    for _ in range(40):
+        damaged = bytearray(whole)
+        for at in rng.integers(4, len(whole), 3):
+            damaged[at] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        try:
+            read_columns(path)
+        except TableError as error:
+            assert path.name in str(error)
+            refused += 1
+    assert refused > 0
 
 
 def test_lists_in_cells_are_vectors(tmp_path):
