@@ -5,9 +5,8 @@ import mmap
 import os
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, cast
 
@@ -103,14 +102,11 @@ def read_head(path: Path, is_log: Callable[[bytes], bool]) -> bytes:
     """Read the first 64 kB of a log, unpacked no further than that; parameters and errors as of `open_buffer`."""
     with _opened(path) as (file, magic):
         if magic[:3] == b"\x1f\x8b\x08":
-            try:
-                with gzip.open(path) as packed:
-                    return packed.read1(_HEAD)
-            except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-                raise LogError(f"{path.name} is an archive that cannot be unpacked: {error}") from error
+            with gzip.open(path) as packed:
+                return _first(packed, path.name)
         if magic == b"PK\x03\x04":
             with _zip_member(path, is_log) as member:
-                return member.read(_HEAD)
+                return _first(member, path.name)
         file.seek(0)
         return file.read(_HEAD)
 
@@ -135,48 +131,77 @@ def _opened(path: Path) -> Iterator[tuple[IO[bytes], bytes]]:
 @contextmanager
 def _zip_member(path: Path, is_log: Callable[[bytes], bool]) -> Iterator[zipfile.ZipExtFile]:
     """Open the one log of an archive."""
+    with ExitStack() as stack:
+        try:
+            archive = stack.enter_context(zipfile.ZipFile(path))
+            logs = [each for each in archive.infolist() if _looks_like_log(archive, each, is_log)]
+            packed = stack.enter_context(archive.open(logs[0])) if len(logs) == 1 else None
+        except Exception as error:  # a damaged directory ends in whatever zipfile and its decompressors happen to raise
+            raise LogError(f"{path.name} is a zip archive that cannot be opened: {_said(error)}") from error
+        if packed is None:
+            what = "no log" if not logs else f"{len(logs)} logs"
+            advice = "" if not logs else ": unpack it and give the logs one by one or as a folder"
+            raise LogError(f"{path.name} is a zip archive with {what} in it{advice}")
+        yield cast(zipfile.ZipExtFile, packed)
+
+
+def _looks_like_log(archive: zipfile.ZipFile, member: zipfile.ZipInfo, is_log: Callable[[bytes], bool]) -> bool:
+    if member.is_dir() or member.file_size == 0:
+        return False
+    with archive.open(member) as packed:
+        return is_log(packed.read(_HEAD))
+
+
+def _first(packed: gzip.GzipFile | zipfile.ZipExtFile, name: str) -> bytes:
+    """Unpack the first 64 kB, or what of them comes before damage."""
+    head, damage = b"", None
+    while damage is None and len(head) < _HEAD:
+        piece, damage = _piece(packed, _HEAD - len(head))
+        if not piece:
+            break
+        head += piece
+    if damage is not None and not head:
+        raise LogError(f"{name} is an archive that cannot be unpacked: {_said(damage)}") from damage
+    return head
+
+
+def _piece(packed: gzip.GzipFile | zipfile.ZipExtFile, size: int) -> tuple[bytes, Exception | None]:
+    """Unpack the next bytes; what a decompressor raises at damage is given beside them."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            logs = []
-            for member in archive.infolist():
-                if member.is_dir() or member.file_size == 0:
-                    continue
-                with archive.open(member) as packed:
-                    if is_log(packed.read(_HEAD)):
-                        logs.append(member)
-            if len(logs) != 1:
-                what = "no log" if not logs else f"{len(logs)} logs"
-                advice = "" if not logs else ": unpack it and give the logs one by one or as a folder"
-                raise LogError(f"{path.name} is a zip archive with {what} in it{advice}")
-            with archive.open(logs[0]) as packed:
-                yield cast(zipfile.ZipExtFile, packed)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-        # RuntimeError is what zipfile raises for encrypted members.
-        raise LogError(f"{path.name} is a zip archive that cannot be opened: {error}") from error
+        return packed.read1(size), None
+    except Exception as error:
+        return b"", error
+
+
+def _said(error: Exception) -> str:
+    return str(error) or type(error).__name__
 
 
 def _unpacked(packed: gzip.GzipFile | zipfile.ZipExtFile, name: str) -> tuple[Buffer, tuple[Finding, ...]]:
     """Unpack into a temporary file that disappears with its map; keep what comes before damage."""
     findings: tuple[Finding, ...] = ()
     with tempfile.TemporaryFile() as file:
-        size = 0
-        try:
-            while piece := packed.read1(_PIECE):
-                size += len(piece)
-                if size > _limit:
-                    raise LogError(
-                        f"{name} unpacks to more than {_limit / 1e9:.3g} GB, the most that is read here: analyse a "
-                        "shorter log"
-                    )
-                file.write(piece)
-        except (EOFError, zlib.error, gzip.BadGzipFile, zipfile.BadZipFile) as error:
+        size, damage = 0, None
+        while damage is None:
+            piece, damage = _piece(packed, _PIECE)
+            if not piece:
+                break
+            size += len(piece)
+            if size > _limit:
+                raise LogError(
+                    f"{name} unpacks to more than {_limit / 1e9:.3g} GB, the most that is read here: analyse a "
+                    "shorter log"
+                )
+            file.write(piece)
+        if damage is not None:
             if size == 0:
-                raise LogError(f"{name} is an archive that cannot be unpacked: {error}") from error
+                raise LogError(f"{name} is an archive that cannot be unpacked: {_said(damage)}") from damage
             findings = (
                 Finding(
                     "damaged-archive",
                     Severity.WARNING,
-                    f"The archive is damaged or cut short ({error}); the first {size} bytes of the log were read.",
+                    f"The archive is damaged or cut short ({_said(damage)}); the first {size} bytes of the log were "
+                    "read.",
                     "Copy or download the file again.",
                     {"bytes": size},
                 ),

@@ -277,12 +277,25 @@ def _motors(value: Any, body: str) -> MotorSignal:
         factor = 2.0 * math.pi / 60.0 / (_positive("motors: poles", given["poles"]) / 2.0)
     elif quantity == "command":
         factor = 1.0 / _positive("motors: full", given.get("full", 1.0))
-    pwm = given.get("pwm", (1000.0, 2000.0))
-    if not isinstance(pwm, Sequence) or len(pwm) != 2 or not float(pwm[0]) < float(pwm[1]):
-        raise TableError(f"columns: motors: pwm takes the widths of idle and full in us, not {pwm!r}")
     return MotorSignal(
-        columns=names, quantity=quantity, factor=factor, motors=motors, pwm=(float(pwm[0]), float(pwm[1])), frame=named
+        columns=names,
+        quantity=quantity,
+        factor=factor,
+        motors=motors,
+        pwm=_widths(given.get("pwm", (1000.0, 2000.0))),
+        frame=named,
     )
+
+
+def _widths(pwm: Any) -> tuple[float, float]:
+    """Return the pulse widths of idle and full, us."""
+    try:
+        idle, full = map(float, pwm)
+    except (TypeError, ValueError, OverflowError):
+        idle = full = math.nan
+    if not -math.inf < idle < full < math.inf:
+        raise TableError(f"columns: motors: pwm takes the widths of idle and full in us, not {pwm!r}")
+    return idle, full
 
 
 def _named_frame(text: str) -> tuple[str, str]:

@@ -148,6 +148,26 @@ def test_archives_that_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         read_log(tmp_path / "bomb.gz")
 
 
+@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_damaged_zip_archives_are_refused_or_read_whatever_the_decompressor_raises(tmp_path: Path, method: int) -> None:
+    """An LZMAError, an IndexError and an UnicodeDecodeError got through."""
+    path, rng = tmp_path / "a.zip", np.random.default_rng(19)
+    with zipfile.ZipFile(path, "w", method) as archive:
+        archive.writestr("a.bin", small_log(tmp_path / "a.bin").read_bytes())
+    whole, refused = path.read_bytes(), 0
+    for _ in range(60):
+        damaged = bytearray(whole)
+        for at in rng.choice([*range(4, 60), *range(len(whole) - 80, len(whole))], 3):
+            damaged[at] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        try:
+            read_log(path)
+        except LogError as error:
+            assert path.name in str(error)
+            refused += 1
+    assert refused > 0
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

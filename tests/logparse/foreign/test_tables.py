@@ -366,6 +366,9 @@ def test_quaternions_that_are_none_are_refused():
         read_motion(frame, columns())
 
 
+QUAD = {"columns": ["a", "b", "c", "d"], "frame": "quad/x"}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -374,6 +377,8 @@ def test_quaternions_that_are_none_are_refused():
         ({"motors": {"columns": ["a", "b", "c", "d"], "quantity": "rpm"}}, "frame .* or their places"),
         ({"motors": {"columns": ["a"], "quantity": "rpm", "places": [[1, 0, "up"]]}}, "cw or ccw"),
         ({"frame": {"world": "XYZ"}}, "must be one of NED, ENU, NWU"),
+        ({"motors": QUAD | {"quantity": "pwm", "pwm": [1000, [2000]]}}, "widths of idle and full"),
+        ({"motors": QUAD | {"quantity": "pwm", "pwm": {"idle": 1000}}}, "widths of idle and full"),
         ({"mass": -1}, "positive number"),
         ({"position": "x"}, r"no column x\[0\]"),
     ],
