@@ -149,7 +149,7 @@ def test_damaged_files_are_refused_or_read_whatever_the_libraries_raise(tmp_path
         savemat(path, {name: frame[name].to_numpy() for name in frame}, do_compression=True)
     else:
         frame.to_csv(path, index=False)
-    whole, refused = path.read_bytes(), 0
+    whole, said = path.read_bytes(), list[str]()
     for _ in range(40):
         damaged = bytearray(whole)
         for at in rng.integers(4, len(whole), 3):
@@ -158,9 +158,9 @@ def test_damaged_files_are_refused_or_read_whatever_the_libraries_raise(tmp_path
         try:
             read_columns(path)
         except TableError as error:
-            assert path.name in str(error)
-            refused += 1
-    assert refused > 0
+            said.append(str(error))
+    assert said
+    assert all(path.name in each for each in said)
 
 
 def test_lists_in_cells_are_vectors(tmp_path):
