@@ -25,6 +25,13 @@ _RISE, _HOP, _TURNING = 1.5, 0.5, 0.05
 _LIFT = 0.3
 #: Time beside a flight in which the ground is looked for, s.
 _BESIDE = 3.0
+#: Height [m] that no barometer drifts on the ground: who rose that far flew, whatever an accelerometer says.
+_SURE_RISE = 5.0
+#: Steps [s] in which outputs and specific force are compared, over how many of them their course is taken off, and the
+#: fewest of them. Outputs must change by more than the first part of themselves, and the force by less than the second
+#: part of that: in the air, where motors alone carry, the two change alike (0.6 to 2 on 60 flights, 0.3 on the ground).
+_STEP, _COURSE, _FEWEST_STEPS = 0.5, 9, 6
+_DRIVEN, _STILL = 0.1, 0.35
 #: Horizontal movement [m] with a speed [m/s] that makes a flight at constant height, and shortest flight [s].
 _MOVEMENT, _SPEED, _SHORTEST = 8.0, 2.5, 3.0
 #: Median disagreement [m] with the barometer at which the autopilot's height does not count.
@@ -48,7 +55,7 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
     """Find the airborne intervals of a log, in order.
 
     Motors above their idle level (MOT_SPIN_MIN or THR_MIN over the vehicle's PWM range) make a candidate; it counts
-    when the craft also rose or moved. The interval is trimmed to the time off the ground where the height tells.
+    when the craft also rose or moved, and the force on it changed with the motors'. The interval is trimmed to the time off the ground where the height tells.
     Without motor outputs the height decides while the autopilot was armed. Flights are separated by landings and by
     gaps in the log; a log that starts or ends in the air has a flight that does.
 
@@ -70,7 +77,7 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
         candidates = []
     flights = []
     for start, stop in candidates:
-        if stop - start < _SHORTEST or not _flew(start, stop, height, tables):
+        if stop - start < _SHORTEST or not _flew(start, stop, height, tables) or held(start, stop, height, tables):
             continue
         flight = Flight(start, stop) if height is None else _trimmed(start, stop, height, tables)
         if flight.duration >= _SHORTEST:
@@ -188,6 +195,39 @@ def _flew(start: float, stop: float, height: "pd.Series[float] | None", tables: 
     if inside is None and tables.gps is None:
         return _turning(start, stop, tables) > _TURNING
     return False
+
+
+def held(start: float, stop: float, height: "pd.Series[float] | None", tables: Tables) -> bool:
+    """Return whether motors were driven hard while the specific force hardly changed: on the ground, or on a stand."""
+    inside = None if height is None else height.loc[start:stop]
+    if inside is not None and len(inside) > 1 and float(inside.max() - inside.min()) > _SURE_RISE:
+        return False
+    if tables.motors is None or tables.imu is None or "accel_x" not in tables.imu:
+        return False
+    outputs = tables.motors.loc[start:stop].dropna()
+    force = tables.imu.loc[start:stop, ["accel_x", "accel_y", "accel_z"]].dropna()
+    if len(outputs) < _FEWEST_STEPS or len(force) < _FEWEST_STEPS:
+        return False
+    levels = pwm_range(tables.parameters)
+    above = np.clip((outputs.to_numpy(np.float64) - levels.pwm_min) / (levels.pwm_max - levels.pwm_min), 0.0, 1.0)
+    times = outputs.index.to_numpy(np.float64), force.index.to_numpy(np.float64)
+    grid = np.arange(max(times[0][0], times[1][0]), min(times[0][-1], times[1][-1]), _STEP)
+    if len(grid) <= _FEWEST_STEPS:
+        return False
+    values = above.mean(axis=1), np.linalg.norm(force.to_numpy(np.float64), axis=1)
+    driven, followed = (_swing(t, each, grid) for t, each in zip(times, values, strict=True))
+    # A force that never changes at all is that of a sensor that has stopped, and shows nothing.
+    return driven > _DRIVEN and 1e-6 < followed < _STILL * driven
+
+
+def _swing(t: Array, values: Array, grid: Array) -> float:
+    """Return by what part of itself a signal changes from step to step of a grid, its slow course taken off."""
+    integral = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (values[1:] + values[:-1]))))
+    steps = np.diff(np.interp(grid, t, integral)) / _STEP
+    usual = abs(float(np.median(steps)))
+    padded = np.pad(steps, _COURSE // 2, mode="edge")
+    course = np.convolve(padded, np.full(_COURSE, 1.0 / _COURSE), "valid")
+    return float(np.std(steps - course)) / usual if usual > 0.0 else 0.0
 
 
 def _turning(start: float, stop: float, tables: Tables) -> float:

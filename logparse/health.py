@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from logparse.findings import Finding, Severity
+from logparse.flights import held, height_above_ground
 from logparse.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
 from logparse.pwm_range import pwm_range
 from logparse.rest import at_rest, calibration
@@ -116,6 +117,9 @@ def _why_no_flight(log: "FlightLog") -> str:
     levels = pwm_range(log.parameters)
     if top <= levels.pwm(max(levels.spin_arm, levels.spin_min)) + 1.0:
         return f"the motors never run above idle ({top:.0f} us)."
+    times, height = motors.index.to_numpy(np.float64), height_above_ground(log.tables)
+    if held(float(times[0]), float(times[-1]), height, log.tables):
+        return "the motors run, but the force on the craft does not change with theirs, as on a stand."
     return "the motors run, but the craft neither rises nor moves."
 
 

@@ -146,3 +146,17 @@ def test_nothing_to_go_by_is_no_flight():
 def test_flights_are_values():
     assert Flight(1.0, 3.0) == Flight(1.0, 3.0)
     assert Flight(1.0, 3.0).duration == 2.0
+
+
+@pytest.mark.parametrize(("follows", "flown"), [(1.0, 1), (0.1, 0), (0.0, 1)])
+def test_motors_driven_hard_on_a_stand_are_no_flight(follows, flown):
+    """A barometer that drifts by metres made nine minutes of flight of a craft on a bench; its force stood still.
+
+    A force that never changes at all is that of a sensor that has stopped: then the height counts as before.
+    """
+    rng = np.random.default_rng(7)
+    pwm = PWM + np.where(PWM > 1200, 150.0 * np.sign(np.sin(2.0 * np.pi * T / 3.0)), 0.0)
+    height = profile(T, (0, 0), (14, 0), (70, 3), (80, 0), (100, 0))
+    force = 9.8 + (follows > 0.0) * (0.02 * rng.normal(size=len(T)) + follows * 9.8 * (pwm - PWM) / 400.0)
+    imu = table(T, accel_x=0.0 * T, accel_y=0.0 * T, accel_z=-force, gyro_x=0.0 * T, gyro_y=0.0 * T, gyro_z=0.0 * T)
+    assert len(find_flights(tables(T, pwm, height, imu=imu))) == flown
