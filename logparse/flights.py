@@ -55,7 +55,8 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
     """Find the airborne intervals of a log, in order.
 
     Motors above their idle level (MOT_SPIN_MIN or THR_MIN over the vehicle's PWM range) make a candidate; it counts
-    when the craft also rose or moved, and the force on it changed with the motors'. The interval is trimmed to the time off the ground where the height tells.
+    when the craft also rose or moved, and the force on it changed with the motors'. The interval is trimmed to the time
+    off the ground where the height tells.
     Without motor outputs the height decides while the autopilot was armed. Flights are separated by landings and by
     gaps in the log; a log that starts or ends in the air has a flight that does.
 

@@ -73,6 +73,10 @@ class Motor:
     yaw: float
 
 
+#: Firmware of robots that are no multirotors.
+OTHER_CRAFT = frozenset({"ArduPlane", "ArduRover", "ArduSub", "AntennaTracker", "Blimp"})
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vehicle:
     """What a log says about the craft; None where it says nothing.

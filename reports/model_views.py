@@ -206,15 +206,15 @@ def thrust_coefficients(thrust: ThrustReport | None, missing: Mapping[str, str])
             if value.reason
         ]
     mass = (
-        f"k from the given mass of {thrust.mass:g} kg."
+        f"Newtons are by the given mass of {thrust.mass:g} kg."
         if thrust.mass
-        else "Motion alone gives only k/m; give the take-off mass (--mass) to have k in newtons."
+        else "Motion alone gives only thrust over mass; give the take-off mass (--mass) to have newtons."
     )
     hover = None if thrust.hover_command is None else 100.0 * thrust.hover_command
     return ShownThrust(
         table=Table(
             label="",
-            heads=["k/m (m/s²)", "k (N)"] if thrust.mass else ["k/m (m/s²)"],
+            heads=["thrust/mass (m/s²)", "thrust (N)"] if thrust.mass else ["thrust/mass (m/s²)"],
             rows=rows,
             caption=f"Thrust of one motor at full command {summary.thrust_conditions(thrust)}, from the accelerometer. "
             f"The uncertainty includes {number(100 * thrust.air_sigma, 2)} % for the density of the air, "

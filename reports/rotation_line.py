@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from logparse.quantity import uncertain
+from logparse.quantity import joined, uncertain
 from pipeline.results.rotation_report import RotationReport
 
 
@@ -11,7 +11,7 @@ def rotation_line(rotation: RotationReport | None) -> str:
     if rotation is None:
         return ""
     known = [axis.axis for axis in rotation.axes if axis.determined]
-    parts = ["determined in " + " and ".join(known)] if known else []
+    parts = ["determined in " + joined(known)] if known else []
     for axis in rotation.axes:
         if axis.loop is not None:
             margins = axis.loop.computed

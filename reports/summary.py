@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from logparse.quantity import duration, joined, number, size, uncertain
 from pipeline.results.answer import Answer, AnswerLine, Tone
-from pipeline.results.model_report import ModelInShort, ModelReport
+from pipeline.results.model_report import ModelInShort, ModelReport, ParameterRow
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
 from reports.log_words import FORMATS as FORMATS
 from reports.log_words import UNKNOWN as UNKNOWN
@@ -152,7 +152,7 @@ def _what_was_identified(numbers: FlightReport) -> str:
 def _identified(numbers: FlightReport | CraftReport) -> str:
     parts = [described(result) for result in numbers.models if result.model is not None]
     text = f"Identified: {joined(parts)}." if parts else ""
-    coefficient = thrust_coefficient(numbers.thrust)
+    coefficient = thrust_coefficient(numbers.thrust, numbers.parameters or ())
     if coefficient:
         text = f"Thrust: {coefficient}. {text}".strip()
     return text or "Nothing could be identified."
@@ -169,15 +169,20 @@ def joint_sentences(group: CraftReport) -> list[str]:
     return [text, _identified(group).replace("Identified:", "Identified jointly:")]
 
 
-def thrust_coefficient(thrust: ThrustReport | None) -> str:
-    """Write the common thrust coefficient with its uncertainty; empty when there is none."""
+def thrust_coefficient(thrust: ThrustReport | None, parameters: Sequence[ParameterRow] = ()) -> str:
+    """Write the thrust per motor with its uncertainty, that over all methods where there is one; empty for none."""
     if not thrust or not thrust.common.determined:
         return ""
     common = thrust.common
-    if common.newton is not None:
-        text = f"k = {uncertain(common.newton, common.newton_sigma, 'N')}"
+    best = next((row for row in parameters if (row.parameter, row.method) == ("thrust over mass", "headline")), None)
+    if best is not None and best.si_value is not None:
+        text = uncertain(best.si_value, best.si_sigma, "N")
+    elif best is not None and best.value is not None:
+        text = f"{uncertain(best.value, best.sigma, 'm/s²')} over the mass,"
+    elif common.newton is not None:
+        text = uncertain(common.newton, common.newton_sigma, "N")
     else:
-        text = f"k/m = {uncertain(common.per_mass, common.sigma, 'm/s²')}"
+        text = f"{uncertain(common.per_mass, common.sigma, 'm/s²')} over the mass,"
     return f"{text} per motor at full command {thrust_conditions(thrust)}"
 
 

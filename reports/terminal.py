@@ -25,7 +25,8 @@ _LONGEST_CELL, _LONGEST_HEALTH = 24, 36
 #: What the columns of the table of flights hold.
 _HEADS = (
     "predicts: how far ahead, better than half of what constant velocity errs. loops: phase margin where chirps "
-    "measured it, else bandwidth (rad/s) or RMS error (°) of the attitude."
+    "measured it, else how fast (Hz) or closely (° RMS) the attitude follows. thrust: one motor's at full command over "
+    "the mass of the craft (m/s²)."
 )
 #: What trust in a model is as a tone.
 _TRUST: Mapping[str, str] = {"yes": "good", "limited": "care", "no": "bad", "unknown": "unknown"}
@@ -99,7 +100,7 @@ def _flights(flights: Sequence[FlightInShort], narrow: bool) -> RenderableType:
         ]
         cells.append("–" if flight.thrust is None else _per_mass(flight.thrust.common))
         rows.append(Row(_shortened(flight.name, 18 if narrow else 28), cells))
-    heads = ["flown", "healthy", "loops", "predicts", "k/m" if narrow else "k/m (m/s²)"]
+    heads = ["flown", "healthy", "loops", "predicts", "thrust"]
     return Table("flight", heads if narrow else ["craft", *heads], rows).terminal(fold_labels=False)
 
 

@@ -9,7 +9,7 @@ from logparse.canonical import dataflash, px4, telemetry
 from logparse.canonical.deferred import DeferredTables, Later
 from logparse.canonical.remarks import Remarks
 from logparse.findings import Finding, Severity
-from logparse.frames import Vehicle
+from logparse.frames import OTHER_CRAFT, Vehicle
 from logparse.tables import COLUMNS, Tables
 
 __all__ = ["gather_tables"]
@@ -81,7 +81,7 @@ def gather_tables(
                 advice="Check the frame: of another type what is said about roll, pitch and single motors is wrong.",
             )
         )
-    other_craft = vehicle.firmware in ("ArduPlane", "ArduRover", "ArduSub", "AntennaTracker", "Blimp")
+    other_craft = vehicle.firmware in OTHER_CRAFT
     if not vehicle.motors and (other_craft or any(name in messages for name in _OUTPUTS)):
         frame = "/".join(part for part in (vehicle.frame_class, vehicle.frame_type) if part)
         remarks.add(

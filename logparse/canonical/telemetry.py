@@ -25,6 +25,10 @@ from logparse.vehicle import assumed_outputs, vehicle_heartbeats
 
 Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
 
+#: Time [s] for which a target of roll and pitch stands to the last bit, and the mean angle [rad] between it and the
+#: attitude, from which on it is not the one that was flown.
+_IDLE_SECONDS, _IDLE_OFF = 10.0, np.radians(5.0)
+
 #: MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode.
 _ARMED = 128
 
@@ -78,7 +82,7 @@ def build(
         battery=_battery(sender),
         esc=_esc(sender, vehicle.motors),
         attitude=attitude,
-        setpoints=_setpoints(sender, origin),
+        setpoints=_setpoints(sender, origin, attitude),
         rates=_rates(sender),
         ekf=ekf,
         rangefinder=_rangefinder(sender),
@@ -368,13 +372,13 @@ def _ekf(sender: Sender, attitude: pd.DataFrame | None, origin: Geodetic | None)
     return table
 
 
-def _setpoints(sender: Sender, origin: Geodetic | None) -> pd.DataFrame | None:
+def _setpoints(sender: Sender, origin: Geodetic | None, attitude: pd.DataFrame | None) -> pd.DataFrame | None:
     """Targets of POSITION_TARGET_*, ATTITUDE_TARGET or NAV_CONTROLLER_OUTPUT, and the throttle of VFR_HUD."""
     parts: list[pd.DataFrame] = []
     if "NAV_CONTROLLER_OUTPUT" in sender:
         frame = sender.get("NAV_CONTROLLER_OUTPUT")
         columns = {name: quantity(frame, f"nav_{name}", "deg") for name in ("roll", "pitch")}
-        parts.append(series(frame.index, columns))
+        parts.append(_without_idle(series(frame.index, columns), attitude))
     if "ATTITUDE_TARGET" in sender:
         frame = sender.get("ATTITUDE_TARGET")
         targets = euler_angles(*(quantity(frame, f"q[{k}]", "") for k in range(4)))
@@ -404,6 +408,24 @@ def _setpoints(sender: Sender, origin: Geodetic | None) -> pd.DataFrame | None:
         frame = sender.get("VFR_HUD")
         parts.append(series(frame.index, {"throttle": numbers(frame, "throttle") / 100.0}))
     return join(parts, COLUMNS["setpoints"], gap=1.5)
+
+
+def _without_idle(targets: pd.DataFrame, attitude: pd.DataFrame | None) -> pd.DataFrame:
+    """Drop the targets of an autopilot that was not steering by them.
+
+    ArduCopter before 3.2 fills NAV_CONTROLLER_OUTPUT in its automatic modes only and goes on sending the last values
+    (or zeros) while a pilot flies by stick. A craft that holds a constant target is at it on average.
+    """
+    if attitude is None or len(attitude) < 2 or len(targets) < 2:
+        return targets
+    t, asked = targets.index.to_numpy(np.float64), targets[["roll", "pitch"]].to_numpy(np.float64)
+    flown = np.column_stack([np.interp(t, attitude.index, attitude[name]) for name in ("roll", "pitch")])
+    starts = np.flatnonzero(np.any(np.diff(asked, axis=0, prepend=np.nan) != 0.0, axis=1))
+    idle = np.zeros(len(t), dtype=bool)
+    for first, last in zip(starts, [*starts[1:], len(t)], strict=True):
+        off = np.abs(np.mean(flown[first:last] - asked[first:last], axis=0))
+        idle[first:last] = t[last - 1] - t[first] > _IDLE_SECONDS and float(off.max()) > _IDLE_OFF
+    return targets[~idle]
 
 
 def _targets(frame: pd.DataFrame, position: Mapping[str, Array]) -> pd.DataFrame:

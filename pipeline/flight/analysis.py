@@ -365,7 +365,7 @@ def _record(
         )
         if whole.duration < SHORTEST_EXPERIMENT:
             raise MissingDataError(
-                f"only {whole.duration:.0f} s of the flight have inputs and positions without a gap; "
+                f"only {whole.duration:.0f} s without a gap in inputs and position; "
                 f"at least {SHORTEST_EXPERIMENT:.0f} s are needed to fit and judge a model"
             )
         return whole

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import MissingDataError
+from logparse.frames import OTHER_CRAFT
 from logparse.quantity import duration, number, uncertain
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.flight.purposes import uses_of
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 #: Words of a reason that a line has room for.
 _BRIEF = 12
+#: Words of a reason that stands in brackets.
+_SHORT_REASON = 8
 #: Time shown before and after an event, s.
 _BEFORE, _AFTER = 8.0, 6.0
 #: Time between the end of a loss of control and the crash that it led to, s.
@@ -65,16 +68,34 @@ def compose_answer(result: FlightResult) -> Answer:
     """
     model = _shown(result)
     picture, around = _picture(result, model)
-    purposes = (_flown, _healthy, _loops, _ahead, _parameters, _simulate)
-    lines = tuple(answer(result) for answer in purposes)
+    unfit = _unfit(result)
+    if unfit:
+        rest = tuple(
+            AnswerLine(purpose=purpose, word=word, tone=Tone.UNKNOWN, text=unfit) for purpose, word in _UNFIT.items()
+        )
+    else:
+        rest = (_loops(result), _ahead(result), _parameters(result), _simulate(result))
+    lines = (_flown(result), _healthy(result), *rest)
     return Answer(lines=lines, picture=picture, around=around, model=model if picture is Picture.PREDICTION else "")
+
+
+#: Purposes that no log of the ground and of no other robot serves, with their word.
+_UNFIT = {"Loops": "not known", "Predict ahead": "no model", "Parameters": "not known", "Simulate": "no"}
+
+
+def _unfit(result: FlightResult) -> str:
+    """Explain in a clause why nothing can be fitted to a log at all; empty where it can be tried."""
+    if result.log.vehicle.firmware in OTHER_CRAFT:
+        return f"only for multirotors, this is {result.log.vehicle.firmware}"
+    return "needs a flight" if isinstance(result.flight, Failure) else ""
 
 
 def _flown(result: FlightResult) -> AnswerLine:
     """Answer how long, how high, how far and how fast; heights and distances are from where it began."""
     flight, trajectory = result.flight, result.trajectory
     if isinstance(flight, Failure):
-        return AnswerLine(purpose="Flown", word="no", tone=Tone.UNKNOWN, text=_brief(flight.reason))
+        why = flight.reason.removeprefix("The log shows no flight: ")
+        return AnswerLine(purpose="Flown", word="no", tone=Tone.UNKNOWN, text=_brief(why))
     rows = None if isinstance(trajectory, Failure) else trajectory.states.loc[flight.start : flight.stop]
     if isinstance(trajectory, Failure) or rows is None or not len(rows) or trajectory.inconsistency:
         known = not isinstance(trajectory, Failure) and rows is not None and len(rows) > 0
@@ -122,10 +143,10 @@ def _healthy(result: FlightResult) -> AnswerLine:
         )
 
     health = result.health
-    if isinstance(result.flight, Failure):
-        return line("not known", Tone.UNKNOWN, _brief(result.flight.reason))
     if isinstance(health, Failure):
         return line("not known", Tone.UNKNOWN, _brief(health.reason))
+    if isinstance(result.flight, Failure):
+        return line("not known", Tone.UNKNOWN, _on_the_ground(health))
     worst = _worst(health, result.flight)
     if worst is not None:
         tone = Tone.BAD if str(worst.severity) == "error" else Tone.CARE
@@ -133,6 +154,9 @@ def _healthy(result: FlightResult) -> AnswerLine:
         others = len(health.notable) - 1
         more = f"; {others} more event{'s' if others > 1 else ''}" if others else ""
         loss = worst.evidence.get("thrust_loss")
+        if worst.evidence.get("at_once"):
+            several = f"motors {worst.evidence['at_once']} out of balance at once, from {worst.t:.1f} s{more}"
+            return line(word, tone, several)
         if isinstance(loss, float):
             sigma = 100.0 * float(worst.evidence["thrust_loss_sigma"] or 0.0)
             output = worst.evidence.get("output_loss")
@@ -160,6 +184,17 @@ def _healthy(result: FlightResult) -> AnswerLine:
         return line(word, tone, text, max(peaks), unit="m/s²")
     text = f"in the air without an event; vibration not logged{unchecked}"
     return line(word, tone, text, result.flight.duration, unit="s")
+
+
+def _on_the_ground(health: FlightHealth) -> str:
+    """Return what the autopilot complained of last in a log without a flight."""
+    said = [event for event in health.events if event.id in ("failsafe-triggered", "autopilot-error")]
+    if not said:
+        return "on the ground; the autopilot reported no failsafe and no error"
+    last = said[-1]
+    what = last.reason.partition(": ")[2].rstrip(".") or last.reason.rstrip(".")
+    kind = "failsafe" if last.id == "failsafe-triggered" else "error"
+    return f"on the ground; last {kind} reported: {what} at {last.t:.1f} s"
 
 
 def _worst(health: FlightHealth, flight: Span) -> FlightEvent | None:
@@ -235,16 +270,28 @@ def _margins(known: Mapping[str, LoopMargins], result: FlightResult) -> AnswerLi
     rotation = present(result.rotation)
     others = [] if rotation is None else [each.axis for each in rotation.axes if each.axis not in known]
     if others:
-        text += f"; {' and '.join(others)} not measured"
+        text += f"; {' and '.join(others)} not measured{_shared_reason(result, others)}"
     if any(each.ordinary for each in known.values()):
         text += "; by model, no chirps"
     elif any(each.remarks for each in known.values()):
-        text += "; weak evidence"
+        text += "; unchecked without PID messages"
     elif tone is not Tone.GOOD and not others:
         text += "; rotorid tune proposes gains"
     if tone is Tone.GOOD and (others or any(each.remarks for each in known.values())):
         word, tone = _STATES[LoopState.UNKNOWN]
     return AnswerLine(purpose="Loops", word=word, tone=tone, text=text, value=phase.value, sigma=phase.sigma, unit="°")
+
+
+def _shared_reason(result: FlightResult, axes: Sequence[str]) -> str:
+    """Return in brackets why some axes have no margins, where it is one short reason for all; else nothing."""
+    rotation = present(result.rotation)
+    reasons = {
+        _brief(each.loop_reason.removeprefix(f"{each.axis}: "))
+        for each in (() if rotation is None else rotation.axes)
+        if each.axis in axes
+    }
+    reason = reasons.pop() if len(reasons) == 1 else ""
+    return f" ({reason})" if 0 < len(reason.split()) <= _SHORT_REASON else ""
 
 
 def _unmeasured(result: FlightResult, loops: FlightLoops) -> AnswerLine:
@@ -259,14 +306,15 @@ def _unmeasured(result: FlightResult, loops: FlightLoops) -> AnswerLine:
     }
     if followed:
         axis = min(followed, key=lambda each: followed[each].value or 0.0)
+        slowest = followed[axis]
         return AnswerLine(
             purpose="Loops",
             word="partly known",
             tone=Tone.UNKNOWN,
-            text=f"attitude bandwidth ({axis}); {fly}",
-            value=followed[axis].value,
-            sigma=followed[axis].sigma,
-            unit=followed[axis].unit,
+            text=f"is how fast {axis} follows its target; {fly}",
+            value=(slowest.value or 0.0) / math.tau,
+            sigma=None if slowest.sigma is None else slowest.sigma / math.tau,
+            unit="Hz",
         )
     if not loops.tracking_rad:
         return AnswerLine(purpose="Loops", word="not measured", tone=Tone.UNKNOWN, text=fly)

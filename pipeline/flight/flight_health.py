@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from logparse import Finding, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
+from logparse.quantity import joined
 from pipeline.flight.health_signals import health_signals
 from pipeline.results.health import FlightHealth
 from pipeline.results.span import Span, around
@@ -132,7 +133,8 @@ def _motor_event(loss: MotorLoss, losses: tuple[MotorLoss, ...]) -> FlightEvent:
     others = f" (or {', '.join(map(str, loss.alternatives))})" if loss.alternatives else ""
     points = 100.0 * (1.0 - loss.output)
     gone = loss.loss > 0.9
-    together = any(one is not loss and abs(one.t - loss.t) < 1.0 for one in losses)
+    at_once = sorted(one.motor for one in losses if abs(one.t - loss.t) < 1.0)
+    several, together = len(at_once) > 1, joined([str(motor) for motor in at_once])
     what = "lost all its thrust" if gone else f"lost {points:.0f} % of its output"
     missing = "" if gone else f": {100.0 * loss.loss:.0f} ± {100.0 * loss.sigma:.1f} % of its thrust is missing"
     return FlightEvent(
@@ -140,9 +142,12 @@ def _motor_event(loss: MotorLoss, losses: tuple[MotorLoss, ...]) -> FlightEvent:
         t=loss.t,
         end=loss.end,
         severity=Severity.ERROR,
-        reason=f"Motor {loss.motor}{others} {what} from {loss.t:.1f} s on{missing}.",
-        advice="Several motors changed at once: look for what moved, such as an arm or the battery, and at the wiring."
-        if together
+        reason=f"Motors {together} are out of balance at once from {loss.t:.1f} s on: as if motor {loss.motor} {what}"
+        f"{missing.replace(':', ',')}."
+        if several
+        else f"Motor {loss.motor}{others} {what} from {loss.t:.1f} s on{missing}.",
+        advice="Motors do not fail together: look for a blow, for what moved, such as an arm or battery, and at wires."
+        if several
         else f"Inspect motor {loss.motor}, its propeller, ESC, plugs and solder joints.",
         evidence={
             "motor": loss.motor,
@@ -150,7 +155,8 @@ def _motor_event(loss: MotorLoss, losses: tuple[MotorLoss, ...]) -> FlightEvent:
             "thrust_loss_sigma": loss.sigma,
             "output_loss": 1.0 - loss.output,
             "score": loss.score,
-        },
+        }
+        | ({"at_once": together} if several else {}),
     )
 
 

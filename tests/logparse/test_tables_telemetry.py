@@ -222,3 +222,16 @@ def test_motors_are_not_guessed_where_outputs_differ_from_numbers_or_drive_somet
         tables, findings = build({"SERVO_OUTPUT_RAW": pulses}, QUAD | functions)
         assert list(tables.motors) == ["m1", "m2", "m3"]
         assert "motor-without-output" in [finding.id for finding in findings]
+
+
+@pytest.mark.parametrize(("leaning", "kept"), [(-0.4, 120), (0.01, 240)])
+def test_targets_that_stand_still_while_a_pilot_flies_are_none(leaning, kept):
+    """Old ArduCopter sent zeros in STABILIZE: 50 s of flying by stick read as an attitude 60 degrees off its target."""
+    t = np.arange(240) * 0.25
+    manual = t >= 30.0
+    asked = np.where(manual, 0.0, np.degrees(0.2 * np.sin(t)))
+    rates = {name: np.zeros(240) for name in ("rollspeed", "pitchspeed", "yawspeed")}
+    pitch = np.where(manual, leaning + 0.05 * np.sin(2.0 * t), np.radians(asked))
+    own = message(t, roll=np.zeros(240), pitch=pitch, yaw=np.zeros(240), **rates)
+    tables, _ = build({"ATTITUDE": own, "NAV_CONTROLLER_OUTPUT": message(t, nav_roll=0.0 * t, nav_pitch=asked)})
+    assert len(tables.setpoints.dropna(subset=["pitch"])) == kept
