@@ -40,11 +40,30 @@ def motor_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Flight
     if tables.motors is not None and len(tables.motors) > 2:
         for flight in flights:
             yield from _saturation(tables.motors, tables, flight)
-    if tables.setpoints is not None and tables.setpoints["throttle"].notna().any():
-        throttle = tables.setpoints["throttle"].dropna()
+    throttle, linear = _throttle(tables)
+    if throttle is not None:
         for flight in flights:
             yield from _lift(throttle, tables, flight)
-            yield from _reserve(throttle, flight, linear="MOT_SPIN_MAX" in tables.parameters)
+            yield from _reserve(throttle, flight, linear=linear)
+
+
+def _throttle(tables: Tables) -> "tuple[pd.Series[float] | None, bool]":
+    """Return the throttle that the controller asked for, else the mean part of full thrust that the motors gave.
+
+    The second value tells whether it is a part of the full thrust (in Copter 3.4 and later) or of the range of PWM.
+    """
+    if tables.setpoints is not None and tables.setpoints["throttle"].notna().any():
+        return tables.setpoints["throttle"].dropna(), "MOT_SPIN_MAX" in tables.parameters
+    if tables.motors is None:
+        return None, True
+    levels = pwm_range(tables.parameters)
+    idle, top = levels.pwm(levels.spin_min), levels.pwm(levels.spin_max)
+    if not top > idle:
+        return None, True
+    actuator = ((tables.motors - idle) / (top - idle)).clip(0.0, 1.0)
+    # ArduPilot's curve (AP_MotorsMulticopter::apply_thrust_curve_and_volt_scaling), backwards.
+    thrust = (1.0 - levels.thrust_expo) * actuator + levels.thrust_expo * actuator**2
+    return thrust.mean(axis=1).dropna(), True
 
 
 def _saturation(motors: pd.DataFrame, tables: Tables, flight: Flight) -> Iterator[FlightEvent]:

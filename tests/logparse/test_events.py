@@ -328,6 +328,11 @@ def test_hovering_above_half_thrust_lacks_reserve():
     assert event.evidence["thrust_to_weight"] == pytest.approx(1.0 / 0.55)
     # Throttle of firmware before 3.4 is no part of thrust.
     assert notable(flown(setpoints=setpoints, parameters={})) == []
+    # A log without throttle shows it by its motors, through the same curve: 0.35 and 0.55 of the thrust.
+    strained = table(10.0, **{f"m{k}": 1150.0 + 800.0 * 0.689 for k in range(1, 5)})
+    assert notable(flown(setpoints=None)) == []
+    event = only("low-thrust-reserve", notable(flown(setpoints=None, motors=strained)))
+    assert event.evidence["thrust_to_weight"] == pytest.approx(1.0 / 0.55, rel=0.01)
 
 
 def test_vibration_and_clipping_by_the_published_limits():
