@@ -22,6 +22,9 @@ _MARGIN = 0.3
 _TUMBLING = 2.0
 #: Time between the end of a loss of control and the crash that it led to, s.
 _LED_TO = 2.0
+#: Time before a landing in which the ground pushes, s; a log has none whose motor outputs end within `_CUT` seconds of
+#: the flight, unless the autopilot said so within `_LANDED` seconds before.
+_LANDING, _CUT, _LANDED = 2.0, 0.3, 4.0
 
 
 def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
@@ -39,7 +42,8 @@ def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
     missing = ""
     try:
         if flight is not None:
-            losses = find_motor_losses(log.tables, log.vehicle, flight.start, _undisturbed(flight, events))
+            aloft = _ends_aloft(log, flight)
+            losses = find_motor_losses(log.tables, log.vehicle, flight.start, _undisturbed(flight, events, aloft=aloft))
             events += [_motor_event(loss, losses) for loss in losses]
             dropouts = find_motor_dropouts(log.tables, log.vehicle, flight.start, _controlled(flight, events))
             events += [_dropout_event(each, one) for each in dropouts for one in each.dropouts]
@@ -83,7 +87,16 @@ def health_findings(health: FlightHealth) -> tuple[Finding, ...]:
     )
 
 
-def _undisturbed(flight: Span, events: list[FlightEvent]) -> float:
+def _ends_aloft(log: FlightLog, flight: Span) -> bool:
+    """Return whether the log ends with the flight and nothing says that it landed: power was cut, or the file."""
+    motors, said = log.tables.motors, log.tables.events
+    if motors is None or len(motors) < 2 or float(motors.index[-1]) - flight.stop > _CUT:
+        return False
+    near = [] if said is None else said["event"].loc[flight.stop - _LANDED :]
+    return not any(each in ("LAND_COMPLETE", "LAND_COMPLETE_MAYBE", "DISARMED") for each in near)
+
+
+def _undisturbed(flight: Span, events: list[FlightEvent], *, aloft: bool = False) -> float:
     """Last moment of a flight at which its motors can be compared, s: before it is lost, hits the ground or lands."""
     blows = [
         event.t - 0.1
@@ -95,7 +108,7 @@ def _undisturbed(flight: Span, events: list[FlightEvent]) -> float:
         for event in events
         if event.id == "loss-of-control" and event.duration > _TUMBLING and flight.start < event.t < flight.stop
     ]
-    return min([*blows, *tumbles[:1], flight.stop - 2.0])
+    return min([*blows, *tumbles[:1], flight.stop if aloft else flight.stop - _LANDING])
 
 
 def _controlled(flight: Span, events: list[FlightEvent]) -> float:

@@ -59,6 +59,17 @@ def test_a_lost_motor_is_named_to_half_a_second(health_of, name, motor, second):
     assert event.evidence["thrust_loss"] > 0.9
 
 
+def test_a_motor_lost_a_second_before_the_log_ends_is_named(tmp_path):
+    """Power goes with a craft that falls: the log ends in the air, without the landing that is left out of others."""
+    cut = tmp_path / "cut.BIN"
+    # 81.1 s of the log; the motor stops at 80.11 s.
+    cut.write_bytes(lzma.decompress((FAULTS / "lost_motor_octa.BIN.xz").read_bytes())[:744_800])
+    log = logparse.read_log(cut)
+    assert log.flight.stop == pytest.approx(81.05, abs=0.15)
+    event = only(assess_health(log, Span(log.flight.start, log.flight.stop)), "motor-loss")
+    assert (event.evidence["motor"], event.t) == (5, pytest.approx(80.11, abs=0.2))
+
+
 def test_crash_disarming_and_jamming_are_named_to_half_a_second(health_of):
     # Seconds at which the simulator says that the craft hit the ground; the flight recorder's own text is not read.
     crash = health_of(FAULTS / "lost_motor_quad.BIN.xz")
