@@ -92,8 +92,10 @@ def _ends_aloft(log: FlightLog, flight: Span) -> bool:
     motors, said = log.tables.motors, log.tables.events
     if motors is None or len(motors) < 2 or float(motors.index[-1]) - flight.stop > _CUT:
         return False
-    near = [] if said is None else said["event"].loc[flight.stop - _LANDED :]
-    return not any(each in ("LAND_COMPLETE", "LAND_COMPLETE_MAYBE", "DISARMED") for each in near)
+    if said is None:
+        return True
+    landed = said["event"].loc[flight.stop - _LANDED :].isin(["LAND_COMPLETE", "LAND_COMPLETE_MAYBE", "DISARMED"])
+    return not bool(landed.any())
 
 
 def _undisturbed(flight: Span, events: list[FlightEvent], *, aloft: bool = False) -> float:
