@@ -19,7 +19,7 @@ from logparse.foreign.clock import held_values, known_rows, steady_rows, uniform
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap, read_column_map
 from logparse.foreign.consistency import check_motion, check_units, unchecked_order
 from logparse.foreign.files import TableError, flatten, read_columns
-from logparse.foreign.shifts import check_shifts
+from logparse.foreign.shifts import check_clock, check_shifts
 from logparse.frames import Vehicle
 
 Floats = npt.NDArray[np.float64]
@@ -126,6 +126,7 @@ def read_motion(
     position, velocity, quaternion, rates = motion
     found += unchecked_order(declared, rates, columns_of["motors"], float(clock[1] - clock[0]))
     found += check_shifts(declared, position, velocity, quaternion, rates, float(clock[1] - clock[0]))
+    found += check_clock(declared, position, velocity, quaternion, rates, float(clock[1] - clock[0]))
     unit = {"pwm": "us", "command": "1"}.get(declared.motors.quantity, "rad/s")
     return MotionTable(
         name=label,

@@ -1,7 +1,8 @@
-"""Whether the columns of a table share one clock: velocity with position, rates with attitude, lean with acceleration.
+"""Whether the columns of a table share one clock, and whether it runs in seconds.
 
-Recorders stamp what arrives late as if it were new. A shift of some hundredths of a second is no contradiction that a
-correlation shows, yet it turns a damped mode into an undamped one.
+Velocity is held against position, rates against attitude, lean against acceleration. Recorders stamp what arrives late
+as if it were new. A shift of some hundredths of a second is no contradiction that a correlation shows, yet it turns a
+damped mode into an undamped one.
 """
 
 from __future__ import annotations
@@ -26,6 +27,11 @@ _PARTS, _SURE = 4, 4.0
 
 #: Part of a signal's variance that the other explains at the best shift, and how much more is left without a shift.
 _EXPLAINED, _WORSE = 0.6, 1.02
+
+#: Times [s] over which position and attitude are compared with what velocity and rates add up to, the correlation that
+#: they need, and the part by which both must lie to one side. Of 33 flights of others none has both beyond 2 %,
+#: although velocities were up to 8 %, and rates up to 8 %, from what moved.
+_LEGS, _FOLLOWS, _STRETCHED = (0.5, 0.2), 0.98, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +79,51 @@ def check_shifts(
         late = find_shift(acceleration[:, :2], lean, dt, beside=velocity[:, :2])
         findings += _told(declared.attitude.columns, declared.position.columns, late, dt)
     return findings
+
+
+def check_clock(
+    declared: ColumnMap, position: Floats, velocity: Floats, quaternion: Floats, rates: Floats, dt: float
+) -> list[Finding]:
+    """Name a time column that runs too fast or too slow: what velocity and rates add up to is then off alike.
+
+    Parameters are those of `check_shifts`.
+    """
+    if declared.velocity is None or declared.rates is None:
+        return []
+    far, long = (max(round(leg / dt), 1) for leg in _LEGS)
+    if len(position) < 4 * max(far, long):
+        return []
+    rotation = Rotation.from_quat(quaternion, scalar_first=True)
+    moved = _compared(position[far:] - position[:-far], velocity, far, dt)
+    turned = _compared((rotation[:-long].inv() * rotation[long:]).as_rotvec(), rates, long, dt)
+    if min(moved[1], turned[1]) < _FOLLOWS:
+        return []
+    stretch = 1.0 / np.array([moved[0], turned[0]])
+    if not (stretch > 1.0 + _STRETCHED).all() and not (stretch < 1.0 - _STRETCHED).all():
+        return []
+    name = "rate" if declared.time is None else declared.time.columns[0]
+    return [
+        Finding(
+            "table-time-scale",
+            Severity.WARNING,
+            f"column {name}: velocities add up to {stretch[0]:.2f} and rates to {stretch[1]:.2f} "
+            "times what positions and attitudes do: time runs too fast or too slow by about as much, or both units "
+            "are wrong",
+            "check the unit and the rate of the time column; gains and damping of models err by as much",
+            {"column": name, "velocity": float(stretch[0]), "rates": float(stretch[1])},
+        )
+    ]
+
+
+def _compared(change: Floats, slope: Floats, samples: int, dt: float) -> tuple[float, float]:
+    """Compare changes over some samples with what their slope adds up to: ratio of sizes, and correlation."""
+    total = np.cumsum(np.vstack([np.zeros(slope.shape[1]), 0.5 * dt * (slope[1:] + slope[:-1])]), axis=0)
+    added = total[samples:] - total[:-samples]
+    a, b = change - change.mean(axis=0), added - added.mean(axis=0)
+    squares = float(np.sum(a**2)), float(np.sum(b**2))
+    if min(squares) == 0.0:
+        return 1.0, 0.0
+    return float(np.sqrt(squares[0] / squares[1])), float(np.sum(a * b) / np.sqrt(squares[0] * squares[1]))
 
 
 def find_shift(truth: Floats, signal: Floats, dt: float, beside: Floats | None = None) -> Shift | None:

@@ -434,3 +434,18 @@ def test_rows_that_repeat_as_a_whole_do_not_hide_what_a_recorder_repeats():
     for row in range(5, len(frame), 13):
         frame.loc[row, names] = frame.loc[row - 1, names]
     assert "table-held" in {finding.id for finding in read_motion(frame, columns()).findings}
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_a_time_column_that_runs_too_fast_or_too_slow_is_named(factor):
+    assert "table-time-scale" not in {finding.id for finding in read_motion(table(), columns()).findings}
+    stretched = table().assign(t=lambda each: factor * each["t"])
+    (found,) = [each for each in read_motion(stretched, columns()).findings if each.id == "table-time-scale"]
+    assert found.evidence["column"] == "t"
+    assert found.evidence["rates"] == pytest.approx(factor, rel=0.02)
+    assert found.evidence["velocity"] == pytest.approx(factor, rel=0.02)
+
+
+def test_a_unit_of_one_signal_is_not_blamed_on_time():
+    slower = table().assign(**{name: table()[name] * 0.9 for name in ("vx", "vy", "vz")})
+    assert "table-time-scale" not in {finding.id for finding in read_motion(slower, columns()).findings}
