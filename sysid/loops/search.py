@@ -16,7 +16,7 @@ from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import typed
 from sysid.loops.safety import ActuatorNoise, Aim, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
 from sysid.loops.settings import LoopSettings
-from sysid.loops.unseen import Unseen, may_raise, promised, saw_modes
+from sysid.loops.unseen import AMPLIFIED, FIRST_MODES, Unseen, amplified_at_end, may_raise, promised, saw_modes
 
 #: Factors of P and D, of I over P's factor, and of the derivative's filter that are tried.
 _P = np.geomspace(0.501, 1.996, 13)
@@ -83,6 +83,7 @@ class _Field:
     score: Floats
     unseen: Floats  #: Factor by which the gain rises beyond the measured band where it may count.
     noise: Floats  #: The same wherever it does, with which noise from there rises.
+    ending: Floats  #: Amplification of disturbances where a low chirp ended.
 
 
 def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
@@ -106,7 +107,7 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     return AxisTuning(
         loop.axis,
         f"{loop.axis}: the flown gains keep {aim.words} by the best estimate, and none that are sure to keep it "
-        "reject more; a longer chirp, or one in calmer air, would leave less open",
+        f"reject more; {_would_tell(loop)}",
         loop,
     )
 
@@ -188,12 +189,13 @@ def _field(
     true_plant = through / bare.gyro.response(hz)
     feedbacks, beyond = kind(bare, hz), Unseen(loop, bare, kind)
     rows = []
-    gusts, unseen, noise = (np.empty(len(candidates)) for _ in range(3))
+    gusts, unseen, noise, ending = (np.empty(len(candidates)) for _ in range(4))
     for first in range(0, len(candidates), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         broken = through * feedbacks.of(candidates[some])
         rows.append(margins_of(hz, broken))
         gusts[some] = _gust_response(hz, true_plant, broken)
+        ending[some] = amplified_at_end(loop, hz, broken)
         unseen[some], noise[some] = beyond.raised(candidates[some]), beyond.noisier(candidates[some])
     nominal = _stack(rows)
     flown_loop = (loop.with_settings(loop.flown).response)[::_EVERY][None, :]
@@ -202,7 +204,7 @@ def _field(
     with np.errstate(invalid="ignore"):
         gained = np.log(nominal.rejection_hz / (flown_rejection if np.isfinite(flown_rejection) else hz[0]))
         score = _BANDWIDTH_WEIGHT * np.minimum(gained, _WANTED_GAIN) - np.log(gusts / flown_gust)
-    return _Field(bare, tuple(candidates), nominal, np.asarray(gained), np.asarray(score), unseen, noise)
+    return _Field(bare, tuple(candidates), nominal, np.asarray(gained), np.asarray(score), unseen, noise, ending)
 
 
 def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
@@ -211,6 +213,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
     good = (
         (field.unseen <= unseen)
         & (field.noise <= _ROUNDED * aim.noise)
+        & (field.ending <= AMPLIFIED)
         & nominal.stable
         & keeps(nominal, aim)
         & np.isfinite(nominal.rejection_hz)
@@ -251,9 +254,16 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
                 spare[name] = max(spare[name], _SAME_SPARE * short)
     return AxisTuning(
         loop.axis,
-        f"{loop.axis}: no gains within a factor of two keep {aim.words} for everything that the data leave possible",
+        f"{loop.axis}: no gains within a factor of two keep {aim.words} for everything that the data leave possible; "
+        f"{_would_tell(loop)}",
         loop,
     )
+
+
+def _would_tell(loop: RateLoop) -> str:
+    """Return which chirp would leave less open."""
+    other = "a longer chirp, or one in calmer air," if saw_modes(loop) else f"a chirp to {FIRST_MODES:.0f} Hz or more"
+    return f"{other} would leave less open"
 
 
 def _within(value: float, flown: float, span: tuple[float, float]) -> bool:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sysid.frequency.records import AxisRecord
 from sysid.loops.feedbacks import FeedbackOfEach, Feedbacks
-from sysid.loops.filters import Floats
+from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.settings import LoopSettings
 from sysid.records.periodogram import hann
@@ -49,6 +49,9 @@ _STANDS_OUT = {1.5: 0.75, 0.5: 1.2}
 #: the first resolution that is (of 250 craft without modes there none reached 0.4).
 _SCATTERS, _SWING = 4.5, 0.5
 
+#: Amplification of disturbances at the end of a chirp below `FIRST_MODES` up to which its band holds the loop's peak.
+AMPLIFIED = 10.0 ** (3.0 / 20.0)
+
 #: Steps of the robust fit of the noise's floor, and the fewest frequencies that show one.
 _FITS, _FEWEST = 10, 4
 
@@ -70,6 +73,18 @@ _LAST, _SLOPE, _TURN, _SURE, _STEEP, _FORWARD = 1.2, (-3.0, -0.9), 0.0, 2.5, (-3
 def saw_modes(loop: RateLoop) -> bool:
     """Return whether the measured band reaches the frequencies at which frames first bend."""
     return bool(loop.hz[-1] >= FIRST_MODES)
+
+
+def amplified_at_end(loop: RateLoop, hz: Floats, broken: Complexes) -> Floats:
+    """Return by how much broken loops, shape (K, n), amplify disturbances where a chirp ended, shape (K,).
+
+    0 where the chirp saw the first modes of frames. Where it did not, a mode just beyond adds to what is left there of
+    the loop: the peak of a craft that its chirp saw only half was 7.1 dB for 6.0 promised.
+    """
+    if saw_modes(loop):
+        return np.zeros(len(broken))
+    last = hz > hz[-1] / _LAST
+    return np.asarray(1.0 / np.abs(1.0 + broken[:, last]).min(axis=1))
 
 
 def may_raise(loop: RateLoop) -> tuple[float, ...]:
