@@ -4,6 +4,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -44,14 +45,20 @@ for case in ("motion-vertical", "octa01_zurich_calm"):
 _PROGRAMS = {"browser", "postgresql", "s3"}
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Count tests that start a browser or a database server among the slow ones."""
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> Iterator[None]:
+    """Count tests that start a browser or a database server among the slow ones; begin with modules that have any.
+
+    The order within both groups stays random. A module of minutes that came last would leave the other workers idle.
+    """
     for item in items:
         parameters = getattr(item, "callspec", None)
         used = {*getattr(item, "fixturenames", ()), *map(str, parameters.params.values() if parameters else ())}
         if used & _PROGRAMS:
             item.add_marker("slow")
+    yield
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
