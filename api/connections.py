@@ -7,7 +7,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 #: Seconds for the head of a request, from the connection or from its first byte on; also for what a client still sends
 #: after its request was refused.
-_PATIENCE = 10.0
+PATIENCE = 10.0
 
 
 class PatientProtocol(H11Protocol):
@@ -37,7 +37,7 @@ class PatientProtocol(H11Protocol):
         if self.cycle is not None and not self.cycle.response_complete:
             self._stop_waiting()
         elif self._closing is None:
-            self._closing = self.loop.call_later(_PATIENCE, self._give_up)
+            self._closing = self.loop.call_later(PATIENCE, self._give_up)
 
     def _stop_waiting(self) -> None:
         if self._closing is not None:

@@ -33,7 +33,7 @@ from api.rounds import Rounds
 from api.settings import Webhooks
 
 #: Seconds between two looks for alerts to send, and for an answer, from the connection on.
-_LOOK, _TIMEOUT = 2.0, 10.0
+LOOK_EVERY, TIMEOUT = 2.0, 10.0
 
 #: Hooks that are sent to at the same time, and alerts of one look.
 _AT_ONCE, _OF_ONE_LOOK = 8, 100
@@ -130,16 +130,16 @@ def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
     secure = parts.scheme == "https"
     host, port = parts.hostname or "", parts.port or (443 if secure else 80)
     address = resolve(host, port, webhooks)
-    stream = socket.create_connection((address, port), timeout=_TIMEOUT)
+    stream = socket.create_connection((address, port), timeout=TIMEOUT)
     if secure:
         context = ssl.create_default_context()
         stream = context.wrap_socket(stream, server_hostname=host, do_handshake_on_connect=False)
-    deadline = threading.Timer(_TIMEOUT, _cut_off, (stream,))
+    deadline = threading.Timer(TIMEOUT, _cut_off, (stream,))
     deadline.start()
     try:
         if isinstance(stream, ssl.SSLSocket):
             stream.do_handshake()
-        connection = http.client.HTTPConnection(host, port, timeout=_TIMEOUT)
+        connection = http.client.HTTPConnection(host, port, timeout=TIMEOUT)
         connection.sock = stream
         signature = hmac.new(secret.encode(), body, hashlib.sha256).hexdigest()
         target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
@@ -179,7 +179,7 @@ class Hooks(Rounds):
     """
 
     def __init__(self, database: Database, webhooks: Webhooks) -> None:
-        super().__init__("webhooks", _LOOK)
+        super().__init__("webhooks", LOOK_EVERY)
         self._database = database
         self._webhooks = webhooks
 

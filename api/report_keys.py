@@ -15,7 +15,7 @@ from api.ids import digest
 from api.records import AnalysisRecord, TokenRecord
 
 #: How long a page may stay open with working links.
-_VALID = timedelta(hours=12)
+VALID = timedelta(hours=12)
 
 
 class ReportKeys:
@@ -28,7 +28,7 @@ class ReportKeys:
         """Make a key with which the owner of a token can read one analysis."""
         with self._database.read() as session:
             token = session.scalars(select(TokenRecord).where(TokenRecord.digest == digest(secret))).one()
-            until = int((datetime.now(UTC) + _VALID).timestamp())
+            until = int((datetime.now(UTC) + VALID).timestamp())
             return f"{token.id}.{analysis}.{until}.{_code(token, analysis, until)}"
 
     def analysis_of(self, key: str) -> str | None:

@@ -71,7 +71,7 @@ class MappedPages:
 def limit_unpacked(size: int) -> None:
     """Set how many bytes an archive may unpack to in this process, at most `MAX_UNPACKED_BYTES`."""
     global _limit
-    _limit = min(size, MAX_UNPACKED_BYTES)
+    _limit = size
 
 
 def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tuple[Finding, ...]]:
@@ -187,9 +187,9 @@ def _unpacked(packed: gzip.GzipFile | zipfile.ZipExtFile, name: str) -> tuple[Bu
             if not piece:
                 break
             size += len(piece)
-            if size > _limit:
+            if size > (most := min(_limit, MAX_UNPACKED_BYTES)):
                 raise LogError(
-                    f"{name} unpacks to more than {_limit / 1e9:.3g} GB, the most that is read here: analyse a "
+                    f"{name} unpacks to more than {most / 1e9:.3g} GB, the most that is read here: analyse a "
                     "shorter log"
                 )
             file.write(piece)

@@ -59,6 +59,27 @@ class Messages(Mapping[str, pd.DataFrame]):
             self.load([name, *self._next(name)])
         return self._frames[name]
 
+    def replace(self, name: str, rows: pd.DataFrame) -> None:
+        """Use other rows of a message than the log's, such as those that somebody has corrected by hand.
+
+        Tables, findings and models that are made from now on follow them; `counts` stays that of the file.
+
+        Parameters
+        ----------
+        name : str
+            A message that the log has.
+        rows : pandas.DataFrame
+            Indexed by time [s] like those that they replace, whose units (`attrs`) they keep.
+        """
+        units = self[name].attrs
+        self._frames[name] = rows.copy(deep=False)
+        self._frames[name].attrs = units
+
+    @property
+    def decoded(self) -> Collection[str]:
+        """Names of the messages that are decoded and kept."""
+        return self._frames.keys()
+
     def _next(self, name: str) -> Iterator[str]:
         """Yield what a loop over the names will ask for after `name`, up to a share of the file."""
         asked = self._asking

@@ -204,7 +204,7 @@ def _spectrum(spectrum: Spectrum) -> Figure:
         shapes=shapes,
         annotations=labels,
     )
-    caption = f"Spectrum of the angular rates ({spectrum.source}). {_said_of_peaks(spectrum)}"
+    caption = f"Spectrum of the angular rates ({spectrum.source}). {peaks_in_words(spectrum)}"
     return Figure("health-spectrum", caption, data, layout, 330, time=False)
 
 
@@ -213,7 +213,7 @@ def _peak_name(peak: Peak) -> str:
     return f"{peak.hz:.0f} Hz" + (f" (rotors{multiple})" if peak.rotor_multiple else "")
 
 
-def _said_of_peaks(spectrum: Spectrum) -> str:
+def peaks_in_words(spectrum: Spectrum) -> str:
     """Name the peaks that are the rotors', and those that no notch covers."""
     if not spectrum.peaks:
         return "No line stands out."

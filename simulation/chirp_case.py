@@ -20,13 +20,13 @@ from sysid.loops.parameter_file import read_parameter_file
 from sysid.loops.settings import AXES
 
 #: A survey quadcopter of 2 kg: how each axis answers the mixer.
-_PLANTS = {
+PLANTS = {
     "roll": AxisPlant(gain=210.0, damping=1.2, lag=0.028, delay=0.003, filter_hz=40.0),
     "pitch": AxisPlant(gain=170.0, damping=1.0, lag=0.028, delay=0.003, filter_hz=40.0),
     "yaw": AxisPlant(gain=28.0, damping=0.6, lag=0.04, delay=0.003, filter_hz=40.0),
 }
 #: Gains as somebody may have left them: firmware's defaults in the air frame of another craft.
-_GAINS = {
+GAINS = {
     "roll": LoopGains(P=0.08, I=0.08, D=0.0016),
     "pitch": LoopGains(P=0.1, I=0.1, D=0.002),
     "yaw": LoopGains(P=0.25, I=0.025, D=0.0, FLTE=20.0, FLTD=0.0, angle_P=3.0),
@@ -64,7 +64,7 @@ class Chirps:
 def simulate(name: str, summary: str, settings: Chirps) -> Outcome:
     """Fly the three chirps one after the other."""
     filter_hz, gains = _set(_read(settings.parameters))
-    plants = {axis: replace(plant, filter_hz=filter_hz) for axis, plant in _PLANTS.items()}
+    plants = {axis: replace(plant, filter_hz=filter_hz) for axis, plant in PLANTS.items()}
     runs = {axis: _fly(plants[axis], gains[axis], number, settings) for number, axis in enumerate(plants)}
     facts = (
         Fact("gains", Path(settings.parameters).name if settings.parameters else "the craft's own"),
@@ -99,13 +99,13 @@ def simulate(name: str, summary: str, settings: Chirps) -> Outcome:
 
 def _fly(plant: AxisPlant, gains: LoopGains, number: int, settings: Chirps) -> AxisRun:
     shaken = Excitation(
-        duration=len(_PLANTS) * (_CHIRP + _PAUSE) + 2.0 * _PAUSE,
+        duration=len(PLANTS) * (_CHIRP + _PAUSE) + 2.0 * _PAUSE,
         chirp=(*_BAND, settings.magnitude),
         chirp_start=2.0 * _PAUSE + number * (_CHIRP + _PAUSE),
         chirp_seconds=_CHIRP,
         sid_axis=10 + number,
         # Yaw is turned by drag, not by lift: by the air as little as by the motors.
-        gust=settings.gusts * plant.gain / _PLANTS["roll"].gain,
+        gust=settings.gusts * plant.gain / PLANTS["roll"].gain,
         gyro_noise=0.015,
     )
     return run_axis(plant, gains, shaken, seed=10 * settings.seed + number)
@@ -140,8 +140,8 @@ def _read(path: str) -> dict[str, float]:
 
 def _set(changes: Mapping[str, float]) -> tuple[float, dict[str, LoopGains]]:
     """Return the corner of the gyro filter and the gains of each axis with some parameters changed."""
-    filter_hz = next(iter(_PLANTS.values())).filter_hz
-    gains = dict(_GAINS)
+    filter_hz = next(iter(PLANTS.values())).filter_hz
+    gains = dict(GAINS)
     fields = {f"ATC_RAT_{letters}_{term}": (axis, term) for axis, letters in AXES.items() for term in TERMS}
     fields |= {f"ATC_ANG_{letters}_P": (axis, "angle_P") for axis, letters in AXES.items()}
     for name, value in changes.items():

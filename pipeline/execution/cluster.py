@@ -177,7 +177,7 @@ class Cluster(Executor):
             raise SchedulerError(
                 f"the scheduler at {self.address} has no workers: start some with `dask worker {self.address}`"
             ) from None
-        _refuse(_differing_dask(self._client.get_versions()))
+        _refuse(differing_dask(self._client.get_versions()))
         self._software = software()
         local = tuple(str(Path(place).absolute()) for place in places if not is_url(place))
         with _marked(None if store is None or is_url(store) else Path(store)) as mark:
@@ -194,7 +194,7 @@ def _refuse(problems: Mapping[str, str]) -> None:
         raise SchedulerError(f"the cluster cannot do this work:\n{some}{more}")
 
 
-def _differing_dask(versions: Mapping[str, Any]) -> dict[str, str]:
+def differing_dask(versions: Mapping[str, Any]) -> dict[str, str]:
     """Return where Python or Dask differ from here, by `Client.get_versions`: code would not arrive whole."""
 
     def relevant(node: Mapping[str, Any]) -> dict[str, str]:

@@ -94,7 +94,7 @@ def measure(
         wind = trim.wind(t) * ((height / WIND_HEIGHT) ** trim.wind_exponent)[:, None]
         series["airspeed"] = np.hypot(context["v_n"] - wind[:, 0], context["v_e"] - wind[:, 1]).to_numpy()
     known = {
-        name: found for name in QUANTITIES if (found := _distribution(name, series.get(name, np.empty(0)))) is not None
+        name: found for name in QUANTITIES if (found := distribution(name, series.get(name, np.empty(0)))) is not None
     }
     return Coverage(
         seconds=len(t) / RATE,
@@ -132,7 +132,7 @@ def _fitted_wind(models: Sequence[ModelResult]) -> FlightTrim | None:
     return next((body.flights[name] for name in body.training if name in body.flights), None)
 
 
-def _distribution(name: str, values: Floats) -> Distribution | None:
+def distribution(name: str, values: Floats) -> Distribution | None:
     """Count a quantity out; None where it is not known."""
     values = values[np.isfinite(values)]
     if not len(values):

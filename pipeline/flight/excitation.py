@@ -110,17 +110,18 @@ def _axes(context: pd.DataFrame, commands: Mapping[str, float], per_second: int)
             rms=float(context[rate].std(ddof=0)),
             unit="rad/s",
             command_std=commands.get(axis),
-            word=_word(float(context[rate].std(ddof=0)) / STILL),
+            word=word_of(float(context[rate].std(ddof=0)) / STILL),
         )
         for axis, rate in (("roll", "w_x"), ("pitch", "w_y"), ("yaw", "w_z"))
     }
     axes["thrust"] = AxisExcitation(
-        rms=size, unit="m/s^2", command_std=commands.get("thrust"), word=_word(size / (VARYING * standard_gravity))
+        rms=size, unit="m/s^2", command_std=commands.get("thrust"), word=word_of(size / (VARYING * standard_gravity))
     )
     return axes
 
 
-def _word(multiple: float) -> str:
+def word_of(multiple: float) -> str:
+    """Return the word for how much moved, as a multiple of what a craft at rest shows."""
     return next(word for limit, word in _WORDS if multiple < limit or limit == float("inf"))
 
 

@@ -95,7 +95,7 @@ def attitude_response(
         raise FrequencyError(log_by_log(reasons) or "no logs given")
     frf = response_of_records(records, _following(which))
     found = fit(frf)
-    bandwidth = _possible(
+    bandwidth = possible_bandwidth(
         _known(found, _bandwidth, "rad/s", lambda value, sigma: sigma < _BANDWIDTH_KNOWN * value), axis
     )
     delay = _known(found, _phase_delay, "s", lambda _, sigma: sigma < _DELAY_KNOWN)
@@ -178,7 +178,7 @@ def _phase(found: FrequencyFit, omega: float) -> float:
     return float(np.unwrap(np.angle(found.response(hz) * np.sign(found.values[0])))[-1])
 
 
-def _crossing(found: FrequencyFit, phase: float) -> float:
+def crossing_of(found: FrequencyFit, phase: float) -> float:
     """Return the first frequency at which the model's phase passes a level, rad/s; NaN if it never does below 50 Hz."""
     hz = np.geomspace(1e-2, 50.0, 3000)
     phases = np.unwrap(np.angle(found.response(hz) * np.sign(found.values[0])))
@@ -194,11 +194,11 @@ def _crossing(found: FrequencyFit, phase: float) -> float:
 
 
 def _bandwidth(found: FrequencyFit) -> float:
-    return _crossing(found, -0.75 * np.pi)
+    return crossing_of(found, -0.75 * np.pi)
 
 
 def _phase_delay(found: FrequencyFit) -> float:
-    at = _crossing(found, -np.pi)
+    at = crossing_of(found, -np.pi)
     return (-_phase(found, 2.0 * at) - np.pi) / (2.0 * at) if np.isfinite(at) else float("nan")
 
 
@@ -207,7 +207,7 @@ def _peak(found: FrequencyFit) -> float:
     return float(20.0 * np.log10(np.max(gain) / gain[0]))
 
 
-def _possible(bandwidth: Parameter, axis: str) -> Parameter:
+def possible_bandwidth(bandwidth: Parameter, axis: str) -> Parameter:
     """Return a bandwidth, or why it is none: firmware lets the yaw target follow the heading while nobody turns."""
     if axis != "yaw" or bandwidth.value is None or bandwidth.value < _FASTEST_YAW:
         return bandwidth

@@ -93,7 +93,7 @@ def _pairs(log: FlightLog) -> Iterator[RateSignals]:
     for source, driven in driving(log):
         for answer, table, pieces in answers:
             with suppress(FrequencyError):
-                paired = _paired(driven, table, pieces)
+                paired = on_one_clock(driven, table, pieces)
                 if paired.step <= 1.0 / _LOWEST:
                     yield replace(paired, source=f"{source} to {answer}")
 
@@ -171,7 +171,7 @@ def _turning(angles: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rates, index=angles.index)
 
 
-def _paired(driven: pd.DataFrame, answer: pd.DataFrame, pieces: Floats) -> RateSignals:
+def on_one_clock(driven: pd.DataFrame, answer: pd.DataFrame, pieces: Floats) -> RateSignals:
     """Bring the faster table to the times of the slower, below half of its rate.
 
     Raises

@@ -221,7 +221,7 @@ def verify_records(found: FrequencyFit, records: Sequence[AxisRecord]) -> Verifi
         outputs.append(output)
         models.append(output - error)
         if np.std(outside) > 0.0:
-            scores.append(_largest_correlation(error, outside, record))
+            scores.append(largest_correlation(error, outside, record))
         ahead.append((error, np.column_stack([command, outside])))
     rms = [float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (errors, outputs, models)]
     return Verification(
@@ -258,7 +258,8 @@ def _one_ahead(output: str, parts: Sequence[tuple[Floats, Floats]]) -> ResidualT
     return examine_residuals(output, whitened, [inputs[order:] for _, inputs in later], ("command", "instrument"))
 
 
-def _largest_correlation(error: Floats, command: Floats, record: AxisRecord) -> float:
+def largest_correlation(error: Floats, command: Floats, record: AxisRecord) -> float:
+    """Return the largest correlation of an error with the command within half a second, in its standard deviations."""
     reach = min(max(int(0.5 / record.dt), 1), len(error))
     # Two coloured signals are unrelated to within one over the root of the samples that their product is worth.
     worth = independent_samples([error * command / np.sqrt(np.mean((error * command) ** 2))])

@@ -115,7 +115,7 @@ def contradiction_of(log: FlightLog, axis: str) -> str | None:
     """
     advice = "reboot, see that the parameters are those wanted, and fly again"
     settings = read_settings(log, axis)
-    other = _other_rate(log, settings.controller.loop_rate)
+    other = other_rate(log, settings.controller.loop_rate)
     if other is not None:
         return f"{log.path.name}: {other}; a change takes effect at the next start: {advice}"
     blocks = _blocks(log, settings) if axis in _chirped(log) else _proportional(log, settings)
@@ -355,7 +355,7 @@ def _aligned(log: FlightLog, chirp: Chirp, t: Floats, columns: dict[str, Floats]
     return _Signals(values[:, 0], found, float(clock[1] - clock[0]))
 
 
-def _other_rate(log: FlightLog, claimed: float) -> str | None:
+def other_rate(log: FlightLog, claimed: float) -> str | None:
     """Return that the loop ran at another rate than SCHED_LOOP_RATE."""
     if "PM" in log.messages and "LR" in log.messages["PM"]:
         told = log.messages["PM"]["LR"].to_numpy(np.float64)

@@ -117,7 +117,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
         if aim not in AIMS:
             raise LoopError(f"there is no aim {aim!r}; the aims are {', '.join(AIMS)}")
         aim = AIMS[aim]
-    flights = _without_copies(logs_of(logs))
+    flights = without_copies(logs_of(logs))
     names = tuple(log.name for log in flights)
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
@@ -146,7 +146,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
     best = {axis: tune_axis(loop, aim) for axis, loop in loops.items()}
     for factor in options[1:]:
         tuned = {axis: tune_axis(loop, aim, factor) for axis, loop in loops.items()}
-        if all(item.tuned is not None for item in tuned.values()) and _worth(tuned) > _worth(best):
+        if all(item.tuned is not None for item in tuned.values()) and worth_of(tuned) > worth_of(best):
             best = tuned
     axes = tuple(best.get(item.axis, item) for item in found)
     proposed, rollback = _differences(axes)
@@ -171,7 +171,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
     return Tuning(names, aim, proposed, rollback, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 
-def _without_copies(logs: Sequence[FlightLog]) -> list[FlightLog]:
+def without_copies(logs: Sequence[FlightLog]) -> list[FlightLog]:
     """Return logs without those whose flight is another's to the microsecond: the same evidence twice is not more."""
     found: dict[tuple[float, float] | int, FlightLog] = {}
     for k, log in enumerate(logs):
@@ -192,7 +192,7 @@ def _gyro_filter_stays(logs: Sequence[FlightLog], axes: Sequence[AxisTuning]) ->
     return None if is_calm(logs) else "vibration is not known to be low (VIBE)"
 
 
-def _worth(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float]:
+def worth_of(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float]:
     """Return what a gyro filter is worth: axes with a proposal and that gain, little raised unseen, score in steps."""
     items = [item for item in tuned.values() if item.tuned is not None]
     raised = (next((k for k, most in enumerate(UNSEEN_RAISED) if item.unseen <= most), 9) for item in items)

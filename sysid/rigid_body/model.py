@@ -152,7 +152,7 @@ class RigidBodyModel(Summarised):
             x, y, z, m.
         """
         flight, trim = self._motion(experiment), self._trim_of(experiment)
-        theta, shapes = self._theta(flight, trim)
+        theta, shapes = self.kernel_inputs(flight, trim)
         start = _free_from(flight, trim)
         path = flight.run(theta, shapes, self.law, start)
         if start > 0:
@@ -172,7 +172,7 @@ class RigidBodyModel(Summarised):
             Of x, y, z, m; NaN where the run is not free, because its trim has looked at the motion.
         """
         flight, trim = self._motion(experiment), self._trim_of(experiment)
-        theta, shapes = self._theta(flight, trim)
+        theta, shapes = self.kernel_inputs(flight, trim)
         start = _free_from(flight, trim)
         run = flight.run(theta, shapes, self.law, start)
         carried = self.carried.get(experiment.name) or self._carry(flight, self.flights.get(experiment.name))
@@ -420,8 +420,8 @@ class RigidBodyModel(Summarised):
         own = np.array([known.wind_exponent, known.thrust_scale, known.wind_n, known.wind_e])
         return carry_states(flight, self._shared, self.law, (own, np.maximum(_sigma(known), KNOWN_AT_BEST)))
 
-    def _theta(self, flight: Motion, trim: FlightTrim) -> tuple[Floats, Floats]:
-        """Parameters and wind for the kernels: the winds north and east are shapes of their own."""
+    def kernel_inputs(self, flight: Motion, trim: FlightTrim) -> tuple[Floats, Floats]:
+        """Return parameters and wind for the kernels: the winds north and east are shapes of their own."""
         own = (trim.wind_exponent, trim.thrust_scale)
         return np.array([*self._shared, *own, 1.0, 0.0, 0.0, 1.0]), np.ascontiguousarray(trim.wind(flight.t))
 

@@ -166,7 +166,7 @@ def solve_instants(motion: Sequence[Motion]) -> dict[str, InstantMean]:
     thrust = np.column_stack([np.zeros_like(lift), np.zeros_like(lift), -lift])
     first, kept = _solve_each(np.stack([thrust, drag], axis=2), force)
     result = {
-        name: _mean(
+        name: mean_of_instants(
             t, first[:, k], kept, "the craft hardly moves through the air" if name == "C" else "it hardly lifts"
         )
         for k, name in enumerate(("k", "C"))
@@ -175,11 +175,11 @@ def solve_instants(motion: Sequence[Motion]) -> dict[str, InstantMean]:
     lifting = lift > 0.1 * np.median(lift)
     alone = np.where(lifting, -force[:, 2] / np.where(lifting, lift, 1.0), np.nan)
     if result["k"].mean is None:
-        result["k"] = _mean(t, alone, lifting, "it hardly lifts")
+        result["k"] = mean_of_instants(t, alone, lifting, "it hardly lifts")
     k = result["k"].mean
     if k is None:
         return result | {
-            name: _mean(t, alone, np.zeros(len(alone), bool), "thrust is not") for name in ("Jx", "Jz", "b")
+            name: mean_of_instants(t, alone, np.zeros(len(alone), bool), "thrust is not") for name in ("Jx", "Jz", "b")
         }
     accel = np.concatenate([m.acceleration for m in motion])
     qr, pr, _ = (np.concatenate(parts) for parts in zip(*[_products(m) for m in motion], strict=True))
@@ -191,10 +191,10 @@ def solve_instants(motion: Sequence[Motion]) -> dict[str, InstantMean]:
     aim = np.column_stack([k * roll, k * pitch, zero])
     second, kept = _solve_each(np.stack([jx, jz, b], axis=2), aim)
     why = "the craft hardly turns about two axes at once"
-    result |= {name: _mean(t, second[:, j], kept, why) for j, name in enumerate(("Jx", "Jz", "b"))}
+    result |= {name: mean_of_instants(t, second[:, j], kept, why) for j, name in enumerate(("Jx", "Jz", "b"))}
     moving = np.abs(yaw) > np.median(np.abs(yaw))
     ratio = np.where(moving, accel[:, 2] / np.where(moving, yaw, 1.0), np.nan)
-    result["b/Jz"] = _mean(t, ratio, moving, "the craft hardly yaws")
+    result["b/Jz"] = mean_of_instants(t, ratio, moving, "the craft hardly yaws")
     return result
 
 
@@ -232,7 +232,8 @@ def _events(t: Floats) -> NDArray[np.intp]:
     return number
 
 
-def _mean(t: Floats, values: Floats, kept: NDArray[np.bool_], reason: str) -> InstantMean:
+def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason: str) -> InstantMean:
+    """Return the mean of the instants that are kept, with its spread between manoeuvres, or the reason for none."""
     used = values[kept]
     number = _events(t[kept])
     events = int(number[-1]) + 1 if len(number) else 0

@@ -186,7 +186,7 @@ def fit_closed_loop(
             time_limit=max(left / (len(groups) - done), 1.0),
         )
         findings += [finding for finding in fitted.findings if finding not in findings]
-        closed = _closed(fitted.transfer_functions["error"][group])
+        closed = complementary(fitted.transfer_functions["error"][group])
         for column in columns:
             functions[first.output_names[column]] = closed
             reports[first.output_names[column]] = fitted.reports["error"]
@@ -267,7 +267,7 @@ def _error_record(record: Experiment, column: int, group: str) -> Experiment:
     )
 
 
-def _closed(error: TransferFunction) -> TransferFunction:
+def complementary(error: TransferFunction) -> TransferFunction:
     """Turn B / A, from the reference's acceleration to the error, into ``G = 1 + s^2 B / A`` with its covariance."""
     n, nb = len(error.den) - 1, len(error.num)
     rows = slice(n - 1 - nb, n - 1)  # of s^2 B among the powers n .. 0

@@ -16,7 +16,7 @@ from api.database import Database
 from rotorid.cli.main import app as command_line
 from tests.api import flights, postgresql, standins
 from tests.api.conftest import running
-from tests.api.test_crafts import fly, only_craft, settled
+from tests.api.visits import fly, only_craft, settled
 
 
 def run(data: Path, *arguments: str, **settings: str) -> tuple[int, str]:

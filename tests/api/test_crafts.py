@@ -1,10 +1,8 @@
 """Craft: every upload finds its own, the owner puts right what a fingerprint got wrong, models follow the flights."""
 
 import json
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import httpx
@@ -14,7 +12,7 @@ from api import Settings, create_app
 from api.settings import Access
 from tests.api import flights
 from tests.api.conftest import running
-from tests.api.programs import PATIENCE
+from tests.api.visits import fly, only_craft, settled, wait
 
 
 @pytest.fixture
@@ -22,38 +20,6 @@ def service(tmp_path: Path) -> Iterator[httpx.Client]:
     settings = Settings(data=tmp_path, workers=2)
     with running(create_app(settings, flights.analyze, preload=flights.PRELOAD)) as client:
         yield client
-
-
-def fly(client: httpx.Client, name: str, content: bytes) -> str:
-    """Upload a log, wait for its analysis and return the log's id."""
-    answer = client.post("/api/v1/logs", params={"analyze": True}, files={"file": (name, content)})
-    assert answer.status_code == 201, answer.text
-    return str(answer.json()["logs"][0]["id"])
-
-
-def wait(question: Callable[[], Any]) -> Any:
-    """Ask until the answer is true."""
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        if answer := question():
-            return answer
-        time.sleep(0.1)
-    raise AssertionError("it does not come to hold")
-
-
-def only_craft(client: httpx.Client) -> dict[str, Any]:
-    (craft,) = client.get("/api/v1/crafts").json()["items"]
-    return dict(craft)
-
-
-def settled(client: httpx.Client, craft_id: str) -> dict[str, Any]:
-    """Wait until a craft has been looked at and no joint fit of it waits."""
-
-    def look() -> dict[str, Any] | None:
-        craft: dict[str, Any] = client.get(f"/api/v1/crafts/{craft_id}").json()
-        return craft if craft["current"] and craft["joint"]["waiting"] is None else None
-
-    return dict(wait(look))
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from api.hooks import ForbiddenAddressError, check_address, resolve, send
 from api.settings import Webhooks
 from tests.api import flights
 from tests.api.conftest import running
-from tests.api.test_crafts import fly, only_craft, settled
+from tests.api.visits import fly, only_craft, settled
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def receiver() -> Iterator[str]:
 def test_an_alert_is_sent_signed_until_it_is_taken(
     tmp_path: Path, receiver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hooks, "_LOOK", 3600.0)  # the test looks itself
+    monkeypatch.setattr(hooks, "LOOK_EVERY", 3600.0)  # the test looks itself
     app = create_app(
         Settings(data=tmp_path, workers=1, webhooks=Webhooks.ANY), flights.analyze, preload=flights.PRELOAD
     )
@@ -152,7 +152,7 @@ def dripping() -> Iterator[str]:
 
 def test_who_answers_byte_by_byte_is_cut_off(dripping: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """One such address held the webhooks of all owners for as long as it liked: each byte came in time."""
-    monkeypatch.setattr(hooks, "_TIMEOUT", 0.5)
+    monkeypatch.setattr(hooks, "TIMEOUT", 0.5)
     with pytest.raises(OSError, match="no HTTP answer"):
         send(dripping, b"{}", "secret", Webhooks.ANY)
 
@@ -160,7 +160,7 @@ def test_who_answers_byte_by_byte_is_cut_off(dripping: str, monkeypatch: pytest.
 def test_an_address_that_takes_nothing_is_tried_once_in_a_while_for_all_its_alerts(
     tmp_path: Path, receiver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hooks, "_LOOK", 3600.0)  # the test looks itself
+    monkeypatch.setattr(hooks, "LOOK_EVERY", 3600.0)  # the test looks itself
     _Receiver.answers[:] = [500, 204, 204]
     app = create_app(
         Settings(data=tmp_path, workers=1, webhooks=Webhooks.ANY), flights.analyze, preload=flights.PRELOAD

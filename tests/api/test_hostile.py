@@ -191,7 +191,7 @@ def test_text_of_a_log_is_never_markup(service: httpx.Client, upload: Upload) ->
 @pytest.mark.parametrize("pack", ["gzip", "zip"])
 def test_a_bomb_is_refused_before_it_fills_the_disk(tmp_path: Path, pack: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A few hundred kB that unpack to more than a log may have."""
-    monkeypatch.setattr(containers, "_limit", 50 << 20)
+    monkeypatch.setattr(containers, "MAX_UNPACKED_BYTES", 50 << 20)
     zeros = b"\xa3\x95\x80\x80" + bytes((60 << 20) - 4)
     path = tmp_path / f"bomb.{pack}"
     if pack == "gzip":
@@ -208,7 +208,7 @@ def test_a_bomb_is_refused_before_it_fills_the_disk(tmp_path: Path, pack: str, m
 
 @pytest.fixture
 def impatient_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[httpx.Client]:
-    monkeypatch.setattr("api.connections._PATIENCE", 1.0)
+    monkeypatch.setattr("api.connections.PATIENCE", 1.0)
     settings = Settings(data=tmp_path, upload_stall=1.0, workers=1)
     with running(create_app(settings, standins.analyze, preload=())) as client:
         yield client

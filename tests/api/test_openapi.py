@@ -21,7 +21,7 @@ from api import Settings, create_app
 from tests.api import flights
 from tests.api.conftest import running
 from tests.api.programs import PATIENCE
-from tests.api.test_crafts import fly
+from tests.api.visits import fly
 
 Upload = Callable[..., httpx.Response]
 

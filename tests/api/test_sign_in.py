@@ -124,7 +124,7 @@ def test_a_key_opens_one_report_for_a_while(guarded: Guarded, analysis: str, mon
         "key",
     ):
         assert guarded.get(f"/reports/{forged}/report.html").status_code == 404
-    monkeypatch.setattr(report_keys, "_VALID", timedelta(seconds=-1))
+    monkeypatch.setattr(report_keys, "VALID", timedelta(seconds=-1))
     assert guarded.get(f"/reports/{guarded.keys.make(guarded.anna, analysis)}/report.html").status_code == 404
 
 

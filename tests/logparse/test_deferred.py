@@ -98,6 +98,6 @@ def test_copies_hold_what_was_deferred(deferred):
 
 def test_long_messages_are_kept_only_for_who_asks_for_them(deferred):
     assert deferred.tables.rates is not None
-    assert "RATE" not in deferred.messages._frames
+    assert "RATE" not in deferred.messages.decoded
     rate = deferred.messages["RATE"]
     assert deferred.messages["RATE"] is rate

@@ -141,7 +141,7 @@ def test_archives_that_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     (tmp_path / "broken.zip").write_bytes(b"PK\x03\x04" + b"x" * 100)
     with pytest.raises(LogError, match="cannot be opened"):
         read_log(tmp_path / "broken.zip")
-    monkeypatch.setattr(containers, "_limit", 1000)
+    monkeypatch.setattr(containers, "MAX_UNPACKED_BYTES", 1000)
     with gzip.open(tmp_path / "bomb.gz", "wb") as packed:
         packed.write(path.read_bytes())
     with pytest.raises(LogError, match="unpacks to more"):

@@ -63,7 +63,7 @@ def sample():
 
 def test_one_field_is_decoded_and_nothing_is_kept(sample):
     signal = evaluate(sample, "IMU.AccZ")
-    assert "IMU" not in sample.messages._frames
+    assert "IMU" not in sample.messages.decoded
     np.testing.assert_array_equal(signal.y, sample.messages["IMU"]["AccZ"])
     assert signal.unit == "m/s/s"
 

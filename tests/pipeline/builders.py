@@ -8,7 +8,7 @@ import numpy as np
 
 from logparse import Vehicle
 from logparse.frames import motor_table
-from pipeline.flight.coverage import _distribution
+from pipeline.flight.coverage import distribution
 from pipeline.flight.craft import build_of
 from pipeline.flight.flight_parameters import SHARES
 from pipeline.results.entry import FlightEntry, FlightParameter
@@ -81,7 +81,7 @@ def flight(name, moves=1.0, *, day=0, place=0, sigma=0.5, noise=0.05, hour=0):
 
 def covering(name, **values):
     """Make a flight of given values, ten a second; a place and height for the map."""
-    quantities = {key: _distribution(key, np.asarray(v, float)) for key, v in values.items()}
+    quantities = {key: distribution(key, np.asarray(v, float)) for key, v in values.items()}
     seconds = len(next(iter(values.values()))) / 10.0
     return dataclasses.replace(
         flown(name),

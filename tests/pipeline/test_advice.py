@@ -12,7 +12,7 @@ from logparse.log_settings import Need, bits_of, log_setting
 from logparse.serialization import plain
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
-from pipeline.flight.advice.log_settings import _BRINGS
+from pipeline.flight.advice.log_settings import BRINGS
 from pipeline.flight.advice.next_flights import MOST, for_craft
 from pipeline.results.entry import FlightParameter
 from tests.pipeline.builders import covering, flown, hovering
@@ -136,7 +136,7 @@ def test_without_a_mask_the_bits_are_named_and_nothing_is_set():
     assert advice.rank < 10, "without a position nothing can be identified"
 
 
-@pytest.mark.parametrize("name", sorted(set(_BRINGS) - {"no-fast-rates"}))
+@pytest.mark.parametrize("name", sorted(set(BRINGS) - {"no-fast-rates"}))
 def test_each_missing_table_is_cured(name):
     assert only(good(mask=0.0, findings=[lacking(name, NEEDS[name], 0.0)])).id == "log-bitmask"
 
@@ -246,7 +246,7 @@ def test_the_list_is_short_sorted_and_json():
         mask=0.0,
         known=False,
         findings=(
-            *(lacking(name, NEEDS[name], 0.0) for name in _BRINGS),
+            *(lacking(name, NEEDS[name], 0.0) for name in BRINGS),
             *("vibration", "motors-saturated", "gap-in-imu", "mass-unknown", "uneven-motor"),
         ),
         health={"position_sigma": {"median": 9.0, "max": 30.0}},

@@ -20,8 +20,7 @@ def spoilt(name, how):
         kept = kept.astype(object).map(lambda _: "<b>n/a</b>")
     elif how == "no number":
         kept = kept.map(lambda each: np.nan if isinstance(each, int | float | np.number) else each)
-    kept.attrs = rows.attrs
-    log.messages._frames[name] = kept
+    log.messages.replace(name, kept)
     return log
 
 

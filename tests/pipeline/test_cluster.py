@@ -188,7 +188,7 @@ def test_other_versions_of_python_and_dask_are_named():
         "scheduler": node(dask="2024.1.0", distributed="2024.1.0"),
         "workers": {"tcp://a:1": node(python="3.11.2.final.0"), "tcp://b:1": node(python="3.12.1.final.0")},
     }
-    assert cluster._differing_dask(versions) == {
+    assert cluster.differing_dask(versions) == {
         "scheduler": "has dask 2024.1.0 instead of 2026.8.0, distributed 2024.1.0 instead of 2026.8.0: "
         "install what is installed here",
         "tcp://b:1": "has Python 3.12 instead of 3.11: install what is installed here",

@@ -11,7 +11,7 @@ import estimation
 import logparse
 from logparse.serialization import plain, restored
 from pipeline.flight.coverage import measure
-from pipeline.flight.excitation import _word
+from pipeline.flight.excitation import word_of
 from pipeline.results.coverage import QUANTITIES, Coverage
 from pipeline.results.span import Span
 from simulation.fly import Setup
@@ -113,4 +113,4 @@ def test_where_the_wind_comes_from():
 
     assert Found.towards(-1.0, 0.0, 0.1, "").direction == 0.0
     assert Found.towards(0.0, -2.0, 0.1, "").direction == pytest.approx(math.pi / 2)
-    assert [_word(x) for x in (0.1, 0.7, 2.0, 9.0)] == ["none", "weak", "fair", "strong"]
+    assert [word_of(x) for x in (0.1, 0.7, 2.0, 9.0)] == ["none", "weak", "fair", "strong"]

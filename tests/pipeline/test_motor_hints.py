@@ -10,7 +10,7 @@ from pipeline.storage.store import FolderStore
 from sysid.rotors.steady_imbalance import weak_from_start
 from tests.pipeline.builders import flown
 from tests.reports.conftest import made_flight
-from tests.sysid.test_steady_imbalance import REAL, trimmed
+from tests.sysid.trimmed_flights import REAL, trimmed
 
 OTHER = Finding("uneven-motor", Severity.WARNING, "an output is not what the mixer asks", "", {"motor": "m1"})
 

@@ -9,7 +9,7 @@ import pytest
 from pipeline.fleet.review import RATE, review
 from pipeline.results.craft_review import Note
 from tests.pipeline.builders import START, hovering
-from tests.pipeline.test_drift import flights_of, series
+from tests.pipeline.histories import flights_of, series
 
 NOW = datetime(2027, 1, 1, tzinfo=UTC)
 

@@ -10,7 +10,7 @@ import logparse
 from logparse import Tables
 from pipeline.flight.vibration_spectrum import vibration_spectrum
 from pipeline.results.span import Span
-from reports.health_figures import _said_of_peaks
+from reports.health_figures import peaks_in_words
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs" / "real"
 FLIGHT = Span(0.0, 60.0)
@@ -41,7 +41,7 @@ def test_lines_at_the_rotors_speed_and_its_multiples_are_theirs():
     spectrum = vibration_spectrum(flown(1.0, 2.0, frame=130.0, esc=True), FLIGHT, NOTCH | {"INS_HNTCH_HMNCS": 1.0})
     found = {round(peak.hz): (peak.rotor_multiple, peak.notch) for peak in spectrum.peaks}
     assert found == {80: (1, "INS_HNTCH"), 160: (2, ""), 130: (0, "")}
-    text = _said_of_peaks(spectrum)
+    text = peaks_in_words(spectrum)
     assert "160 Hz (rotors × 2)" in text
     assert "No notch covers 160 Hz." in text
     assert "Lines at 130 Hz, " in text
@@ -65,7 +65,7 @@ def test_notches_reach_as_far_as_their_bandwidth_and_harmonics_say():
 def test_quiet_flights_name_no_line():
     spectrum = vibration_spectrum(flown(), FLIGHT, {})
     assert spectrum.peaks == ()
-    assert _said_of_peaks(spectrum) == "No line stands out."
+    assert peaks_in_words(spectrum) == "No line stands out."
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="shared logs are not here")

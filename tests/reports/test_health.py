@@ -45,7 +45,7 @@ def test_messages_whose_times_damage_has_put_out_of_order_are_drawn_in_order():
     rows = log.messages["VIBE"]
     times = rows.index.to_numpy().copy()
     times[[50, 51]] = times[[51, 50]]
-    log.messages._frames["VIBE"] = rows.set_axis(times)
+    log.messages.replace("VIBE", rows.set_axis(times))
     (panel,) = health_signals(log, Span(log.flight.start + 0.03, log.flight.stop - 0.03)).vibration
     assert all((np.diff(signal.t) > 0.0).all() for signal in panel.signals)
 
@@ -55,7 +55,7 @@ def test_a_heading_about_south_does_not_jump():
     rows = log.messages["ATT"]
     t = np.arange(len(rows)) * 0.1
     flown, asked = 180.0 + 5.0 * np.sin(t), 180.0 + 5.0 * np.sin(t + 0.1)
-    log.messages._frames["ATT"] = rows.assign(Yaw=flown % 360.0, DesYaw=asked % 360.0)
+    log.messages.replace("ATT", rows.assign(Yaw=flown % 360.0, DesYaw=asked % 360.0))
     panel = health_signals(log, log.flight).attitude[2]
     assert panel.title == "yaw"
     by_name = {signal.name: signal.y for signal in panel.signals}
@@ -71,7 +71,7 @@ def test_turns_before_take_off_do_not_count():
     rows = log.messages["ATT"]
     t = rows.index.to_numpy()
     carried = np.interp(t, [t[0], start], [0.0, 790.0])
-    log.messages._frames["ATT"] = rows.assign(Yaw=carried % 360.0, DesYaw=carried % 360.0)
+    log.messages.replace("ATT", rows.assign(Yaw=carried % 360.0, DesYaw=carried % 360.0))
     panel = health_signals(log, log.flight).attitude[2]
     for signal in panel.signals:
         assert np.degrees(np.median(signal.y)) == pytest.approx(70.0, abs=1.0)

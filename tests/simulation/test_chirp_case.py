@@ -7,7 +7,7 @@ import pytest
 
 import rotorid as ro
 from simulation import CASES, ParameterError, write
-from simulation.chirp_case import _GAINS, _PLANTS
+from simulation.chirp_case import GAINS, PLANTS
 from sysid.loops import rate_loop
 
 CASE = CASES["chirps"]
@@ -25,7 +25,7 @@ def first(tmp_path_factory):
 
 def test_the_margins_of_the_log_are_those_of_the_truth(first):
     log, truth = first
-    for axis in _PLANTS:
+    for axis in PLANTS:
         margins = rate_loop(log, axis).margins
         assert margins.crossover_hz.value == pytest.approx(truth[f"{axis}: crossover"], rel=0.05)
         assert margins.phase_deg.value == pytest.approx(truth[f"{axis}: phase margin"], abs=3.0)
@@ -39,7 +39,7 @@ def test_gains_of_a_parameter_file_are_flown(first, tmp_path):
     assert parameters["ATC_RAT_RLL_P"] == pytest.approx(0.12)
     assert parameters["ATC_ANG_PIT_P"] == 6.0
     assert parameters["INS_GYRO_FILTER"] == 60.0
-    assert parameters["ATC_RAT_PIT_P"] == pytest.approx(_GAINS["pitch"].P)
+    assert parameters["ATC_RAT_PIT_P"] == pytest.approx(GAINS["pitch"].P)
     assert truth["roll: crossover"] > 1.3 * first[1]["roll: crossover"]
     assert truth["gains"] == "changed.param"
 

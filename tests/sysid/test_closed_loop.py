@@ -10,7 +10,7 @@ from estimation import estimate
 from logparse import read_log
 from logparse.serialization import plain
 from sysid import Experiment, ExperimentError, fit_closed_loop, validate
-from sysid.transfer_functions.closed_loop import _closed
+from sysid.transfer_functions.closed_loop import complementary
 from sysid.transfer_functions.transfer_function import TransferFunction
 
 SITL = Path(__file__).resolve().parents[3] / "shared" / "logs" / "sitl"
@@ -145,8 +145,8 @@ def test_uncertainty_is_that_of_the_error_in_other_coordinates():
     for k in range(6):
         step = np.zeros(6)
         step[k] = 1.0
-        closed = _closed(TransferFunction(num, den, np.outer(step, step)))
-        moved = _closed(TransferFunction(num + step[:2], den + np.append(0.0, step[2:])))
+        closed = complementary(TransferFunction(num, den, np.outer(step, step)))
+        moved = complementary(TransferFunction(num + step[:2], den + np.append(0.0, step[2:])))
         change = np.concatenate([moved.num - closed.num, (moved.den - closed.den)[1:]])
         assert closed.gain == 1.0
         np.testing.assert_allclose(closed.covariance, np.outer(change, change), atol=1e-12)

@@ -9,7 +9,7 @@ from logparse import MissingDataError
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.papers.kim2017 import quadcopter
 from sysid.rotors.refinement2020 import fit_refinement2020
-from sysid.rotors.refinement_instants import STILL_AIR, _mean
+from sysid.rotors.refinement_instants import STILL_AIR, mean_of_instants
 from sysid.rotors.thrust_regression import pressed
 from tests.sysid.simulated_craft import disturbed, flight, without
 
@@ -117,7 +117,7 @@ def test_samples_of_one_turn_are_one_instant():
     kept[[500, 501, 502, 504]] = True
     values = np.full(1000, np.nan)
     values[kept] = (0.07, 0.06, 0.075, 0.065)
-    found = _mean(t, values, kept, "the craft hardly turns")
+    found = mean_of_instants(t, values, kept, "the craft hardly turns")
     assert (found.mean, found.used, found.events) == (None, 4, 1)
     assert "4 instants in 1 stretch of 2 s" in found.reason
 
@@ -128,7 +128,7 @@ def test_the_spread_of_few_turns_is_student_s():
     kept[[100, 400, 800]] = True
     values = np.full(1000, np.nan)
     values[kept] = (1.0, 2.0, 3.0)
-    found = _mean(t, values, kept, "")
+    found = mean_of_instants(t, values, kept, "")
     assert (found.mean, found.events, found.event_spread) == (2.0, 3, 1.0)
     assert found.sigma == pytest.approx(1.32, abs=0.01)
 

@@ -5,8 +5,8 @@ import pytest
 
 from logparse import MissingDataError, Vehicle
 from sysid.rotors.steady_imbalance import steady_trims, weak_from_start
-from sysid.rotors.steady_trims import SteadyTrims
 from tests.sysid.failing_motor import Fault, craft, fly, remaining_thrust
+from tests.sysid.trimmed_flights import REAL, trimmed
 
 FRAMES = [("quad", "x"), ("hexa", "plus"), ("octa", "plus"), ("octa-quad", "x"), ("y6", "y6b")]
 SECONDS = 40.0
@@ -47,16 +47,6 @@ def test_what_is_needed_is_said():
         steady_trims(tables, craft("quad", "x"), 0.0, 15.0)
     with pytest.raises(MissingDataError, match="frame"):
         steady_trims(tables, Vehicle(), 0.0, 15.0)
-
-
-#: Trims of three flights of a real log.
-REAL = ((-0.148, -0.035, -0.276), (-0.118, -0.017, -0.209), (-0.174, -0.109, -0.209))
-
-
-def trimmed(*trims, variance=(4e-4, 7e-4, 2e-3)):
-    """Return flights of a quad x with these trims; motor k takes half of each when it gives nothing."""
-    rows = ((-0.5, 0.5, 0.5), (0.5, -0.5, 0.5), (0.5, 0.5, -0.5), (-0.5, -0.5, -0.5))
-    return [SteadyTrims(("m1", "m2", "m3", "m4"), each, variance, rows) for each in trims]
 
 
 def test_a_hint_that_other_flights_do_not_bear_out_is_not_stated():

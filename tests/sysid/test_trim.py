@@ -58,7 +58,7 @@ def sheared(exponent, seed, speed=5.0):
     """Return a flight whose path follows the equations of motion, in wind that grows with height by a power law."""
     seen, model = other(f"exponent {exponent}, {seed}", seed), fitted()
     flight = motion(seen, seen.vehicle, model.reference_voltage)
-    theta, shapes = model._theta(flight, model.flights["flight"])
+    theta, shapes = model.kernel_inputs(flight, model.flights["flight"])
     theta[LAG + 1], rng = exponent, np.random.default_rng(seed)
     towards = rng.uniform(0.0, 2.0 * np.pi)
     shapes = np.ascontiguousarray(np.tile([speed * np.cos(towards), speed * np.sin(towards)], (len(flight.t), 1)))
@@ -130,7 +130,7 @@ def test_gusts_are_followed():
             name=f"gusty {seed}",
         )
         flight, trim = motion(gusty, gusty.vehicle, model.reference_voltage), model.trim(gusty, 30.0)
-        theta, shapes = model._theta(flight, trim)
+        theta, shapes = model.kernel_inputs(flight, trim)
         for horizon in (1.0, 2.0, 5.0):
             steps = round(horizon / gusty.dt)
             carried = model.predict(gusty, horizon, every=10) - gusty.y

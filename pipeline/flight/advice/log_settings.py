@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 from pipeline.results.entry import FlightSummary
 
 #: What log findings with a setting as their cure cost a flight.
-_BRINGS = {
+BRINGS = {
     "no-motor-outputs": "the inputs of every model",
     "motors-slow": "the inputs of every model",
     "no-gps": "a position to fit",
@@ -85,7 +85,7 @@ def _settings(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterat
     for flight in flights:
         for finding in flight.findings:
             evidence = finding.evidence
-            if finding.id not in _BRINGS or evidence.get("parameter") is None:
+            if finding.id not in BRINGS or evidence.get("parameter") is None:
                 continue
             bit = Bit(int(evidence["bit"] or 0), str(evidence["name"]), "")
             _, lacking = asked.setdefault(str(evidence["parameter"]), {}).setdefault(bit.number, (bit, []))
@@ -104,7 +104,7 @@ def _settings(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterat
             rank=1 if _VITAL & ids else 11 if ids - {"no-fast-rates"} else 21,
             do=setting.sentence(),
             why=f"{names_of(named, len(flights))}: no or too slow messages for it",
-            gain=", ".join(dict.fromkeys(_BRINGS[name] for name, _ in lacking)),
+            gain=", ".join(dict.fromkeys(BRINGS[name] for name, _ in lacking)),
             settings={} if setting.wanted is None else {parameter: setting.wanted},
             flights=tuple(flight.name for flight in named),
         )

@@ -403,7 +403,7 @@ def _parameters(
             reason = "the records hardly move it" if held else f"its standard error is {error:.2g}, above {limit:.2g}"
         name = unknown.name
         if unknown.family == "delay":
-            name, value, lead = _timing(name, value, error, kinds, dt)
+            name, value, lead = timing_of(name, value, error, kinds, dt)
             if lead:
                 determined, reason = False, lead
         out[name] = BodyParameter(
@@ -451,7 +451,7 @@ def _floor(unknown: _Unknown, value: float, dt: float) -> float:
     return part * abs(value) + amount
 
 
-def _timing(name: str, value: float, error: float, kinds: InputKinds, dt: float) -> tuple[str, float, str]:
+def timing_of(name: str, value: float, error: float, kinds: InputKinds, dt: float) -> tuple[str, float, str]:
     """Name and value of a delay as a reader expects them, and why it is none.
 
     What the inputs do is held over the sample interval that begins there, so that the fit's own delay is half a sample

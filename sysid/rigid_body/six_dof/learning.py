@@ -122,7 +122,7 @@ def learn_correction(
             errors[..., part] = np.einsum("nji,nmj->nmi", upright, errors[..., part])
         goals.append(errors.reshape(len(starts), steps, 4, 3))
     states = (0, 1) if model.attitude_given else (0, 1, 2, 3)
-    gains = _gains(table, goals, states, ridge)
+    gains = gains_of_order(table, goals, states, ridge)
     kept = {_STATES[state]: gain for state, gain in zip(states, gains, strict=True) if gain > _WORTH}
     if not kept:
         return model
@@ -139,7 +139,9 @@ def learn_correction(
     )
 
 
-def _gains(table: Sequence[Floats], goals: Sequence[Floats], states: Sequence[int], ridge: float) -> list[float]:
+def gains_of_order(
+    table: Sequence[Floats], goals: Sequence[Floats], states: Sequence[int], ridge: float
+) -> list[float]:
     """By how many percent errors of records left out become smaller, by state; every record counts alike."""
     every = max(sum(map(len, table)) // _TRIED, 1)
     gains = np.zeros((len(table), len(states)))

@@ -6,18 +6,18 @@ from typing import cast
 import numpy as np
 import pytest
 
-from sysid.frequency.closed_loop import _crossing, _possible
+from sysid.frequency.closed_loop import crossing_of, possible_bandwidth
 from sysid.frequency.fit import FrequencyFit
 from sysid.statistics.parameter import Parameter
 
 
 def test_a_yaw_that_follows_its_own_heading_has_no_bandwidth():
     """On a real flight the halves said 24 and 89 rad/s: the target of yaw was the heading while nobody turned."""
-    found = _possible(Parameter(89.0, 8.6, "rad/s"), "yaw")
+    found = possible_bandwidth(Parameter(89.0, 8.6, "rad/s"), "yaw")
     assert found.value is None
     assert "follows the heading" in found.reason
-    assert _possible(Parameter(8.0, 0.5, "rad/s"), "yaw").value == 8.0
-    assert _possible(Parameter(60.0, 3.0, "rad/s"), "roll").value == 60.0
+    assert possible_bandwidth(Parameter(8.0, 0.5, "rad/s"), "yaw").value == 8.0
+    assert possible_bandwidth(Parameter(60.0, 3.0, "rad/s"), "roll").value == 60.0
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class _Lag:
 def test_the_crossing_of_a_phase_is_where_the_closed_form_has_it():
     """At 5 rad/s the lag turns by 45 degrees and the delay by 90: pi/2 over 5 s."""
     found = cast("FrequencyFit", _Lag(corner=5.0, delay=0.1 * np.pi))
-    assert _crossing(found, -0.75 * np.pi) == pytest.approx(5.0, rel=1e-5)
+    assert crossing_of(found, -0.75 * np.pi) == pytest.approx(5.0, rel=1e-5)
 
 
 def test_a_model_that_is_beyond_a_phase_from_the_start_never_passes_it():
     """A garbled log gave one whose search for the bandwidth ended in an error of the solver."""
-    assert np.isnan(_crossing(cast("FrequencyFit", _Lag(corner=1e-4, delay=40.0)), -0.75 * np.pi))
-    assert np.isnan(_crossing(cast("FrequencyFit", _Lag(corner=1e-4, delay=0.0)), -0.75 * np.pi))
+    assert np.isnan(crossing_of(cast("FrequencyFit", _Lag(corner=1e-4, delay=40.0)), -0.75 * np.pi))
+    assert np.isnan(crossing_of(cast("FrequencyFit", _Lag(corner=1e-4, delay=0.0)), -0.75 * np.pi))

@@ -15,7 +15,7 @@ from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, wri
 from sysid import frequency
 from sysid.frequency.axes import SID_AXES
 from sysid.frequency.survey import survey
-from sysid.frequency.time_domain import _largest_correlation
+from sysid.frequency.time_domain import largest_correlation
 
 PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
 GAINS = LoopGains.crossing_at(PLANT, 3.0)
@@ -61,8 +61,7 @@ def test_an_excitation_of_unknown_frequency_is_an_instrument_too(tmp_path: Path)
     log = logparse.read_log(tmp_path / "tuned.BIN")
     rows = log.messages["SIDD"]
     kept = rows.iloc[::10].assign(F=np.nan)
-    kept.attrs = rows.attrs
-    log.messages._frames["SIDD"] = kept
+    log.messages.replace("SIDD", kept)
     frf = frequency.response(log, "roll")
     assert frf.instrument == "chirp of SID_AXIS 7"
     assert worst(frf, high=4.0) < 1.0
@@ -131,8 +130,7 @@ def test_rows_lost_one_by_one_leave_a_chirp_right(tmp_path: Path) -> None:
     log = logparse.read_log(tmp_path / "lossy.BIN")
     rows = log.messages["RATE"]
     kept = rows[np.random.default_rng(3).random(len(rows)) > 0.15]
-    kept.attrs = rows.attrs
-    log.messages._frames["RATE"] = kept
+    log.messages.replace("RATE", kept)
     frf = frequency.response(log, "roll")
     assert frequency.fit(frf).parameters["gain"].value == pytest.approx(PLANT.gain, rel=0.05)
 
@@ -142,8 +140,7 @@ def test_a_third_of_the_rows_lost_is_too_much(tmp_path: Path) -> None:
     log = logparse.read_log(tmp_path / "lossy.BIN")
     rows = log.messages["RATE"]
     kept = rows[np.random.default_rng(3).random(len(rows)) > 0.35]
-    kept.attrs = rows.attrs
-    log.messages._frames["RATE"] = kept
+    log.messages.replace("RATE", kept)
     with pytest.raises(frequency.FrequencyError, match="% of the rows are lost one by one"):
         frequency.response(log, "roll")
 
@@ -216,8 +213,7 @@ def test_half_of_a_chirp_lost_gives_what_is_left_or_says_why_not(tmp_path: Path)
     rows = log.messages["RATE"]
     t = rows.index.to_numpy()
     kept = rows[(t < 22.0) | (t > 35.0)]
-    kept.attrs = rows.attrs
-    log.messages._frames["RATE"] = kept
+    log.messages.replace("RATE", kept)
     frf = frequency.response(log, "roll")
     assert worst(frf) < 1.0
 
@@ -237,5 +233,5 @@ def test_logs_of_two_craft_are_not_summed_unnoticed(tmp_path: Path) -> None:
 def test_a_held_out_piece_of_two_samples_has_a_correlation() -> None:
     """A damaged log left so little of one of its records; lags of half a second reached beyond it."""
     error, command = np.array([1.0, -1.0]), np.array([0.5, 1.0])
-    found = _largest_correlation(error, command, SimpleNamespace(dt=0.01))  # type: ignore[arg-type]
+    found = largest_correlation(error, command, SimpleNamespace(dt=0.01))  # type: ignore[arg-type]
     assert 0.0 < found < 2.0

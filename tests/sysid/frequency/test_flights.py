@@ -219,8 +219,7 @@ class TestBadInput:
         keep = np.random.default_rng(0).random(len(rows)) > 0.03
         keep[800:860] = keep[1500:1530] = False
         kept = rows[keep]
-        kept.attrs = rows.attrs
-        log.messages._frames["RATE"] = kept
+        log.messages.replace("RATE", kept)
         found = frequency.fit(frequency.response(log, "roll"))
         assert found.parameters["gain"].value == pytest.approx(300.0, rel=0.05)
 

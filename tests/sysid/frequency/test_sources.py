@@ -12,7 +12,7 @@ from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, wri
 from sysid import frequency
 from sysid.frequency.antialias import below
 from sysid.frequency.axes import FrequencyError
-from sysid.frequency.sources import _paired
+from sysid.frequency.sources import on_one_clock
 
 PLANT = AxisPlant(gain=150.0, damping=2.0, lag=0.03, delay=0.004, filter_hz=40.0)
 STICKS = Excitation(duration=90.0, stick=0.25, gust=0.2, noise=0.003)
@@ -97,4 +97,4 @@ def test_motors_with_one_whole_reading_are_no_pair() -> None:
     one = pd.DataFrame({"out_roll": [0.1]}, index=[1.0])
     gyros = pd.DataFrame({"w_x": np.zeros(200)}, index=0.01 * np.arange(200))
     with pytest.raises(FrequencyError):
-        _paired(one, gyros, np.zeros(200))
+        on_one_clock(one, gyros, np.zeros(200))

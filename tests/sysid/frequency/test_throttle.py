@@ -73,6 +73,6 @@ def test_a_throttle_that_hardly_moved_is_a_sentence(tmp_path: Path) -> None:
 def test_what_the_height_controller_puts_out_is_no_instrument(tmp_path: Path) -> None:
     """CTUN.ThI of firmware since 3.4 answers the wind."""
     log = _flown(tmp_path, stick=0.1)
-    log.messages._frames["CTUN"] = log.messages["CTUN"].rename(columns={"ThrIn": "ThI"})
+    log.messages.replace("CTUN", log.messages["CTUN"].rename(columns={"ThrIn": "ThI"}))
     with pytest.raises(frequency.FrequencyError, match="hardly moved, nor did the target of the height"):
         frequency.response(log, "vertical")

@@ -110,8 +110,8 @@ def test_a_flight_without_chirps_tells_the_gain_of_its_error(tmp_path, claimed, 
 def test_the_scheduler_tells_the_rate_at_which_it_ran():
     """SCHED_LOOP_RATE takes effect when the autopilot starts; PM.LR is the rate that counts."""
     log = SimpleNamespace(messages={"PM": pd.DataFrame({"LR": [200, 200]})}, tables=SimpleNamespace(rates=None))
-    assert "PM.LR" in as_flown._other_rate(log, 400.0)
-    assert as_flown._other_rate(log, 200.0) is None
+    assert "PM.LR" in as_flown.other_rate(log, 400.0)
+    assert as_flown.other_rate(log, 200.0) is None
 
 
 def test_a_notch_of_no_frequency_is_a_sentence(tmp_path, flight):

@@ -286,7 +286,7 @@ def test_a_gyro_filter_that_saves_an_axis_is_worth_more_than_one_that_does_not()
     none = AxisTuning("roll", "no gains keep the aim")
     loop = flown_loop(AxisPlant(gain=300.0, lag=0.02, filter_hz=30.0), LoopGains(P=0.07, I=0.07, D=0.002), 1)
     some = AxisTuning("roll", None, loop, loop, score=0.1)
-    assert tuning._worth({"roll": some}) > tuning._worth({"roll": none})
+    assert tuning.worth_of({"roll": some}) > tuning.worth_of({"roll": none})
 
 
 def test_a_craft_that_rings_above_the_logged_band_is_refused(tmp_path):
@@ -307,7 +307,7 @@ def test_flights_that_answer_differently_are_not_summed(flown, monkeypatch):
     logs = [flown("octa3_id"), flown("octa3_id")]
     alone = dict(zip(map(id, logs), loops, strict=True))
     monkeypatch.setattr(tuning, "rate_loop", lambda log, axis: loops[0] if isinstance(log, list) else alone[id(log)])
-    monkeypatch.setattr(tuning, "_without_copies", list)  # one flight stands for both
+    monkeypatch.setattr(tuning, "without_copies", list)  # one flight stands for both
     assert "1.33 times as strongly" in tune(logs).refused
 
 

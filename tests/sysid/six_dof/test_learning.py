@@ -36,9 +36,9 @@ def test_errors_at_random_gain_nothing_and_those_by_a_feature_do():
     rng = np.random.default_rng(3)
     table = [np.column_stack([rng.standard_normal((30, 39)), np.ones(30)]) for _ in range(4)]
     noise = [rng.standard_normal((30, 5, 4, 3)) for _ in range(4)]
-    assert max(learning._gains(table, noise, (0, 1, 2, 3), 1e-3)) < 0.0
+    assert max(learning.gains_of_order(table, noise, (0, 1, 2, 3), 1e-3)) < 0.0
     told = [goal + 20.0 * x[:, 0, None, None, None] for goal, x in zip(noise, table, strict=True)]
-    assert min(learning._gains(table, told, (0, 1, 2, 3), 1e-3)) > 50.0
+    assert min(learning.gains_of_order(table, told, (0, 1, 2, 3), 1e-3)) > 50.0
 
 
 def test_a_force_that_the_model_lacks_is_learned_and_held_out_flights_gain(flights, fitted):

@@ -11,7 +11,7 @@ from simulation.survey_quadcopter import quadcopter
 from sysid import ExperimentError, validate_states
 from sysid.rigid_body.six_dof import _kernels as kernels
 from sysid.rigid_body.six_dof.body_record import InputKinds, Quantity
-from sysid.rigid_body.six_dof.fit import _timing, fit_six_dof
+from sysid.rigid_body.six_dof.fit import fit_six_dof, timing_of
 from sysid.rigid_body.six_dof.shooting import rotation_vectors, state_errors
 from tests.sysid.six_dof import flown, papers
 
@@ -213,6 +213,6 @@ def test_no_negative_delay_is_stated(unit, internal, name, stated, refused):
     kinds = InputKinds(
         motors=(0,), geometry=flown.MOTORS[:1], mixer=(), further=(), quantity=Quantity(unit), names=("m1",)
     )
-    found, value, reason = _timing("delay_m1", internal, 0.001, kinds, 0.01)
+    found, value, reason = timing_of("delay_m1", internal, 0.001, kinds, 0.01)
     assert (found, bool(reason)) == (name, refused)
     assert value == pytest.approx(stated)
