@@ -83,6 +83,9 @@ def _matters(result: FlightResult) -> Figure | None:
     caption = drawn.caption
     if picture is not Picture.ATTITUDE or any(trace["name"] == "asked" for trace in drawn.data):
         caption = _CAPTIONS.get(str(picture), caption)
+    flight = present(result.flight)
+    if around is not None and flight is not None and around.duration < 0.9 * flight.duration:
+        caption += f" {around.duration:.0f} of {flight.duration:.0f} s are shown."
     # A stretch of its own must not pull the other plots along, nor be pulled by them.
     return replace(
         drawn, id=f"first-{picture}", height=_HEIGHT, layout=layout, caption=caption, time=drawn.time and around is None
