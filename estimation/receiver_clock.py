@@ -101,6 +101,8 @@ def clock_change(gps: pd.DataFrame, t: Array, velocity: Array) -> ClockChange | 
     when = _when(fixes)
     inside = (when > t[0] + LAGS[-1]) & (when < t[-1] + LAGS[0])
     when, measured = when[inside], fixes[["v_n", "v_e"]].to_numpy(np.float64)[inside]
+    if len(when) < FEWEST or not np.median(np.diff(when)) > 0.0:  # none while the IMU was logged, or all at one time
+        return None
     spans = _spans(when)
     if len(spans) < 4:
         return None

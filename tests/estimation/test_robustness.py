@@ -106,6 +106,9 @@ def test_a_clock_in_order_is_left_alone(seed):
 def test_a_clock_that_nothing_tells_is_left_alone(flight):
     for name in ("imu", "attitude", "gps"):
         assert in_one_time(replace(flight.tables, **{name: None}))[1] == []
+    gps = flight.tables.gps
+    for when in (gps["t_valid"] + 1000.0, np.full(len(gps), 50.0)):  # no fix while the IMU was logged; all at one time
+        assert in_one_time(replace(flight.tables, gps=gps.assign(t_valid=when)))[1] == []
 
 
 @pytest.mark.parametrize(("what", "lag"), [("baro", 1.0), ("mag", 0.6), ("mag", -0.4)])
