@@ -12,10 +12,12 @@ from pipeline.results.span import Span, around
 from sysid.rotors.battery import sag_resistance
 from sysid.rotors.motor_dropout import Dropout, MotorDropouts, find_motor_dropouts
 from sysid.rotors.motor_loss import MotorLoss, find_motor_losses
+from sysid.rotors.motor_order import find_order_change
 from sysid.statistics.parameter import Parameter
 
 #: Events after which the craft is no longer the one to model.
-_ENDING = ("crash", "disarmed-in-air", "motor-loss")
+_EXCHANGED = "motor-order-changed"
+_ENDING = ("crash", "disarmed-in-air", "motor-loss", _EXCHANGED)
 #: Time before such an event that is left out with it, s: a change is timed to a few tenths of a second.
 _MARGIN = 0.3
 #: Time for which a craft out of control still tells its motors apart, s: later it tumbles, or lies on the ground.
@@ -43,6 +45,7 @@ def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
     try:
         if flight is not None:
             aloft = _ends_aloft(log, flight)
+            events += _exchanged(log, flight.start, _undisturbed(flight, events, aloft=aloft))
             losses = find_motor_losses(log.tables, log.vehicle, flight.start, _undisturbed(flight, events, aloft=aloft))
             events += [_motor_event(loss, losses) for loss in losses]
             dropouts = find_motor_dropouts(log.tables, log.vehicle, flight.start, _controlled(flight, events))
@@ -103,7 +106,7 @@ def _undisturbed(flight: Span, events: list[FlightEvent], *, aloft: bool = False
     blows = [
         event.t - 0.1
         for event in events
-        if event.id in ("crash", "disarmed-in-air") and flight.start < event.t < flight.stop + 2.0
+        if event.id in ("crash", "disarmed-in-air", _EXCHANGED) and flight.start < event.t < flight.stop + 2.0
     ]
     tumbles = [
         event.t + _TUMBLING
@@ -121,6 +124,25 @@ def _controlled(flight: Span, events: list[FlightEvent]) -> float:
         if event.id in ("loss-of-control", "motor-loss", "attitude-not-held", "oscillation") and event.t > flight.start
     ]
     return min([*wrong, _undisturbed(flight, events)])
+
+
+def _exchanged(log: FlightLog, start: float, stop: float) -> list[FlightEvent]:
+    """Name outputs that changed places in flight, which else looks like a motor that weakens."""
+    change = find_order_change(log.tables, log.vehicle, start, stop)
+    if change is None:
+        return []
+    what = ", ".join(f"{name} follows what the mixer asks of {other}" for name, other in change.follows.items())
+    return [
+        FlightEvent(
+            id=_EXCHANGED,
+            t=change.t,
+            end=stop,
+            severity=Severity.ERROR,
+            reason=f"Motor outputs change places at {change.t:.0f} s: from then on {what}.",
+            advice="No craft does this in flight: look for what changed the log, or SERVOn_FUNCTION.",
+            evidence={"motors": ", ".join(change.follows), "follow": ", ".join(change.follows.values())},
+        )
+    ]
 
 
 def _dropout_event(dropouts: MotorDropouts, one: Dropout) -> FlightEvent:

@@ -54,8 +54,9 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
     Returns
     -------
     list of FlightParameter
-        The standard error of thrust is without that of the air's density, which
-        differs between flights only as far as the air's temperature does, so that scatter between flights holds it.
+        The standard error of thrust is without that of the air's density, which differs between flights only as far as
+        the air's temperature does, so that scatter between flights holds it, and without that of the thrust curve in
+        the parameters, which is the same in all flights.
     """
     rows: list[FlightParameter] = []
     found = result.parameters
@@ -70,6 +71,10 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
             if not (np.isfinite([value, sigma]).all() and sigma > 0.0):
                 continue
             if method in _WITH_AIR and parameter.startswith("thrust over mass"):
+                thrust = None if found.thrust is None else found.thrust.common
+                if method == METHODS[0] and thrust is not None and thrust.per_mass and thrust.sigma is not None:
+                    # All flights of a craft have the error of the curve in its parameters in common.
+                    sigma = thrust.sigma * value / thrust.per_mass
                 sigma = max(sigma**2 - (air * value) ** 2, (1e-4 * value) ** 2) ** 0.5
             rows.append(
                 FlightParameter(parameter=parameter, method=method, value=value, sigma=sigma, unit=str(row["unit"]))

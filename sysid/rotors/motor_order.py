@@ -30,6 +30,9 @@ from sysid.records.motor_scaling import curve, motor_commands
 #: Time over which neighbours count as one, and over which means are taken where the controller is logged slowly, s.
 BLOCK_SECONDS = 0.5
 
+#: Parts of a flight that are looked at apart, and the shortest, s.
+_PARTS, _PART_SECONDS = 4, 15.0
+
 #: Fewest half seconds that tell an order.
 _FEWEST = 20
 
@@ -77,6 +80,7 @@ class MotorOrder:
 class _View:
     """Departures of the motors from their mean: those logged, and those that the mixer asks for."""
 
+    t: Floats  #: shape (n,)
     got: Floats  #: shape (n, motors): over the mean of all motors
     wanted: Floats  #: the same
     whole: bool  #: Whether what is wanted holds with its level and scale, not only its changes.
@@ -157,6 +161,54 @@ def motor_order(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> 
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OrderChange:
+    """Motor outputs that follow the mixer in another order from some moment of a flight on."""
+
+    t: float  #: s.
+    follows: Mapping[str, str]  #: What outputs follow of the mixer from then on, those alone that changed.
+
+
+def find_order_change(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> OrderChange | None:
+    """Find outputs that changed places within a flight, as its whole does not show.
+
+    Parameters are those of `motor_order`. None where the order stays, or where nothing tells it.
+    """
+    count = min(_PARTS, int((stop - start) // _PART_SECONDS))
+    edges = np.linspace(start, stop, count + 1)
+    before: Mapping[str, str] = {}
+    for k in range(count):
+        try:
+            found = motor_order(tables, vehicle, edges[k], edges[k + 1])
+        except MissingDataError:
+            continue
+        if before and found.follows != before:
+            changed = {name: other for name, other in found.follows.items() if before[name] != other}
+            t = _when(tables, vehicle, edges[k - 1], edges[k + 1], before, found.follows)
+            return OrderChange(t=t, follows=changed)
+        before = found.follows
+    return None
+
+
+def _when(
+    tables: Tables, vehicle: Vehicle, start: float, stop: float, before: Mapping[str, str], after: Mapping[str, str]
+) -> float:
+    """Return the moment between two orders at which they leave least of the outputs' movement unexplained, s."""
+    names = [f"m{motor.number}" for motor in vehicle.motors]
+    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
+    assert tables.motors is not None
+    motors = tables.motors.loc[start:stop, names].dropna()
+    asked, source = _asked(tables, start, stop)
+    view = _views(motors, asked[len(asked) // 2], vehicle, factors, by_axis=source == "motion")[0]
+    left = [
+        np.sum((view.got - view.wanted[:, [names.index(order[name]) for name in names]]) ** 2, axis=1)
+        for order in (before, after)
+    ]
+    gain = np.cumsum(left[0] - left[1])
+    # The sum falls while the first order holds and rises from then on.
+    return float(view.t[int(np.argmin(gain))])
+
+
 def _asked(tables: Tables, start: float, stop: float) -> tuple[list[pd.DataFrame], str]:
     """Return what was asked of the mixer, or what came of it after several delays, and which of the two.
 
@@ -218,9 +270,10 @@ def _views(
     good &= pd.Series(inside).groupby(half).transform("all").to_numpy()
     views = []
     for rows in (inside, good) if good.sum() * step >= _FEWEST * BLOCK_SECONDS else (inside,):
-        told, due = given[rows], outputs[rows]
+        at, told, due = t[rows, None], given[rows], outputs[rows]
         if rows is good:
-            told, due = (pd.DataFrame(part).groupby(half[rows].to_numpy()).mean().to_numpy() for part in (told, due))
+            blocks_of = half[rows].to_numpy()
+            at, told, due = (pd.DataFrame(part).groupby(blocks_of).mean().to_numpy() for part in (at, told, due))
         mean = told.mean(axis=1, keepdims=True)
         got = told / mean
         if whole:
@@ -229,7 +282,7 @@ def _views(
             wanted = wanted / wanted.mean(axis=1, keepdims=True)
         else:
             wanted = _scaled(got, due if by_axis else due / mean, factors)
-        views.append(_View(got=got, wanted=wanted, whole=whole, blocks=blocks))
+        views.append(_View(t=at[:, 0], got=got, wanted=wanted, whole=whole, blocks=blocks))
     return tuple(views)
 
 

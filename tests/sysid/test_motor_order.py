@@ -10,7 +10,7 @@ from logparse import MissingDataError, Motor, Tables, Vehicle
 from sysid.records.mixer import expectation
 from sysid.records.mixer_curve import known_slope, mixer_differs
 from sysid.records.motor_scaling import command_for, curve, curve_slope, motor_commands, motor_pwm
-from sysid.rotors.motor_order import motor_order
+from sysid.rotors.motor_order import find_order_change, motor_order
 
 #: Frames as (angles in degrees, spins).
 QUAD_X = ((45.0, 1), (-135.0, 1), (-45.0, -1), (135.0, -1))
@@ -202,3 +202,16 @@ def test_a_controller_that_motors_do_not_follow_says_nothing_of_the_curve():
     noisy = tables.rates + 0.05 * np.random.default_rng(0).standard_normal(tables.rates.shape)
     assert not mixer_differs(replace(tables, rates=noisy), replace(craft(QUAD_X), thrust_expo=0.2), 0.0, SECONDS)
     assert not mixer_differs(without_thrust(tables), replace(craft(QUAD_X), thrust_expo=0.2), 0.0, SECONDS)
+
+
+@pytest.mark.parametrize(("frame", "part"), [(QUAD_X, 0.5), (OCTA_PLUS, 0.65)])
+def test_outputs_that_change_places_in_flight_are_named_with_the_second(frame, part):
+    """Outputs 1 and 2 exchanged from the middle on were blamed on motor 1, as 11 % of its thrust lost."""
+    tables = flown(craft(frame), 5)
+    assert find_order_change(tables, craft(frame), 0.0, SECONDS) is None
+    motors = tables.motors.copy()
+    late = motors.index > part * SECONDS
+    motors.loc[late, ["m1", "m2"]] = motors.loc[late, ["m2", "m1"]].to_numpy()
+    found = find_order_change(replace(tables, motors=motors), craft(frame), 0.0, SECONDS)
+    assert found.follows == {"m1": "m2", "m2": "m1"}
+    assert found.t == pytest.approx(part * SECONDS, abs=1.0)
