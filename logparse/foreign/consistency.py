@@ -31,6 +31,9 @@ _ALIKE, _UNLIKE = 0.5, 0.2
 #: How many times as large as the derivative of the other a signal may be; noise and filters make some tenths.
 _SCALE = (0.6, 1.6)
 
+#: The same of a single axis, which may be noisier, and the correlation from which on it is believed.
+_ODD, _CLEAR = 2.5, 0.8
+
 #: How many times as fast as its lean says a craft may speed up, by regression: drag takes some, units much more.
 _SPEEDING = (0.25, 2.0)
 
@@ -182,6 +185,14 @@ def _ratio(of: Floats, by: Floats) -> float:
     return float(np.sqrt(np.mean((of - of.mean()) ** 2) / max(np.mean((by - by.mean()) ** 2), 1e-300)))
 
 
+def _odd_axis(ratios: Iterable[float], alike: Iterable[float], moved: Iterable[int], axes: str) -> str:
+    """Name an axis on which a signal is many times as large as on the others; empty where none is."""
+    for ratio, clear, axis in zip(ratios, alike, moved, strict=True):
+        if clear > _CLEAR and not 1.0 / _ODD < ratio < _ODD:
+            return f"{ratio:.3g} times along {axes[axis]}: the unit of one column is wrong{_unit_hint(ratio)}"
+    return ""
+
+
 def _unit_hint(ratio: float) -> str:
     for factor, text in ((1000.0, "mm for m"), (100.0, "cm for m"), (57.3, "deg for rad"), (3.6, "km/h for m/s")):
         for value, way in ((factor, text), (1.0 / factor, text)):
@@ -201,9 +212,12 @@ def _velocity(
     if not moved or seen.max() == 0.0:
         return []
     alike = [_alike(slope[:, axis], inside[:, axis]) for axis in moved]
-    ratio = float(np.median([_ratio(inside[:, axis], slope[:, axis]) for axis in moved]))
+    ratios = [_ratio(inside[:, axis], slope[:, axis]) for axis in moved]
+    ratio = float(np.median(ratios))
     if min(alike) > _ALIKE and _SCALE[0] < ratio < _SCALE[1]:
-        return []
+        odd = _odd_axis(ratios, alike, moved, "NED")
+        positions = ", ".join(declared.position.columns)
+        return [f"columns {names}: velocity is as large as the derivative of {positions}, but {odd}"] if odd else []
     if min(alike) > _ALIKE:
         return [
             f"columns {names}: velocity is {ratio:.3g} times the derivative of {', '.join(declared.position.columns)}: "
@@ -246,9 +260,11 @@ def _rates(declared: ColumnMap, rotation: Rotation, rates: Floats, dt: float, re
     if not moved:
         return []
     alike = [_alike(step[:, axis], smooth[:, axis]) for axis in moved]
-    ratio = float(np.median([_ratio(smooth[:, axis], step[:, axis]) for axis in moved]))
+    ratios = [_ratio(smooth[:, axis], step[:, axis]) for axis in moved]
+    ratio = float(np.median(ratios))
     if min(alike) > _ALIKE and _SCALE[0] < ratio < _SCALE[1]:
-        return []
+        odd = _odd_axis(ratios, alike, moved, "xyz")
+        return [f"columns {names}: rates are those of the attitude ({attitude}), but {odd}"] if odd else []
     if min(alike) > _ALIKE:
         return [
             f"columns {names}: rates are {ratio:.3g} times those of the attitude ({attitude}): a unit is "

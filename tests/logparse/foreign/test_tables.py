@@ -449,3 +449,10 @@ def test_a_time_column_that_runs_too_fast_or_too_slow_is_named(factor):
 def test_a_unit_of_one_signal_is_not_blamed_on_time():
     slower = table().assign(**{name: table()[name] * 0.9 for name in ("vx", "vy", "vz")})
     assert "table-time-scale" not in {finding.id for finding in read_motion(slower, columns()).findings}
+
+
+@pytest.mark.parametrize(("name", "factor"), [("x", 100.0), ("z", 3.28), ("wy", 57.3)])
+def test_a_unit_of_one_axis_is_named(name, factor):
+    wrong = table().assign(**{name: table()[name] * factor})
+    with pytest.raises(TableError, match="the unit of one column is wrong"):
+        read_motion(wrong, columns())
