@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from importlib.metadata import version
@@ -78,7 +79,7 @@ def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], fact
     facts : FleetReport
         With all that they do not tell.
     """
-    found = [_craft(store, folder) for folder in crafts]
+    found = _told_apart([_craft(store, folder) for folder in crafts])
     rows = [row for craft in found for row in craft.report.rmse]
     short: list[FlightInShort] = []
     findings: dict[str, tuple[Finding, ...]] = {}
@@ -116,6 +117,19 @@ def _craft(store: Products, folder: str) -> Craft:
     drawn = from_json(store.read(f"{folder}/figures.json"), CraftFigures)
     report = from_json(store.read(f"{folder}/report.json"), CraftReport)
     return Craft(replace(report, folder=folder), drawn.board, drawn.predictions)
+
+
+def _told_apart(crafts: Sequence[Craft]) -> list[Craft]:
+    """Tell crafts of one name apart by a number: many logs tell no more than firmware and frame."""
+    count = Counter(craft.report.name for craft in crafts)
+    seen: Counter[str] = Counter()
+    apart = []
+    for craft in crafts:
+        name = craft.report.name
+        seen[name] += 1
+        told = name if count[name] == 1 else f"{name}, craft {seen[name]}"
+        apart.append(replace(craft, report=replace(craft.report, name=told)))
+    return apart
 
 
 def _models(store: Products, folders: Iterable[str]) -> ModelsFile:

@@ -8,7 +8,7 @@ from logparse.quantity import counted, duration, number, uncertain
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort
 from reports import summary
-from reports.summary import ShownAnswer
+from reports.summary import ShownAnswer, thrust_number, thrust_of
 
 #: Shortest prediction that a person can act on, s: as of one flight.
 _USEFUL = 1.0
@@ -115,25 +115,19 @@ def _judges(craft: CraftReport) -> str:
 
 def _parameters(numbers: FleetReport) -> ShownAnswer:
     for craft in numbers.groups:
-        common = None if craft.thrust is None else craft.thrust.common
-        if common is not None and common.determined:
-            value = (
-                uncertain(common.per_mass, common.sigma, "m/s²")
-                if common.newton is None
-                else uncertain(common.newton, common.newton_sigma, "N")
-            )
-            what = "thrust/mass" if common.newton is None else "thrust"
+        value = thrust_number(craft.thrust, craft.parameters or ())
+        if value:
+            what = "thrust" if value.endswith(" N") else "thrust/mass"
             return _line("Parameters", "partly", Tone.CARE, value, f"{what} per motor ({craft.name})")
-    known = [
-        flight.thrust.common.per_mass
-        for flight in numbers.flights
-        if flight.thrust is not None and flight.thrust.common.per_mass is not None
-    ]
-    if not known:
+    every = [known for flight in numbers.flights if (known := thrust_of(flight.answer)) is not None]
+    if not every:
         return _outputs(numbers.flights)
+    unit = every[0][2]
+    known = [value for value, _, its_unit in every if its_unit == unit]
     span = [number(each, 2) for each in (min(known), max(known))]
-    shown = f"{' to '.join(dict.fromkeys(span))} m/s²"
-    text = f"thrust/mass per motor, by {len(known)} of {counted(len(numbers.flights), 'flight')}"
+    shown = f"{' to '.join(dict.fromkeys(span))} {unit}"
+    what = "thrust" if unit == "N" else "thrust/mass"
+    text = f"{what} per motor, by {len(known)} of {counted(len(numbers.flights), 'flight')}"
     return _line("Parameters", "partly", Tone.CARE, shown, text)
 
 

@@ -74,7 +74,7 @@ class FlightRow:
     speed: str
     wind: str
     said: BriefAnswer
-    thrust: str  #: Per motor and mass, m/s².
+    thrust: str  #: Per motor, over the mass in m/s², in N where that was given.
     model: str
     trust: str
     word: str
@@ -116,13 +116,18 @@ def _flight_row(
         speed="–" if flown is None else _digits(flown.speed_max_m_s),
         wind="–" if wind is None else _digits(wind.speed),
         said=summary.brief(flight.answer),
-        thrust="–" if flight.thrust is None else _digits(flight.thrust.common.per_mass),
+        thrust=_thrust(flight),
         model="" if result is None else result.title,
         trust=trust,
         word=summary.TRUST_WORDS[trust],
         cells=cells,
         reason="" if result is not None else summary.first_reason(flight),
     )
+
+
+def _thrust(flight: FlightInShort) -> str:
+    known = summary.thrust_of(flight.answer)
+    return "–" if known is None else f"{number(known[0], 2)} {known[2]}"
 
 
 def _digits(value: float | None) -> str:

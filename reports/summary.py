@@ -87,6 +87,14 @@ def brief(answer: Answer | None) -> BriefAnswer:
     )
 
 
+def thrust_of(answer: Answer | None) -> tuple[float, float | None, str] | None:
+    """Return thrust of a motor with its error and unit as the first screen of a flight has it; None where unknown."""
+    line = next((each for each in (() if answer is None else answer.lines) if each.purpose == "Parameters"), None)
+    if line is None or line.value is None or line.unit not in ("N", "m/s²") or not line.text.startswith("thrust"):
+        return None
+    return line.value, line.sigma, line.unit
+
+
 def brief_health(shown: ShownAnswer) -> Brief:
     """Return what happened in as few words as a table has room for."""
     line = shown.line
@@ -170,20 +178,26 @@ def joint_sentences(group: CraftReport) -> list[str]:
 
 
 def thrust_coefficient(thrust: ThrustReport | None, parameters: Sequence[ParameterRow] = ()) -> str:
-    """Write the thrust per motor with its uncertainty, that over all methods where there is one; empty for none."""
+    """Write the thrust per motor with its uncertainty and conditions; empty when there is none."""
+    text = thrust_number(thrust, parameters)
+    if not text or thrust is None:
+        return ""
+    over = "" if text.endswith(" N") else " over the mass,"
+    return f"{text}{over} per motor at full command {thrust_conditions(thrust)}"
+
+
+def thrust_number(thrust: ThrustReport | None, parameters: Sequence[ParameterRow] = ()) -> str:
+    """Write the thrust of a motor, or over the mass: that of all methods together where there is one."""
     if not thrust or not thrust.common.determined:
         return ""
-    common = thrust.common
     best = next((row for row in parameters if (row.parameter, row.method) == ("thrust over mass", "headline")), None)
     if best is not None and best.si_value is not None:
-        text = uncertain(best.si_value, best.si_sigma, "N")
-    elif best is not None and best.value is not None:
-        text = f"{uncertain(best.value, best.sigma, 'm/s²')} over the mass,"
-    elif common.newton is not None:
-        text = uncertain(common.newton, common.newton_sigma, "N")
-    else:
-        text = f"{uncertain(common.per_mass, common.sigma, 'm/s²')} over the mass,"
-    return f"{text} per motor at full command {thrust_conditions(thrust)}"
+        return uncertain(best.si_value, best.si_sigma, "N")
+    if best is not None and best.value is not None:
+        return uncertain(best.value, best.sigma, "m/s²")
+    if thrust.common.newton is not None:
+        return uncertain(thrust.common.newton, thrust.common.newton_sigma, "N")
+    return uncertain(thrust.common.per_mass, thrust.common.sigma, "m/s²")
 
 
 def thrust_conditions(thrust: ThrustReport) -> str:

@@ -18,15 +18,14 @@ from reports import summary
 from reports.health_views import sentence
 from reports.rotation_line import rotation_line
 from reports.rows import average
-from sysid.rotors.thrust_record import ThrustCoefficient
 
 #: Longest text of a cell, and of what happened to a craft on a wide terminal.
-_LONGEST_CELL, _LONGEST_HEALTH = 24, 36
+_LONGEST_CELL, _LONGEST_HEALTH = 24, 34
 #: What the columns of the table of flights hold.
 _HEADS = (
     "predicts: how far ahead, better than half of what constant velocity errs. loops: phase margin where chirps "
-    "measured it, else how fast (Hz) or closely (° RMS) the attitude follows. thrust: one motor's at full command over "
-    "the mass of the craft (m/s²)."
+    "measured it, else how fast (Hz) or closely (° RMS) the attitude follows. thrust: one motor's at full command, "
+    "over the mass unless that is given."
 )
 #: What trust in a model is as a tone.
 _TRUST: Mapping[str, str] = {"yes": "good", "limited": "care", "no": "bad", "unknown": "unknown"}
@@ -94,12 +93,9 @@ def _flights(flights: Sequence[FlightInShort], narrow: bool) -> RenderableType:
         said = summary.brief(flight.answer)
         cells: list[str | Cell] = [] if narrow else [summary.frame(flight.vehicle)]
         cells.append(f"{flight.flight.duration_s:.0f} s" if flight.flight else "–")
-        cells += [
-            Cell(shorten(each.text, longest, placeholder=" …"), each.tone)
-            for each in (said.healthy, said.loops, said.ahead)
-        ]
-        cells.append("–" if flight.thrust is None else _per_mass(flight.thrust.common))
-        rows.append(Row(_shortened(flight.name, 18 if narrow else 28), cells))
+        cells += [Cell(_cut(each.text, longest), each.tone) for each in (said.healthy, said.loops, said.ahead)]
+        cells.append(_thrust(flight.answer))
+        rows.append(Row(_shortened(flight.name, 18 if narrow else 24), cells))
     heads = ["flown", "healthy", "loops", "predicts", "thrust"]
     return Table("flight", heads if narrow else ["craft", *heads], rows).terminal(fold_labels=False)
 
@@ -143,15 +139,21 @@ def _word(result: ModelInShort) -> Cell:
     return Cell(summary.TRUST_WORDS[trust], _TRUST[trust])
 
 
-def _per_mass(common: ThrustCoefficient) -> str:
-    value, sigma = common.per_mass, common.sigma
-    if value is None:
+def _cut(text: str, most: int) -> str:
+    """Shorten what happened to its end, a crash say, which matters more than what led to it."""
+    return shorten(text if len(text) <= most else text.rpartition(", ")[2], most, placeholder=" …")
+
+
+def _thrust(answer: Answer | None) -> str:
+    """Write the thrust of a motor with as many digits as its error leaves, four at most: the report has the rest."""
+    known = summary.thrust_of(answer)
+    if known is None:
         return "–"
-    if not value or not sigma or sigma < 0.0:
-        return number(value)
-    # As many digits as sigma leaves, four at most: the report has the rest.
-    known = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 1
-    return number(value, min(max(known, 1), 4))
+    value, sigma, unit = known
+    digits = 3
+    if value and sigma and sigma > 0.0:
+        digits = min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 1, 1), 4)
+    return f"{number(value, digits)} {unit}"
 
 
 def _shortened(name: str, most: int) -> str:

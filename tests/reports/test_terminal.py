@@ -9,12 +9,12 @@ from rich.console import Console
 
 from logparse import Finding, Severity, Vehicle
 from logparse.inspection import Inspection, MessageSummary, TableSummary
+from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
 from pipeline.results.report import FleetReport
 from reports import inspection, terminal
 from reports.fleet_report import in_short
 from reports.numbers import flight_report
 from reports.reading import read_report
-from sysid.rotors.thrust_record import ThrustReport
 from tests.reports.made import made
 
 
@@ -42,13 +42,28 @@ def test_narrow_terminals_keep_every_number(fleet):
 
 @pytest.mark.parametrize(
     ("value", "sigma", "cell"),
-    [(2.55771, 0.0007, "2.558"), (2.55771, 0.03, "2.56"), (0.5, 2.0, "0.5"), (2.55771, 1e-9, "2.558"), (None, 1, "–")],
+    [
+        (2.55771, 0.0007, "2.558 m/s²"),
+        (2.55771, 0.03, "2.56 m/s²"),
+        (0.5, 2.0, "0.5 m/s²"),
+        (2.55771, 1e-9, "2.558 m/s²"),
+        (None, 1, "–"),
+    ],
 )
 def test_coefficients_in_a_cell_have_no_more_than_four_digits(flight, value, sigma, cell):
-    thrust = made(ThrustReport, common={"determined": value is not None, "per_mass": value, "sigma": sigma})
-    entry = replace(in_short(flight_report(flight), ""), thrust=thrust, answer=None)
+    line = AnswerLine(
+        purpose="Parameters",
+        word="partly",
+        tone=Tone.CARE,
+        text="thrust/mass per motor",
+        value=value,
+        sigma=sigma,
+        unit="m/s²",
+    )
+    answer = Answer(lines=(line,), picture=Picture.ALTITUDE)
+    entry = replace(in_short(flight_report(flight), ""), answer=answer)
     row = shown(terminal.overview(made(FleetReport, flights=[entry])), 120).splitlines()[1]
-    assert row.split()[-1] == cell
+    assert row.rstrip().endswith(cell)
 
 
 def test_a_reason_that_begins_with_the_flights_name_is_a_reason(flight):
