@@ -119,7 +119,7 @@ def _parameters(numbers: FleetReport) -> ShownAnswer:
         if value:
             what = "thrust" if value.endswith(" N") else "thrust/mass"
             return _line("Parameters", "partly", Tone.CARE, value, f"{what} per motor ({craft.name})")
-    every = [known for flight in numbers.flights if (known := thrust_of(flight.answer)) is not None]
+    every = [found for flight in numbers.flights if (found := thrust_of(flight.answer)) is not None]
     if not every:
         return _outputs(numbers.flights)
     unit = every[0][2]
