@@ -201,7 +201,8 @@ def turned_compass(turn: Turn) -> Finding:
     return Finding(
         "compass-turned",
         Severity.WARNING,
-        f"The compass shows {shown}: it is turned back by so much.",
+        f"The compass shows {shown}. Compass or IMU is turned on the craft; which of the two cannot be told. The "
+        "compass is turned back by so much: if it is the IMU, headings are still off by that.",
         "Look at how compass and autopilot are mounted (COMPASS_ORIENT, AHRS_ORIENTATION), and at currents and iron "
         "near the compass; calibrate it again.",
         evidence,
