@@ -25,8 +25,9 @@ from logparse import Finding, Severity
 
 #: A compass is set right if it is turned by more than this, rad, and so many times what is known of it ...
 TURNED, CERTAIN = np.radians(8.0), 4.0
-#: ... and looked at closely if by so many times.
-SUSPECTED = 2.0
+#: ... and looked at closely if by so many times. What then is more than the second is named, and heading is no better
+#: known than that.
+SUSPECTED, DOUBTFUL = 2.0, 3.0
 #: One turned by more, rad, is no matter of its mount: axes or signs are exchanged, of compass or IMU, and which of the
 #: two is not known, so that the trajectory is withdrawn. Readings that scatter as much show no turn.
 EXCHANGED = np.radians(60.0)
@@ -60,6 +61,17 @@ class Turn:
         """
         explained = self.spread < min(abs(self.angle), EXCHANGED)
         return bool(explained and abs(self.angle) > max(TURNED, CERTAIN * self.sigma))
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it may be turned, though not beyond doubt."""
+        tells = not (self.certain or self.exchanged) and self.spread < EXCHANGED
+        return bool(tells and abs(self.angle) > max(TURNED, DOUBTFUL * self.sigma))
+
+    @property
+    def unknown(self) -> float:
+        """1-sigma of the heading that comes of it, rad."""
+        return float(np.hypot(self.sigma, self.angle)) if self.doubtful else self.sigma
 
     @property
     def exchanged(self) -> bool:
@@ -189,7 +201,7 @@ def _fitted(measured: np.ndarray, expected: np.ndarray, noise: SensorNoise, rate
 
 
 def turned_compass(turn: Turn) -> Finding:
-    """Report a compass that is turned: set right, or what withdraws the trajectory."""
+    """Report a compass that is turned: set right, or in doubt, or what withdraws the trajectory."""
     degrees, sigma = float(np.degrees(turn.angle)), float(np.degrees(turn.sigma))
     evidence = {"turn_deg": degrees, "sigma_deg": sigma}
     shown = (
@@ -198,6 +210,16 @@ def turned_compass(turn: Turn) -> Finding:
     )
     if turn.exchanged:
         return inconsistent(f"the compass shows {shown}, as if its axes or the IMU's were exchanged", evidence)
+    if turn.doubtful:
+        return Finding(
+            "heading-doubtful",
+            Severity.WARNING,
+            f"The compass shows {shown}: too little to turn it or the IMU by, and headings are no better known than "
+            "that.",
+            "Look at how compass and autopilot are mounted (COMPASS_ORIENT, AHRS_ORIENTATION), and at currents and "
+            "iron near the compass; a flight that accelerates along both axes for a minute tells more.",
+            evidence,
+        )
     return Finding(
         "compass-turned",
         Severity.WARNING,

@@ -86,7 +86,7 @@ def _longest(found: list[Segment]) -> Segment:
 
 
 def _find_turn(known: _Known, tables: Tables, place: Surroundings, noise: SensorNoise) -> Turn | None:
-    """Return the turn of a compass of which there is no doubt, else None.
+    """Return the turn of a compass of which there is no or some doubt, else None.
 
     Settings that were found with a turned compass are those of worse sensors than the log has. So where they raise a
     suspicion, others are found without.
@@ -104,7 +104,7 @@ def _find_turn(known: _Known, tables: Tables, place: Surroundings, noise: Sensor
         return None
     free = _Known.of(replace(tables, mag=None), replace(place, compass_useless=True), noise)
     turn = turn_of(free, replace(free.tuned, lags={"mag": known.tuned.lags["mag"], **free.tuned.lags}))
-    return turn if turn is not None and turn.certain else None
+    return turn if turn is not None and (turn.certain or turn.doubtful) else None
 
 
 def estimate_strapdown(
@@ -125,7 +125,7 @@ def estimate_strapdown(
         tables = replace(tables, mag=None)
     known = _Known.of(tables, place, noise)
     turn = _find_turn(known, tables, place, noise)
-    if turn is not None and tables.mag is not None and not turn.exchanged:
+    if turn is not None and tables.mag is not None and turn.certain and not turn.exchanged:
         tables = replace(tables, mag=turn.undone(tables.mag))
         known = _Known.of(tables, place, noise)
     found, tuned = known.found, known.tuned
@@ -157,7 +157,7 @@ def estimate_strapdown(
     tables.release()
     if turn is not None:
         for each in rows:
-            each.estimates.covariance[:, 2, 2, 2] += turn.sigma**2
+            each.estimates.covariance[:, 2, 2, 2] += turn.unknown**2
     states, sigma = _frames(rows)
     doubts += impossible_biases(states)
     if place.origin is not None:
