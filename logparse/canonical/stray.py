@@ -60,7 +60,7 @@ _PULSE = 150.0
 
 
 def without_stray_rows(tables: Tables, remarks: Remarks) -> Tables:
-    """Take damaged rows of all short tables as missing."""
+    """Return tables with the damaged rows of all short ones as missing."""
     return replace(
         tables,
         attitude=without_stray(tables.attitude, "attitude", remarks),
@@ -73,7 +73,7 @@ def without_stray_rows(tables: Tables, remarks: Remarks) -> Tables:
 
 
 def without_stray(table: pd.DataFrame | None, name: str, remarks: Remarks) -> pd.DataFrame | None:
-    """Take damaged rows of the table `name` as missing."""
+    """Return the table `name` with damaged rows as missing."""
     if table is None or len(table) < 2 * BESIDE:
         return table
     limits = LIMITS.get(name) or (Limit(tuple(map(str, table.columns)), _PULSE, alone=True),)

@@ -364,7 +364,7 @@ def _ahead(result: FlightResult) -> AnswerLine:
 
 
 def _changed(result: FlightResult) -> str:
-    """Say from when on the same commands gave another thrust per mass; empty when they did not."""
+    """Describe from when on the same commands gave another thrust per mass; empty when they did not."""
     findings = () if isinstance(result.thrust, Failure) else result.thrust.findings
     evidence = next((finding.evidence for finding in findings if finding.id == THRUST_CHANGED), None)
     if evidence is None:
