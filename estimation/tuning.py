@@ -6,7 +6,8 @@ it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from hashlib import blake2b
 from typing import Any
 
 import numpy as np
@@ -128,18 +129,18 @@ def tune(
         )
 
     imu_scale = np.ones(2)
+    passes = _Passes()
 
     known = _Start(aligned, noise, np.ones(_kernels.KINDS))
     lags = {sensor: 0.0 for sensor, kinds in LAGGING.items() if np.isin(observations.kind, kinds).any()}
     for _ in range(2):
         start = known
-        start = _find_start(lay_out(observations), aligned)
+        start = _find_start(lay_out(observations), aligned, passes)
         found = {}
         for sensor in lags:
-            found[sensor] = _find_lag(observations, LAGGING[sensor], lay_out)
             # Some hundredths of a second of a barometer say more of its noise than of its clock.
-            if sensor == "baro" and abs(found[sensor]) < LAG_LARGE:
-                found[sensor] = 0.0
+            least = LAG_LARGE if sensor == "baro" else 0.0
+            found[sensor] = _find_lag(observations, LAGGING[sensor], lay_out, passes, least)
             observations = observations.earlier(LAGGING[sensor], found[sensor])
             lags[sensor] += found[sensor]
         # What was found with a clock that was off is found again with it set right.
@@ -148,12 +149,12 @@ def tune(
     problem = lay_out(observations)
     # Before the GPS: a gyro that is noisier than it looks would make the likeliest receiver a perfect one.
     for column in range(2):
-        imu_scale[column], problem = _scale_imu(problem, column)
+        imu_scale[column], problem = _scale_imu(problem, column, passes)
     for setting, ladder in LADDERS.items():
-        problem = _set_noise(problem, start.aligned, setting, ladder)
+        problem = _set_noise(problem, start.aligned, setting, ladder, passes)
     if np.any(problem.observations.kind == _kernels.GPS_POSITION):
-        problem = _set_noise(problem, start.aligned, "gps_error_share", GPS_ERROR_SHARES)
-        problem = _split_gps_error(problem)
+        problem = _set_noise(problem, start.aligned, "gps_error_share", GPS_ERROR_SHARES, passes)
+        problem = _split_gps_error(problem, passes)
     matched = matched_scale(problem, run(problem, keep=False))
     matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
     start = _Start(replace(start.aligned, x=problem.x, P=problem.P), problem.noise, matched)
@@ -161,6 +162,23 @@ def tune(
     for sensor in set() if moves_bias(start.aligned.P, levelled=aligned.levelled) else lags.keys() & {"gps", "gps2"}:
         lags[sensor] += _refine_lag(observations, LAGGING[sensor], (signal.start, min(stop, signal.stop)), lay_out)
     return Tuned(problem.noise, matched, imu_scale, lags)
+
+
+@dataclass(frozen=True, slots=True)
+class _Passes:
+    """Likelihoods of the filter, each worked out once: ladders share their rungs."""
+
+    _known: dict[tuple[SensorNoise, bytes], float] = field(default_factory=dict)
+
+    def likelihood(self, problem: Problem) -> float:
+        """Return the log-likelihood of a problem of this segment."""
+        o, content = problem.observations, blake2b(digest_size=16)
+        for part in (problem.t, problem.sub_noise, problem.x, problem.P, problem.white_scale, o.t, o.kind, o.z):
+            content.update(part)
+        key = problem.noise, content.digest()
+        if key not in self._known:
+            self._known[key] = run(problem, keep=False).log_likelihood
+        return self._known[key]
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +190,7 @@ class _Start:
     white_scale: np.ndarray
 
 
-def _find_start(problem: Problem, aligned: Alignment) -> _Start:
+def _find_start(problem: Problem, aligned: Alignment, passes: _Passes) -> _Start:
     """Find the attitude to linearise about, and whether biases are of another size than their class has.
 
     Biases far beyond their class throw off the attitude that is found along with them, after which no single setting
@@ -180,17 +198,17 @@ def _find_start(problem: Problem, aligned: Alignment) -> _Start:
     """
     found, likelihoods = [], []
     wide = replace(problem.noise, gyro_bias=WIDE_GYRO_BIAS, accel_bias=WIDE_ACCEL_BIAS)
-    for noise, passes in ((problem.noise, 1), (wide, RELINEARISED)):
+    for noise, most in ((problem.noise, 1), (wide, RELINEARISED)):
         start = with_priors(aligned, problem.noise, noise)
         tried = replace(problem, noise=noise, P=start.P)
-        for k in range(passes):
+        for k in range(most):
             result = run(tried)
             before, scale = tried.x, matched_scale(tried, result)
             tried = replace(tried, x=relinearised(tried, result, levelled=aligned.levelled), white_scale=scale)
             if k and settled(before, tried.x):
                 break
         found.append(_Start(replace(start, x=tried.x), noise, tried.white_scale))
-        likelihoods.append(run(tried, keep=False).log_likelihood)
+        likelihoods.append(passes.likelihood(tried))
     return found[int(likelihoods[1] - likelihoods[0] > DECISIVE)]
 
 
@@ -226,8 +244,14 @@ def moves_bias(P: np.ndarray, *, levelled: bool) -> bool:
     return levelled and bool(P[ACCEL_BIAS, ACCEL_BIAS] > BIAS_KNOWN**2)
 
 
-def _find_lag(observations: Observations, kinds: tuple[int, ...], lay_out: Callable[[Observations], Problem]) -> float:
-    """Find the lag of one sensor.
+def _find_lag(
+    observations: Observations,
+    kinds: tuple[int, ...],
+    lay_out: Callable[[Observations], Problem],
+    passes: _Passes,
+    least: float,
+) -> float:
+    """Find the lag of one sensor; 0 where it is smaller than `least`, s.
 
     Tables know the lag to some hundredths of a second, so a small one is an estimate like any other; one far off must
     be decisively likelier.
@@ -237,13 +261,13 @@ def _find_lag(observations: Observations, kinds: tuple[int, ...], lay_out: Calla
         return lay_out(observations.earlier(kinds, lag))
 
     def posterior(lag: float) -> float:
-        return run(at(lag), keep=False).log_likelihood - min(0.5 * (lag / LAG_KNOWN) ** 2, DECISIVE)
+        return passes.likelihood(at(lag)) - min(0.5 * (lag / LAG_KNOWN) ** 2, DECISIVE)
 
     steps = GPS_LAGS if len(kinds) > 1 else FINE_LAGS
-    likelihoods, _ = _climb(at, steps, 0.0)
+    likelihoods, _ = _climb(at, steps, 0.0, passes)
     near = max(likelihoods, key=likelihoods.__getitem__)
-    if near in (steps[0], steps[-1]):
-        # No peak within reach: what is wrong is something else.
+    if near in (steps[0], steps[-1]) or abs(near) + CLOSER < least:
+        # No peak within reach, so that what is wrong is something else; or none that counts.
         return 0.0
     posteriors = {lag: posterior(lag) for lag in {0.0, near}}
     for _ in range(CLOSER_STEPS):
@@ -255,7 +279,7 @@ def _find_lag(observations: Observations, kinds: tuple[int, ...], lay_out: Calla
             break
         near = best
     lag = _vertex((near - CLOSER, near, near + CLOSER), posteriors)
-    return lag if posterior(lag) > posteriors[0.0] else 0.0
+    return lag if abs(lag) >= least and posterior(lag) > posteriors[0.0] else 0.0
 
 
 def _refine_lag(
@@ -278,7 +302,7 @@ def _refine_lag(
     return float(np.clip(-0.5 * slope / bend, PARABOLA[0], PARABOLA[-1]))
 
 
-def _set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence[float]) -> Problem:
+def _set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence[float], passes: _Passes) -> Problem:
     """Put one noise setting on its likeliest rung; to be quieter than its class it must gain `STRONG`.
 
     A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little. A prior
@@ -291,15 +315,15 @@ def _set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequenc
         return replace(problem, noise=noise, P=with_priors(replace(start, P=problem.P), problem.noise, noise).P)
 
     documented = _nearest(ladder, getattr(problem.noise, setting))
-    likelihoods, likeliest = _climb(at, ladder, documented)
+    if setting in PRIORS:
+        ladder = ladder[ladder.index(documented) :]
+    likelihoods, likeliest = _climb(at, ladder, documented, passes)
     quieter = getattr(likeliest.noise, setting) < documented
     unsure = max(likelihoods.values()) - likelihoods[documented] < STRONG
-    if (quieter or setting in PRIORS) and (unsure or (quieter and setting in PRIORS)):
-        return at(documented)
-    return likeliest
+    return at(documented) if unsure and (quieter or setting in PRIORS) else likeliest
 
 
-def _split_gps_error(problem: Problem) -> Problem:
+def _split_gps_error(problem: Problem, passes: _Passes) -> Problem:
     """Find how the GPS position error divides into white noise and slow wander, whose size is as reported.
 
     Both fill the same innovations, so each correlation time is judged with the white noise that suits it.
@@ -318,12 +342,12 @@ def _split_gps_error(problem: Problem) -> Problem:
     def at(time: float) -> Problem:
         wandering = replace(problem, noise=replace(problem.noise, gps_error_time=time))
         start = _nearest(ladder, problem.white_scale[kind])
-        return _climb(lambda factor: with_white(wandering, factor), ladder, start)[1]
+        return _climb(lambda factor: with_white(wandering, factor), ladder, start, passes)[1]
 
-    return _climb(at, GPS_ERROR_TIMES, _nearest(GPS_ERROR_TIMES, problem.noise.gps_error_time))[1]
+    return _climb(at, GPS_ERROR_TIMES, _nearest(GPS_ERROR_TIMES, problem.noise.gps_error_time), passes)[1]
 
 
-def _scale_imu(problem: Problem, column: int) -> tuple[float, Problem]:
+def _scale_imu(problem: Problem, column: int, passes: _Passes) -> tuple[float, Problem]:
     """Find the factor on the noise of gyro (column 0) or accelerometer (1), and the problem with it."""
 
     def at(factor: float) -> Problem:
@@ -331,7 +355,7 @@ def _scale_imu(problem: Problem, column: int) -> tuple[float, Problem]:
         factors[column] = factor
         return replace(problem, sub_noise=problem.sub_noise * factors)
 
-    likelihoods, likeliest = _climb(at, IMU_SCALES, 1.0)
+    likelihoods, likeliest = _climb(at, IMU_SCALES, 1.0, passes)
     return max(likelihoods, key=likelihoods.__getitem__), likeliest
 
 
@@ -341,7 +365,7 @@ def _nearest(ladder: Sequence[float], value: float) -> float:
 
 
 def _climb(
-    variant: Callable[[float], Problem], ladder: Sequence[float], start: float
+    variant: Callable[[float], Problem], ladder: Sequence[float], start: float, passes: _Passes
 ) -> tuple[dict[float, float], Problem]:
     """Go up and down a ladder of values from `start` as long as it gets likelier.
 
@@ -355,7 +379,7 @@ def _climb(
             value = ladder[k]
             if value not in likelihoods:
                 problem = variant(value)
-                likelihoods[value] = run(problem, keep=False).log_likelihood
+                likelihoods[value] = passes.likelihood(problem)
                 if best is None or likelihoods[value] >= max(likelihoods.values()):
                     best = problem
                 elif value != start:
