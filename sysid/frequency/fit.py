@@ -334,8 +334,19 @@ def _search(
             parts += [error.real, error.imag]
         return np.concatenate(parts)
 
+    def slopes(x: Floats) -> Floats:
+        values = values_of(x)
+        turns, parts = np.where(positive, values, scale), []
+        for structure, own, (hz, _, weight, _) in zip(structures, columns, data, strict=True):
+            slope = np.zeros((len(hz), len(x)), np.complex128)
+            with np.errstate(all="ignore"):
+                slope[:, list(own)] = structure.slopes(values[list(own)], hz) * -weight[:, None]
+            slope = np.where(np.isfinite(slope), slope, 0.0) * turns
+            parts += [slope.real, slope.imag]
+        return np.concatenate(parts)
+
     x0 = np.where(positive, np.log(np.maximum(np.abs(guess), 1e-12)), guess / scale)
-    result = scipy.optimize.least_squares(remainder, x0, method="trf", max_nfev=80, x_scale="jac")
+    result = scipy.optimize.least_squares(remainder, x0, slopes, method="trf", max_nfev=80, x_scale="jac")
     values = values_of(result.x)
     worth = 2.0 * sum(float(np.sum(response.weight_of_points[_good(response)])) for response in responses)
     squares = 2.0 * float(result.cost)

@@ -18,6 +18,10 @@ from sysid.frequency.response import Complex, Floats
 Polynomials = tuple[Floats, Floats]
 
 
+#: Part of a parameter by which coefficients are differenced.
+_STEP = 1e-6
+
+
 @dataclass(frozen=True, slots=True)
 class ParameterSpec:
     """A parameter of a structure."""
@@ -48,6 +52,26 @@ class Structure:
         s = 2j * np.pi * hz
         num, den = self.polynomials(values)
         return np.asarray(np.polyval(num, s) / np.polyval(den, s) * np.exp(-values[-1] * s))
+
+    def slopes(self, values: Floats, hz: Floats) -> Complex:
+        """Differentiate the logarithm of the response by the values, shape (n, parameters).
+
+        Only the few coefficients are differenced, not the response at every frequency.
+        """
+        size = np.abs(values[:-1])
+        steps = _STEP * np.array(
+            [each if spec.positive else max(each, spec.scale) for each, spec in zip(size, self.specs, strict=False)]
+        )
+        moves = np.diag(np.append(steps, 0.0))[:-1]
+        s = 2j * np.pi * hz
+        slopes = np.zeros((len(hz), len(values)), np.complex128)
+        beside = [(*self.polynomials(values + move), *self.polynomials(values - move)) for move in moves]
+        for sign, part, now in zip((1.0, -1.0), (0, 1), self.polynomials(values), strict=True):
+            apart = np.array([each[part] - each[part + 2] for each in beside]).T / (2.0 * steps)
+            powers = np.vander(s, len(now))
+            slopes[:, :-1] += sign * (powers @ apart) / (powers @ now)[:, None]
+        slopes[:, -1] = -s
+        return slopes
 
 
 def low_pass(hz: Floats, corner: float | None) -> Complex:
@@ -80,15 +104,15 @@ def _rate(p: Floats) -> Polynomials:
 
 
 def _lagged(ratio: Polynomials, lag: float) -> Polynomials:
-    return ratio[0], np.polymul(ratio[1], np.array([lag, 1.0]))
+    return ratio[0], np.convolve(ratio[1], np.array([lag, 1.0]))
 
 
 def _flexible(p: Floats) -> Polynomials:
     """Return ``K (1 / (s + a) + c s / (s^2 + 2 z w s + w^2))``: a rigid body with a mode that rides on it."""
     gain, damping, omega, zeta, share = p[:5]
     mode = np.array([1.0, 2.0 * zeta * omega, omega**2])
-    num = np.polyadd(mode, share * np.array([1.0, damping, 0.0]))
-    return gain * num, np.polymul(np.array([1.0, damping]), mode)
+    num = mode + share * np.array([1.0, damping, 0.0])
+    return gain * num, np.convolve(np.array([1.0, damping]), mode)
 
 
 def _yaw(p: Floats) -> Polynomials:
