@@ -9,7 +9,8 @@ The faster of the two is brought to the times of the slower below half of its ra
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ import pandas as pd
 
 from logparse import FlightLog, MissingDataError
 from logparse.cubic_spline import cubic_spline
+from logparse.recent import Recent
 from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.records import RateSignals, rate_signals
@@ -43,6 +45,27 @@ _FEWEST = 16
 #: and speeds that vary together; powers of the speed with which thrust may rise.
 _TURNING, _LIFTING, _TOGETHER, _POWERS = 0.02, 0.5, 0.9, (1.0, 3.0)
 
+#: Signals of the rate controller while `kept_signals` lasts: of one log, with and without the vertical axis.
+_kept: ContextVar[Recent[RateSignals] | None] = ContextVar("kept", default=None)
+
+
+@contextmanager
+def kept_signals() -> Iterator[None]:
+    """Keep the rate controller's signals of a log while it is surveyed: all its axes and their checks want them."""
+    token = _kept.set(Recent(2))
+    try:
+        yield
+    finally:
+        _kept.reset(token)
+
+
+def _controllers(log: FlightLog, *, vertical: bool) -> RateSignals:
+    def make() -> RateSignals:
+        return as_motors_got(log, rate_signals(log, vertical=vertical))
+
+    recent = _kept.get()
+    return make() if recent is None else recent.of(log, vertical, make=make)
+
 
 def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignals:
     """Return the signals of an axis from the best source that a log has.
@@ -62,7 +85,7 @@ def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignal
     controllers: RateSignals | None = None
     reason = ""
     try:
-        controllers = as_motors_got(log, rate_signals(log, vertical=not axis.attitude))
+        controllers = _controllers(log, vertical=not axis.attitude)
     except FrequencyError as error:
         reason = str(error)
     if controllers is not None:

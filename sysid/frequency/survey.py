@@ -17,6 +17,7 @@ from sysid.frequency.estimate import response
 from sysid.frequency.excitation import Within
 from sysid.frequency.fit import FrequencyFit, fit
 from sysid.frequency.response import COHERENT, FrequencyResponse
+from sysid.frequency.sources import kept_signals
 from sysid.frequency.time_domain import Verification, hold_out
 
 #: Frequencies that two responses must have in common to be compared, and part of the gain by which flights of a craft
@@ -77,10 +78,12 @@ def survey(logs: GivenLogs, axes: Sequence[str] = tuple(AXES), within: Within | 
         For an axis that does not exist.
     """
     given = logs_of(logs)
-    found = tuple(_axis(given, axis, within) for axis in axes)
-    single = _single(given, axes, within) if len(given) > 1 else ()
     names = tuple(log.name for log in given)
-    return FrequencySurvey(names, found, _couplings(given, found, within), single, tuple(_differing(single)))
+    with kept_signals():
+        found = tuple(_axis(given, axis, within) for axis in axes)
+        single = _single(given, axes, within) if len(given) > 1 else ()
+        couplings = _couplings(given, found, within)
+    return FrequencySurvey(names, found, couplings, single, tuple(_differing(single)))
 
 
 def _differing(single: Sequence[tuple[str, FrequencyResponse]]) -> Iterator[Finding]:
