@@ -119,7 +119,7 @@ def _why_no_flight(log: "FlightLog") -> str:
         return f"the motors never run above idle ({top:.0f} us)."
     times, height = motors.index.to_numpy(np.float64), height_above_ground(log.tables)
     if held(float(times[0]), float(times[-1]), height, log.tables):
-        return "the motors run, but the force on the craft does not change with theirs, as on a stand."
+        return "the motors run, but no force follows them, as on a stand."
     return "the motors run, but the craft neither rises nor moves."
 
 

@@ -76,7 +76,7 @@ def horizon_figure(
     ticks = sorted({row.horizon_s for result in judged for row in result.horizons})
     axes["xaxis"] = {
         "type": "log",
-        "title": {"text": "seconds ahead of the last measurement"},
+        "title": {"text": "seconds ahead"},
         "tickvals": ticks,
         "ticktext": [f"{tick:g}" for tick in ticks],
         "anchor": f"y{len(outputs)}" if len(outputs) > 1 else "y",

@@ -345,3 +345,34 @@ def test_a_phone_need_not_scroll_sideways(kinds, tmp_path, browser):
                 assert page.evaluate("document.getElementById('first').getBoundingClientRect().bottom") <= 900
         assert not faults
         page.close()
+
+
+def test_a_log_of_the_ground_says_why_and_what_the_autopilot_complained_of(flight):
+    """Six times the same sentence helped nobody."""
+    grounded = Failure("flight", "The log shows no flight: the motors never run above idle (982 us)")
+    complaint = FlightEvent(
+        id="failsafe-triggered", t=45.94, end=45.94, severity=Severity.INFO, reason="Failsafe: gps."
+    )
+    lines = answered(flight, flight=grounded, health=health(complaint)).answer.lines
+    assert [line.text for line in lines] == [
+        "the motors never run above idle",
+        "on the ground; last failsafe reported: gps at 45.9 s",
+        *["needs a flight"] * 4,
+    ]
+    quiet = line_of(answered(flight, flight=grounded, health=health()), "Healthy").text
+    assert quiet == "on the ground; the autopilot reported no failsafe and no error"
+
+
+def test_motors_that_fail_at_once_are_no_share_of_thrust(flight):
+    """A quadrotor flew on for 45 s while one motor was said to have lost 83 % of its thrust, and another 32 %."""
+    lost = event("motor-loss", 70.0, motor=2, thrust_loss=0.32, thrust_loss_sigma=0.03, at_once="1 and 2")
+    line = line_of(answered(flight, health=health(lost, cause=lost)), "Healthy")
+    assert (line.word, line.value) == ("no", None)
+    assert line.text == "motors 1 and 2 out of balance at once, from 70.0 s"
+
+
+def test_axes_whose_chirps_end_too_low_say_so(flight):
+    reason = "{}: no crossover between 0.3 and 9.15 Hz; let the chirp reach further"
+    axes = [AxisRotation(axis=axis, loop_reason=reason.format(axis)) for axis in ("roll", "pitch")]
+    line = line_of(answered(flight, loops=FlightLoops(), rotation=loops(loop("yaw", 52.0), *axes)), "Loops")
+    assert line.text.endswith("; roll and pitch not measured (no crossover between 0.3 and 9.15 Hz)")
