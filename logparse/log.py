@@ -309,14 +309,14 @@ def read_flights(path: str | Path) -> tuple[FlightLog, ...]:
     LogError
         As `read_log` raises it.
     """
-    log = read_log(path)
+    log = read_log(path, 0)  # any: which flew longest is not asked
     if len(log.boots) == 1:
         return tuple(log.of_flight(k + 1) for k in range(len(log.flights))) or (log,)
     flights: list[FlightLog] = []
     for other in _power_ups(log):
         with suppress(RotoridError):  # a power-up without tables has no flight
             flights += (other.of_flight(k + 1) for k in range(len(other.flights)))
-    return tuple(flights) or (log,)
+    return tuple(flights) or (read_log(path),)
 
 
 def read_power_ups(path: str | Path) -> tuple[FlightLog, ...]:
@@ -327,7 +327,7 @@ def read_power_ups(path: str | Path) -> tuple[FlightLog, ...]:
     LogError
         As `read_log` raises it.
     """
-    return _power_ups(read_log(path))
+    return _power_ups(read_log(path, 0))
 
 
 def _power_ups(log: FlightLog) -> tuple[FlightLog, ...]:
