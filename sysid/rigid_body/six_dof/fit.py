@@ -23,6 +23,7 @@ from sysid.rigid_body.six_dof.body_record import (
 )
 from sysid.rigid_body.six_dof.model import UNITS, SixDofModel, substeps
 from sysid.rigid_body.six_dof.shooting import ShootingFit, minimise, spreads, state_errors
+from sysid.rigid_body.six_dof.signs import refuse_impossible
 
 #: Horizons at which runs are compared with the record, s.
 HORIZONS = (0.05, 0.15, 0.3, 0.5)
@@ -214,7 +215,7 @@ def fit_six_dof(
         start = found.values
     found = _centred(found, unknowns)
     theta, moved, wind = unpack(found.values)
-    parameters = _parameters(unknowns, found, theta, moved, kinds, mean, sigma, mass, dt)
+    parameters = refuse_impossible(_parameters(unknowns, found, theta, moved, kinds, mean, sigma, mass, dt))
     scales = spreads(errors_of(found.values))
     findings = _findings(parameters)
     return SixDofModel(

@@ -1,0 +1,45 @@
+"""What no air does: drag that pushes and damping that drives are not determined, however small the standard error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from sysid.rigid_body.model_record import BodyParameter
+
+#: Standard errors below zero beyond which chance does not explain a sign.
+_BEYOND = 2.0
+
+#: Parameters that stand for one effect: where one is impossible, what the other came out as leans on it.
+_TOGETHER = (
+    *((f"drag_rotor_{axis}", f"drag_quadratic_{axis}") for axis in "xyz"),
+    *((f"{axis}_damping",) for axis in ("roll", "pitch", "yaw")),
+)
+
+
+def refuse_impossible(parameters: Mapping[str, BodyParameter]) -> dict[str, BodyParameter]:
+    """Return the parameters, those of the air that are below zero not determined, with the reason.
+
+    Parameters
+    ----------
+    parameters : mapping of str to BodyParameter
+    """
+    out = dict(parameters)
+    for names in _TOGETHER:
+        wrong = [name for name in names if name in out and _below_zero(out[name])]
+        for name in names:
+            if not wrong or name not in out:
+                continue
+            if name in wrong:
+                came = f"{out[name].value:.2g} ± {out[name].sigma:.2g}"
+                reason = f"it came out below zero ({came}), which no air does: wind or an unknown force passes for it"
+            else:
+                reason = f"{wrong[0]} came out below zero, and the two are not told apart"
+            out[name] = replace(
+                out[name], value=None, sigma=None, determined=False, reason=reason, si_value=None, si_sigma=None
+            )
+    return out
+
+
+def _below_zero(each: BodyParameter) -> bool:
+    return each.value is not None and each.sigma is not None and each.value < -_BEYOND * each.sigma
