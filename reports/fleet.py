@@ -120,7 +120,7 @@ def _craft(store: Products, folder: str) -> Craft:
 
 
 def _told_apart(crafts: Sequence[Craft]) -> list[Craft]:
-    """Tell crafts of one name apart by a number: many logs tell no more than firmware and frame."""
+    """Distinguish crafts of one name by a number: many logs tell no more than firmware and frame."""
     count = Counter(craft.report.name for craft in crafts)
     seen: Counter[str] = Counter()
     apart = []
