@@ -134,7 +134,7 @@ def fit_rigid_body(
     curved = TorqueCurve.of(vehicle, float(fine.values[place]), float(fine.covariance[place, place]))
     turning = _rotation(records, vehicle, voltage, curved.expo)
     parameters, covariance, estimated = judge_parameters(fine, prior, records, vehicle, voltage, turning)
-    findings += other_curve(parameters["thrust_expo"], vehicle)
+    findings += other_curve(fine, prior, vehicle)
     findings += undetermined(parameters) + drag_apart(parameters, motions, fine, covariance)
     report("fitted", 1.0)
     flown = replace(vehicle, thrust_expo=curved.expo)

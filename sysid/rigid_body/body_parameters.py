@@ -62,9 +62,8 @@ SLOW_FLOOR = 0.03
 #: The same for damping, 1/s: a millisecond of lag that is not of first order damps a swing of 3 Hz by 0.3 1/s.
 DAMPING_FLOOR = 0.3
 
-#: Departure of a curvature from the parameters' in standard errors that contradicts them, and what may be wrong then.
+#: Departure of a curvature from the parameters' in standard errors that contradicts them.
 _CONTRADICTS = 3.0
-_WHICH = "MOT_THST_EXPO or MOT_SPIN_MIN is not as set, and no flight tells which"
 
 #: Below this an estimate does not differ from zero.
 _NOTHING = 1e-6
@@ -160,30 +159,47 @@ def _held_against_setting(expo: BodyParameter, vehicle: Vehicle) -> BodyParamete
     Thrust that begins at another command than MOT_SPIN_MIN says bends the curve just as another MOT_THST_EXPO, and no
     flight tells which of the two is wrong: the truth may be either number.
     """
-    if expo.value is None or expo.sigma is None or abs(expo.value - vehicle.thrust_expo) < _CONTRADICTS * expo.sigma:
+    if expo.value is None or expo.sigma is None:
         return expo
-    sigma = float(np.hypot(expo.sigma, 0.5 * (expo.value - vehicle.thrust_expo)))
-    if not (reason := _doubt("thrust_expo", expo.value, sigma)):
+    sigma = _of_both(expo.value, expo.sigma, vehicle)
+    if not (reason := _contradiction(expo.value, expo.sigma, vehicle)):
         return replace(expo, sigma=sigma)
-    reason = (
-        f"between the ends of the commands thrust rises as with {expo.value:.2f} ± {expo.sigma:.2f} instead of "
-        f"{vehicle.thrust_expo:.2f}: {_WHICH}"
-    )
     return replace(expo, value=None, sigma=None, determined=False, reason=reason)
 
 
-def other_curve(expo: BodyParameter, vehicle: Vehicle) -> list[Finding]:
+def _of_both(value: float, sigma: float, vehicle: Vehicle) -> float:
+    """Return the standard error of a curvature, with half the way to the parameters' where it contradicts them."""
+    apart = value - vehicle.thrust_expo
+    return sigma if abs(apart) < _CONTRADICTS * sigma else float(np.hypot(sigma, 0.5 * apart))
+
+
+def _contradiction(value: float, sigma: float, vehicle: Vehicle) -> str:
+    """Return how a curvature contradicts the parameters so much that it is not determined; empty otherwise."""
+    if abs(value - vehicle.thrust_expo) < _CONTRADICTS * sigma:
+        return ""
+    if not _doubt("thrust_expo", value, _of_both(value, sigma, vehicle)):
+        return ""
+    return (
+        f"between the ends of the commands thrust rises as with {value:.2f} ± {sigma:.2f} instead of "
+        f"{vehicle.thrust_expo:.2f}: MOT_THST_EXPO or MOT_SPIN_MIN is not as set, and no flight tells which"
+    )
+
+
+def other_curve(fine: FilterErrorFit, prior: Prior, vehicle: Vehicle) -> list[Finding]:
     """Report when thrust clearly follows another curve than the parameters say."""
-    if expo.determined or not expo.reason.endswith(_WHICH):
+    at = THETA.index("thrust_expo")
+    value, sigma = float(fine.values[at]), float(np.sqrt(max(fine.covariance[at, at], 0.0)))
+    reason = _contradiction(value, sigma, vehicle) if prior.sigma[at] >= EXPO_SIGMA else ""
+    if not reason:
         return []
     return [
         Finding(
             "thrust-curve-differs",
             Severity.WARNING,
-            f"{expo.reason}; thrust and gains of the rigid body go by the flight, what other methods say of full "
+            f"{reason}; thrust and gains of the rigid body go by the flight, what other methods say of full "
             "command does not",
             "measure the curve and where thrust begins on a thrust stand, and set MOT_THST_EXPO and MOT_SPIN_MIN",
-            {"expo": expo.used, "set": vehicle.thrust_expo},
+            {"expo": value, "set": vehicle.thrust_expo},
         )
     ]
 
