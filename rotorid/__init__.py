@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from logparse.lazy import exports
 
 if TYPE_CHECKING:
+    from logparse.errors import RotoridError
     from pipeline.config import AnalysisConfig
     from rotorid import fit, plot
     from rotorid.analysis import Craft, Fleet, analyze, compare
@@ -35,6 +36,7 @@ __all__ = [
     "Experiment",
     "Fleet",
     "FlightLog",
+    "RotoridError",
     "analyze",
     "compare",
     "fit",

@@ -245,7 +245,7 @@ def on_uniform_clock(t: Floats, columns: Sequence[Floats]) -> tuple[Floats, Floa
     known = np.isfinite(values).all(axis=1)
     t, values = t[known], values[known]
     if len(t) < 8:
-        raise FrequencyError(f"{len(t)} samples are no record")
+        raise FrequencyError(f"only {len(t)} of {len(columns[0])} samples are numbers: fly and log it again")
     step = float(np.median(np.diff(t)))
     if t[-1] - t[0] > _EMPTY * step * len(t):
         raise FrequencyError(f"{len(t)} samples over {t[-1] - t[0]:.0f} s are no record: it is nearly all holes")
