@@ -4,8 +4,8 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 SEED   := $(or $(SEED),$(shell date +%s))
 READY  := $(VENV)/.ready
-# Two workers more than there are cores: tests of services and schedulers wait a good part of their time.
-JOBS    = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 2)')
+# One worker more than there are cores: tests of services and schedulers wait a good part of their time.
+JOBS    = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 # One BLAS thread: our matrices are small and threads only hurt them.
 export OPENBLAS_NUM_THREADS := 1
 
