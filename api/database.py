@@ -1,6 +1,5 @@
 """The database: SQLite in a file unless a URL names another; opened, brought up to date, and asked in transactions."""
 
-import fcntl
 import os
 import sqlite3
 from collections.abc import Iterator
@@ -15,6 +14,8 @@ from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session, sessionmaker
 from sqlalchemy.pool import ConnectionPoolEntry
+
+from api.scratch import open_locked
 
 #: Seconds that a statement waits for another process that holds SQLite's lock, unless the URL says ``?timeout=``.
 _PATIENCE = 10.0
@@ -161,15 +162,14 @@ def _alone(file: Path | None) -> Iterator[None]:
         yield
         return
     try:
-        descriptor = os.open(file.parent, os.O_RDONLY)
+        lock = open_locked(file.parent, wait=True)
     except OSError:  # SQLite says itself that the file cannot be opened
-        yield
-        return
+        lock = None
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield
     finally:
-        os.close(descriptor)
+        if lock is not None:
+            os.close(lock)
 
 
 def _prepare_sqlite(connection: sqlite3.Connection) -> None:

@@ -29,14 +29,14 @@ class Scratch:
 
     def __init__(self, parent: Path) -> None:
         parent.mkdir(parents=True, exist_ok=True)
-        guard = _open_locked(parent, wait=True)  # nobody clears away between our making a folder and locking it
+        guard = open_locked(parent, wait=True)  # nobody clears away between our making a folder and locking it
         assert guard is not None
         try:
             for old in parent.iterdir():
                 _clear(old)
             self.folder = parent / new_id()
             self.folder.mkdir()
-            self._lock = _open_locked(self.folder)
+            self._lock = open_locked(self.folder)
         finally:
             os.close(guard)
         with tempfile.TemporaryFile(dir=self.folder):
@@ -53,7 +53,7 @@ class Scratch:
 def _clear(folder: Path) -> None:
     """Remove a folder whose process is dead."""
     try:
-        lock = _open_locked(folder)
+        lock = open_locked(folder)
     except OSError:
         return
     if lock is not None:
@@ -61,8 +61,8 @@ def _clear(folder: Path) -> None:
         os.close(lock)
 
 
-def _open_locked(folder: Path, *, wait: bool = False) -> int | None:
-    """Lock a folder; gives what holds the lock until it is closed, or None when another process has it."""
+def open_locked(folder: Path, *, wait: bool = False) -> int | None:
+    """Lock a folder; return what holds the lock until it is closed, or None when another process has it."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

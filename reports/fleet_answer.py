@@ -8,7 +8,7 @@ from logparse.quantity import counted, duration, number, uncertain
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort
 from reports import summary
-from reports.summary import ShownAnswer, thrust_number, thrust_of
+from reports.summary import ShownAnswer, thrust_known, thrust_of
 
 #: Shortest prediction that a person can act on, s: as of one flight.
 _USEFUL = 1.0
@@ -115,10 +115,10 @@ def _judges(craft: CraftReport) -> str:
 
 def _parameters(numbers: FleetReport) -> ShownAnswer:
     for craft in numbers.groups:
-        value = thrust_number(craft.thrust, craft.parameters or ())
-        if value:
-            what = "thrust" if value.endswith(" N") else "thrust/mass"
-            return _line("Parameters", "partly", Tone.CARE, value, f"{what} per motor ({craft.name})")
+        joint = thrust_known(craft.thrust, craft.parameters or ())
+        if joint is not None:
+            what = "thrust" if joint[2] == "N" else "thrust/mass"
+            return _line("Parameters", "partly", Tone.CARE, uncertain(*joint), f"{what} per motor ({craft.name})")
     every = [found for flight in numbers.flights if (found := thrust_of(flight.answer)) is not None]
     if not every:
         return _outputs(numbers.flights)

@@ -179,25 +179,27 @@ def joint_sentences(group: CraftReport) -> list[str]:
 
 def thrust_coefficient(thrust: ThrustReport | None, parameters: Sequence[ParameterRow] = ()) -> str:
     """Write the thrust per motor with its uncertainty and conditions; empty when there is none."""
-    text = thrust_number(thrust, parameters)
-    if not text or thrust is None:
+    known = thrust_known(thrust, parameters)
+    if known is None or thrust is None:
         return ""
-    over = "" if text.endswith(" N") else " over the mass,"
-    return f"{text}{over} per motor at full command {thrust_conditions(thrust)}"
+    over = "" if known[2] == "N" else " over the mass,"
+    return f"{uncertain(*known)}{over} per motor at full command {thrust_conditions(thrust)}"
 
 
-def thrust_number(thrust: ThrustReport | None, parameters: Sequence[ParameterRow] = ()) -> str:
-    """Write the thrust of a motor, or over the mass: that of all methods together where there is one."""
+def thrust_known(
+    thrust: ThrustReport | None, parameters: Sequence[ParameterRow] = ()
+) -> tuple[float | None, float | None, str] | None:
+    """Return the thrust of a motor, or over the mass, with error and unit: of all methods where they have one."""
     if not thrust or not thrust.common.determined:
-        return ""
+        return None
     best = next((row for row in parameters if (row.parameter, row.method) == ("thrust over mass", "headline")), None)
     if best is not None and best.si_value is not None:
-        return uncertain(best.si_value, best.si_sigma, "N")
+        return best.si_value, best.si_sigma, "N"
     if best is not None and best.value is not None:
-        return uncertain(best.value, best.sigma, "m/s²")
+        return best.value, best.sigma, "m/s²"
     if thrust.common.newton is not None:
-        return uncertain(thrust.common.newton, thrust.common.newton_sigma, "N")
-    return uncertain(thrust.common.per_mass, thrust.common.sigma, "m/s²")
+        return thrust.common.newton, thrust.common.newton_sigma, "N"
+    return thrust.common.per_mass, thrust.common.sigma, "m/s²"
 
 
 def thrust_conditions(thrust: ThrustReport) -> str:

@@ -15,7 +15,7 @@ import pandas as pd
 from logparse import FlightLog, MissingDataError, Vehicle
 from sysid.frequency.records import RateSignals
 from sysid.frequency.response import Floats
-from sysid.records.mixer import expectation, patterns, thrust_commands, voltage_at
+from sysid.records.mixer import expectation, factors_of, patterns, thrust_commands, voltage_at
 from sysid.records.motor_scaling import commands_for, motor_pwm
 
 #: Outputs by the names of the mixer's patterns.
@@ -61,7 +61,7 @@ def _without_cut(log: FlightLog, signals: RateSignals, motors: pd.DataFrame, veh
     known = np.isfinite(outputs).all(axis=1)
     if len(at) < _FEWEST or np.count_nonzero(known) < _FEWEST or np.any(pwm != np.rint(pwm)):
         return signals
-    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
+    factors = factors_of(vehicle)
     t, asked = signals.t[known], expectation(outputs[known], factors)
     lowest, highest = (motor_pwm(command, vehicle) for command in (0.0, 1.0))
     asked_there = np.column_stack([np.interp(at, t, column) for column in asked.T])

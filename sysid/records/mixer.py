@@ -24,6 +24,11 @@ from sysid.records.motor_scaling import curve, motor_commands
 INDEPENDENT = 1e-6
 
 
+def factors_of(vehicle: Vehicle) -> Floats:
+    """Return the frame's factors of roll, pitch and yaw, shape (motors, 3)."""
+    return np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
+
+
 def project(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> pd.DataFrame:
     """Project motor outputs on the commands of the mixer.
 

@@ -16,7 +16,7 @@ import pandas as pd
 from logparse import Finding, Severity, Tables, Vehicle
 from logparse.cubic_spline import cubic_spline
 from sysid.records.arrays import Floats
-from sysid.records.mixer import expectation
+from sysid.records.mixer import expectation, factors_of
 from sysid.records.motor_scaling import curve, motor_commands
 
 #: Name of the finding; its evidence ``slope`` is the factor.
@@ -59,7 +59,7 @@ def mixer_differs(tables: Tables, vehicle: Vehicle | None, start: float, stop: f
     inside &= np.isfinite(outputs).all(axis=1) & (outputs[:, 0] > MARGIN) & (np.abs(outputs) < 1.0).all(axis=1)
     if inside.sum() < _FEWEST:
         return []
-    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
+    factors = factors_of(vehicle)
     to_axes = np.linalg.pinv(factors - factors.mean(axis=0))[:2].T
     given = curve(command[inside], vehicle.thrust_expo)
     wanted = expectation(outputs[inside], factors)

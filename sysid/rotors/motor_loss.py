@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from logparse import MissingDataError, Tables, Vehicle
 from sysid.records.experiment import Floats
+from sysid.records.mixer import factors_of
 from sysid.records.motor_scaling import curve, motor_commands
 
 #: Slowest motor outputs and rates [Hz] in which a change is looked for.
@@ -170,7 +171,7 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
         [(np.interp(t + width, at, column) - np.interp(t - width, at, column)) / (2.0 * width) for column in raw.T]
     )
     thrust = curve(np.clip(motor_commands(pwm, vehicle), 0.0, 1.0), vehicle.thrust_expo)
-    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors]).T
+    factors = factors_of(vehicle).T
     axes = [axis for axis in range(3) if np.max(np.abs(factors[axis])) > 1e-6]
     mean = thrust.mean(axis=1)
     elapsed = (t - t.mean()) / max(t[-1] - t[0], 1e-9)

@@ -23,7 +23,7 @@ import scipy
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from sysid.records.arrays import Floats
-from sysid.records.mixer import INDEPENDENT, expectation
+from sysid.records.mixer import INDEPENDENT, expectation, factors_of
 from sysid.records.mixer_curve import MARGIN, sampled_at
 from sysid.records.motor_scaling import curve, motor_commands
 
@@ -124,7 +124,7 @@ def motor_order(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> 
         When the frame, a motor's output or everything that tells what was asked is missing, or the flight is too short.
     """
     names = tuple(f"m{motor.number}" for motor in vehicle.motors)
-    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
+    factors = factors_of(vehicle)
     if not names or tables.motors is None or not set(names) <= set(tables.motors):
         raise MissingDataError("the order of motors needs the frame and the outputs of all its motors")
     motors = tables.motors.loc[start:stop, list(names)].dropna()
@@ -195,7 +195,7 @@ def _when(
 ) -> float:
     """Return the moment between two orders at which they leave least of the outputs' movement unexplained, s."""
     names = [f"m{motor.number}" for motor in vehicle.motors]
-    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
+    factors = factors_of(vehicle)
     assert tables.motors is not None
     motors = tables.motors.loc[start:stop, names].dropna()
     asked, source = _asked(tables, start, stop)

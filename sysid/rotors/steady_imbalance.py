@@ -20,7 +20,7 @@ import pandas as pd
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from sysid.records.arrays import Floats
-from sysid.records.mixer import INDEPENDENT
+from sysid.records.mixer import INDEPENDENT, factors_of
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rotors.steady_trims import SteadyTrims
 
@@ -77,7 +77,7 @@ def steady_trims(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
         raise MissingDataError("the flight is too short to tell what motors steadily give")
     thrust = curve(np.clip(motor_commands(pwm.to_numpy(np.float64), vehicle), 0.0, 1.0), vehicle.thrust_expo)
     share = thrust / np.maximum(thrust.mean(axis=1, keepdims=True), 1e-9)
-    factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
+    factors = factors_of(vehicle)
     if np.any(np.abs(factors).max(axis=0) < INDEPENDENT):
         return None
     basis = np.linalg.qr(factors - factors.mean(axis=0))[0]
