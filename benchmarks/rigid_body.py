@@ -14,6 +14,7 @@ import pandas as pd
 
 from estimation import estimate
 from logparse import Motor, Vehicle, read_log
+from logparse.units import STANDARD_GRAVITY
 from simulation.fly import Setup, fly
 from simulation.mission import Chirp, GoTo, Mission, Turn
 from simulation.papers.elhesasy2024 import octocopter
@@ -21,7 +22,6 @@ from simulation.place import Place
 from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, validate
 from sysid.records.context import standard_density
-from sysid.rigid_body._rigid_kernels import GRAVITY
 from sysid.rigid_body.body_motion import OWN, SHARED, THETA, Motion, motion
 from sysid.rigid_body.output_error import Prior, fit_output_error
 
@@ -207,7 +207,7 @@ def _theirs(aeroid, flight: Motion) -> tuple[dict[str, float], float]:
         force = -u[10] * (linear + square * speed) * air
         force[2] -= p["thrust"] * u[9]
         acceleration = turn @ force
-        acceleration[2] += GRAVITY
+        acceleration[2] += STANDARD_GRAVITY
         return np.concatenate([state[3:], acceleration])
 
     model = aeroid.Model(
@@ -247,7 +247,7 @@ def firmware() -> list[Row]:
             text = f"{100 * (gain.value / expected - 1):+.1f} %" if gain.determined else "not determined"
             rows.append((f"{label}: {axis} effectiveness", text, "-", "-", "5 %"))
         momentum = facts["mdrag_coef_used"] * np.sqrt(1.225 * facts["true_prop_area_per_motor"])
-        linear = momentum * np.sqrt(facts["num_motors"] * GRAVITY / facts["mass_kg"])
+        linear = momentum * np.sqrt(facts["num_motors"] * STANDARD_GRAVITY / facts["mass_kg"])
         drag = linear * 4.0 + 0.6125 * facts["areaCd_m2"] / facts["mass_kg"] * 16.0
         for axis in "xyz":
             text = f"{100 * (model.drag(axis, 4.0)[0] / drag - 1.0):+.1f} %"

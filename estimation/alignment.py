@@ -25,6 +25,7 @@ from estimation.states import (
 )
 from estimation.timing import ACCEL, GYRO, usable
 from logparse import Tables
+from logparse.units import STANDARD_GRAVITY
 
 #: A craft counts as standing still while its rates and forces stay this near their medians, rad/s and m/s^2.
 STILL_RATE, STILL_FORCE = 0.03, 0.4
@@ -35,8 +36,6 @@ STILL_LONGEST, STILL_SHORTEST = 5.0, 1.0
 RUNNING_PWM, GROUND_SPEED = 1250.0, 1.0
 #: A force at rest that differs so much from the autopilot's attitude is biased, rad.
 TILT_DOUBTED = np.radians(5.0)
-#: Standard gravity, m/s^2: what a tilt is worth to an accelerometer.
-GRAVITY = 9.80665
 #: Share of a sensor error's first uncertainty that a hole in the log brings back: what happened in it is not known.
 UNSEEN_SHARE = 0.1
 
@@ -136,7 +135,7 @@ def _attitude_of_bias(x: np.ndarray, yaw_source: str) -> np.ndarray:
     is levelled so turns heading by the tilt about magnetic north times the tangent of the dip. Shape (3, 3).
     """
     R = matrix_from_quat(x[6:10])
-    J = np.array([R[1], -R[0], np.zeros(3)]) / GRAVITY
+    J = np.array([R[1], -R[0], np.zeros(3)]) / STANDARD_GRAVITY
     m_n, m_e, m_d = x[23:26]
     if yaw_source == "magnetometer":
         J[2] = m_d * (m_n * J[0] + m_e * J[1]) / (m_n**2 + m_e**2)

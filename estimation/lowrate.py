@@ -24,8 +24,8 @@ from estimation.timing import TICK, segments, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
 from estimation.trust import contradicted_receiver, doubtful_sensors, only_one_withdrawal
 from logparse import Finding, Geodetic, MissingDataError, Severity, Tables
+from logparse.units import STANDARD_GRAVITY
 
-GRAVITY = 9.80665
 #: Acceleration that attitude does not tell: 1-sigma at least [m/s^2] and correlation time [s], horizontally (drag and
 #: gusts, twice) and vertically (climbs); and over what the log sets it, s.
 DISTURBANCE = np.array([0.7, 0.7, 1.0])
@@ -268,7 +268,7 @@ def _estimate_segment(
     turning = scipy.interpolate.Akima1DInterpolator(when, continuous(quat))
     down_axis = matrix_from_quat(quat)[:, :, 2]
     # Beyond 60 degrees of tilt the height is not steady, so the tangent is not the acceleration.
-    push = -GRAVITY * down_axis[:, :2] / np.maximum(down_axis[:, 2:], 0.5)
+    push = -STANDARD_GRAVITY * down_axis[:, :2] / np.maximum(down_axis[:, 2:], 0.5)
     thrust = scipy.interpolate.Akima1DInterpolator(when, np.column_stack([push, np.zeros(len(push))]))
 
     nodes = np.unique(
@@ -305,7 +305,7 @@ def _estimate_segment(
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     q_rate = turning.derivative()(t)
     rate_b = 2.0 * multiply(q * np.array([1.0, -1.0, -1.0, -1.0]), q_rate)[:, 1:]
-    force_b = np.einsum("nji,nj->ni", matrix_from_quat(q), a - np.array([0.0, 0.0, GRAVITY]))
+    force_b = np.einsum("nji,nj->ni", matrix_from_quat(q), a - np.array([0.0, 0.0, STANDARD_GRAVITY]))
     index = pd.Index(t, name="t")
     states = pd.DataFrame(
         np.column_stack([position, velocity, q, rate_b, force_b]), index=index, columns=[*STATE_COLUMNS]

@@ -10,9 +10,7 @@ from estimation.local_frame import LocalFrame, is_simulated
 from estimation.magnetic_field import MagneticField, world_field
 from estimation.observations import find_origin, is_stuck
 from logparse import Geodetic, Tables
-
-#: Gravity where the place is not known: the mean of the globe, m/s^2.
-STANDARD_GRAVITY = 9.80665
+from logparse.units import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ import pandas as pd
 
 from logparse.mavlink.writer import write_tlog as write_messages
 from simulation._kernels import FLYING, LANDING
+from simulation.atmosphere import GRAVITY
 from simulation.instruments import InstrumentedFlight
 
 _STABILIZE, _AUTO = 0, 3
@@ -43,7 +44,7 @@ def _messages(log: InstrumentedFlight) -> list[tuple[str, pd.DataFrame]]:
     motors = {f"servo{k}_raw": rows[f"m{k}"] for k in range(1, len(flight.setup.vehicle.rotors) + 1)}
     mag = log.mag.reindex(t, method="nearest")
     bias = flight.setup.sensors.inertial.gyro_bias
-    imu = {f"{axis}acc": rows[f"accel_{axis}"] / 9.80665 * 1e3 for axis in "xyz"}
+    imu = {f"{axis}acc": rows[f"accel_{axis}"] / GRAVITY * 1e3 for axis in "xyz"}
     imu |= {f"{axis}gyro": rows[f"gyro_{axis}"] * 1e3 for axis in "xyz"}
     imu |= {f"{axis}mag": mag[f"mag_{axis}"] * 1e7 for axis in "xyz"}
     horizontal = np.sqrt(nav["v_n"] ** 2 + nav["v_e"] ** 2)

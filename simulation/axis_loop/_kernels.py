@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse.compiled import njit
+from simulation.atmosphere import GRAVITY
 
 Floats = NDArray[np.float64]
 
@@ -90,8 +91,8 @@ def fly_axis(
         lean = f.stick[k]
         if c.velocity_p > 0.0:
             wanted = c.position_p * (f.position_chirp[k] - position) + f.velocity_chirp[k]
-            lean += c.velocity_p * (wanted - velocity) / 9.80665
-            velocity += loop * (9.80665 * angle - _DRAG * velocity)
+            lean += c.velocity_p * (wanted - velocity) / GRAVITY
+            velocity += loop * (GRAVITY * angle - _DRAG * velocity)
             position += loop * velocity
         leans[k] = lean
         want = c.angle_p * (lean - angle) if c.integrates else lean

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse.compiled import inner, njit
+from logparse.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
 
-GRAVITY = 9.80665
 
 #: Linear drag goes with the rotors' speed, sqrt(density thrust); else with density.
 ROTOR_DRAG = 1
@@ -68,7 +68,7 @@ def _acceleration(
     uz = s[2] * rn + s[5] * re + s[8] * rd
     density = s[9]
     thrust = theta[0] * theta[13] * density * ((1.0 - theta[1]) * s[10] + theta[1] * s[11])
-    linear = sqrt(max(density * thrust, 0.0) / GRAVITY) if law & ROTOR_DRAG else density
+    linear = sqrt(max(density * thrust, 0.0) / STANDARD_GRAVITY) if law & ROTOR_DRAG else density
     climb = max(-uz, 0.0)
     if law & AXIS_DRAG:
         qx, qy, qz = density * abs(ux), density * abs(uy), density * abs(uz)
@@ -79,7 +79,7 @@ def _acceleration(
     az = -thrust - (linear * theta[4] + qz * theta[7]) * uz + density * theta[8] * climb * climb
     out[0] = s[0] * ax + s[1] * ay + s[2] * az
     out[1] = s[3] * ax + s[4] * ay + s[5] * az
-    out[2] = s[6] * ax + s[7] * ay + s[8] * az + GRAVITY
+    out[2] = s[6] * ax + s[7] * ay + s[8] * az + STANDARD_GRAVITY
 
 
 @inner(nogil=True)
@@ -111,7 +111,7 @@ def _derivatives(
     curve = (1.0 - theta[1]) * s[10] + theta[1] * s[11]
     gain = theta[0] * theta[13] * density
     thrust = gain * curve
-    linear = sqrt(max(density * thrust, 0.0) / GRAVITY) if law & ROTOR_DRAG else density
+    linear = sqrt(max(density * thrust, 0.0) / STANDARD_GRAVITY) if law & ROTOR_DRAG else density
     by_thrust = 0.5 * linear / thrust if law & ROTOR_DRAG and thrust > 0.0 else 0.0
     speed = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
     climb = max(-u[2], 0.0)

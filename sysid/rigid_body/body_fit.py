@@ -9,11 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from logparse import Finding, Severity, Vehicle
+from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.flight_record import POSITION_UNKNOWN
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY, reference_voltage
-from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG
+from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
 from sysid.rigid_body.body_motion import OWN, SHARED, THETA, Motion, motion
 from sysid.rigid_body.body_parameters import (
     drag_apart,
@@ -264,7 +265,7 @@ def _prior(
     if not pulls.mean() > 0.0:
         raise ExperimentError("no motor turns in flight: all motor outputs are at or below idle")
     if not start[0] > 0.0:
-        start[0] = GRAVITY / pulls.mean()
+        start[0] = STANDARD_GRAVITY / pulls.mean()
     return prior, start
 
 

@@ -9,12 +9,13 @@ import pandas as pd
 
 from logparse import MissingDataError, Vehicle
 from logparse.recent import Recent
+from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.resampling import logged_rate
 from sysid.records.slow_rows import join_rows
 from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
-from sysid.rigid_body._rigid_kernels import GRAVITY, SIGNALS, path
+from sysid.rigid_body._rigid_kernels import SIGNALS, path
 
 #: Parameters of the craft in the order of the kernels; those of the flight follow: `OWN`, then the wind.
 THETA = (
@@ -175,7 +176,7 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
     force = context[list(_FORCE)].to_numpy(np.float64)
     acceleration = None
     if np.isfinite(force).all():
-        acceleration = np.einsum("nij,nj->ni", rotation, force) + np.array([0.0, 0.0, GRAVITY])
+        acceleration = np.einsum("nij,nj->ni", rotation, force) + np.array([0.0, 0.0, STANDARD_GRAVITY])
     return Motion(
         name=record.name,
         t=record.t,

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
-from sysid.rigid_body._rigid_kernels import GRAVITY
 from sysid.rigid_body.body_motion import SHARED, THETA, Motion
 from sysid.rigid_body.filter_error import FilterErrorFit
 from sysid.rigid_body.output_error import flight_slice
@@ -158,6 +158,6 @@ def wind_error(motion: Motion, wind: Floats, drag: float) -> float:
     drag : float
         Deceleration per speed about the flight's mean, 1/s.
     """
-    lean = GRAVITY * float(np.sqrt(np.mean(motion.attitude_sigma[:2] ** 2))) / max(drag, 1e-6)
+    lean = STANDARD_GRAVITY * float(np.sqrt(np.mean(motion.attitude_sigma[:2] ** 2))) / max(drag, 1e-6)
     turned = float(np.hypot(*wind)) * float(motion.attitude_sigma[2])
     return float(np.hypot(lean, turned))

@@ -14,8 +14,8 @@ import pytest
 
 from estimation import errors, estimate
 from estimation.attitude import matrix_from_quat, quat_from_euler
-from estimation.lowrate import GRAVITY
 from logparse import read_log
+from logparse.units import STANDARD_GRAVITY
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs" / "sitl"
 MEASURES = {
@@ -96,7 +96,7 @@ def test_telemetry_is_near_the_truth_of_the_matching_log(name):
     states = trajectory.states
     R = matrix_from_quat(states[["q_w", "q_x", "q_y", "q_z"]].to_numpy())
     acceleration = np.einsum("nij,nj->ni", R, states[["f_x", "f_y", "f_z"]].to_numpy())
-    acceleration[:, 2] += GRAVITY
+    acceleration[:, 2] += STANDARD_GRAVITY
     velocity = truth[["v_n", "v_e", "v_d"]].dropna()
     true = np.gradient(velocity.to_numpy(), velocity.index.to_numpy(), axis=0)
     found = np.column_stack([np.interp(velocity.index, states.index, column) for column in acceleration.T])

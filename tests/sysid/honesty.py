@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from logparse.units import STANDARD_GRAVITY
 from simulation.vehicle import Multirotor
 from sysid import Experiment, PhysicalParameters, RigidBodyModel
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY
-from sysid.rigid_body._rigid_kernels import GRAVITY
 
 #: Speed at which drag is judged as a whole, m/s.
 DRAG_SPEED = 4.0
@@ -63,14 +63,14 @@ def firmware_truth(facts: Mapping, record: Experiment, voltage: float, *, rotor_
     count, inertia = truth["num_motors"], truth["inertia_kgm2"]
     full = truth["max_thrust_per_motor_N_sea_level_static_full_voltage"] * (voltage / inputs["maxVoltage"]) ** 2
     momentum = truth["mdrag_coef_used"] * np.sqrt(1.225 * truth["true_prop_area_per_motor"])
-    linear = momentum * np.sqrt(count * GRAVITY / mass)
+    linear = momentum * np.sqrt(count * STANDARD_GRAVITY / mass)
     if not rotor_drag:
         linear /= np.sqrt(float(record.context["density"].mean()) / REFERENCE_DENSITY)
     expo = inputs["propExpo"]
     command = float(np.mean(motor_commands(record.u, record.vehicle)))
     # Motors that move through the air as the craft turns are dragged too, at hover thrust in the flight's air.
     air = float(record.context["density"].mean()) / REFERENCE_DENSITY
-    each = momentum * np.sqrt(air * mass * GRAVITY / count)
+    each = momentum * np.sqrt(air * mass * STANDARD_GRAVITY / count)
     across, along = (sum(motor[name] ** 2 for motor in truth["motors"]) for name in ("y_m", "x_m"))
     damped = {"roll": across / inertia["Ixx"], "pitch": along / inertia["Iyy"]}
     damped["yaw"] = (across + along) / inertia["Izz"]

@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 
+from logparse.units import STANDARD_GRAVITY
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import fit_rigid_body
-from sysid.rigid_body._rigid_kernels import GRAVITY
 from sysid.rigid_body.body_motion import Motion
 from tests.sysid.flown_craft import flown, record
 
@@ -63,4 +63,4 @@ def parameters(**given):
         "n",
         "e",
     ]
-    return np.array([given.get(name, {"thrust": GRAVITY, "scale": 1.0}.get(name, 0.0)) for name in names])
+    return np.array([given.get(name, {"thrust": STANDARD_GRAVITY, "scale": 1.0}.get(name, 0.0)) for name in names])

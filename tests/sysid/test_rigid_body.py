@@ -8,12 +8,13 @@ from scipy.signal import lfilter
 
 from logparse import MissingDataError
 from logparse.serialization import as_json
+from logparse.units import STANDARD_GRAVITY
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
 from sysid import Experiment, ExperimentError, fit_rigid_body, physical_parameters, validate
 from sysid.records.thrust_curve import lagged
-from sysid.rigid_body._rigid_kernels import AXIS_DRAG, GRAVITY, ROTOR_DRAG, accelerations, path, path_sensitivities
+from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accelerations, path, path_sensitivities
 from sysid.rigid_body.body_motion import LAG, THETA, motion, rotation_matrices
 from sysid.rigid_body.body_parameters import ratio_sigma
 from sysid.rigid_body.filter_error import fit_filter_error
@@ -61,7 +62,7 @@ def test_sinking_reaches_terminal_velocity_of_quadratic_drag():
     out = np.empty((2001, 6))
     flight = level(2001, thrust_over_weight=0.75)
     path(parameters(qz=0.1), flight.signals(0.0), np.ones((2001, 1)), 0.02, 10.0, 0, 0, np.zeros(6), out)
-    assert out[-1, 5] == pytest.approx(np.sqrt(0.25 * GRAVITY / 0.1), rel=1e-6)
+    assert out[-1, 5] == pytest.approx(np.sqrt(0.25 * STANDARD_GRAVITY / 0.1), rel=1e-6)
 
 
 @pytest.mark.parametrize("law", [0, ROTOR_DRAG, AXIS_DRAG, ROTOR_DRAG | AXIS_DRAG])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse.compiled import inner, njit
+from logparse.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -52,7 +53,6 @@ SHARED = len(THETA)
 #: Parameters of one further input: acceleration along x, y, z and angular acceleration about x, y, z.
 PER_INPUT = 6
 
-GRAVITY = 9.80665
 
 #: Numbers of a state: position, velocity, rotation by rows, rates.
 STATES = 18
@@ -178,7 +178,7 @@ def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float,
             speed[axis] = state[3 + axis] - wind[axis] + 0.5 * h * push[axis]
             for k in range(3):
                 speed[axis] += 0.5 * h * middle[3 * axis + k] * force[k]
-        speed[2] += 0.5 * h * GRAVITY
+        speed[2] += 0.5 * h * STANDARD_GRAVITY
         for axis in range(3):
             air[axis] = middle[axis] * speed[0] + middle[3 + axis] * speed[1] + middle[6 + axis] * speed[2]
         _turning(theta, drive, w, air, push[3:6], turn)
@@ -191,7 +191,7 @@ def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float,
                 + push[axis]
             )
             if axis == 2:
-                acceleration += GRAVITY
+                acceleration += STANDARD_GRAVITY
             state[axis] += h * (state[3 + axis] + 0.5 * h * acceleration)
             state[3 + axis] += h * acceleration
         _turn(middle, 0.5 * h * w[0], 0.5 * h * w[1], 0.5 * h * w[2], rotation)

@@ -9,9 +9,10 @@ from functools import partial
 import numpy as np
 
 from logparse import Finding, Severity
+from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.rigid_body.model_record import BodyParameter
-from sysid.rigid_body.six_dof._kernels import GRAVITY, PER_INPUT, SHARED, THETA, ahead
+from sysid.rigid_body.six_dof._kernels import PER_INPUT, SHARED, THETA, ahead
 from sysid.rigid_body.six_dof.body_record import (
     BodyRecord,
     InputKinds,
@@ -36,7 +37,7 @@ BLOCK_SECONDS = 4.0
 
 #: Mean, spread and limits of what is known before a flight; the spreads only hold what the records do not excite.
 PRIORS: Mapping[str, tuple[float, float, float, float]] = {
-    "thrust": (GRAVITY, np.inf, 0.1, 100.0),
+    "thrust": (STANDARD_GRAVITY, np.inf, 0.1, 100.0),
     "thrust_offset": (0.0, 2.0, -10.0, 10.0),
     "tilt_x": (0.0, 0.05, -0.3, 0.3),
     "tilt_y": (0.0, 0.05, -0.3, 0.3),

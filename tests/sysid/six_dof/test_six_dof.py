@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from logparse.units import STANDARD_GRAVITY
 from simulation.survey_quadcopter import quadcopter
 from sysid import ExperimentError, validate_states
 from sysid.rigid_body.six_dof import _kernels as kernels
@@ -179,7 +180,7 @@ def test_motion_is_that_of_another_integrator():
         turn += drive[6] * np.array([theta[25] * air[1], theta[26] * air[0], 0.0])
         x, y, z = w
         skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        gravity = np.array([0.0, 0.0, kernels.GRAVITY])
+        gravity = np.array([0.0, 0.0, STANDARD_GRAVITY])
         return np.concatenate([s[3:6], rotation @ force + gravity, (rotation @ skew).ravel(), turn])
 
     start = np.concatenate([np.zeros(3), [1.0, 2.0, -0.5], np.eye(3).ravel(), [0.5, -0.3, 0.8]])
