@@ -84,7 +84,9 @@ def measure(name: str, more: Sequence[str], seconds: float) -> list[Row]:
 
 def met(row: Row) -> str:
     """Return whether a goal is met: of the ratio where there is one and the goal is a least one, else of ours."""
-    _, ours, _, ratio, goal = row
+    _, ours, peer, ratio, goal = row
+    if "not installed" in peer:
+        return ""  # what was not compared is neither met nor missed
     asked = re.fullmatch(r"(<|>)=? ?([\d.]+)(.*)", goal)
     number = re.match(
         r"[\d.]+(?:e[-+]?\d+)?", (ratio if asked and asked[1] == ">" and ratio not in ("", "-") else ours)
@@ -149,7 +151,8 @@ def main(given: list[str]) -> int:
         rows = importlib.import_module(f"benchmarks.{options.names[0]}").run()
         print(json.dumps([[text_of(cell) for cell in row] for row in rows]))
         return 0
-    console = Console()
+    # A log file has no edge to wrap at: rows of a word a line are nobody's table.
+    console = Console(width=None if sys.stdout.isatty() else 160)
     unknown = [name for name in options.names if name not in names()]
     if unknown:
         console.print(f"no such benchmark: {', '.join(unknown)}; there are {', '.join(names())}")

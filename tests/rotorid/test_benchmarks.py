@@ -23,6 +23,10 @@ def test_a_goal_is_of_the_ratio_or_of_ours(ours: str, ratio: str, goal: str, ver
     assert runner.met(("what", ours, "peer", ratio, goal)) == verdict
 
 
+def test_what_was_not_compared_is_neither_met_nor_missed():
+    assert runner.met(("what", "1510", "peer not installed", "-", "> 9")) == ""
+
+
 def test_a_ratio_that_fell_by_more_than_half_is_named() -> None:
     rows = [("fit", "1 s", "2 s", "0.8", "-"), ("read", "1 s", "2 s", "9", "-")]
     assert runner.fallen(rows, {"fit": 1.5, "read": 10.0}) == []
