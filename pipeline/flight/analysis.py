@@ -37,6 +37,7 @@ from pipeline.results.span import Span
 from sysid.rotors.motor_order import MotorOrder, motor_order
 from sysid.rotors.steady_imbalance import steady_trims, weak_from_start
 from sysid.rotors.steady_trims import SteadyTrims
+from sysid.rotors.thrust import thrust_changes
 from sysid.rotors.thrust_regression import THRUST_CHANGED
 
 #: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
@@ -298,8 +299,7 @@ def _thrust(
     def fit(_: Progress) -> sysid.ThrustModel:
         fitted = sysid.fit_thrust([training], mass=config.mass)
         told = [finding for finding in fitted.findings if finding.id != THRUST_CHANGED]
-        changed = [f for f in sysid.fit_thrust([whole]).findings if f.id == THRUST_CHANGED]
-        return replace(fitted, findings=(*changed, *told))
+        return replace(fitted, findings=(*thrust_changes(whole), *told))
 
     return stages.run("thrust", fit)
 

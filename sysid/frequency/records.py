@@ -305,7 +305,7 @@ def flight_span(log: FlightLog, first: float, last: float, within: Within | None
         start, stop = max(start, within[0]), min(stop, within[1])
     if not np.isfinite([start, stop]).all() or stop - start < _SHORTEST_FLIGHT - 2.0 * _TAKEOFF:
         raise FrequencyError(
-            f"{log.path.name}: {max(stop - start + 2.0 * _TAKEOFF, 0.0):.0f} s in the air; "
+            f"{log.path.name}: {max(stop - start + 2.0 * _TAKEOFF, 0.0):.1f} s in the air; "
             f"{_SHORTEST_FLIGHT:.0f} s are needed"
         )
     return start, stop

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from logparse import FlightLog, RotoridError
+from logparse.log_settings import Need, log_setting
 from sysid.frequency.fit import fit
 from sysid.loops.as_flown import contradiction_of
 from sysid.loops.chirps import (
@@ -44,9 +45,6 @@ RELATIVE = "1 (relative)"
 #: Frequency [Hz] below which a chirp that ends leaves modes of frames unseen, and what to do for `tune`.
 _WIDE = 30.0
 _TUNE_BOTH = "rotorid tune takes this log together with that of a chirp up to 40 Hz, which looks for modes of the frame"
-
-#: Bits of LOG_BITMASK that the loops need: fast attitude (RATE) and PID.
-_LOG_BITS = 1 | 1 << 12
 
 #: Band [Hz] and period [s] of multisines that a script can play: it runs at 25 to 90 Hz, with gaps up to 0.24 s.
 _SCRIPT_BAND, _SCRIPT_PERIOD = (0.3, 4.5), 20.0
@@ -177,8 +175,11 @@ def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
         "SID_T_FADE_IN": chirp.fade_in,
         "SID_T_REC": chirp.seconds,
         "SID_T_FADE_OUT": FADE_OUT,
-        "LOG_BITMASK": float(int(log.parameters.get("LOG_BITMASK", 0.0)) | _LOG_BITS),
     }
+    # What is logged stays logged; where the mask is not known, its value cannot be.
+    setting = log_setting(log.vehicle, log.format, log.parameters, (Need.FAST_RATES, Need.PID))
+    if setting is not None and setting.wanted is not None:
+        values[setting.parameter] = float(setting.wanted)
     comments = (
         f"rotorid design --for rates: {chirp.axis} of the craft of {log.path.name}",
         *_predicted(chirp),
@@ -187,6 +188,7 @@ def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
         f"fly in calm air, {limits.height_m:.0f} m or more above ground; hover, switch to SYSTEMID, sticks still",
         "SYSTEMID ends itself beyond 30 deg of lean; switch back to ALT_HOLD or LOITER at any time",
         "load these before the flight, one axis a run; put SID_AXIS back to 0 afterwards",
+        *((setting.sentence(),) if setting is not None and setting.wanted is None else ()),
         *(() if chirp.high >= _WIDE else (_TUNE_BOTH,)),
     )
     return parameter_file(values, comments)

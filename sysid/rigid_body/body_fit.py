@@ -134,7 +134,7 @@ def fit_rigid_body(
     place = THETA.index("thrust_expo")
     curved = TorqueCurve.of(vehicle, float(fine.values[place]), float(fine.covariance[place, place]))
     turning = _rotation(records, vehicle, voltage, curved.expo)
-    parameters, covariance, estimated = judge_parameters(fine, prior, records, vehicle, voltage, turning)
+    parameters, covariance, estimated = judge_parameters(fine, prior, records, vehicle, voltage, turning, curved)
     findings += other_curve(fine, prior, vehicle)
     findings += undetermined(parameters) + drag_apart(parameters, motions, fine, covariance)
     report("fitted", 1.0)
@@ -156,6 +156,7 @@ def fit_rigid_body(
         reference_density=REFERENCE_DENSITY,
         reference_voltage=voltage,
         flights={flight.name: trim for flight, trim in zip(motions, trims, strict=True)},
+        torque_curve=curved,
         rotation_fit={} if turning is None else {axis: fit.coherent for axis, fit in turning.axes.items()},
         rmse=rmse,
         training=tuple(record.name for record in records),

@@ -90,6 +90,7 @@ def judge_parameters(
     vehicle: Vehicle,
     voltage: float | None,
     turning: RotationFit | None,
+    curved: TorqueCurve,
 ) -> tuple[dict[str, BodyParameter], Floats, tuple[str, ...]]:
     """Judge every parameter; return them with the covariance, and the names, of those that were estimated."""
     result: dict[str, BodyParameter] = {}
@@ -112,7 +113,6 @@ def judge_parameters(
     numbers: dict[str, tuple[float, float, str]] = {}
     air = shared_air(records)
     expo = THETA.index("thrust_expo")
-    curved = TorqueCurve.of(vehicle, float(fine.values[expo]), float(fine.covariance[expo, expo]))
     if prior.sigma[expo] >= EXPO_SIGMA:
         result["thrust_expo"] = _held_against_setting(result["thrust_expo"], vehicle)
     if turning is None:

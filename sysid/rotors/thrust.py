@@ -23,17 +23,19 @@ from logparse import Finding, Severity
 from logparse.quantity import uncertain
 from logparse.summary import Summarised, listed
 from sysid.records.excitation import examine
-from sysid.records.experiment import Experiment, ExperimentError, require_alike
+from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_scaling import command_for, motor_pwm
 from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rotors.thrust_record import ThrustCoefficient, ThrustReport
 from sysid.rotors.thrust_regression import (
     AIR_SIGMA,
     BLOCK_SECONDS,
+    Blocks,
     air_sigma_of,
     blocks_of,
     changed_in_flight,
     coefficient,
+    coefficients,
     conditions_of,
     mass_unknown,
     pressed,
@@ -139,10 +141,8 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     motors = records[0].input_names
     if usable < 2 * len(motors) + 4:
         raise ExperimentError(f"{usable} s of flight with all motors inside their range are too few to estimate thrust")
-    climbing = float(np.sqrt(np.mean(np.concatenate([block.climb for block in blocks]) ** 2))) > CLIMBING
-    nuisance = [block.climb[:, None] if climbing else np.zeros((len(block.force), 0)) for block in blocks]
-
-    sums = [np.hstack([b.thrust.sum(axis=1, keepdims=True), x]) for b, x in zip(blocks, nuisance, strict=True)]
+    sums = _sums(blocks)
+    nuisance = [rows[:, 1:] for rows in sums]
     together = regress(sums, [block.force for block in blocks])
     if reference is not None:
         for rows, block in zip(sums, blocks, strict=True):
@@ -205,7 +205,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
         thrust_expo=expo,
         reference_density=REFERENCE_DENSITY,
         reference_voltage=reference,
-        damping=float(together.values[1]) if climbing else None,
+        damping=float(together.values[1]) if len(together.values) > 1 else None,
         effort=effort,
         hover_command=hover,
         hover_pwm=motor_pwm(hover, vehicle),
@@ -216,3 +216,26 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
         findings=tuple(findings),
         air_sigma=air,
     )
+
+
+def thrust_changes(record: Experiment) -> list[Finding]:
+    """Ask of a flight, without fitting more than that takes, whether its thrust per mass changed (a load dropped).
+
+    Parameters
+    ----------
+    record : Experiment
+        As `fit_thrust` takes it.
+    """
+    vehicle, reference, _ = conditions_of([record])
+    if reference is None:
+        return []
+    block = blocks_of(record, vehicle, reference)
+    (rows,) = _sums([block])
+    return changed_in_flight(block, rows @ coefficients([rows], [block.force])) if len(rows) else []
+
+
+def _sums(blocks: Sequence[Blocks]) -> list[Floats]:
+    """Return the thrust signals of all motors together and, where flights climb, the climb; (M, 1 or 2) each."""
+    climb = np.concatenate([block.climb for block in blocks])
+    used = 2 if len(climb) and float(np.sqrt(np.mean(climb**2))) > CLIMBING else 1
+    return [np.column_stack([block.thrust.sum(axis=1), block.climb])[:, :used] for block in blocks]

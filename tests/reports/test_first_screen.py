@@ -164,12 +164,14 @@ def test_words_follow_a_load_that_was_dropped(flight):
     pull = 0.1 * motor_commands(pwm, Vehicle()).sum(axis=1) * 50.0
     context = pd.DataFrame({"f_z": -pull * np.where(t < 30.0, 1.0, 1.25), "voltage": 16.0, "density": 1.2}, index=t)
     record = Experiment.from_arrays(t, pwm, np.zeros((len(t), 3)), context=context)
-    dropped = answered(flight, thrust=fit_thrust([record], 1.5))
-    ahead, parameters = (line_of(dropped, purpose) for purpose in ("Predict ahead", "Parameters"))
+    dropped = answered(flight, thrust=fit_thrust([record], 1.5), health=health())
+    healthy, ahead, parameters = (line_of(dropped, each) for each in ("Healthy", "Predict ahead", "Parameters"))
     assert line_of(answered(flight), "Predict ahead").tone is Tone.GOOD
     assert (ahead.word, ahead.tone) == ("with care", Tone.CARE)
     assert parameters.word != "known"
-    assert all(re.search(r"thrust/mass changed by \+\d+ % at (29|30|31) s", line.text) for line in (ahead, parameters))
+    assert (healthy.word, healthy.tone) == ("check", Tone.CARE)
+    told = re.compile(r"thrust/mass changed by \+\d+ % at (29|30|31) s")
+    assert all(told.search(line.text) for line in (healthy, ahead, parameters))
 
 
 def test_healthy_means_no_event_and_motors_that_were_looked_at(flight):

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from logparse.quantity import number
-from pipeline.flight.answer.words import brief
+from pipeline.flight.answer.words import brief, changed_load
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
@@ -68,6 +68,9 @@ def _others(count: int) -> str:
 
 def _quiet(health: FlightHealth, flight: Span) -> AnswerLine:
     """Answer for a flight without an event, with its largest vibration where that is logged."""
+    if changed := changed_load(result):
+        # No event, but something came off, was taken up or wore out.
+        return line("check", Tone.CARE, f"{changed}: load, motors or propellers")
     unchecked = "; motors not checked" if health.motors_missing else ""
     tone = Tone.UNKNOWN if unchecked else Tone.GOOD
     word = "nothing seen" if unchecked else "yes"

@@ -2,6 +2,7 @@
 
 import lzma
 import re
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -148,11 +149,21 @@ def test_files_for_a_firmware_craft(log, purpose):
         if name.endswith(".param"):
             values = read_parameter_file(text)
             assert 0.0 < values["SID_MAGNITUDE"] < 0.3
-            assert int(values["LOG_BITMASK"]) & 0x1001 == 0x1001
+            assert int(values["LOG_BITMASK"]) == int(log.parameters["LOG_BITMASK"]) | 0x1001
             assert "30 deg of lean" in text
         if name.endswith(".lua"):
             assert not re.search(r"[{}]{3}|nan|inf\b", text)
             assert "set_target_rate_and_throttle" in text
+
+
+@pytest.mark.slow
+def test_a_designed_chirp_switches_no_message_off(log):
+    """Of a log without the parameter a mask of 4097 was written, which logs neither GPS nor IMU nor outputs."""
+    told = copy(log)
+    vars(told)["parameters"] = {name: value for name, value in log.parameters.items() if name != "LOG_BITMASK"}
+    text = next(iter(design(told, "rates").files.values()))
+    assert "LOG_BITMASK" not in read_parameter_file(text)
+    assert "Add bit 0 (ATTITUDE_FAST), bit 12 (PID) to LOG_BITMASK, keeping what is set" in text
 
 
 def test_an_unknown_purpose_is_a_sentence(log):
