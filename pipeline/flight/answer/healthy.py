@@ -30,7 +30,12 @@ def healthy(result: FlightResult) -> AnswerLine:
     if isinstance(result.flight, Failure):
         return _line("not known", Tone.UNKNOWN, _on_the_ground(health))
     worst = _worst(health, result.flight)
-    return _quiet(health, result.flight) if worst is None else _eventful(worst, health, result.flight)
+    if worst is not None:
+        return _eventful(worst, health, result.flight)
+    if changed := changed_load(result):
+        # No event, but something came off, was taken up or wore out.
+        return _line("check", Tone.CARE, f"{changed}: load, motors or propellers")
+    return _quiet(health, result.flight)
 
 
 def _line(
@@ -68,9 +73,6 @@ def _others(count: int) -> str:
 
 def _quiet(health: FlightHealth, flight: Span) -> AnswerLine:
     """Answer for a flight without an event, with its largest vibration where that is logged."""
-    if changed := changed_load(result):
-        # No event, but something came off, was taken up or wore out.
-        return line("check", Tone.CARE, f"{changed}: load, motors or propellers")
     unchecked = "; motors not checked" if health.motors_missing else ""
     tone = Tone.UNKNOWN if unchecked else Tone.GOOD
     word = "nothing seen" if unchecked else "yes"
