@@ -156,7 +156,6 @@ def fit_rigid_body(
         reference_density=REFERENCE_DENSITY,
         reference_voltage=voltage,
         flights={flight.name: trim for flight, trim in zip(motions, trims, strict=True)},
-        torque_curve=curved,
         rotation_fit={} if turning is None else {axis: fit.coherent for axis, fit in turning.axes.items()},
         rmse=rmse,
         training=tuple(record.name for record in records),

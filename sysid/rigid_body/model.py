@@ -98,7 +98,6 @@ class RigidBodyModel(Summarised):
     reference_voltage: float | None  #: V; None when voltage was not logged.
     flights: Mapping[str, FlightTrim]  #: Wind and thrust scale of the flights that they are known of.
     rotation_fit: Mapping[str, float]  #: R^2 of angular acceleration per axis, where estimated.
-    torque_curve: TorqueCurve  #: By which commands turn the craft.
     rmse: float  #: Of position over the windows of the fit, m.
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
@@ -279,7 +278,9 @@ class RigidBodyModel(Summarised):
             )
         if len(logged_motors(experiment, self.vehicle)) < len(self.vehicle.motors):
             raise MissingDataError(f"{experiment.name}: rates cannot be predicted without the outputs of all motors")
-        commands, rates, _ = torque_commands(experiment, self.vehicle, self.reference_voltage, self.torque_curve.expo)
+        place = self.estimated.index("thrust_expo")
+        curved = TorqueCurve.of(self.vehicle, self.value("thrust_expo"), float(self.covariance[place, place]))
+        commands, rates, _ = torque_commands(experiment, self.vehicle, self.reference_voltage, curved.expo)
         gains = np.array([self.value(f"{axis}_gain") for axis in AXES])
         damping = np.array([self.value(f"{axis}_damping") for axis in AXES])
         lag, delay = self.value("torque_lag"), self.value("torque_delay")

@@ -17,7 +17,6 @@ from sysid.rigid_body.frame_json import frame_json
 from sysid.rigid_body.hover import hover_from_speeds, hover_model
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, RigidBodyModel
 from sysid.rigid_body.model_record import BodyParameter
-from sysid.rigid_body.rotation import TorqueCurve
 
 G = 9.80665
 OCTA = Vehicle(motors=motor_table("octa", "plus"), spin_min=0.15, spin_max=0.95, thrust_expo=0.65)
@@ -68,7 +67,6 @@ def body(missing=(), **changes) -> RigidBodyModel:
         reference_voltage=12.6,
         flights={},
         rotation_fit={},
-        torque_curve=TorqueCurve(0.65, 0.1, 0.0),
         rmse=0.1,
         training=("flight",),
         findings=(),
