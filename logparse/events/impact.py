@@ -17,9 +17,9 @@ from logparse.units import STANDARD_GRAVITY
 
 #: Specific force [m/s^2] of a blow that no manoeuvre makes: 4 g. ArduPilot names no limit for landings.
 BLOW = 4.0 * STANDARD_GRAVITY
-#: Speed down [m/s] before a blow, and lean [rad] around it, that make it a crash; LAND_SPEED_HIGH and a landing by
-#: hand stay below the first, ANGLE_MAX below the second.
-_FAST, _OVER = 3.0, np.radians(60.0)
+#: Speed down [m/s] before a blow, and lean [rad] around it, that make it a crash: an upright craft that comes down more
+#: slowly than from a free fall of 1.8 m has landed hard, and ANGLE_MAX keeps a craft under control below the second.
+_FAST, _OVER = 6.0, np.radians(60.0)
 #: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent.
 _FREE, _FALLING = 0.3 * STANDARD_GRAVITY, 0.3
 #: Time over which force is averaged before it is called a fall, s.

@@ -133,6 +133,17 @@ def test_a_hard_landing_is_no_crash():
     assert event.t == pytest.approx(69.8, abs=0.05)
 
 
+@pytest.mark.parametrize(("speed", "expected"), [(4.8, "hard-landing"), (7.5, "crash")])
+def test_an_upright_craft_that_comes_down_fast_has_landed_hard_and_from_a_fall_it_has_crashed(speed, expected):
+    imu = flown().imu.copy()
+    imu.loc[69.8:69.85, "accel_z"] = -80.0
+    course = lambda t: np.interp(t, (0, 10, 14, 69.8 - 20.0 / speed, 69.8), (0, 0, 20, 20, 0))  # noqa: E731
+    found = notable(flown(imu=imu, baro=table(10.0, alt=course, pressure=1e5, temperature=290.0)))
+    event = only(expected, found)
+    assert event.evidence["descent_m_s"] == pytest.approx(speed, abs=0.3)
+    assert f"{event.evidence['descent_m_s']:.1f} m/s down" in event.reason
+
+
 def test_a_touch_from_which_the_craft_rises_again_is_no_crash():
     imu = flown().imu.copy()
     imu.loc[40.0:40.1, "accel_z"] = -60.0
