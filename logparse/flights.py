@@ -159,6 +159,26 @@ def speed_down(tables: Tables) -> "pd.Series[float] | None":
     return speed
 
 
+def slope_down(height: "pd.Series[float] | None") -> "pd.Series[float] | None":
+    """Return the speed down [m/s] that a height [m, up] shows over a second around each of its times; None without one.
+
+    The slope of a line through the samples of the second; NaN where there are fewer than three.
+    """
+    if height is None or len(height) < 3:
+        return None
+    t, values = height.index.to_numpy(np.float64), height.to_numpy(np.float64)
+    first, last = np.searchsorted(t, t - 0.5), np.searchsorted(t, t + 0.5, side="right")
+    # Sums over a window are differences of running sums; t and height from their means, for the sums' precision.
+    t, values = t - t.mean(), values - values.mean()
+    n, sum_t, sum_y, sum_tt, sum_ty = (
+        (total := np.concatenate(([0.0], np.cumsum(each))))[last] - total[first]
+        for each in (np.ones(len(t)), t, values, t * t, t * values)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = (n * sum_ty - sum_t * sum_y) / (n * sum_tt - sum_t**2)
+    return pd.Series(np.where(n >= 3.0, -slope, np.nan), index=height.index)
+
+
 def _risen(height: "pd.Series[float]", tables: Tables) -> list[tuple[float, float]]:
     """Intervals in which the craft was above its lowest point while armed (or always, where arming is not logged)."""
     t, values = height.index.to_numpy(), height.to_numpy()

@@ -8,7 +8,7 @@ import pandas as pd
 from logparse.events.event import FlightEvent
 from logparse.events.stretches import Array, stretches, within
 from logparse.findings import Severity
-from logparse.flights import Flight, speed_down
+from logparse.flights import Flight, height_above_ground, slope_down, speed_down
 from logparse.pwm_range import pwm_range
 from logparse.tables import Tables
 
@@ -19,8 +19,9 @@ _NEAR, _PAUSE, _LASTING = 0.01, 2.0, 0.5
 #: Throttle, time [s] and lean asked for [rad] of a loss of lift: ArduCopter's own check.
 _THROTTLE, _SINKING_TIME, _LEVEL = 0.9, 1.0, np.radians(15.0)
 _LIFT_SOURCE = "ArduCopter crash_check.cpp, THRUST_LOSS_CHECK: throttle 0.9, at most 15 deg asked, descending for 1 s"
-#: Speed down [m/s] that is more than noise of the estimate.
-_SINKING = 0.3
+#: Speed down [m/s] that is more than noise of the estimate, and more than noise of a barometer's slope over a second
+#: and the pressure of propellers at full throttle.
+_SINKING, _SINKING_BY_HEIGHT = 0.3, 1.0
 
 #: Part of the full thrust that hovering may take: above, thrust is less than twice the weight.
 _RESERVE, _POOR = 0.5, 0.6
@@ -43,7 +44,7 @@ def motor_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Flight
     throttle, linear = _throttle(tables)
     if throttle is not None:
         for flight in flights:
-            yield from _lift(throttle, tables, flight)
+            yield from _lift(_asked_in_full(throttle, tables, flight), tables, flight)
             yield from _reserve(throttle, flight, linear=linear)
 
 
@@ -52,7 +53,7 @@ def _throttle(tables: Tables) -> "tuple[pd.Series[float] | None, bool]":
 
     The second value tells whether it is a part of the full thrust (in Copter 3.4 and later) or of the range of PWM.
     """
-    if tables.setpoints is not None and tables.setpoints["throttle"].notna().any():
+    if tables.setpoints is not None and _logged(tables):
         return tables.setpoints["throttle"].dropna(), "MOT_SPIN_MAX" in tables.parameters
     if tables.motors is None:
         return None, True
@@ -64,6 +65,26 @@ def _throttle(tables: Tables) -> "tuple[pd.Series[float] | None, bool]":
     # ArduPilot's curve (AP_MotorsMulticopter::apply_thrust_curve_and_volt_scaling), backwards.
     thrust = (1.0 - levels.thrust_expo) * actuator + levels.thrust_expo * actuator**2
     return thrust.mean(axis=1).dropna(), True
+
+
+def _asked_in_full(throttle: "pd.Series[float]", tables: Tables, flight: Flight) -> "pd.Series[bool]":
+    """Return when all thrust that there is was asked for in a flight.
+
+    Without a throttle in the log, that is when a motor is at its limit while all of them give no less than the flight
+    takes: a mixer that keeps the attitude has no more lift to give.
+    """
+    inside = throttle.loc[flight.start + 1.0 : flight.stop]
+    full = inside >= _THROTTLE
+    if not len(inside) or tables.motors is None or _logged(tables):
+        return full
+    levels = pwm_range(tables.parameters)
+    limit = levels.pwm(levels.spin_max) - _NEAR * (levels.pwm_max - levels.pwm_min)
+    at_limit = (tables.motors.loc[inside.index] >= limit).any(axis=1)
+    return full | (at_limit & (inside >= inside.median()))
+
+
+def _logged(tables: Tables) -> bool:
+    return tables.setpoints is not None and bool(tables.setpoints["throttle"].notna().any())
 
 
 def _saturation(motors: pd.DataFrame, tables: Tables, flight: Flight) -> Iterator[FlightEvent]:
@@ -100,25 +121,28 @@ def _saturation(motors: pd.DataFrame, tables: Tables, flight: Flight) -> Iterato
         )
 
 
-def _lift(throttle: "pd.Series[float]", tables: Tables, flight: Flight) -> Iterator[FlightEvent]:
+def _lift(full: "pd.Series[bool]", tables: Tables, flight: Flight) -> Iterator[FlightEvent]:
     """Find full throttle while sinking, level: no craft is expected to hold its height at any lean."""
-    speed = speed_down(tables)
+    speed, least = speed_down(tables), _SINKING
+    if speed is None:
+        speed, least = slope_down(height_above_ground(tables)), _SINKING_BY_HEIGHT
     if speed is None:
         return
-    inside = throttle.loc[flight.start + 1.0 : flight.stop]
-    if len(inside) < 3:
+    if len(full) < 3:
         return
-    t = inside.index.to_numpy(np.float64)
+    t = full.index.to_numpy(np.float64)
     down = np.interp(t, speed.index.to_numpy(np.float64), speed.to_numpy(np.float64))
-    on = (inside.to_numpy(np.float64) >= _THROTTLE) & (down > _SINKING) & ~(_lean_asked(tables, t) > _LEVEL)
-    for first, last in stretches(t, on, join=0.4, shortest=_SINKING_TIME):
+    on = full.to_numpy(np.bool_) & (down > least) & ~(_lean_asked(tables, t) > _LEVEL)
+    known = _logged(tables)
+    for first, last in stretches(t, on, join=0.4 if known else 0.2, shortest=_SINKING_TIME):
         worst = float(np.max(down[(t >= first) & (t <= last)]))
         yield FlightEvent(
             id="loss-of-lift",
             t=first,
             end=last,
-            severity=Severity.ERROR,
-            reason=f"The craft sank at up to {worst:.1f} m/s under full throttle.",
+            severity=Severity.ERROR if known else Severity.WARNING,
+            reason=f"The craft sank at up to {worst:.1f} m/s "
+            + ("under full throttle." if known else "with a motor at its limit, while all gave no less than usual."),
             advice="Look for a failed motor or propeller, an empty battery, or too much weight.",
             evidence={"descent_m_s": worst, "seconds": last - first},
             source=_LIFT_SOURCE,

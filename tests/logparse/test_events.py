@@ -332,6 +332,20 @@ def test_motors_at_their_limit_and_lack_of_lift():
     assert notable(flown(ekf=rising, setpoints=setpoints)) == []
 
 
+def test_lack_of_lift_shows_in_the_barometer_and_the_motors_alone():
+    # Neither an estimate of speed nor a throttle is logged: all motors at full output from 30 to 34 s, 2 m/s down.
+    course = lambda t: np.interp(t, (0, 10, 14, 30, 34, 55, 70), (0, 0, 20, 20, 12, 12, 0))  # noqa: E731
+    noise = np.random.default_rng(3).normal(0.0, 0.1, 800)
+    motors = table(10.0, **{f"m{k}": between(30.0, 34.0, 1950.0, 1500.0) for k in range(1, 5)})
+    baro = table(10.0, alt=lambda t: course(t) + noise, pressure=1e5, temperature=290.0)
+    found = notable(flown(motors=motors, setpoints=None, baro=baro))
+    event = next(each for each in found if each.id == "loss-of-lift")
+    assert (event.t, event.end) == pytest.approx((30.0, 34.0), abs=0.5)
+    assert event.evidence["descent_m_s"] == pytest.approx(2.0, abs=0.5)
+    # The same descent at the throttle of hover is a descent.
+    assert notable(flown(setpoints=None, baro=baro)) == []
+
+
 def test_hovering_above_half_thrust_lacks_reserve():
     setpoints = table(10.0, roll=0.0, pitch=0.0, yaw=0.0, throttle=0.55)
     event = only("low-thrust-reserve", notable(flown(setpoints=setpoints)))
