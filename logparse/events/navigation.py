@@ -76,7 +76,7 @@ def _gps(gps: pd.DataFrame, spans: list[tuple[float, float]]) -> Iterator[Flight
             t=first,
             end=last,
             severity=Severity.ERROR if last - first > 5.0 else Severity.WARNING,
-            reason=f"GPS lost its fix for {last - first:.1f} s{counted}"
+            reason=f"GPS lost its fix for {f'{last - first:.1f} s' if last > first else 'a moment'}{counted}"
             + (f" and jumped by {leap:.0f} m" if leap > _RADIUS else "")
             + (", all at once, as when it is jammed." if sudden else "."),
             advice="Look for jammers, video transmitters and USB 3 near the receiver, and for shading; fly elsewhere.",

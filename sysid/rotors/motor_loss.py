@@ -39,6 +39,10 @@ _MEMORY = 3.0
 
 #: Smallest loss of thrust that is named, and its size in standard deviations.
 SMALLEST, SURE = 0.10, 8.0
+#: Chance that noise makes as large a score by itself. Shortly after the take-off noise is hardly known: its variance then
+#: comes from as many independent pieces as there were times `_MEMORY` before the change, and Student's distribution asks
+#: for more than `SURE` in the first 18 s.
+_BY_CHANCE = 1e-4
 #: The same score with the change itself still in the noise.
 LIKELY = 3.0
 #: Part of the best change of all three moments that one motor must explain: another cause changes them elsewhere.
@@ -215,7 +219,10 @@ def _search(moments: Moments, found: Sequence[tuple[int, int]]) -> tuple[int, in
         step = np.where(np.arange(len(step)) >= row, step, 0.0)
         after.append(residual - loss * (step - basis @ (basis.T @ step)))
     variances = [_long_run_variance(residual, moments.t) for residual in after]
-    return _best_step(moments, residuals, bases, variances, found, sure=SURE, one_motor=_ONE_MOTOR)
+    best = _best_step(moments, residuals, bases, variances, found, sure=SURE, one_motor=_ONE_MOTOR)
+    if best is None or best[3] < scipy.stats.t.isf(_BY_CHANCE, (moments.t[best[0]] - moments.t[0]) / _MEMORY):
+        return None
+    return best
 
 
 def _without(moments: Moments, found: Sequence[tuple[int, int]]) -> tuple[list[Floats], list[Floats]]:

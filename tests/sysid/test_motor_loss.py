@@ -59,6 +59,20 @@ def test_healthy_motors_are_not_named(frame_class, frame_type):
         assert find_motor_losses(tables, vehicle, 0.0, 40.0) == ()
 
 
+def test_shortly_after_the_take_off_only_a_plain_loss_is_named():
+    # Noise is known from 5 s before the change, fewer than two independent pieces: nearly anything may come of it.
+    vehicle = craft("quad", "x")
+    early, late = (
+        find_motor_losses(fly(vehicle, 11, Fault(2, onset, 0.9), gust=0.01), vehicle, 0.0, onset + 8.0)
+        for onset in (7.0, 25.0)
+    )
+    assert early == ()
+    assert [loss.motor for loss in late] == [2]
+    # A motor that stops is beyond doubt by then.
+    (lost,) = find_motor_losses(fly(vehicle, 11, Fault(2, 12.0, 0.0)), vehicle, 0.0, 20.0)
+    assert lost.motor == 2
+
+
 def test_a_payload_that_drops_is_no_motor():
     # A shift along the nose of a quad X is shared by two motors, and nothing yaws.
     vehicle = craft("quad", "x")
