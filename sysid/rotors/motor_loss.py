@@ -39,9 +39,9 @@ _MEMORY = 3.0
 
 #: Smallest loss of thrust that is named, and its size in standard deviations.
 SMALLEST, SURE = 0.10, 8.0
-#: Chance that noise makes as large a score by itself. Shortly after the take-off noise is hardly known: its variance then
-#: comes from as many independent pieces as there were times `_MEMORY` before the change, and Student's distribution asks
-#: for more than `SURE` in the first 18 s.
+#: Chance that noise makes as large a score by itself. Shortly after the take-off noise is hardly known: its variance
+#: then comes from as many independent pieces as there were times `_MEMORY` before the change, and Student's
+#: distribution asks for more than `SURE` in the first 18 s.
 _BY_CHANCE = 1e-4
 #: The same score with the change itself still in the noise.
 LIKELY = 3.0
