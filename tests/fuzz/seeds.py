@@ -1,45 +1,70 @@
-"""Small logs of every format, made here, that mutations begin with."""
+"""Logs of every format, small or whole, that mutations begin with."""
 
 from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from logparse import read_log
 from tests.fuzz.px4_seed import px4_log
+from tests.fuzz.spans import messages
 
 ROOT = Path(__file__).parents[2]
 
 #: Rows kept of each message: enough for every table, few enough for thousands of mutations.
 _ROWS = 25
+#: Bytes of a log's head, where formats and parameters are.
+_HEAD = 30_000
+#: Most bytes of flight behind it, in all but one of so many mutations, which begins with a whole log.
+_MOST, _WHOLE = 150_000, 500
 
 
 @cache
 def seeds() -> dict[str, bytes]:
     """Return small logs by the ending of their format."""
     flight = ROOT / "sample_logs" / "octa02_alain_breeze"
+    whole = _read(flight.with_suffix(".bin"))
     return {
-        "bin": _thinned(flight.with_suffix(".bin")),
+        "bin": whole[:_HEAD] + whole[len(whole) // 2 :][:20_000],
         "log": _as_text(flight.with_suffix(".bin")),
-        "tlog": _head(flight.with_suffix(".tlog"), 60_000),
+        "tlog": _read(flight.with_suffix(".tlog"))[:60_000],
         "ulg": px4_log(),
     }
 
 
-def _head(path: Path, size: int) -> bytes:
-    with path.open("rb") as file:
-        return file.read(size)
+def draw(ending: str, rng: np.random.Generator) -> bytes:
+    """Return one of many logs of a format: the small one, a window of another flight, seldom a whole log."""
+    if rng.random() < 0.4:
+        return seeds()[ending]
+    if ending == "ulg":
+        return px4_log(int(rng.integers(2, 120)))
+    found = sorted((ROOT / "sample_logs").glob("*.tlog" if ending == "tlog" else "*.bin"))
+    path = found[int(rng.integers(len(found)))]
+    if ending == "log":
+        return _as_text(found[int(rng.integers(3))])
+    whole = _read(path) if ending == "bin" or rng.random() < 0.7 else _unstamped(path)
+    if rng.integers(_WHOLE) == 0 and len(whole) < 2_000_000:
+        return whole
+    at = int(rng.integers(_HEAD, len(whole)))
+    return whole[:_HEAD] + whole[at : at + int(np.exp(rng.uniform(np.log(2_000), np.log(_MOST))))]
 
 
-def _thinned(path: Path) -> bytes:
-    """Return the head of a log, where formats and parameters are, and two seconds of its flight."""
-    data = path.read_bytes()
-    middle = len(data) // 2
-    return data[:30_000] + data[middle : middle + 20_000]
+@cache
+def _read(path: Path) -> bytes:
+    return path.read_bytes()
 
 
+@cache
+def _unstamped(path: Path) -> bytes:
+    """Return telemetry as a radio gives it, without the logger's times."""
+    data = _read(path)
+    return b"".join(data[span.start + 8 : span.stop] for _, span in messages(data, "tlog"))
+
+
+@cache
 def _as_text(path: Path) -> bytes:
     """Return some rows of each message of a log as the autopilot's tools write them."""
     log = read_log(path)
