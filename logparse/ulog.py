@@ -21,6 +21,7 @@ from logparse.errors import LogError
 from logparse.findings import Finding, Severity
 from logparse.source import Boot
 from logparse.timebase import mend_times
+from logparse.ulog_chain import whole_messages
 
 _HEADER_BYTES = 3
 #: Severities of the kernel's log, from emergency to debug, count from this character.
@@ -80,10 +81,11 @@ class UlogSource:
 
     def __init__(self, buffer: Buffer):
         said = io.StringIO()
+        sound, self._skipped = whole_messages(buffer)
         try:
             # pyulog reports damage by printing.
             with contextlib.redirect_stdout(said):
-                self._log = ULog(_Handle(buffer))
+                self._log = ULog(_Handle(sound))
         except MemoryError:
             raise
         except Exception as error:  # damage makes pyulog raise whatever its parsing stumbles over
@@ -201,7 +203,7 @@ class UlogSource:
 
     def _log_findings(self, said: str) -> tuple[Finding, ...]:
         findings = []
-        if self._log.file_corruption or said:
+        if self._skipped or self._log.file_corruption or said:
             first = said.strip().partition("\n")[0]
             findings.append(
                 Finding(
@@ -209,7 +211,7 @@ class UlogSource:
                     Severity.WARNING,
                     "The PX4 log is damaged; what could be read around the damage was read.",
                     "Copy the log from the card again; when it comes out the same, the card failed while writing.",
-                    {"pyulog": first} if first else {},
+                    {"bytes": self._skipped} | ({"pyulog": first} if first else {}),
                 )
             )
         dropouts = self._log.dropouts

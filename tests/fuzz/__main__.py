@@ -1,6 +1,7 @@
-"""``python -m tests.fuzz [COUNT] [FIRST] [ENDING ...]``: many mutations, the places of exceptions that are no LogError counted.
+"""``python -m tests.fuzz [COUNT] [FIRST] [ENDING ...]``: many mutations, and where they break the readers' promise.
 
-A third of them is read with bounds checks on, by a second process: compiled code is made anew for them.
+They must end in a LogError or be read, with all that lies outside a wound. A third of them is read with bounds checks
+on, by a second process: compiled code is made anew for them.
 """
 
 import os
@@ -50,6 +51,8 @@ def main(first: int, number: int, endings: Sequence[str]) -> int:
                 frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.startswith(str(ROOT))]
                 where = f"{Path(frames[-1].filename).relative_to(ROOT)}:{frames[-1].lineno}"
                 place = f"{where} {type(error).__name__}: {error}"[:150]
+                if not places[place]:
+                    print(f"seed {seed}: {place}", flush=True)
                 places[place] += 1
                 examples.setdefault(place, seed)
             times[k] = time.process_time() - began

@@ -1,4 +1,4 @@
-"""Where the messages of an undamaged log lie, after each format's description alone: nothing here reads as rotorid does."""
+"""Where the messages of an undamaged log lie, after each format's description alone, without rotorid's readers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-import logparse
 from logparse import FlightLog
 
 #: Messages that say how others are to be read: what is lost along with them is no wonder.
@@ -23,14 +22,18 @@ def wound(data: bytes, ending: str, rng: np.random.Generator) -> tuple[bytes, in
     """Overwrite one to forty bytes in a row behind the formats; return how many messages they lay in beside it."""
     every = list(messages(data, ending))
     last = max((k for k, (name, _) in enumerate(every) if name in _EXPLAIN), default=0)
-    victims = every[last + 1 :]
+    # Nor at a seam of the log, where a message between two breaks would have nothing to be known by.
+    seams = (k for k in range(1, len(every)) if every[k][1].start != every[k - 1][1].stop)
+    victims = every[max(last + 1, *seams, 1) : -1]
     if not victims:
         return data, 0
     at = int(rng.integers(victims[0][1].start, victims[-1][1].stop))
     stop = min(at + int(rng.integers(1, 41)), victims[-1][1].stop)
     damaged = bytearray(data)
     damaged[at:stop] = rng.integers(0, 256, stop - at, np.uint8).tobytes()
-    return bytes(damaged), sum(span.start < stop and at < span.stop for _, span in victims)
+    # A line begins behind the end of the one before it: where that is lost, they are one.
+    before = ending == "log"
+    return bytes(damaged), sum(span.start - before < stop and at < span.stop for _, span in every)
 
 
 def count(log: FlightLog) -> int:
@@ -63,7 +66,7 @@ def _lines(data: bytes) -> Iterator[tuple[str, range]]:
 
 def _telemetry(data: bytes) -> Iterator[tuple[str, range]]:
     at = 0
-    while at + 10 <= len(data) and data[at + 8] in b"\xfd\xfe":
+    while at + 14 <= len(data) and data[at + 8] in b"\xfd\xfe":
         second = data[at + 8] == 0xFD
         size = data[at + 9] + (8 + 12 + 13 * (data[at + 10] & 1) if second else 8 + 8)
         if at + size > len(data):

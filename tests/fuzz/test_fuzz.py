@@ -7,6 +7,7 @@ from logparse import LogError, read_log
 from tests.fuzz.mutations import mutate
 from tests.fuzz.reading import read_whole
 from tests.fuzz.seeds import seeds
+from tests.fuzz.spans import count, wound
 
 #: Mutations of each format here; `python -m tests.fuzz 100000` does more.
 COUNT = 60
@@ -23,6 +24,18 @@ def test_mutations_end_in_an_error_for_people_or_are_read(ending, tmp_path):
         rng = np.random.default_rng((seed, len(ending)))
         path.write_bytes(mutate(seeds()[ending], rng, text=ending == "log"))
         read_whole(path)
+
+
+@pytest.mark.parametrize("ending", ["bin", "log", "tlog", "ulg"])
+def test_a_wound_costs_the_messages_that_lay_in_it_and_no_others(ending, tmp_path):
+    path = tmp_path / f"wounded.{ending}"
+    whole = seeds()[ending]
+    path.write_bytes(whole)
+    before = count(read_log(path))
+    for seed in range(COUNT):
+        damaged, hit = wound(whole, ending, np.random.default_rng((seed, len(ending))))
+        path.write_bytes(damaged)
+        assert 0 <= before - count(read_log(path)) <= hit
 
 
 @pytest.mark.parametrize(

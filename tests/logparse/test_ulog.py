@@ -122,6 +122,42 @@ def test_damage_is_a_finding_and_says_nothing_on_stdout(capsys):
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.parametrize("length", [0, 5, 300, 60_000])
+def test_a_damaged_length_costs_its_own_message_and_no_other(length):
+    """Behind one, pyulog went astray: 20 to 90 % of a log were lost."""
+    log = bytearray(small_log())
+    at = log.find(struct.pack("<HQ", 1, START + 4001)) - 3
+    log[at : at + 2] = struct.pack("<H", length)
+    source = UlogSource(bytes(log))
+    counts = source.counts(source.boots[0])
+    assert (counts["gyro"], counts["gyro_1"], counts["logged_messages"]) == (19, 20, 2)
+    assert source.parameters(source.boots[0])["MC_ROLL_P"] == 7.25
+    (finding,) = [finding for finding in source.findings if finding.id == "bytes-skipped"]
+    assert finding.evidence["bytes"] == 3 + 2 + 8 + 12
+
+
+def test_appended_data_is_found_behind_damage_and_a_message_cut_short():
+    """A log cut off in flight gets the crash dump appended, at an offset that its first message holds."""
+    log = bytearray(small_log() + message("D", bytes(24))[:-9])
+    log[19 + 8 : 19 + 17] = b"\x01" + bytes(7) + b"\0"
+    log[19 + 16 : 19 + 24] = struct.pack("<Q", len(log))
+    log += message("M", b"\0" + bytes([len(b"char[4] hardfault")]) + b"char[4] hardfaultdump")
+    at = log.find(struct.pack("<HQ", 1, START + 4001)) - 3
+    del log[at : at + 2]
+    log[19 + 16 : 19 + 24] = struct.pack("<Q", struct.unpack_from("<Q", log, 19 + 16)[0] - 2)
+    source = UlogSource(bytes(log))
+    assert source.counts(source.boots[0])["gyro"] == 19
+    assert "autopilot-crashed" in [finding.id for finding in source.findings]
+
+
+def test_messages_of_a_kind_that_is_not_known_are_no_damage():
+    log = small_log()
+    at = log.find(struct.pack("<HQ", 1, START + 4001)) - 3
+    source = UlogSource(log[:at] + message("Z", b"of a later format") + log[at:])
+    assert source.counts(source.boots[0])["gyro"] == 20
+    assert "bytes-skipped" not in [finding.id for finding in source.findings]
+
+
 @pytest.mark.parametrize("size", [0, 7, 16, 200])
 def test_a_log_without_data_is_an_error(size):
     with pytest.raises(LogError, match=r"damaged|no data"):
