@@ -1,8 +1,8 @@
 """A token in every form: a page of another site cannot know it, whatever its browser says or leaves out.
 
 A cookie holds a secret, each form of our pages carries it, and what a form posts must bring both (double submit). That
-is beside the test of where a request comes from (`api.dependencies.from_our_pages`); programs that send a bearer token
-in a header need no form, for no browser sends that by itself.
+is beside the test of where a request comes from (`api.dependencies.from_our_pages`); programs that send a bearer
+token in a header need no form, for no browser sends that by itself.
 """
 
 import re

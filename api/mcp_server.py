@@ -1,4 +1,4 @@
-"""The questions of `api.tools` over the Model Context Protocol, for assistants: read-only, on stdin and stdout."""
+"""The questions of `api.tools` over the Model Context Protocol: read-only, on stdin and stdout."""
 
 from collections.abc import Callable
 from functools import wraps

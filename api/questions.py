@@ -1,4 +1,4 @@
-"""What is asked of logs and reports while somebody waits for the page: run in the process of `api.desk`, never here."""
+"""What is asked of logs and reports while somebody waits: run in the process of `api.desk`, never here."""
 
 import math
 from collections import OrderedDict

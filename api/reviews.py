@@ -1,7 +1,7 @@
 """Looking at craft whenever something about them changed: drift, alerts, and whether joint models are to be made anew.
 
-The looking itself is done in the process of `api.desk`. Several servers may look at the same craft: what they write
-names the revision that they looked at, and an alert is raised once.
+The looking itself is done in the process of `api.desk`. Several servers may look at the same craft: what
+they write names the revision that they looked at, and an alert is raised once.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Alembic's entry point: runs the migrations on the connection that `api.database.Database.migrate` hands over."""
+"""Alembic's entry point: migrations run on the connection that `api.database.Database.migrate` hands over."""
 
 from alembic import context
 
