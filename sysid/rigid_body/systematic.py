@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
-from sysid.rigid_body.body_motion import SHARED, THETA, Motion
+from sysid.rigid_body.body_motion import LAG, SHARED, THETA, Motion
 from sysid.rigid_body.filter_error import FilterErrorFit
 from sysid.rigid_body.output_error import flight_slice
 
@@ -37,6 +37,9 @@ FORM: Mapping[str, float] = {"climb_loss": 0.003, "motor_lag": 0.012}
 #: Part by which the steepness of thrust over command errs: commands between the lines of a log (10 Hz) are smoother
 #: than they were (straight lines take a tenth of a swing at 2 Hz), while the craft answered to all of them.
 STEEPNESS = 0.025
+
+#: Part of the band of slow rows of motor outputs, at its upper end, by whose power the folded part is told.
+_TOP = 0.2
 
 #: Time over which a command's own mean is left out where its variation counts, s, and time of correlation beyond which
 #: gusts are too slow for the height controller to answer as to news, s.
@@ -63,9 +66,11 @@ def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDA
     """
     covariance = fit.covariance.copy()
     places = np.flatnonzero(~held)
-    covariance[places, places] += _form_and_attitude(motions, fit.values)[places] ** 2
+    errors, part = _form_and_attitude(motions, fit.values), folded(motions, fit.values)
+    errors[LAG] = float(np.hypot(errors[LAG], part * max(motion.input_interval for motion in motions)))
+    covariance[places, places] += errors[places] ** 2
     curved = np.zeros(SHARED)
-    curved[places] = _curvature(motions, fit.values, answered(motions, fit))[places]
+    curved[places] = _curvature(motions, fit.values, answered(motions, fit), part)[places]
     covariance[:SHARED, :SHARED] += np.outer(curved, curved)
     exponents = [flight_slice(k, 1).start for k in range(len(motions))]
     covariance[exponents, exponents] += EXPONENT_ERROR**2
@@ -111,22 +116,46 @@ def answered(motions: Sequence[Motion], fit: FilterErrorFit) -> float:
     kind that the fit takes it for. In hovers in gusty wind it came to 10 to 30 %.
     """
     gusts, varied = 0.0, 0.0
-    values, (thrust, expo) = fit.values, (THETA.index(name) for name in ("thrust", "thrust_expo"))
     for motion, (_, vertical) in zip(motions, fit.disturbances, strict=True):
-        pull = motion.density * ((1.0 - values[expo]) * motion.linear + values[expo] * motion.square) * values[thrust]
-        size = min(round(ANSWER_SECONDS / motion.dt), len(pull) - 1) | 1
-        around = np.pad(pull, size // 2, mode="reflect")
-        mean = np.convolve(around, np.full(size, 1.0 / size), mode="valid")
+        pull = _varying(motion, fit.values)
         gusts += len(pull) * vertical.gust**2 / (1.0 + vertical.tau / SLOW_GUSTS)
-        varied += float(np.sum((pull - mean) ** 2))
+        varied += float(np.sum(pull**2))
     return min(gusts / max(varied, 1e-12), 1.0)
 
 
-def _curvature(motions: Sequence[Motion], values: Floats, answer: float) -> Floats:
+def folded(motions: Sequence[Motion], values: Floats) -> float:
+    """Part of the thrust's variation that is faster than rows of motor outputs show, and folds into what they show.
+
+    A point every tenth of a second of a command that answers to noise is noise itself, with a spectrum that does not
+    fall off towards the end of its band. Thrust does not go with it: commands look less steep, and later, than they are
+    (errors in variables). In hovers in gusts that came to 20 to 30 %, and 40 ms.
+    """
+    fold, whole = 0.0, 0.0
+    for motion in motions:
+        every = round(motion.input_interval / motion.dt)
+        rows = _varying(motion, values)[:: max(every, 1)]
+        power = np.abs(np.fft.rfft(rows * np.hanning(len(rows)))) ** 2
+        if every > 1:
+            fold += float(power[round((1.0 - _TOP) * len(power)) :].mean()) * len(power)
+        whole += float(power.sum())
+    return min(fold / max(whole, 1e-12), 1.0)
+
+
+def _varying(motion: Motion, values: Floats) -> Floats:
+    """Thrust per mass by its commands, about its mean over `ANSWER_SECONDS`, m/s^2; shape (N,)."""
+    thrust, expo = (values[THETA.index(name)] for name in ("thrust", "thrust_expo"))
+    pull = motion.density * ((1.0 - expo) * motion.linear + expo * motion.square) * thrust
+    size = min(round(ANSWER_SECONDS / motion.dt), len(pull) - 1) | 1
+    around = np.pad(pull, size // 2, mode="reflect")
+    return np.asarray(pull - np.convolve(around, np.full(size, 1.0 / size), mode="valid"))
+
+
+def _curvature(motions: Sequence[Motion], values: Floats, answer: float, fold: float) -> Floats:
     """Compute what `STEEPNESS` makes of curvature and, as thrust at the usual command stays, of full thrust, (SHARED,).
 
-    The part `answer` of the commands answers to gusts (`answered`). With thrust as c (1 - e + e c), steepness
-    d ln T / d ln c is (1 - e + 2 e c) / (1 - e + e c).
+    The part `answer` of the commands answers to gusts (`answered`). Of the part `fold`, which is noise (`folded`), all
+    may be lacking in steepness or none: its standard deviation is that of a uniform number. With thrust as
+    c (1 - e + e c), steepness d ln T / d ln c is (1 - e + 2 e c) / (1 - e + e c).
     """
     linear, square = (
         float(np.concatenate([getattr(m, name) for m in motions]).mean()) for name in ("linear", "square")
@@ -134,7 +163,7 @@ def _curvature(motions: Sequence[Motion], values: Floats, answer: float) -> Floa
     command, (thrust, expo) = square / max(linear, 1e-9), (THETA.index(name) for name in ("thrust", "thrust_expo"))
     part = 1.0 - values[expo] + values[expo] * command
     sigma = np.zeros(SHARED)
-    sigma[expo] = float(np.hypot(STEEPNESS, answer)) * part**2 / max(command, 1e-9)
+    sigma[expo] = float(np.linalg.norm((STEEPNESS, answer, fold / np.sqrt(3.0)))) * part**2 / max(command, 1e-9)
     sigma[thrust] = values[thrust] * (1.0 - command) / part * sigma[expo]
     return sigma
 

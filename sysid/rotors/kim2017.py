@@ -49,6 +49,7 @@ from sysid.rotors.thrust_regression import (
     coefficient,
     conditions_of,
     mass_unknown,
+    require_all_motors,
     weak_motors,
 )
 
@@ -228,6 +229,7 @@ def fit_kim2017(
         if value is not None and not value > 0.0:
             raise ExperimentError(f"{label} must be positive, not {value}")
     vehicle, voltage, findings = conditions_of(records)
+    require_all_motors(records[0], vehicle)
     geometry = motor_geometry(records[0])
     if law is None:
         law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND

@@ -51,6 +51,7 @@ from sysid.rotors.thrust_regression import (
     conditions_of,
     mass_unknown,
     pressed,
+    require_all_motors,
     require_specific_force,
 )
 
@@ -110,6 +111,7 @@ def fit_refinement2020(
     records = require_alike(experiments)
     require_specific_force(records, mass)
     vehicle, voltage, findings = conditions_of(records)
+    require_all_motors(records[0], vehicle)
     geometry = motor_geometry(records[0])
     if law is None:
         law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND

@@ -35,6 +35,7 @@ from sysid.rotors.thrust_regression import (
     covariance_of,
     mass_unknown,
     regress,
+    require_all_motors,
     require_specific_force,
     scatter_between,
     uneven_motors,
@@ -116,6 +117,7 @@ def fit_rotor(experiments: Experiment | Sequence[Experiment], mass: float | None
     require_specific_force(records, mass)
     findings = [f for f in examine(records).findings if f.id == "saturated-input"]
     vehicle, voltage, unknown = conditions_of(records)
+    require_all_motors(records[0], vehicle)
     findings += unknown
     motors = records[0].input_names
     tried = {Law.COMMAND: [blocks_of(record, vehicle, voltage) for record in records]}

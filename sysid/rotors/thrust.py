@@ -43,6 +43,7 @@ from sysid.rotors.thrust_regression import (
     require_specific_force,
     scatter_between,
     uneven_motors,
+    unlogged_motors,
 )
 
 #: Condition number of the motors' regressors above which differences between motors are not read.
@@ -158,8 +159,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     # A motor that never turns tells nothing, and says nothing of how well the others are told apart.
     scaled = regressors[:, size > 0.0] / size[size > 0.0]
     condition = float(np.linalg.cond(scaled)) ** 2
-    flown = len(vehicle.motors)
-    unlogged = f"only {len(motors)} of {flown} motors are logged" if len(motors) < flown else ""
+    unlogged = unlogged_motors(records[0], vehicle)
     common = coefficient(float(together.values[0]), spread, air, mass, unlogged)
     reason = f"the motors' commands are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
     reason = unlogged or reason
@@ -176,7 +176,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
                 f"{unlogged}; the others carry an unknown part of the weight, so that no thrust coefficient is "
                 "determined",
                 "log the outputs of all motors and all SERVOn_FUNCTION parameters",
-                {"logged": len(motors), "motors": flown},
+                {"logged": len(motors), "motors": len(vehicle.motors)},
             )
         )
     elif undetermined:

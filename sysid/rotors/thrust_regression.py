@@ -75,6 +75,25 @@ def require_specific_force(records: Sequence[Experiment], mass: float | None) ->
         raise MissingDataError("no accelerometer in the record, so that thrust cannot be estimated; log the IMU")
 
 
+def unlogged_motors(record: Experiment, vehicle: Vehicle) -> str:
+    """Return how many motors of a craft are not among a record's inputs, in words; empty when all are."""
+    logged, flown = len(record.input_names), len(vehicle.motors)
+    return f"only {logged} of {flown} motors are logged" if logged < flown else ""
+
+
+def require_all_motors(record: Experiment, vehicle: Vehicle) -> None:
+    """Refuse records that lack motors.
+
+    Raises
+    ------
+    MissingDataError
+    """
+    if unlogged := unlogged_motors(record, vehicle):
+        raise MissingDataError(
+            f"{unlogged}; the others carry an unknown part of the weight: log the outputs of all motors"
+        )
+
+
 def body_down(record: Experiment) -> Floats:
     """Speed along body z, m/s, (N,); 0 where unknown."""
     roll, pitch, yaw = (column(record, name) for name in ("roll", "pitch", "yaw"))

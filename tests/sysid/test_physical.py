@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from logparse.frames import motor_table
 from simulation.papers.elhesasy2024 import octocopter
 from sysid import Experiment, analyse_bench, fit_rigid_body, physical_parameters, read_bench
 from sysid.records.motor_scaling import motor_commands
@@ -47,6 +48,16 @@ def test_methods_agree_on_a_simulated_craft(record):
     assert table.loc[("motor lag", "rotor"), "value"] == pytest.approx(0.045, abs=0.005)
     assert set(table.index.get_level_values(0)) <= set(UNITS)
     assert set(table.index.get_level_values(1)) <= {HEADLINE, *METHODS}
+
+
+def test_motors_that_are_not_logged_leave_thrust_open_by_every_method(record):
+    """A deca of which eight outputs were logged: mean thrust was open, the headline 25 to 54 % wrong at 4 %."""
+    eight = replace(record, vehicle=replace(record.vehicle, motors=motor_table("deca", "plus")))
+    found = physical_parameters([eight])
+    told = found.table.loc[["thrust over mass", "thrust over mass at hover", "roll inertia over mass and arm"]]
+    assert told["value"].isna().all()
+    assert HEADLINE not in told.index.get_level_values(1)
+    assert "only 8 of 10 motors are logged" in found.table.loc[("thrust over mass", "Kim 2017"), "note"]
 
 
 @pytest.mark.parametrize(
