@@ -293,6 +293,22 @@ def test_a_crash_is_named_with_the_loss_of_control_that_led_to_it(flight):
     assert figure.layout["xaxis"]["range"][1] <= 80.0
 
 
+def test_a_crash_is_led_back_to_the_motor_that_was_at_its_limit_before_all(flight):
+    crash = event("crash", 74.0)
+    limit = dataclasses.replace(event("motor-at-limit", 61.0), end=73.0, evidence={"motors": "2"})
+    chain = (event("loss-of-lift", 72.0), event("loss-of-control", 73.4), crash)
+    fallen = answered(flight, health=health(limit, *chain, cause=crash))
+    text = line_of(fallen, "Healthy").text
+    assert text == "motor 2 at its limit from 61.0 s, crash at 74.0 s; 2 more events"
+    assert fallen.answer.picture is Picture.MOTORS
+    assert fallen.answer.around.start == pytest.approx(53.0)
+    # All motors at their limit are full throttle, and one that recovered is another matter.
+    everywhere = dataclasses.replace(limit, evidence={"motors": "1, 2, 3, 4"})
+    for harmless in (everywhere, dataclasses.replace(limit, end=65.0)):
+        text = line_of(answered(flight, health=health(harmless, *chain, cause=crash)), "Healthy").text
+        assert text.startswith("loss of lift at 72.0 s, crash at 74.0 s")
+
+
 def test_vibration_above_the_limit_is_not_called_fine_without_a_word(flight):
     shaken = health()
     t = np.arange(40.0, 100.0, 0.1)

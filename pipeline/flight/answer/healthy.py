@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from logparse.quantity import number
+from logparse.quantity import joined, number
 from pipeline.flight.answer.words import brief, changed_load
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.failure import Failure
@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from logparse import FlightEvent
     from pipeline.results.health import FlightHealth
 
-#: Time between the end of a loss of control and the crash that it led to, s.
+#: Time between the end of one trouble and the next that it led to, s.
 _LED = 2.0
+#: Troubles of which a crash comes, and motors at their limit that point to one of them and not to full throttle.
+_LEADING, _FEW_MOTORS = ("motor-dropout", "loss-of-lift", "loss-of-control", "loss-of-yaw-authority"), 2
 #: Time about a flight that still belongs to it, s: a crash is logged after the last moment in the air.
 _LANDING = 5.0
 
@@ -60,10 +62,11 @@ def _eventful(worst: FlightEvent, health: FlightHealth, flight: Span) -> AnswerL
         text = f"of motor {worst.evidence['motor']}'s thrust lost from {worst.t:.1f} s{part}{more}"
         return _line(word, tone, text, 100.0 * loss, sigma=sigma, unit="%")
     where = "" if worst in during(health, flight) or worst is health.cause else " in another flight"
-    before = _led_to(worst, health)
+    before = led_to(worst, health)
     if before is None:
         return _line(word, tone, f"{_named(worst)}{where} at {worst.t:.1f} s{more}")
-    text = f"{_named(before)} at {before.t:.1f} s, {_named(worst)} at {worst.t:.1f} s{where}"
+    since = "from" if before.id == "motor-at-limit" else "at"
+    text = f"{_named(before)} {since} {before.t:.1f} s, {_named(worst)} at {worst.t:.1f} s{where}"
     return _line(word, tone, text + _others(len(health.notable) - 2))
 
 
@@ -109,19 +112,35 @@ def _worst(health: FlightHealth, flight: Span) -> FlightEvent | None:
     return health.cause or next(iter((*errors, *inside, *health.notable)), None)
 
 
-def _led_to(event: FlightEvent, health: FlightHealth) -> FlightEvent | None:
-    """Return what a crash came from: the loss of control before it, or the motor that dropped out before that."""
+def led_to(event: FlightEvent, health: FlightHealth) -> FlightEvent | None:
+    """Return what a crash came from: the first of the troubles that led from one to the next without a pause."""
     if event.id != "crash":
         return None
-    lost = [each for each in health.notable if each.id == "loss-of-control" and each.t < event.t <= each.end + _LED]
-    begin = lost[0].t if lost else event.t
-    dropped = [each for each in health.notable if each.id == "motor-dropout" and 0.0 <= begin - each.end <= _LED]
-    return next(iter((*dropped, *lost)), None)
+    first: FlightEvent | None = None
+    begin = event.t
+    for each in sorted(health.notable, key=lambda one: one.t, reverse=True):
+        if each.t < begin <= each.end + _LED and _leads(each):
+            first, begin = each, each.t
+    return first
+
+
+def _leads(event: FlightEvent) -> bool:
+    """Return whether an event is of the kind that leads to a crash: of motors at their limit, where few are."""
+    return event.id in _LEADING or (event.id == "motor-at-limit" and len(_motors_of(event)) <= _FEW_MOTORS)
+
+
+def _motors_of(event: FlightEvent) -> list[str]:
+    return str(event.evidence["motors"]).split(", ")
 
 
 def _named(event: FlightEvent) -> str:
-    words = event.id.replace("-", " ")
-    return f"dropout of motor {event.evidence['motor']}" if event.id == "motor-dropout" else words
+    if event.id == "motor-dropout":
+        return f"dropout of motor {event.evidence['motor']}"
+    if event.id == "motor-at-limit":
+        motors = _motors_of(event)
+        several = len(motors) > 1
+        return f"motor{'s' if several else ''} {joined(motors)} at {'their' if several else 'its'} limit"
+    return event.id.replace("-", " ")
 
 
 def during(health: FlightHealth, flight: Span) -> list[FlightEvent]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pipeline.flight.answer.healthy import during
+from pipeline.flight.answer.healthy import during, led_to
 from pipeline.flight.purposes import uses_of
 from pipeline.results.answer import Picture
 from pipeline.results.failure import Failure, present
@@ -21,9 +21,11 @@ def picture_of(result: FlightResult, model: str) -> tuple[Picture, Span | None]:
     event = health.cause if health is not None else None
     if event is None and health is not None and not isinstance(result.flight, Failure):
         event = next((each for each in during(health, result.flight) if str(each.severity) == "error"), None)
-    if event is not None and not isinstance(result.flight, Failure):
-        around = Span(max(event.t - _BEFORE, result.flight.start), event.t + _AFTER)
-        if result.motors is not None and result.motors.shape[1] and (event.id == "motor-loss" or not _asked(result)):
+    if event is not None and health is not None and not isinstance(result.flight, Failure):
+        first = led_to(event, health) or event
+        around = Span(max(first.t - _BEFORE, result.flight.start), event.t + _AFTER)
+        by_motors = first.id in ("motor-loss", "motor-at-limit") or not _asked(result)
+        if by_motors and result.motors is not None and result.motors.shape[1]:
             return Picture.MOTORS, around
         if signals is not None and signals.attitude:
             return Picture.ATTITUDE, around
