@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from logparse.quantity import counted, duration, number, uncertain
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort
+from pipeline.results.verdict import PredictionUse
 from reports import summary
 from reports.summary import ShownAnswer, thrust_known, thrust_of
 
@@ -88,25 +89,28 @@ def _loops(flights: Sequence[FlightInShort]) -> ShownAnswer:
 def _ahead(numbers: FleetReport) -> ShownAnswer:
     """Answer with the joint model that predicts furthest, else with the best flight."""
     joint = [
-        (model.uses.prediction.horizon_s, f"by {model.title.partition(' →')[0]}, {_judges(craft)}")
+        (model.uses.prediction.horizon_s, _reach(model.uses.prediction), f"by {model.title.partition(' →')[0]}, {_judges(craft)}")
         for craft in numbers.groups
         for model in craft.models
         if model.uses.prediction.horizon_s is not None
     ]
     own = [
-        (shown.line.value, f"by the model of {name}")
+        (shown.line.value, shown.number, f"by the model of {name}")
         for name, shown in _said(numbers.flights, "Predict ahead")
         if shown.line.value is not None
     ]
     if not joint and not own:
-        reasons = [summary.first_reason(flight) for flight in numbers.flights]
-        common = max(dict.fromkeys(reasons), key=reasons.count)
-        return _line("Predict ahead", "no model", Tone.UNKNOWN, "", summary.clause(common))
-    longest, text = max(joint or own, key=lambda each: each[0])
+        reasons = summary.alike([summary.clause(summary.first_reason(flight)) for flight in numbers.flights])
+        return _line("Predict ahead", "no model", Tone.UNKNOWN, "", next(iter(reasons)))
+    longest, reach, text = max(joint or own, key=lambda each: each[0])
     word, tone = ("yes", Tone.GOOD) if longest >= _USEFUL else ("briefly", Tone.CARE)
     if not joint:
         text += f"; {len(own)} of {counted(len(numbers.flights), 'flight')} can"
-    return _line("Predict ahead", word, tone, f"{longest:g} s", text)
+    return _line("Predict ahead", word, tone, reach, text)
+
+
+def _reach(use: PredictionUse) -> str:
+    return f"{use.horizon_s:g} s" if use.reach_s is None else uncertain(use.reach_s, use.reach_sigma_s, "s")
 
 
 def _judges(craft: CraftReport) -> str:
@@ -123,12 +127,16 @@ def _parameters(numbers: FleetReport) -> ShownAnswer:
     if not every:
         return _outputs(numbers.flights)
     unit = every[0][2]
-    known = [value for value, _, its_unit in every if its_unit == unit]
-    span = [number(each, 2) for each in (min(known), max(known))]
-    shown = f"{' to '.join(dict.fromkeys(span))} {unit}"
+    known = [(value, sigma) for value, sigma, its_unit in every if its_unit == unit]
+    span = [uncertain(*each, unit) for each in (min(known, key=_value), max(known, key=_value))]
+    shown = " to ".join(dict.fromkeys(span))
     what = "thrust" if unit == "N" else "thrust/mass"
     text = f"{what} per motor, by {len(known)} of {counted(len(numbers.flights), 'flight')}"
     return _line("Parameters", "partly", Tone.CARE, shown, text)
+
+
+def _value(known: tuple[float, float | None]) -> float:
+    return known[0]
 
 
 def _outputs(flights: Sequence[FlightInShort]) -> ShownAnswer:

@@ -61,7 +61,7 @@ def track(result: FlightResult) -> Figure | None:
         if gps is not None:
             data.append(dots(gps[1], gps[0], "GPS", "@gps"))
         hover = "%{x:.1f} m east<br>%{y:.1f} m north"
-        data.append(line(east, north, "flown", "@ink", 1.2, hover=hover, time=states.index.to_numpy(dtype=float)))
+        data.append(line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float)))
         data.append(_heights(states))
         for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
             data.append(

@@ -19,6 +19,7 @@ from reports.log_words import sentence as sentence
 from sysid.rotors.thrust_record import ThrustReport
 from sysid.transfer_functions.model_record import FunctionsRecord
 
+_NUMBER = re.compile(r"[0-9]+(?:\.[0-9]+)?")
 #: Files of one reason that are named in a line.
 MOST_NAMED = 5
 TRUST_WORDS: Mapping[str, str] = {"yes": "trust", "limited": "with care", "no": "do not trust", "unknown": "not judged"}
@@ -213,6 +214,22 @@ def first_reason(numbers: FlightReport | FlightInShort) -> str:
     """Return the first reason why a flight has no validated model."""
     reasons = [*numbers.missing.values(), *(result.missing for result in numbers.models)]
     return next((str(reason) for reason in reasons if reason), "no model")
+
+
+def alike(reasons: Sequence[str]) -> dict[str, list[int]]:
+    """Gather reasons that differ in numbers only, with their places: ``only 7 s`` and ``only 18 s`` as ``only 7 to 18 s``.
+
+    The most frequent come first.
+    """
+    places: dict[str, list[int]] = {}
+    for place, reason in enumerate(reasons):
+        places.setdefault(_NUMBER.sub("0", reason), []).append(place)
+    found = {}
+    for same in sorted(places.values(), key=len, reverse=True):
+        numbers = zip(*(_NUMBER.findall(reasons[place]) for place in same), strict=True)
+        ranges = iter([" to ".join(dict.fromkeys((min(each, key=float), max(each, key=float)))) for each in numbers])
+        found[_NUMBER.sub(lambda _, ranges=ranges: next(ranges), reasons[same[0]])] = same
+    return found
 
 
 Model = TypeVar("Model", bound=ModelInShort)

@@ -101,18 +101,12 @@ def _flights(flights: Sequence[FlightInShort], narrow: bool) -> RenderableType:
 
 
 def _reasons(flights: Sequence[FlightInShort]) -> list[str]:
-    """Return why flights have no model, each reason once, numbers aside: ``No model: no GPS (march1 and 4 more)``."""
-    names: dict[str, list[str]] = {}
-    said: dict[str, str] = {}
-    for flight in flights:
-        if summary.best(flight.models) is None:
-            reason = _first_clause(summary.first_reason(flight), flight.name)
-            kind = re.sub(r"[0-9][0-9.]*", "0", reason)
-            said.setdefault(kind, reason)
-            names.setdefault(kind, []).append(flight.name)
+    """Return why flights have no model, each reason once: ``No model: no GPS (march1 and 4 more)``."""
+    without = [flight for flight in flights if summary.best(flight.models) is None]
+    reasons = summary.alike([_first_clause(summary.first_reason(flight), flight.name) for flight in without])
     return [
-        f"No model: {said[kind]} ({each[0]}{f' and {len(each) - 1} more' if len(each) > 1 else ''})"
-        for kind, each in sorted(names.items(), key=lambda pair: -len(pair[1]))
+        f"No model: {reason} ({without[each[0]].name}{f' and {len(each) - 1} more' if len(each) > 1 else ''})"
+        for reason, each in reasons.items()
     ]
 
 

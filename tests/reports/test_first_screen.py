@@ -19,6 +19,7 @@ from pipeline.results.loops import FlightLoops
 from pipeline.results.report import FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
 from pipeline.results.span import Span
+from reports import summary
 from reports.first_screen import first_figures
 from reports.fleet_answer import fleet_answer
 from reports.fleet_page import fleet_page
@@ -282,6 +283,20 @@ def test_a_folder_tells_first_what_its_flights_tell(kinds):
     assert healthy.line.text.startswith("in danger, such as lost motor: 99.0 ± 1.0 % of motor 2's thrust")
     assert healthy.line.text.endswith("1 more to look into")
     assert words(fleet_page(numbers, [])) < MOST_WORDS
+
+
+def test_a_folder_rounds_its_numbers_as_its_flights_do(kinds):
+    flights = [dataclasses.replace(in_short(flight_report(kinds["good"]), "good"), name="good")]
+    said = {each.line.purpose: each for each in fleet_answer(made(FleetReport, flights=flights))}
+    own = {each.line.purpose: each for each in answer_lines(kinds["good"].answer)}
+    assert said["Predict ahead"].number == own["Predict ahead"].number
+    assert said["Parameters"].number == own["Parameters"].number
+    assert "±" in said["Parameters"].number
+
+
+def test_reasons_that_differ_in_numbers_only_are_one_with_their_range():
+    reasons = ["only 7 s of 57 s", "no GPS", "only 18 s of 57 s", "only 11.5 s of 57 s"]
+    assert summary.alike(reasons) == {"only 7 to 18 s of 57 s": [0, 2, 3], "no GPS": [1]}
 
 
 def test_a_crash_is_named_with_the_loss_of_control_that_led_to_it(flight):

@@ -13,8 +13,12 @@ _BRIEF = 12
 
 
 def brief(reason: str) -> str:
-    """Return the first clause of a reason, cut to what a line has room for; the whole stands further down."""
+    """Return the first clause of a reason, cut to what a line has room for; the whole stands further down.
+
+    It follows a word in the line, and begins with a small letter as that does.
+    """
     clause = re.split(r"[:;(]|\. ", reason, maxsplit=1)[0].strip().rstrip(".")
+    clause = re.sub(r"^(The|A|An|No|Only|It|There|Nothing|Too) ", lambda found: found[0].lower(), clause)
     words = clause.split()
     return clause if len(words) <= _BRIEF else " ".join(words[:_BRIEF]) + " …"
 
