@@ -217,9 +217,9 @@ def first_reason(numbers: FlightReport | FlightInShort) -> str:
 
 
 def alike(reasons: Sequence[str]) -> dict[str, list[int]]:
-    """Gather reasons that differ in numbers only, with their places: ``only 7 s`` and ``only 18 s`` as ``only 7 to 18 s``.
+    """Gather reasons that differ in numbers only, with their places, the most frequent first.
 
-    The most frequent come first.
+    ``only 7 s`` and ``only 18 s`` are ``only 7 to 18 s``.
     """
     places: dict[str, list[int]] = {}
     for place, reason in enumerate(reasons):
