@@ -89,7 +89,11 @@ def _loops(flights: Sequence[FlightInShort]) -> ShownAnswer:
 def _ahead(numbers: FleetReport) -> ShownAnswer:
     """Answer with the joint model that predicts furthest, else with the best flight."""
     joint = [
-        (model.uses.prediction.horizon_s, _reach(model.uses.prediction), f"by {model.title.partition(' →')[0]}, {_judges(craft)}")
+        (
+            model.uses.prediction.horizon_s,
+            _reach(model.uses.prediction),
+            f"by {model.title.partition(' →')[0]}, {_judges(craft)}",
+        )
         for craft in numbers.groups
         for model in craft.models
         if model.uses.prediction.horizon_s is not None
