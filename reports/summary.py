@@ -227,8 +227,9 @@ def alike(reasons: Sequence[str]) -> dict[str, list[int]]:
     found = {}
     for same in sorted(places.values(), key=len, reverse=True):
         numbers = zip(*(_NUMBER.findall(reasons[place]) for place in same), strict=True)
-        ranges = iter([" to ".join(dict.fromkeys((min(each, key=float), max(each, key=float)))) for each in numbers])
-        found[_NUMBER.sub(lambda _, ranges=ranges: next(ranges), reasons[same[0]])] = same
+        ranges = [" to ".join(dict.fromkeys((min(each, key=float), max(each, key=float)))) for each in numbers]
+        words = _NUMBER.split(reasons[same[0]])
+        found["".join(f"{word}{span}" for word, span in zip(words, [*ranges, ""], strict=True))] = same
     return found
 
 
