@@ -1,6 +1,6 @@
 """What programs and assistants can ask: numbers with unit, error and provenance, and nothing that changes anything.
 
-The same questions are asked over HTTP (`api.routes.questions`) and the Model Context Protocol (`api.mcp_server`).
+The same questions are asked over HTTP (`api.routes.questions`) and over MCP (`api.mcp_server`).
 """
 
 from collections.abc import Callable, Sequence
