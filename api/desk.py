@@ -36,7 +36,7 @@ class Desk:
 
     def __init__(self, memory: int, patience: float = 90.0) -> None:
         self._memory = memory
-        self._patience = patience
+        self.patience = patience
         self._lock = threading.Lock()
         self._process: ProcessPoolExecutor | None = None
 
@@ -50,7 +50,7 @@ class Desk:
         """
         process = self._running()
         try:
-            answer, problem = process.submit(_answer, question, arguments).result(timeout=self._patience)
+            answer, problem = process.submit(_answer, question, arguments).result(timeout=self.patience)
         except (LateError, BrokenProcessPool, MemoryError) as error:
             _log.warning("the question %s found no answer: %s", question, type(error).__name__)
             self._give_up(process)

@@ -36,7 +36,7 @@ class Runner:
     """
 
     def __init__(self, database: Database, workplace: Workplace, *, workers: int, scheduler: str | None = None) -> None:
-        self._queue = workplace.queue(database)
+        self.queue = workplace.queue(database)
         self._workplace = workplace
         self._scheduler = scheduler
         self._free = threading.Semaphore(workers)
@@ -89,7 +89,7 @@ class Runner:
             claim = None
             try:
                 self._woken.clear()
-                claim = self._queue.claim()
+                claim = self.queue.claim()
             except SQLAlchemyError as error:
                 _log.warning("the queue cannot be read: %s", error)
             if claim is None or not self._submit(claim):
@@ -118,7 +118,7 @@ class Runner:
             _log.warning("analysis %s cannot be handed out: %s", claim.analysis, error)
             self._executor = None
             try:
-                self._queue.give_back(claim)
+                self.queue.give_back(claim)
             except SQLAlchemyError:
                 _log.warning("analysis %s waits until its lease is over", claim.analysis)
             return False
@@ -133,7 +133,7 @@ class Runner:
         self._prolonged = time.monotonic()
         for future, claim in list(self._waiting.items()):
             try:
-                if not self._queue.prolong(claim):
+                if not self.queue.prolong(claim):
                     self._waiting.pop(future, None)
             except SQLAlchemyError as error:
                 _log.warning("analysis %s: no sign of life can be given: %s", claim.analysis, error)

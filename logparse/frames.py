@@ -137,7 +137,7 @@ _OCTA_QUAD_BF_X = _arms(
 _OCTA_PLUS = _arms((0, _CW), (180, _CW), (45, _CCW), (135, _CCW), (-45, _CCW), (-135, _CCW), (-90, _CW), (90, _CW))
 
 #: Factors (roll, pitch, yaw) of motors 1, 2, ... before normalisation, by frame class and type.
-_FACTORS: Mapping[tuple[str, str], tuple[tuple[float, float, float], ...]] = MappingProxyType(
+FACTORS: Mapping[tuple[str, str], tuple[tuple[float, float, float], ...]] = MappingProxyType(
     {
         ("quad", "plus"): _QUAD_PLUS,
         ("quad", "plus-rev"): _reversed(_QUAD_PLUS),
@@ -350,7 +350,7 @@ def motor_table(
     if frame_class == "deca" and frame_type == "cw-x":
         frame_type = "x"
     key = (frame_class, frame_type or "")
-    factors = _FACTORS.get(key)
+    factors = FACTORS.get(key)
     if factors is None:
         return ()
     upper = _UPPER.get(key)

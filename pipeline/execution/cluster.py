@@ -55,6 +55,11 @@ class Cluster(Executor):
     patience : float
         Seconds until it must have answered, and have a worker when that is asked for.
 
+    Attributes
+    ----------
+    client : distributed.Client
+        The connection, for what Dask itself can be asked.
+
     Raises
     ------
     SchedulerError
@@ -69,7 +74,7 @@ class Cluster(Executor):
         if not _has_port(address):  # Dask would look for it for a minute
             raise SchedulerError(f"{address!r} is no address of a scheduler: give host and port, as tcp://cluster:8786")
         self.address = address
-        self._patience = patience
+        self.patience = patience
         self._software: Mapping[str, Any] | None = None
         failure = ""
         try:
@@ -77,7 +82,7 @@ class Cluster(Executor):
                 warnings.simplefilter(
                     "ignore", distributed.versions.VersionMismatchWarning
                 )  # `check` says it in a sentence
-                self._client: Any = distributed.Client(address, timeout=patience, set_as_default=False)  # type: ignore[no-untyped-call]
+                self.client: Any = distributed.Client(address, timeout=patience, set_as_default=False)  # type: ignore[no-untyped-call]
         except OSError as error:
             failure = (
                 f"no Dask scheduler answers at {address}: start one with `dask scheduler`, or look for a mistake in "
@@ -100,7 +105,7 @@ class Cluster(Executor):
         None waits at a worker beside the one that it is at: Dask would suspect both when the worker dies.
         """
         try:
-            threads: dict[str, int] = self._client.nthreads()
+            threads: dict[str, int] = self.client.nthreads()
         except OSError:  # `submit` says that the connection is lost
             return 1
         return max(1, sum(threads.values()))
@@ -116,13 +121,13 @@ class Cluster(Executor):
         SchedulerError
             The connection to the scheduler is lost.
         """
-        if self._client.status != "running":
-            self._client.close()
+        if self.client.status != "running":
+            self.client.close()
             raise self._lost()
         call = (function, args, named)
         packed = _packed(*call) if self._software is None else _packed(work, (self._software, *call), {})
         future: Future[R] = Future()
-        theirs = self._client.submit(_trampoline(), packed, pure=False)
+        theirs = self.client.submit(_trampoline(), packed, pure=False)
         theirs.add_done_callback(partial(self._hand_over, future))
         return future
 
@@ -153,7 +158,7 @@ class Cluster(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Leave the cluster to itself: what it has begun it finishes, what it has not begun it forgets."""
-        self._client.close()
+        self.client.close()
 
     def check(self, places: Iterable[str | Path] = (), store: str | Path | None = None) -> None:
         """Make sure that there are workers, with this software, and that they see what this computer sees.
@@ -172,17 +177,17 @@ class Cluster(Executor):
         SchedulerError
         """
         try:
-            self._client.wait_for_workers(1, timeout=self._patience)
+            self.client.wait_for_workers(1, timeout=self.patience)
         except TimeoutError:
             raise SchedulerError(
                 f"the scheduler at {self.address} has no workers: start some with `dask worker {self.address}`"
             ) from None
-        _refuse(differing_dask(self._client.get_versions()))
+        _refuse(differing_dask(self.client.get_versions()))
         self._software = software()
         local = tuple(str(Path(place).absolute()) for place in places if not is_url(place))
         with _marked(None if store is None or is_url(store) else Path(store)) as mark:
             view = _packed(call_guarded, (self._software, look, (local, mark), {}), {})
-            answers: dict[str, Any] = self._client.run(_trampoline(), view, on_error="return")
+            answers: dict[str, Any] = self.client.run(_trampoline(), view, on_error="return")
         _refuse({worker: _sentence(answer) for worker, answer in answers.items() if answer})
 
 

@@ -135,7 +135,7 @@ def test_two_servers_share_one_queue_and_do_nothing_twice(tmp_path: Path) -> Non
 
 def test_a_service_that_cannot_read_its_queue_waits_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     app = create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())
-    claim = app.state.parts.runner._queue.claim
+    claim = app.state.parts.runner.queue.claim
     failures = iter(range(2))
 
     def claim_later() -> object:
@@ -143,7 +143,7 @@ def test_a_service_that_cannot_read_its_queue_waits_for_it(tmp_path: Path, monke
             raise OperationalError("claim", {}, Exception("gone"))
         return claim()
 
-    monkeypatch.setattr(app.state.parts.runner._queue, "claim", claim_later)
+    monkeypatch.setattr(app.state.parts.runner.queue, "claim", claim_later)
     with running(app) as client:
         _, address = started(client, b"good log")
         wait_until(lambda: state_of(client, address) == "done")

@@ -87,7 +87,7 @@ def test_a_question_that_takes_too_long_is_given_up_and_the_next_is_answered(tmp
         hasty.ask("recognise", SAMPLE, "a.bin")
     assert given_up.value.problem.status == 503
     hasty.refuse_junk(tmp_path, "a.bin")  # what nobody can look at now passes
-    hasty._patience = 120.0
+    hasty.patience = 120.0
     assert hasty.ask("recognise", SAMPLE, "a.bin") is None
     hasty.close()
 

@@ -11,7 +11,7 @@ from logparse.frames import motor_table, servo_function_motor
 
 SITL = Path(__file__).resolve().parents[3] / "shared" / "logs" / "sitl"
 
-STANDARD = sorted(key for key in frames._FACTORS if key[1] not in ("vtail", "atail", "nyt-plus", "nyt-x"))
+STANDARD = sorted(key for key in frames.FACTORS if key[1] not in ("vtail", "atail", "nyt-plus", "nyt-x"))
 
 
 @pytest.mark.parametrize(("frame_class", "frame_type"), STANDARD)

@@ -43,7 +43,7 @@ def programs(s3, tmp_path_factory):
 @pytest.fixture
 def pair(programs):
     with Cluster(programs.address) as executor:
-        executor._client.wait_for_workers(2)
+        executor.client.wait_for_workers(2)
         yield executor
 
 
@@ -121,12 +121,12 @@ def test_a_scheduler_without_workers_then_with_other_software_and_then_gone(tmp_
     with closing(Programs(tmp_path / "dask")) as programs:
         scheduler = programs.start_scheduler()
         with Cluster(programs.address) as executor:
-            executor._patience = 0.1
+            executor.patience = 0.1
             with pytest.raises(SchedulerError, match=r"has no workers: start some with `dask worker tcp://"):
                 executor.check()
             programs.start_worker("--no-nanny", path=(tmp_path / "old",))
             programs.start_worker("--no-nanny", path=(tmp_path / "bare",))
-            executor._client.wait_for_workers(2)
+            executor.client.wait_for_workers(2)
             with pytest.raises(SchedulerError, match="the cluster cannot do this work:\n  tcp://") as raised:
                 executor.check()
             assert "has numpy 1.0 instead of" in str(raised.value)
@@ -138,7 +138,7 @@ def test_a_scheduler_without_workers_then_with_other_software_and_then_gone(tmp_
             waiting = [executor.submit(calls.stay, tmp_path / "pipe") for _ in range(2)]
             with (tmp_path / "pipe").open() as told:
                 told.readline()
-            executor._client._timeout = 0.1  # it will not come back
+            executor.client._timeout = 0.1  # it will not come back
             scheduler.kill()
             assert SchedulerError in [type(each.exception()) for each in waiting]
             with pytest.raises(SchedulerError, match="the same command goes on from there"):
