@@ -82,27 +82,32 @@ def _turn(state: Array, rx: float, ry: float, rz: float, in_body: bool) -> None:
 @inner(nogil=True, fastmath=_FLAGS)
 def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float) -> None:
     """P <- F P F' in place; the first nine rows and columns and those of the GPS error change."""
+    # Numbers, not entries of arrays that P might overlap: so the loops work on several columns at once.
+    s0, s1, s2 = S[0], S[1], S[2]
+    c00, c01, c02 = C[0, 0], C[0, 1], C[0, 2]
+    c10, c11, c12 = C[1, 0], C[1, 1], C[1, 2]
+    c20, c21, c22 = C[2, 0], C[2, 1], C[2, 2]
     for k in range(N):
         P[0, k] += T * P[3, k]
         P[1, k] += T * P[4, k]
         P[2, k] += T * P[5, k]
-        P[3, k] += S[2] * P[7, k] - S[1] * P[8, k] - (C[0, 0] * P[12, k] + C[0, 1] * P[13, k] + C[0, 2] * P[14, k])
-        P[4, k] += S[0] * P[8, k] - S[2] * P[6, k] - (C[1, 0] * P[12, k] + C[1, 1] * P[13, k] + C[1, 2] * P[14, k])
-        P[5, k] += S[1] * P[6, k] - S[0] * P[7, k] - (C[2, 0] * P[12, k] + C[2, 1] * P[13, k] + C[2, 2] * P[14, k])
-        P[6, k] -= C[0, 0] * P[9, k] + C[0, 1] * P[10, k] + C[0, 2] * P[11, k]
-        P[7, k] -= C[1, 0] * P[9, k] + C[1, 1] * P[10, k] + C[1, 2] * P[11, k]
-        P[8, k] -= C[2, 0] * P[9, k] + C[2, 1] * P[10, k] + C[2, 2] * P[11, k]
+        P[3, k] += s2 * P[7, k] - s1 * P[8, k] - (c00 * P[12, k] + c01 * P[13, k] + c02 * P[14, k])
+        P[4, k] += s0 * P[8, k] - s2 * P[6, k] - (c10 * P[12, k] + c11 * P[13, k] + c12 * P[14, k])
+        P[5, k] += s1 * P[6, k] - s0 * P[7, k] - (c20 * P[12, k] + c21 * P[13, k] + c22 * P[14, k])
+        P[6, k] -= c00 * P[9, k] + c01 * P[10, k] + c02 * P[11, k]
+        P[7, k] -= c10 * P[9, k] + c11 * P[10, k] + c12 * P[11, k]
+        P[8, k] -= c20 * P[9, k] + c21 * P[10, k] + c22 * P[11, k]
     for i in range(9):
         r = P[i]
         r[0] += T * r[3]
         r[1] += T * r[4]
         r[2] += T * r[5]
-        r[3] += S[2] * r[7] - S[1] * r[8] - (C[0, 0] * r[12] + C[0, 1] * r[13] + C[0, 2] * r[14])
-        r[4] += S[0] * r[8] - S[2] * r[6] - (C[1, 0] * r[12] + C[1, 1] * r[13] + C[1, 2] * r[14])
-        r[5] += S[1] * r[6] - S[0] * r[7] - (C[2, 0] * r[12] + C[2, 1] * r[13] + C[2, 2] * r[14])
-        r[6] -= C[0, 0] * r[9] + C[0, 1] * r[10] + C[0, 2] * r[11]
-        r[7] -= C[1, 0] * r[9] + C[1, 1] * r[10] + C[1, 2] * r[11]
-        r[8] -= C[2, 0] * r[9] + C[2, 1] * r[10] + C[2, 2] * r[11]
+        r[3] += s2 * r[7] - s1 * r[8] - (c00 * r[12] + c01 * r[13] + c02 * r[14])
+        r[4] += s0 * r[8] - s2 * r[6] - (c10 * r[12] + c11 * r[13] + c12 * r[14])
+        r[5] += s1 * r[6] - s0 * r[7] - (c20 * r[12] + c21 * r[13] + c22 * r[14])
+        r[6] -= c00 * r[9] + c01 * r[10] + c02 * r[11]
+        r[7] -= c10 * r[9] + c11 * r[10] + c12 * r[11]
+        r[8] -= c20 * r[9] + c21 * r[10] + c22 * r[11]
         r[19] *= a
         r[20] *= a
         r[21] *= a
@@ -301,43 +306,56 @@ def _advance(
 
 
 @inner(nogil=True, fastmath=_FLAGS)
+def _row_times_covariance(P: Array, index: Array, value: Array, count: int, PH: Array) -> None:
+    """Fill PH with a row of H times P."""
+    row, factor = index[0], value[0]
+    for i in range(N):
+        PH[i] = factor * P[row, i]
+    for j in range(1, count):
+        row, factor = index[j], value[j]
+        for i in range(N):
+            PH[i] += factor * P[row, i]
+
+
+@inner(nogil=True, fastmath=_FLAGS)
+def _take_outer_product(P: Array, left: Array, right: Array) -> None:
+    """P <- P - left right' in place, two rows at a time: of single rows the compiler makes single numbers."""
+    for i in range(0, N, 2):
+        first, second = left[i], left[i + 1]
+        for j in range(N):
+            factor = right[j]
+            P[i, j] -= first * factor
+            P[i + 1, j] -= second * factor
+
+
+@inner(nogil=True, fastmath=_FLAGS)
 def _fuse(
-    x: Array, P: Array, nu: float, variance: float, index: Array, value: Array, count: int, gain: Array
+    x: Array, P: Array, nu: float, variance: float, index: Array, value: Array, count: int, gain: Array, PH: Array
 ) -> tuple[float, float]:
-    """Fuse one scalar innovation in place and fill the gain.
+    """Fuse one scalar innovation in place and fill the gain; PH (26,) is scratch.
 
     Returns the inverse variance that the innovation was given, and its variance by the filter's own account.
     """
-    PH = np.empty(N)
-    dx = np.empty(N)
-    for i in range(N):
-        PH[i] = value[0] * P[index[0], i]
-    for j in range(1, count):
-        for i in range(N):
-            PH[i] += value[j] * P[index[j], i]
+    _row_times_covariance(P, index, value, count, PH)
     for j in range(count):
         variance += value[j] * PH[index[j]]
     # Beyond three sigma the variance grows with the innovation, so its pull falls (see `_log_density`).
     inv = 1.0 / max(variance, nu * nu / (BOUND * BOUND))
     for i in range(N):
         gain[i] = PH[i] * inv
-        dx[i] = gain[i] * nu
+    _take_outer_product(P, gain, PH)
     for i in range(N):
-        g = gain[i]
-        for j in range(N):
-            P[i, j] -= g * PH[j]
-    _inject(x, dx)
+        PH[i] = gain[i] * nu
+    _inject(x, PH)
     return inv, variance
 
 
 @inner(nogil=True)
 def _gain_unused(P: Array, variance: float, index: Array, value: Array, count: int, gain: Array) -> None:
     """Fill the gain that a measurement with this innovation variance would have."""
+    _row_times_covariance(P, index, value, count, gain)
     for i in range(N):
-        total = 0.0
-        for j in range(count):
-            total += value[j] * P[index[j], i]
-        gain[i] = total / variance
+        gain[i] /= variance
 
 
 @inner(nogil=True)
@@ -477,6 +495,7 @@ def forward(
     S = np.empty(3)
     C = np.empty((3, 3))
     gain = np.empty(N)
+    scratch = np.empty(N)
     index = np.zeros(ENTRIES, np.int64)
     value = np.zeros(ENTRIES)
     doubted = memory[DOUBTED:BEYOND]
@@ -567,7 +586,7 @@ def forward(
                     continue
                 nu = scalar_z[m] - z
                 s = scale[kind] * scalar_var[m] + (jitter[kind] * speed) ** 2
-                inv, s = _fuse(x, P, nu, s, index, value, count, gain)
+                inv, s = _fuse(x, P, nu, s, index, value, count, gain, scratch)
                 heading += gain[8] * nu
                 if moves or abs(heading) > FARTHEST:
                     heading = 0.0

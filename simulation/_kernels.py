@@ -36,9 +36,9 @@ DISARMED, IDLE, FLYING, LANDING, LANDED = 0, 1, 2, 3, 4
 
 
 #: For what only compiled code calls.
-inner = compiled.inner(nogil=True)
+inner = compiled.inner(nogil=True, allocates=True)
 #: The same for parts of the equations of motion: a call would copy the craft's parameters, about a hundred numbers.
-part = compiled.inner(nogil=True, forceinline=True)
+part = compiled.inner(nogil=True)
 
 
 @inner

@@ -80,12 +80,12 @@ def checksum_tables() -> npt.NDArray[np.uint16]:
     return tables.ravel()
 
 
-@inner(forceinline=True)
+@inner()
 def _u16(data: Array, p: Int) -> Int:
     return np.uint16(data[p]) | (np.uint16(data[p + _U(1)]) << np.uint16(8))
 
 
-@inner(forceinline=True)
+@inner()
 def _u32(data: Array, p: Int) -> Int:
     # LLVM makes one load of this.
     return (
@@ -96,12 +96,12 @@ def _u32(data: Array, p: Int) -> Int:
     )
 
 
-@inner(forceinline=True)
+@inner()
 def _u64(data: Array, p: Int) -> Int:
     return np.uint64(_u32(data, p)) | (np.uint64(_u32(data, p + _U(4))) << _U(32))
 
 
-@inner(forceinline=True)
+@inner()
 def _stamp(data: Array, mark: Int) -> Int:
     """Logger time before the frame at `mark`, us: eight bytes, the highest first."""
     stamp = _u64(data, mark - _U(8))
@@ -111,7 +111,7 @@ def _stamp(data: Array, mark: Int) -> Int:
     return np.int64((stamp << _U(32)) | (stamp >> _U(32)))
 
 
-@inner(forceinline=True)
+@inner()
 def _cut_u32(data: Array, p: Int, present: Int) -> Int:
     """Little-endian integer of four bytes of which only `present` were sent; the rest are zero."""
     return _u32(data, p) if present >= 4 else np.uint32(_cut_uint(data, p, present, 4))
@@ -126,7 +126,7 @@ def _cut_uint(data: Array, p: Int, present: Int, width: Int) -> Int:
     return value
 
 
-@inner(forceinline=True)
+@inner()
 def _eight_bytes(tables: Array, zeros: Int, word: Int) -> Int:
     """Register after eight bytes, combined with the register before them, and `zeros` / 256 zero bytes."""
     return np.uint64(
@@ -141,7 +141,7 @@ def _eight_bytes(tables: Array, zeros: Int, word: Int) -> Int:
     )
 
 
-@inner(forceinline=True)
+@inner()
 def _checksum(data: Array, start: Int, size: Int, extra: Int, tables: Array) -> Int:
     """Checksum of `size` bytes from `start`, and the definition's extra byte.
 
@@ -172,7 +172,7 @@ def _checksum(data: Array, start: Int, size: Int, extra: Int, tables: Array) -> 
     return np.uint64(tables[(register ^ np.uint64(extra)) & _U(0xFF)]) ^ (register >> _U(8))
 
 
-@inner(forceinline=True)
+@inner()
 def _frame(data: Array, mark: Int, size: Int, slot_of_id: Array) -> tuple[Int, Int, Int]:
     """Header of the frame at `mark`: its message's slot, checksummed bytes and end."""
     if mark + _U(8) > size:
@@ -200,7 +200,7 @@ def _frame(data: Array, mark: Int, size: Int, slot_of_id: Array) -> tuple[Int, I
     return slot, body, end
 
 
-@inner(forceinline=True)
+@inner()
 def _intact(data: Array, mark: Int, slot: Int, body: Int, crc_extra: Array, tables: Array) -> Any:
     checksum = _checksum(data, mark + _U(1), body, crc_extra[_U(slot)], tables)
     return checksum == np.uint64(_u16(data, mark + _U(1) + body))
@@ -420,7 +420,7 @@ def sort_by_slot(offsets: Array, slots: Array, n_slots: Int) -> tuple[Array, Arr
     return ordered, starts
 
 
-@inner(forceinline=True)
+@inner()
 def _knot_at(knots: Array, mark: Int) -> Int:
     """Last knot that begins at or before `mark`; the first where there is none."""
     low, high = 0, knots.shape[0]

@@ -92,11 +92,15 @@ def _derivatives(
     height: float,
     v: Floats,
     law: int,
+    body: Floats,
     by_velocity: Floats,
     by_height: Floats,
     by_theta: Floats,
 ) -> None:
-    """Differentiate the acceleration (world axes) by velocity (3, 3), height (3,) and parameters (3, q)."""
+    """Differentiate the acceleration (world axes) by velocity (3, 3), height (3,) and parameters (3, q).
+
+    `body` (3, 3) is scratch.
+    """
     north, east = _wind(theta, shapes, k, part)
     clear = height > _LOWEST
     ratio = max(height, _LOWEST) / 10.0
@@ -116,7 +120,6 @@ def _derivatives(
     speed = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
     climb = max(-u[2], 0.0)
     # In body axes first: d a_b / d u and d a_b / d thrust.
-    body = np.empty((3, 3))
     for i in range(3):
         axis = abs(u[i]) if law & AXIS_DRAG else speed
         for j in range(3):
@@ -194,13 +197,13 @@ def accelerations(
     jacobian : ndarray, shape (N, 3, q)
         Receives their derivatives.
     """
-    by_velocity, by_height = np.empty((3, 3)), np.empty(3)
+    body, by_velocity, by_height = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     for k in range(len(signals)):
         north, east = _wind(theta, shapes, k, 0.0)
         _acceleration(theta, signals[k], north, east, heights[k], velocities[k], law, out[k])
         _derivatives(
-            theta, signals[k], shapes, k, 0.0, heights[k], velocities[k], law, by_velocity, by_height,
-            jacobian[k],
+            theta, signals[k], shapes, k, 0.0, heights[k], velocities[k], law, body, by_velocity,
+            by_height, jacobian[k],
         )  # fmt: skip
 
 
@@ -343,7 +346,7 @@ def path_sensitivities(
     stage_z, rate_z = np.empty((6, columns)), np.zeros((4, 6, columns))
     s = np.empty(SIGNALS)
     # The columns of the initial state stay zero here.
-    by_velocity, by_height, by_theta = np.empty((3, 3)), np.empty(3), np.zeros((3, columns))
+    body, by_velocity, by_height, by_theta = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.zeros((3, columns))
     _keep(x, out, 0)
     _keep_sensitivities(z, sensitivities, 0)
     for n in range(1, (len(out) - 1) * stride + 1):
@@ -362,7 +365,7 @@ def path_sensitivities(
             for a in range(3):
                 rate[i, a] = stage[3 + a]
             _acceleration(theta, s, north, east, height, stage[3:], law, rate[i, 3:])
-            _derivatives(theta, s, shapes, k, part, height, stage[3:], law, by_velocity, by_height, by_theta)
+            _derivatives(theta, s, shapes, k, part, height, stage[3:], law, body, by_velocity, by_height, by_theta)
             for a in range(3):
                 vn, ve, vd, h = by_velocity[a, 0], by_velocity[a, 1], by_velocity[a, 2], by_height[a]
                 for c in range(columns):
