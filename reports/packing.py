@@ -55,7 +55,7 @@ def compact(trace: Mapping[str, Any]) -> dict[str, Any]:
 def pack(value: object) -> str:
     """Gzip JSON and write it as base64, which may stand in a page as it is."""
     text = json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-    return base64.b64encode(gzip.compress(text.encode("utf-8"), compresslevel=9, mtime=0)).decode("ascii")
+    return base64.b64encode(gzip.compress(text.encode("utf-8"), compresslevel=6, mtime=0)).decode("ascii")
 
 
 def unpack(text: str) -> Any:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+import scipy
+
 import estimation
 import logparse
 import sysid
@@ -151,7 +153,7 @@ def _analyze(
     sound = flight if isinstance(timeline, Failure) or timeline.sound is None else timeline.sound
     # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
     apart = Stages(silent if alone else progress, config.time_limit)
-    aside = (second.begin if alone else _at_once)(partial(_without_trajectory, log, sound, apart))
+    aside = (_in_a_copy if alone else _at_once)(partial(_without_trajectory, log, sound, apart))
     if isinstance(trajectories.get(log.boot), Failure | None):
         trajectories[log.boot] = stages.run(
             "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
@@ -232,6 +234,12 @@ def _without_trajectory(log: FlightLog, sound: Span | Failure, stages: Stages) -
     motors = stages.run("health", lambda _: _motors(log, log.tables, sound))
     # What was unforeseen is among the findings; errors may not pass to another process.
     return _WithoutTrajectory(rotation, loops, motors, replace(stages, progress=silent, unforeseen={}))
+
+
+def _in_a_copy(work: Callable[[], _WithoutTrajectory]) -> Callable[[], _WithoutTrajectory]:
+    # What both processes will need is imported before there are two.
+    _ = scipy.optimize, scipy.fft
+    return second.begin(work)
 
 
 def _at_once(work: Callable[[], _WithoutTrajectory]) -> Callable[[], _WithoutTrajectory]:
