@@ -1,6 +1,7 @@
 """Open the file behind a log: mapped into memory, unpacked first when it is a gzip or zip archive."""
 
 import gzip
+import io
 import mmap
 import os
 import tempfile
@@ -152,7 +153,7 @@ def _looks_like_log(archive: zipfile.ZipFile, member: zipfile.ZipInfo, is_log: C
         return is_log(packed.read(_HEAD))
 
 
-def _first(packed: gzip.GzipFile | zipfile.ZipExtFile, name: str) -> bytes:
+def _first(packed: io.BufferedIOBase, name: str) -> bytes:
     """Unpack the first 64 kB, or what of them comes before damage."""
     head, damage = b"", None
     while damage is None and len(head) < _HEAD:
@@ -165,7 +166,7 @@ def _first(packed: gzip.GzipFile | zipfile.ZipExtFile, name: str) -> bytes:
     return head
 
 
-def _piece(packed: gzip.GzipFile | zipfile.ZipExtFile, size: int) -> tuple[bytes, Exception | None]:
+def _piece(packed: io.BufferedIOBase, size: int) -> tuple[bytes, Exception | None]:
     """Unpack the next bytes; what a decompressor raises at damage is given beside them."""
     try:
         return packed.read1(size), None
@@ -177,22 +178,39 @@ def _said(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-def _unpacked(packed: gzip.GzipFile | zipfile.ZipExtFile, name: str) -> tuple[Buffer, tuple[Finding, ...]]:
+def most_unpacked() -> int:
+    """Return how many bytes an archive may unpack to in this process."""
+    return min(_limit, MAX_UNPACKED_BYTES)
+
+
+def unpack(packed: io.BufferedIOBase, file: IO[bytes], name: str) -> tuple[int, Exception | None]:
+    """Unpack into a file, up to damage; return the bytes and what the decompressor raised.
+
+    Raises
+    ------
+    LogError
+        More than `most_unpacked`.
+    """
+    size, damage = 0, None
+    while damage is None:
+        piece, damage = _piece(packed, _PIECE)
+        if not piece:
+            break
+        size += len(piece)
+        if size > (most := most_unpacked()):
+            raise LogError(
+                f"{name} unpacks to more than {most / 1e9:.3g} GB, the most that is read here: analyse a shorter log"
+            )
+        file.write(piece)
+    file.flush()
+    return size, damage
+
+
+def _unpacked(packed: io.BufferedIOBase, name: str) -> tuple[Buffer, tuple[Finding, ...]]:
     """Unpack into a temporary file that disappears with its map; keep what comes before damage."""
     findings: tuple[Finding, ...] = ()
     with tempfile.TemporaryFile() as file:
-        size, damage = 0, None
-        while damage is None:
-            piece, damage = _piece(packed, _PIECE)
-            if not piece:
-                break
-            size += len(piece)
-            if size > (most := min(_limit, MAX_UNPACKED_BYTES)):
-                raise LogError(
-                    f"{name} unpacks to more than {most / 1e9:.3g} GB, the most that is read here: analyse a "
-                    "shorter log"
-                )
-            file.write(piece)
+        size, damage = unpack(packed, file, name)
         if damage is not None:
             if size == 0:
                 raise LogError(f"{name} is an archive that cannot be unpacked: {_said(damage)}") from damage
@@ -208,7 +226,6 @@ def _unpacked(packed: gzip.GzipFile | zipfile.ZipExtFile, name: str) -> tuple[Bu
             )
         if size == 0:
             raise LogError(f"{name} is an archive of an empty file")
-        file.flush()
         return _map(file), findings
 
 

@@ -3,21 +3,39 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable
+import bz2
+import gzip
+import io
+import lzma
+import math
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 import scipy
 
+from logparse.containers import most_unpacked, unpack
 from logparse.errors import RotoridError
 from logparse.lazy import lazy
 
 if TYPE_CHECKING:
     import h5py
+    from pyarrow import parquet
 else:
-    h5py = lazy("h5py")
+    h5py, parquet = lazy("h5py"), lazy("pyarrow.parquet")
+
+#: How a packed table is opened, by the end of its name.
+_OPENERS: Mapping[str, Callable[[Path], io.BufferedIOBase]] = {
+    ".gz": gzip.GzipFile,
+    ".xz": lzma.LZMAFile,
+    ".bz2": bz2.BZ2File,
+}
+
+#: Classes of MATLAB's variables that are no arrays of numbers.
+_NO_NUMBERS = ("cell", "struct", "char", "object", "function", "opaque", "sparse")
 
 #: File names that a table may have.
 SUFFIXES = (".csv", ".txt", ".tsv", ".csv.xz", ".csv.gz", ".csv.bz2", ".parquet", ".mat")
@@ -51,10 +69,9 @@ def read_columns(path: Path) -> pd.DataFrame:
     if name.endswith(".mat"):
         return _matlab(path)
     try:
-        if name.endswith(".parquet"):
-            frame = pd.read_parquet(path)
-        else:
-            frame = pd.read_csv(path, sep=None if name.endswith((".txt", ".tsv")) else ",", engine=_engine(name))
+        frame = _parquet(path) if name.endswith(".parquet") else _text(path)
+    except RotoridError:
+        raise
     except Exception as error:  # damage ends in whatever the libraries and their decompressors happen to raise
         raise TableError(f"{path.name}: not a readable table: {error}") from error
     if frame.empty:
@@ -62,8 +79,42 @@ def read_columns(path: Path) -> pd.DataFrame:
     return flatten(frame)
 
 
-def _engine(name: str) -> Any:
-    return "python" if name.endswith((".txt", ".tsv")) else "c"
+def _text(path: Path) -> pd.DataFrame:
+    """Read comma-separated values, unpacked first where they are packed."""
+    name = path.name.lower()
+    opener = next((_OPENERS[ending] for ending in _OPENERS if name.endswith(ending)), None)
+    if opener is None:
+        with path.open("rb") as plain:
+            return _values(plain, name)
+    with opener(path) as packed, tempfile.TemporaryFile() as plain:
+        _, damage = unpack(packed, plain, path.name)
+        if damage is not None:
+            raise damage
+        plain.seek(0)
+        return _values(plain, name)
+
+
+def _values(file: IO[bytes], name: str) -> pd.DataFrame:
+    guess = name.endswith((".txt", ".tsv"))
+    return pd.read_csv(file, sep=None if guess else ",", engine="python" if guess else "c")
+
+
+def _parquet(path: Path) -> pd.DataFrame:
+    """Read a Parquet file, which may hold a billion equal numbers in a few bytes."""
+    facts = parquet.read_metadata(path)
+    groups = [facts.row_group(k) for k in range(facts.num_row_groups)]
+    numbers = sum(group.column(k).num_values for group in groups for k in range(group.num_columns))
+    _check_size(path, max(sum(group.total_byte_size for group in groups), 8 * numbers))
+    return pd.read_parquet(path)
+
+
+def _check_size(path: Path, size: int) -> None:
+    """Refuse a table that is larger in memory than an archive may unpack to."""
+    if size > (most := most_unpacked()):
+        raise TableError(
+            f"{path.name} holds {size / 1e9:.3g} GB of numbers, more than the {most / 1e9:.3g} GB that are read here: "
+            "cut the table into shorter flights"
+        )
 
 
 def flatten(frame: pd.DataFrame) -> pd.DataFrame:
@@ -91,9 +142,11 @@ def _parted(name: str, series: Iterable[Any]) -> dict[str, np.ndarray]:
         try:
             parsed = ast.literal_eval(value) if isinstance(value, str) else value
             rows.append(np.asarray(parsed, dtype=np.float64).ravel())
-        except (ValueError, SyntaxError, TypeError):
-            rows.append(np.empty(0))
+        except (ValueError, SyntaxError, TypeError, OverflowError, MemoryError, RecursionError):
+            rows.append(np.empty(0))  # no list of numbers; nested too deep ends in one of the last two
     width = max(len(row) for row in rows)
+    if 8 * width * len(rows) > most_unpacked():
+        raise TableError(f"column {name}: lists of up to {width} numbers in {len(rows)} rows are too much to read")
     matrix = np.full((len(rows), width), np.nan)
     for k, row in enumerate(rows):
         matrix[k, : len(row)] = row
@@ -102,9 +155,13 @@ def _parted(name: str, series: Iterable[Any]) -> dict[str, np.ndarray]:
 
 def _matlab(path: Path) -> pd.DataFrame:
     try:
-        content = scipy.io.loadmat(path, squeeze_me=False)
+        named = {name: shape for name, shape, kind in scipy.io.whosmat(path) if kind not in _NO_NUMBERS}
+        _check_size(path, 8 * sum(math.prod(shape) for shape in named.values()))
+        content = scipy.io.loadmat(path, squeeze_me=False, variable_names=list(named))
     except NotImplementedError:
         content = _matlab_hdf5(path)  # version 7.3, which SciPy leaves to HDF5 libraries
+    except TableError:
+        raise
     except Exception as error:  # as of tables
         raise TableError(f"{path.name}: not a readable MATLAB file: {error}") from error
     arrays = {
@@ -131,10 +188,14 @@ def _matlab_hdf5(path: Path) -> dict[str, np.ndarray]:
     """Arrays of numbers of a MATLAB file of version 7.3, whose axes HDF5 has in reverse; no text, structs or cells."""
     try:
         with h5py.File(path) as file:
-            return {
-                key: np.asarray(value).T
+            found = {
+                key: value
                 for key, value in file.items()
                 if isinstance(value, h5py.Dataset) and value.attrs.get("MATLAB_class") not in (b"char", b"cell")
             }
+            _check_size(path, 8 * sum(value.size for value in found.values()))
+            return {key: np.asarray(value).T for key, value in found.items()}
+    except TableError:
+        raise
     except Exception as error:  # as of tables
         raise TableError(f"{path.name}: not a readable MATLAB file of version 7.3: {error}") from error

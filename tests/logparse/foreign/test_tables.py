@@ -8,6 +8,7 @@ import yaml
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
+from logparse import RotoridError
 from logparse.foreign.columns import read_column_map
 from logparse.foreign.files import TableError, read_columns
 from logparse.foreign.motion import read_motion
@@ -161,6 +162,45 @@ def test_damaged_files_are_refused_or_read_whatever_the_libraries_raise(tmp_path
             said.append(str(error))
     assert said
     assert all(path.name in each for each in said)
+
+
+@pytest.mark.parametrize("suffix", [".csv.gz", ".csv.xz", ".csv.bz2", ".parquet", "5.mat", "73.mat"])
+def test_a_packed_table_may_not_unpack_beyond_what_a_log_may(tmp_path, suffix, monkeypatch):
+    """A few kilobytes that unpack to a hundred times as much, as zeros do, fill the memory of a computer."""
+    path, rows = tmp_path / f"bomb{suffix}", 200_000
+    if suffix == ".parquet":
+        pd.DataFrame({"t": np.zeros(rows)}).to_parquet(path)
+    elif suffix == "5.mat":
+        savemat(path, {"t": np.zeros((rows, 1))}, do_compression=True)
+    elif suffix == "73.mat":
+        with h5py.File(path, "w", userblock_size=512) as file:
+            file.create_dataset("t", shape=(1, rows), dtype=np.float64, compression="gzip")
+        with path.open("r+b") as raw:
+            raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    else:
+        pd.DataFrame({"t": np.zeros(rows)}).to_csv(path, index=False)
+    assert len(read_columns(path)) == rows
+    assert path.stat().st_size < 20_000
+    monkeypatch.setattr("logparse.containers._limit", 500_000)
+    with pytest.raises(RotoridError, match=r"bomb.*(more than|of numbers, more than)"):
+        read_columns(path)
+
+
+@pytest.mark.parametrize("cell", ["[" + "-" * 60_000 + "1]", "[" + "-" * 3000 + "1]", "[1" + "0" * 400 + "]"])
+def test_a_cell_that_python_cannot_take_for_a_list_is_no_list(tmp_path, cell):
+    """Signs nested too deep ended in a MemoryError or RecursionError, an integer beyond all floats in another."""
+    path = tmp_path / "table.csv"
+    path.write_text(f't,p\n1,"{cell}"\n2,"[1]"\n')
+    assert np.array_equal(read_columns(path)["p[0]"], [np.nan, 1.0], equal_nan=True)
+
+
+def test_lists_that_would_fill_the_memory_are_refused(tmp_path, monkeypatch):
+    """One long list makes a column for each of its numbers, in every row: 1 MB of text asked for 298 GB."""
+    path = tmp_path / "table.csv"
+    path.write_text("t,p\n" + '1,"[' + ",".join("0" * 1000) + ']"\n' + "1,[]\n" * 1000)
+    monkeypatch.setattr("logparse.containers._limit", 5_000_000)
+    with pytest.raises(TableError, match="column p: lists of up to 1000 numbers in 1001 rows"):
+        read_columns(path)
 
 
 def test_lists_in_cells_are_vectors(tmp_path):
