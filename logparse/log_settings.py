@@ -5,13 +5,19 @@ logged. The numbers of bits differ between ArduPilot's vehicles (`defines.h` of 
 finder, a copter's the motor outputs), and PX4 has parameters of its own (``logged_topics.cpp``).
 """
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from logparse.frames import Vehicle
+
+if TYPE_CHECKING:
+    from logparse.log import FlightLog
 
 #: Formats that were received by radio.
 TELEMETRY = ("tlog", "mavlink-raw")
@@ -236,6 +242,18 @@ def how_to_log(
         value = "" if setting.wanted is None else f" = {setting.wanted}"
         return f"{setting.parameter}{value} adds it: {bit.name} logs {bit.logs}."
     return f"{setting.sentence()}. {bit.name} logs {bit.logs}."
+
+
+def bit_to_set(need: Need, log: FlightLog) -> str:
+    """Return a clause on how to log one thing, without a value: that is for who knows all that is lacking."""
+    if log.format in TELEMETRY:
+        return f"log {need} on board: this came by radio"
+    setting = log_setting(log.vehicle, log.format, log.parameters, (need,))
+    if setting is None:
+        return f"log {need}"
+    if setting.added:
+        return f"log {need}: add {setting.bits[0]} to {setting.parameter}"
+    return f"{setting.bits[0]} of {setting.parameter} is set already: look for the cause in the card or the firmware"
 
 
 def _by_radio(need: Need, vehicle: Vehicle) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from logparse.quantity import counted, joined
+from logparse.quantity import joined
 from pipeline.flight.purposes import SHORTEST_JUDGE, free_run_use
 from pipeline.results.verdict import PredictionUse, Trust, Verdict
 
@@ -75,9 +75,11 @@ def assess(
         )
     if not lost and use.trust is Trust.LIMITED:
         if use.flights_outside:
-            count = f"{counted(use.flights_within, 'held-out record')} within the fitted envelope"
+            judged = "only one held-out record within the fitted envelope has judged it"
+            if not use.flights_within:
+                judged = "no held-out record lies within the fitted envelope"
             return Verdict(
-                Trust.LIMITED, f"The model looks right, but {count} judged it: {measured}; judge it on other flights."
+                Trust.LIMITED, f"The model looks right, but {judged}: {measured}; judge it on other flights."
             )
         return Verdict(
             Trust.LIMITED,

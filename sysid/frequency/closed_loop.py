@@ -9,6 +9,7 @@ import numpy as np
 
 from logparse import FlightLog, GivenLogs, logs_of
 from logparse.canonical.series import wrap
+from logparse.log_settings import Need, bit_to_set
 from logparse.quantity import uncertain
 from logparse.units import quantity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
@@ -156,9 +157,7 @@ def _target_and_angle(log: FlightLog, axis: Axis) -> tuple[Floats, Floats, Float
     else:
         targets, attitude = log.tables.setpoints, log.tables.attitude
         if targets is None or attitude is None or len(attitude) < 32 or targets[axis.name].isna().all():
-            raise FrequencyError(
-                f"{log.path.name}: no attitude with its target; set LOG_BITMASK to include attitude (fast)"
-            )
+            raise FrequencyError(f"{log.path.name}: no attitude with its target; {bit_to_set(Need.FAST_RATES, log)}")
         t = attitude.index.to_numpy(np.float64)
         wanted = targets[axis.name].dropna()
         if len(wanted) < 32 or np.median(np.diff(wanted.index)) > 0.13:

@@ -211,7 +211,7 @@ def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[A
             "response-sources-differ",
             Severity.INFO,
             f"Left out, because other signals stand for their controllers' outputs: {', '.join(left_out)}.",
-            "Log RATE at 25 Hz or more in every flight (LOG_BITMASK with fast attitude).",
+            "Log the rate loop at 25 Hz or more in every flight.",
         )
     )
     return [record for record in records if record.source == kept]
@@ -324,8 +324,8 @@ def response_of_records(
     step = max(record.dt for record in records)
     if step > 1.0 / _LOWEST_RATE:
         raise FrequencyError(
-            f"the {axis.name} axis is sampled at {1.0 / step:.1f} Hz, too slow for its dynamics; set LOG_BITMASK to "
-            "include attitude (fast), for 25 Hz or more"
+            f"the {axis.name} axis is sampled at {1.0 / step:.1f} Hz, too slow for its dynamics; log it at 25 Hz or "
+            "more"
         )
     longest = max(record.duration for record in records)
     low = max(min(record.band[0] for record in records), _FEWEST / max(longest, 1e-9))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from logparse import Finding, FlightLog, Severity
+from logparse.log_settings import Need, bit_to_set
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
 
@@ -31,19 +32,21 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
                 Severity.WARNING,
                 f"The rate loop was logged at {1.0 / slowest:.0f} Hz: what happens above {0.5 / slowest:.0f} Hz folds "
                 "into the frequencies below.",
-                "Set LOG_BITMASK to include attitude (fast), for 25 Hz or more.",
+                _sentence(Need.FAST_RATES, logs[0]) if logs else "",
                 {"rate_hz": 1.0 / slowest},
             )
         )
     for log in logs:
         if log.tables.motors is None or not len(log.tables.motors):
+            unknown = "RCOU" in log.messages and not log.vehicle.motors
             findings.append(
                 Finding(
                     "saturation-unchecked",
                     Severity.INFO,
-                    f"{log.path.name} has no motor outputs: whether motors were at their limits, which makes gains "
+                    f"{log.path.name} {'does not tell which outputs are motors' if unknown else 'has no motor outputs'}"
+                    ": whether motors were at their limits, which makes gains "
                     "too small, is not known.",
-                    "Log RCOU: bit 10 (RCOUT) of LOG_BITMASK on ArduCopter.",
+                    "Log parameters (FRAME_CLASS)." if unknown else _sentence(Need.MOTORS, log),
                 )
             )
             continue
@@ -99,3 +102,8 @@ def share_at_limits(log: FlightLog, records: Sequence[AxisRecord]) -> float:
     with np.errstate(invalid="ignore"):
         limited = (values <= lowest) | (values >= highest)
     return float(np.mean(limited.any(axis=1)))
+
+
+def _sentence(need: Need, log: FlightLog) -> str:
+    clause = bit_to_set(need, log)
+    return f"{clause[0].upper()}{clause[1:]}."

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from logparse import FlightLog
 from logparse.cubic_spline import cubic_spline
+from logparse.log_settings import Need, bit_to_set
 from logparse.units import quantity
 from sysid.frequency.antialias import below
 from sysid.frequency.axes import AXES, Axis, FrequencyError
@@ -162,7 +163,7 @@ def rate_signals(log: FlightLog, *, vertical: bool = True) -> RateSignals:
     table = log.tables.rates
     if table is None or len(table) < 16:
         raise FrequencyError(
-            f"{log.path.name}: no RATE or PID messages; set LOG_BITMASK to include attitude (fast) or PID, "
+            f"{log.path.name}: no RATE or PID messages; {bit_to_set(Need.FAST_RATES, log)}, "
             "and fly one minute of short stick inputs on each axis"
         )
     t = table.index.to_numpy(np.float64)

@@ -18,6 +18,7 @@ import pandas as pd
 
 from logparse import FlightLog, MissingDataError
 from logparse.cubic_spline import cubic_spline
+from logparse.log_settings import Need, bit_to_set
 from logparse.recent import Recent
 from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
@@ -105,7 +106,7 @@ def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignal
         raise FrequencyError(
             reason
             or f"{log.path.name}: the log has no {axis.input} and no {axis.output} for the {axis.name} axis, and no "
-            f"motor outputs with gyros at {_LOWEST:.0f} Hz in their place; set LOG_BITMASK to include attitude (fast)"
+            f"motor outputs with gyros at {_LOWEST:.0f} Hz in their place; {bit_to_set(Need.FAST_RATES, log)}"
         )
     return best
 

@@ -188,7 +188,7 @@ def hold_out(found: FrequencyFit, logs: Sequence[FlightLog], within: Within | No
     if axis.attitude and found.responses[0].step > 1.0 / FOLDING:
         raise FrequencyError(
             f"rows at {1.0 / found.responses[0].step:.0f} Hz show the command in aliases, from which nothing can be "
-            "predicted; set LOG_BITMASK to include attitude (fast), for 25 Hz or more"
+            "predicted; log it at 25 Hz or more"
         )
     if any(chirp.axis == axis.name for log in logs for chirp in find_chirps(log, within)):
         return verify(found, logs, within)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import FlightLog
+from logparse.log_settings import Need, bit_to_set
 from sysid.frequency.axes import axis_of
 from sysid.frequency.excitation import find_chirps
 from sysid.frequency.limits import share_at_limits
@@ -206,7 +207,7 @@ def saturation(log: FlightLog, axis: str) -> str | None:
     if message not in log.messages:
         return (
             f"{log.path.name} has no {message} messages, which show when the controller is at a limit; "
-            "add PID to LOG_BITMASK"
+            f"{bit_to_set(Need.PID, log)}"
         )
     return limited_chirp(log, axis)
 
@@ -327,7 +328,7 @@ def two_ways_apart(loop: RateLoop) -> str | None:
     if loop.measured is None:
         return (
             f"{loop.axis}: the loop cannot be measured beside the one computed: PID messages are missing or do not "
-            "match RATE; add PID to LOG_BITMASK"
+            "match RATE; log PID messages"
         )
     crossover = loop.margins.crossover_hz.value
     if crossover is None:

@@ -64,7 +64,7 @@ def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settin
     if frf.step > _LONGEST_STEP:
         raise LoopError(
             f"{settings.axis}: the rate loop is logged at {1.0 / frf.step:.0f} Hz, which folds what is near its "
-            "crossover; set LOG_BITMASK to include attitude (fast), and fly a chirp of mode SYSTEMID"
+            "crossover; log it at 25 Hz or more, and fly a chirp of mode SYSTEMID"
         )
     gain = found.parameters["gain"]
     if gain.value is None:

@@ -173,6 +173,9 @@ def test_flights_outside_the_envelope_are_counted_apart():
     assert assess(found).trust is Trust.NO
     # Where all are outside, nothing else judges, and they do not make a model trusted.
     assert uses_of(errors(good, good), None, outside={"a", "b"}).free_run.trust is Trust.LIMITED
+    assert (
+        "no held-out record lies within the fitted envelope" in assess(errors(good, good), outside={"a", "b"}).sentence
+    )
 
 
 def ahead(curves, flights="ab"):
