@@ -68,13 +68,32 @@ class Catalog:
         self._objects = objects
 
     def keep_log(self, upload: Upload, name: str, owner: str) -> Kept:
-        """Keep one log, as `keep_logs` does."""
+        """Keep one log, as `keep_logs` does.
+
+        Parameters
+        ----------
+        upload : Upload
+            The bytes, fully arrived.
+        name : str
+            File name that the user gave.
+        owner : str
+            Whose log it is.
+        """
         return self.keep_logs([(upload, name)], owner)[0]
 
     def keep_logs(self, arrived: Sequence[tuple[Upload, str]], owner: str, limit: int = 0) -> list[Kept]:
         """Keep logs that have fully arrived, with their names: all or none.
 
         The same bytes of the same owner are the same log.
+
+        Parameters
+        ----------
+        arrived : sequence of (Upload, str)
+            The bytes of each log and its file name.
+        owner : str
+            Whose logs they are.
+        limit : int
+            Most logs that the owner may have.
 
         Raises
         ------
@@ -161,7 +180,19 @@ class Catalog:
             return _count_logs(session, owner)
 
     def list_logs(self, owner: str, *, limit: int, after: str | None = None, name: str = "") -> list[Log]:
-        """List the newest logs, or those after a log of this list, whose names contain `name`."""
+        """List the newest logs, or those after a log of this list, whose names contain `name`.
+
+        Parameters
+        ----------
+        owner : str
+            Only logs of this owner.
+        limit : int
+            Most that are listed.
+        after : str, optional
+            Id of the last log of the page before; ignored when the owner has no such log.
+        name : str
+            Part of the file name, in capitals or not; "" for any.
+        """
         with self._database.read() as session:
             query = select(LogRecord).where(LogRecord.owner == owner)
             if name:
@@ -216,7 +247,22 @@ class Catalog:
         return True
 
     def order(self, log_ids: Sequence[str], configuration: Mapping[str, Any], owner: str) -> Analysis:
-        """Put an analysis of one or several logs of the owner's into the queue; KeyError names a log there is not."""
+        """Put an analysis of one or several logs of the owner's into the queue; KeyError names a log there is not.
+
+        Parameters
+        ----------
+        log_ids : sequence of str
+            Logs to analyse together; each counts once.
+        configuration : mapping
+            What differs from the default analysis.
+        owner : str
+            Whose logs they are.
+
+        Raises
+        ------
+        ProblemError
+            The owner has as many unfinished analyses as the quota allows.
+        """
         with self._database.write() as session:
             if 0 < self._quota.unfinished <= _count_unfinished(session, owner):
                 raise _too_many_unfinished(self._quota.unfinished)
@@ -250,6 +296,21 @@ class Catalog:
         """List the newest analyses, or those after one of this list, of a state, of a log or with a text.
 
         The text is part of a log's name, of the craft, the day of flight or the health.
+
+        Parameters
+        ----------
+        owner : str
+            Only analyses of this owner.
+        limit : int
+            Most that are listed.
+        after : str, optional
+            Id of the last analysis of the page before; ignored when the owner has no such analysis.
+        state : State, optional
+            Only those in this state.
+        log : str, optional
+            Only those of the log of this id.
+        text : str
+            Text to look for, in capitals or not; "" for any.
         """
         with self._database.read() as session:
             query = select(AnalysisRecord).where(AnalysisRecord.owner == owner)
@@ -310,7 +371,19 @@ class Catalog:
 
 
 def order_joint_fit(session: Session, craft: CraftRecord, flights: Sequence[FlightRecord], mass: float | None) -> None:
-    """Put the joint fit of flights of a craft into the queue."""
+    """Put the joint fit of flights of a craft into the queue.
+
+    Parameters
+    ----------
+    session : Session
+        Open for writing.
+    craft : CraftRecord
+        The craft, whose owner's the analysis is.
+    flights : sequence of FlightRecord
+        Flights to fit together.
+    mass : float or None
+        Mass of the craft, kg; None where not known.
+    """
     logs = {flight.log_id for flight in flights}
     records = session.scalars(select(LogRecord).where(LogRecord.id.in_(logs)).order_by(LogRecord.received))
     configuration: dict[str, Any] = {"flights": [flight.id for flight in flights]}

@@ -51,6 +51,17 @@ class LatestModel(NamedTuple):
 def latest(database: Database, craft_id: str, least: LeastTrust, name: str | None = None) -> LatestModel:
     """Find the latest models of a craft, those that have the file `name` where one is wanted.
 
+    Parameters
+    ----------
+    database : Database
+        Where analyses are kept.
+    craft_id : str
+        The craft.
+    least : LeastTrust
+        Least trust that a model must have.
+    name : str, optional
+        File that the analysis must have; None for any.
+
     Raises
     ------
     ProblemError

@@ -47,7 +47,17 @@ class FolderLibrary:
             read_report(folder)
 
     def flights(self, craft: str = "", text: str = "", limit: int | None = None) -> tuple[Sequence[FlightRef], int]:
-        """List flights, the newest first, and count them."""
+        """List flights, the newest first, and count them.
+
+        Parameters
+        ----------
+        craft : str
+            Only flights of the craft of this id; "" for all.
+        text : str
+            Only flights with this in their name, in capitals or not.
+        limit : int, optional
+            Most that are listed; all are counted.
+        """
         entries = self._entries()
         if not entries:
             report = read_report(self._folder)

@@ -13,7 +13,17 @@ _LOOK = 0.25
 
 
 async def changes(catalog: Catalog, analysis: Analysis, stopping: Callable[[], bool]) -> AsyncIterator[Analysis]:
-    """Yield an analysis as it is, and again whenever it has changed, up to its end, its removal or ours."""
+    """Yield an analysis as it is, and again whenever it has changed, up to its end, its removal or ours.
+
+    Parameters
+    ----------
+    catalog : Catalog
+        Where the analysis is kept.
+    analysis : Analysis
+        The analysis as it is now.
+    stopping : callable
+        Return whether the service stops.
+    """
     yield analysis
     while not (analysis.state.ended or stopping()):
         await asyncio.sleep(_LOOK)
@@ -26,7 +36,17 @@ async def changes(catalog: Catalog, analysis: Analysis, stopping: Callable[[], b
 
 
 async def ended(catalog: Catalog, analysis: Analysis, stopping: Callable[[], bool]) -> Analysis:
-    """Wait for the end of an analysis, or until the service stops, and give it as it is then."""
+    """Wait for the end of an analysis, or until the service stops, and give it as it is then.
+
+    Parameters
+    ----------
+    catalog : Catalog
+        Where the analysis is kept.
+    analysis : Analysis
+        The analysis as it is now.
+    stopping : callable
+        Return whether the service stops.
+    """
     async for now in changes(catalog, analysis, stopping):
         analysis = now
     return analysis

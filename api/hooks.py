@@ -104,6 +104,15 @@ def _check(address: ipaddress.IPv4Address | ipaddress.IPv6Address, webhooks: Web
 def resolve(host: str, port: int, webhooks: Webhooks) -> str:
     """Return the address that a name leads to, if none that it leads to is forbidden.
 
+    Parameters
+    ----------
+    host : str
+        Name or address.
+    port : int
+        TCP port.
+    webhooks : Webhooks
+        Which addresses are allowed.
+
     Raises
     ------
     ForbiddenAddressError
@@ -118,6 +127,17 @@ def resolve(host: str, port: int, webhooks: Webhooks) -> str:
 
 def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
     """Post a body and return the status of the answer.
+
+    Parameters
+    ----------
+    url : str
+        Where to.
+    body : bytes
+        JSON.
+    secret : str
+        Key of the HMAC-SHA256 signature that is sent along.
+    webhooks : Webhooks
+        Which addresses are allowed.
 
     Raises
     ------

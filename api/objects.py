@@ -79,7 +79,17 @@ class Objects:
             target.symlink_to((self.folder / key).resolve(strict=True))
 
     def read(self, key: str, start: int = 0, stop: int | None = None) -> bytes:
-        """Read an object, or the bytes from `start` to before `stop` of it; FileNotFoundError where there is none."""
+        """Read an object, or the bytes from `start` to before `stop` of it; FileNotFoundError where there is none.
+
+        Parameters
+        ----------
+        key : str
+            Name of the object.
+        start : int
+            First byte.
+        stop : int, optional
+            Byte after the last; None for all.
+        """
         with as_os_error():
             content: bytes = self._files.cat_file(str(self._root / key), start=start, end=stop)
         return content

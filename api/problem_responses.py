@@ -25,6 +25,15 @@ def respond(request: Request, problem: Problem, headers: Mapping[str, str] | Non
     """Answer with a problem: as JSON, or as a page where a person opened one in a browser.
 
     A browser that lacks a token is led to where it can sign in.
+
+    Parameters
+    ----------
+    request : Request
+        What is answered.
+    problem : Problem
+        What went wrong, with the HTTP status.
+    headers : mapping, optional
+        Further headers of the answer.
     """
     wants_page = not request.url.path.startswith("/api/") and "text/html" in request.headers.get("accept", "")
     if wants_page and problem.status == HTTPStatus.UNAUTHORIZED:

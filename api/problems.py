@@ -29,7 +29,19 @@ class Problem(BaseModel):
 
     @classmethod
     def named(cls, name: str, title: str, status: HTTPStatus, detail: str) -> "Problem":
-        """Make a problem of our own kind, whose type is a URN ending in `name`."""
+        """Make a problem of our own kind, whose type is a URN ending in `name`.
+
+        Parameters
+        ----------
+        name : str
+            End of the URN.
+        title : str
+            The kind of problem in a few words, the same each time.
+        status : HTTPStatus
+            Status of the answer.
+        detail : str
+            What went wrong this time and what to do.
+        """
         return cls(type=f"urn:rotorid:problem:{name}", title=title, status=status, detail=detail)
 
     @classmethod

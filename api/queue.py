@@ -106,7 +106,17 @@ class Queue:
         return own if held else None
 
     def prolong(self, claim: Claim, stage: str = "", progress: float = 0.0) -> bool:
-        """Return a sign of life and say how far the work is; False when the lease is lost and the work for nothing."""
+        """Return a sign of life and say how far the work is; False when the lease is lost and the work for nothing.
+
+        Parameters
+        ----------
+        claim : Claim
+            The analysis and the lease it is worked on under.
+        stage : str
+            What is being done.
+        progress : float
+            Share of the whole that is done, from 0 to 1.
+        """
         until = datetime.now(UTC) + self._lease
         with self._database.write() as session:
             return _change(session, claim, lease_until=until, stage=stage, progress=progress)
@@ -114,7 +124,19 @@ class Queue:
     def finish(
         self, claim: Claim, files: Mapping[str, int], found: Found | None = None, flown: Sequence[Flown] = ()
     ) -> bool:
-        """End an analysis well, its flights to their craft; False, with nothing changed, when the lease is lost."""
+        """End an analysis well, its flights to their craft; False, with nothing changed, when the lease is lost.
+
+        Parameters
+        ----------
+        claim : Claim
+            The analysis and the lease it was worked on under.
+        files : mapping of str to int
+            Names of the files of results, with their sizes in bytes.
+        found : Found, optional
+            What the list of analyses shows.
+        flown : sequence of Flown
+            The flights.
+        """
         short = asdict(found or Found())
         with self._database.write() as session:
             if _change(session, claim, **_end(State.DONE), files=dict(files), results=claim.lease, **short):

@@ -128,7 +128,17 @@ def _kind(document: Schema, schema: Schema) -> str:
 
 
 def example_of(document: Schema, schema: Schema, depth: int = 0) -> Any:
-    """Make up a value of a schema, of the examples that it gives."""
+    """Make up a value of a schema, of the examples that it gives.
+
+    Parameters
+    ----------
+    document : dict
+        The OpenAPI document, in which references are looked up.
+    schema : dict
+        The schema.
+    depth : int
+        Level of nesting; deep objects are left empty.
+    """
     if schema.get("examples"):
         return schema["examples"][0]
     inner = _resolved(document, schema)

@@ -45,6 +45,17 @@ def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None,
     """Run the service until it is told to stop (Ctrl-C, SIGTERM); its other settings come from the environment.
 
     Ends the program with a message when a setting is wrong, the data folder cannot be written or the address is taken.
+
+    Parameters
+    ----------
+    host : str
+        Address to listen on; one that other computers reach asks for tokens unless the settings say otherwise.
+    port : int
+        TCP port.
+    workers : int, optional
+        Analyses at a time; None for what the settings say.
+    out : Path, optional
+        Folder of `rotorid analyze` to show; None for what the settings say.
     """
     settings = _settings()
     log_lines.configure(settings.log_format)

@@ -44,7 +44,17 @@ class ServiceLibrary:
         self._compare = compare
 
     def flights(self, craft: str = "", text: str = "", limit: int | None = None) -> tuple[Sequence[FlightRef], int]:
-        """List flights, the newest first, and count them."""
+        """List flights, the newest first, and count them.
+
+        Parameters
+        ----------
+        craft : str
+            Only flights of the craft of this id; "" for all.
+        text : str
+            Only flights with this in their name, in capitals or not.
+        limit : int, optional
+            Most that are listed; all are counted.
+        """
         chosen = [FlightRecord.owner == self._owner]
         if craft:
             chosen.append(FlightRecord.craft_id == craft)

@@ -39,7 +39,14 @@ class Tools:
     def list_flights(self, craft: str = "", text: str = "", limit: int = 100) -> FlightList:
         """List flights, the newest first: id, name, craft, take-off (UTC), and whether they were healthy.
 
-        `craft` is the id or name of a craft; `text` is part of a flight's name. The answer says how many there are.
+        Parameters
+        ----------
+        craft : str
+            Id or name of a craft; "" for all.
+        text : str
+            Part of the flight's name; "" for any.
+        limit : int
+            Most flights in the answer, which says how many there are.
         """
         chosen = self._craft(craft) if craft else ""
         found, total = self.library.flights(chosen, text, min(max(limit, 1), MOST))

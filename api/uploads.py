@@ -162,7 +162,26 @@ async def receive_logs(
 ) -> list[Kept]:
     """Store the logs of an upload: all, or none when something is wrong with one.
 
-    `recognise` refuses a file that is no log, by its place here and its name; `fields` gathers the other fields.
+    Parameters
+    ----------
+    request : Request
+        A multipart form.
+    incoming : Incoming
+        Where bytes arrive.
+    catalog : Catalog
+        Where logs are kept.
+    owner : str
+        Whose logs they are.
+    limit : int
+        Largest size of all files together, bytes.
+    stall : float
+        Longest time without a byte, s.
+    logs_limit : int
+        Most logs of the owner; 0 is no limit.
+    recognise : callable, optional
+        Refuse a file that is no log, by its place here and its name.
+    fields : dict, optional
+        Receives the other fields of the form.
 
     Raises
     ------
@@ -220,7 +239,22 @@ async def receive_logs(
 
 
 def check_room(catalog: Catalog, owner: str, logs_limit: int) -> None:
-    """Refuse another log where the owner has `logs_limit` already; 0 is no limit."""
+    """Refuse another log where the owner has `logs_limit` already; 0 is no limit.
+
+    Parameters
+    ----------
+    catalog : Catalog
+        Where logs are kept.
+    owner : str
+        Whose logs are counted.
+    logs_limit : int
+        Most logs of the owner.
+
+    Raises
+    ------
+    ProblemError
+        The owner has that many.
+    """
     if 0 < logs_limit <= catalog.count_logs(owner):
         raise _too_many(logs_limit)
 

@@ -64,7 +64,19 @@ class Workplace:
     def of(
         cls, settings: Settings, analyze: worker.Analyze, preload: Sequence[str], scratch: Path | None
     ) -> "Workplace":
-        """Return the workplace that settings describe."""
+        """Return the workplace that settings describe.
+
+        Parameters
+        ----------
+        settings : Settings
+            Of the service.
+        analyze : callable
+            The analysis, called with a task and a function that takes progress.
+        preload : sequence of str
+            Modules to import once for all analyses.
+        scratch : Path or None
+            Folder for temporary files; None for the system's.
+        """
         return cls(
             database=settings.database_url,
             objects=settings.storage_url,
@@ -90,7 +102,17 @@ class Workplace:
 
 
 def work(workplace: Workplace, claim: Claim, stopping: Callable[[], bool] = bool) -> None:
-    """Work on a claimed analysis until it has ended, the claim is lost, or `stopping` says so."""
+    """Work on a claimed analysis until it has ended, the claim is lost, or `stopping` says so.
+
+    Parameters
+    ----------
+    workplace : Workplace
+        Database, storage and limits.
+    claim : Claim
+        The analysis and its lease.
+    stopping : callable
+        Return whether to stop and put the analysis back.
+    """
     workplace.warm_up()
     database = Database(workplace.database)
     try:

@@ -217,7 +217,21 @@ class Limits:
 
 
 def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, log_format: LogFormat) -> None:
-    """Do a task within its limits and report how it goes, ending with anything but `Advanced`."""
+    """Do a task within its limits and report how it goes, ending with anything but `Advanced`.
+
+    Parameters
+    ----------
+    reports_to : Connection
+        Pipe to the process that watches this one.
+    analyze : callable
+        The analysis, called with the task and a function that takes stage and progress (0 to 1).
+    task : Task
+        The logs and where results go.
+    limits : Limits
+        Time and memory allowed.
+    log_format : LogFormat
+        How log lines are written.
+    """
     log_lines.configure(log_format)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which ends its workers itself.
     if sys.platform == "linux":  # Should the server be killed, nobody else would end us before the alarm.

@@ -23,6 +23,15 @@ _log = logging.getLogger("rotorid.api")
 def work_until_told(settings: Settings, analyze: Analyze = analyze_logs, *, preload: Sequence[str] = PRELOAD) -> None:
     """Work until SIGTERM or SIGINT; what is being worked on then goes back into the queue.
 
+    Parameters
+    ----------
+    settings : Settings
+        Of the service.
+    analyze : callable
+        The analysis, called with a task and a function that takes progress.
+    preload : sequence of str
+        Modules to import once for all analyses.
+
     Raises
     ------
     OSError
