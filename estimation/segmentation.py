@@ -1,14 +1,14 @@
 """The log's time cut into segments without holes, each carried by one IMU: the likeliest of those that span it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from estimation import _kernels
 from estimation.alignment import Alignment, align, turned
-from estimation.filter import COARSE, assemble, run
+from estimation.filter import COARSE, assemble, matched_scale, run
 from estimation.observations import Observations
 from estimation.states import SensorNoise
 from estimation.surroundings import Surroundings
@@ -119,15 +119,20 @@ def _aligned(
     return max(tries, key=lambda tried: _fit(tried, observations, place, noise))
 
 
-def _fit(segment: Segment, observations: Observations, place: Surroundings, noise: SensorNoise) -> float:
-    """Return the log-likelihood of a segment's beginning with everything as documented."""
+def _fit(
+    segment: Segment, observations: Observations, place: Surroundings, noise: SensorNoise, *, matched: bool = False
+) -> float:
+    """Return the log-likelihood of a segment's beginning with everything as documented, or white noise `matched`."""
     signal, aligned = segment.signal, segment.aligned
     outputs = np.array([signal.start])
     stop = signal.start + WINDOW
     problem = assemble(
         signal, observations, outputs, aligned.x, aligned.P, place.world, noise, stop=stop, finest=COARSE
     )
-    return run(problem, keep=False).log_likelihood
+    result = run(problem, keep=False)
+    if not matched:
+        return result.log_likelihood
+    return run(replace(problem, white_scale=matched_scale(problem, result)), keep=False).log_likelihood
 
 
 def _likeliest(rivals: list[Segment], observations: Observations, place: Surroundings, noise: SensorNoise) -> Segment:
@@ -136,7 +141,10 @@ def _likeliest(rivals: list[Segment], observations: Observations, place: Surroun
         return _with_gain(rivals[0], np.inf if rivals[0].imu else 0.0)
     # The same measurements for all, or the likelihoods would not compare.
     seen = observations.between(max(s.signal.start for s in rivals) + 0.1, min(s.signal.stop for s in rivals) - 0.1)
-    fits = [_fit(segment, seen, place, noise) for segment in rivals]
+    # A compass beside motors says more of their currents than of gyros.
+    if np.any(seen.kind == _kernels.GPS_VELOCITY):
+        seen = seen.without(_kernels.MAG)
+    fits = [_fit(segment, seen, place, noise, matched=True) for segment in rivals]
     best = int(np.argmax(fits))
     gain = fits[best] - fits[0]
     if gain <= DECISIVE:

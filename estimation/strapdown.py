@@ -29,6 +29,7 @@ from estimation.trust import (
     late_sensors,
     missed_steps,
     only_one_withdrawal,
+    wandering_compass,
 )
 from estimation.tuning import RELINEARISED, WINDOW, Tuned, moves_bias, relinearised, settled, tune
 from logparse import Geodetic, MissingDataError, Tables
@@ -150,6 +151,7 @@ def estimate_strapdown(
     doubts += doubtful_sensors(innovation_statistics([e.filtered for e in done]))
     doubts += missed_steps([e.filtered.shocks for e in done], sum(e.segment.length for e in done))
     doubts += late_sensors(tuned.lags)
+    doubts += wandering_compass(tuned.noise.hard_iron_walk)
     lag = tuned.lags.get("gps", 0.0)
     rows = [e.rows for e in done]
     # What comes now is as large as the IMU's samples, which nobody needs any more.

@@ -34,6 +34,10 @@ FARTHEST_ACCEL_BIAS, FARTHEST_GYRO_BIAS = 5.0, 0.5
 #: A sensor's clock that is further off than this is named, s: some hundredths are its driver's.
 LATE = 0.25
 
+#: A compass whose hard iron walks by so much is named, T/sqrt(s): 6 uT in 100 s are 17 degrees of heading in a field of
+#: 20 uT, and thirty times what `SensorNoise` takes for a compass in order.
+WANDERING = 6e-7
+
 #: What sensors whose lag is looked for are called.
 CALLED: Mapping[str, str] = {"gps": "GPS", "gps2": "second GPS", "mag": "compass", "baro": "barometer"}
 
@@ -187,6 +191,24 @@ def late_sensors(lags: Mapping[str, float]) -> list[Finding]:
         )
         for sensor, lag in lags.items()
         if abs(lag) > LATE
+    ]
+
+
+def wandering_compass(walk: float) -> list[Finding]:
+    """Name a compass whose hard iron walks, T/sqrt(s); what it tells of the heading is weighted accordingly."""
+    if walk < WANDERING:
+        return []
+    moved = walk * 1e6 * float(np.sqrt(10.0))
+    return [
+        Finding(
+            "compass-wanders",
+            Severity.WARNING,
+            f"The compass's readings wander by {moved:.1f} µT within ten seconds, beside what turning explains: "
+            "headings rest on the gyro and on how the craft accelerates.",
+            "Move the compass away from power wires and iron, or calibrate it against the motors' current "
+            "(COMPASS_MOTCT).",
+            {"wander_ut_10s": moved},
+        )
     ]
 
 

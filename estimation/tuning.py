@@ -57,12 +57,14 @@ LAGGING: Mapping[str, tuple[int, ...]] = {
 #: small proves nothing.
 LADDERS: Mapping[str, tuple[float, ...]] = {
     "gyro_bias_walk": (2e-6, 6e-6, 2e-5, 6e-5, 2e-4, 6e-4, 2e-3),
-    "hard_iron_walk": (2e-9, 6e-9, 2e-8, 6e-8),
+    "hard_iron_walk": (2e-9, 6e-9, 2e-8, 6e-8, 2e-7, 6e-7, 2e-6, 6e-6),
     "hard_iron": (3e-6, 1e-5, 3e-5),
     "gyro_bias": (0.01, 0.03, 0.1, 0.3),
     "accel_bias": (0.1, 0.3, 1.0, 3.0),
     "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2, 5e-2),
 }
+#: Hard iron's walk about which the search begins, T/sqrt(s).
+COMPASS_CLASS = 2e-8
 #: Tilt and the accelerometer's bias are known to begin with if their 1-sigma is below this, rad and m/s^2.
 TILT_KNOWN, BIAS_KNOWN = 0.2, 0.5
 #: Biases of an IMU that was never calibrated, rad/s and m/s^2.
@@ -109,59 +111,23 @@ def tune(
 ) -> Tuned:
     """Find the settings from one segment of the log, from its start to at most `WINDOW` into the flight.
 
+    Biases far beyond their class throw off the attitude that is found along with them, after which no single setting
+    looks better: they need a start of their own. With settings of the class that start also makes up for whatever else
+    is worse than its class, as a compass beside motors, and one fix more or less decided on it. So where it looks
+    better, settings are found about both, and it must still be decisively likelier.
+
     Parameters are those of `filter.assemble`; `aligned` is the start.
     """
-    _, stop = window(signal)
-
-    def lay_out(observations: Observations) -> Problem:
-        return assemble(
-            signal,
-            observations,
-            np.array([signal.start]),
-            start.aligned.x,
-            start.aligned.P,
-            world,
-            start.noise,
-            white_scale=start.white_scale,
-            imu_scale=imu_scale,
-            stop=stop,
-            finest=COARSE,
-        )
-
-    imu_scale = np.ones(2)
-    passes = _Passes()
-
-    known = _Start(aligned, noise, np.ones(_kernels.KINDS))
-    lags = {sensor: 0.0 for sensor, kinds in LAGGING.items() if np.isin(observations.kind, kinds).any()}
-    for _ in range(2):
-        start = known
-        start = _find_start(lay_out(observations), aligned, passes)
-        found = {}
-        for sensor in lags:
-            # Some hundredths of a second of a barometer say more of its noise than of its clock.
-            least = LAG_LARGE if sensor == "baro" else 0.0
-            found[sensor] = _find_lag(observations, LAGGING[sensor], lay_out, passes, least)
-            observations = observations.earlier(LAGGING[sensor], found[sensor])
-            lags[sensor] += found[sensor]
-        # What was found with a clock that was off is found again with it set right.
-        if max(map(abs, found.values()), default=0.0) < LAG_LARGE:
-            break
-    problem = lay_out(observations)
-    # Before the GPS: a gyro that is noisier than it looks would make the likeliest receiver a perfect one.
-    for column in range(2):
-        imu_scale[column], problem = _scale_imu(problem, column, passes)
-    for setting, ladder in LADDERS.items():
-        problem = _set_noise(problem, start.aligned, setting, ladder, passes)
-    if np.any(problem.observations.kind == _kernels.GPS_POSITION):
-        problem = _set_noise(problem, start.aligned, "gps_error_share", GPS_ERROR_SHARES, passes)
-        problem = _split_gps_error(problem, passes)
-    matched = matched_scale(problem, run(problem, keep=False))
-    matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
-    start = _Start(replace(start.aligned, x=problem.x, P=problem.P), problem.noise, matched)
-    # A start whose tilt is still sought makes up for a lag, or the lag for it.
-    for sensor in set() if moves_bias(start.aligned.P, levelled=aligned.levelled) else lags.keys() & {"gps", "gps2"}:
-        lags[sensor] += _refine_lag(observations, LAGGING[sensor], (signal.start, min(stop, signal.stop)), lay_out)
-    return Tuned(problem.noise, matched, imu_scale, lags)
+    known = _Search(signal, observations, aligned, world, noise)
+    likelihood = known.begin()
+    wide = replace(known.noise, gyro_bias=WIDE_GYRO_BIAS, accel_bias=WIDE_ACCEL_BIAS)
+    far_off = _Search(signal, observations, with_priors(aligned, noise, wide), world, wide)
+    looks_better = far_off.begin() - likelihood > DECISIVE
+    known.search()
+    if not looks_better:
+        return known.found
+    far_off.search()
+    return far_off.found if far_off.likelihood() - known.likelihood() > DECISIVE else known.found
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,35 +147,114 @@ class _Passes:
         return self._known[key]
 
 
-@dataclass(frozen=True, slots=True)
-class _Start:
-    """Where a window begins, what is believed of its sensors, and how white noise is scaled."""
+class _Search:
+    """The search for settings about one start."""
 
-    aligned: Alignment
-    noise: SensorNoise
-    white_scale: np.ndarray
+    def __init__(
+        self, signal: InertialSignal, observations: Observations, aligned: Alignment, world: World, noise: SensorNoise
+    ) -> None:
+        self.signal, self.observations, self.aligned, self.world = signal, observations, aligned, world
+        self.given = self.noise = noise
+        self.x, self.P, self.white_scale = aligned.x, aligned.P, np.ones(_kernels.KINDS)
+        self.imu_scale = np.ones(2)
+        self.span = signal.start, min(window(signal)[1], signal.stop)
+        self.lags = {s: 0.0 for s, kinds in LAGGING.items() if np.isin(observations.kind, kinds).any()}
+        self.passes = _Passes()
 
+    @property
+    def found(self) -> Tuned:
+        """The settings."""
+        return Tuned(self.noise, self.white_scale, self.imu_scale, self.lags)
 
-def _find_start(problem: Problem, aligned: Alignment, passes: _Passes) -> _Start:
-    """Find the attitude to linearise about, and whether biases are of another size than their class has.
+    def lay_out(self, observations: Observations) -> Problem:
+        """Lay out the window with the settings found so far."""
+        return assemble(
+            self.signal,
+            observations,
+            np.array([self.signal.start]),
+            self.x,
+            self.P,
+            self.world,
+            self.noise,
+            white_scale=self.white_scale,
+            imu_scale=self.imu_scale,
+            stop=self.span[1],
+            finest=COARSE,
+        )
 
-    Biases far beyond their class throw off the attitude that is found along with them, after which no single setting
-    looks better. So both are tried together: another beginning must be decisively likelier.
-    """
-    found, likelihoods = [], []
-    wide = replace(problem.noise, gyro_bias=WIDE_GYRO_BIAS, accel_bias=WIDE_ACCEL_BIAS)
-    for noise, most in ((problem.noise, 1), (wide, RELINEARISED)):
-        start = with_priors(aligned, problem.noise, noise)
-        tried = replace(problem, noise=noise, P=start.P)
-        for k in range(most):
-            result = run(tried)
-            before, scale = tried.x, matched_scale(tried, result)
-            tried = replace(tried, x=relinearised(tried, result, levelled=aligned.levelled), white_scale=scale)
-            if k and settled(before, tried.x):
+    def begin(self) -> float:
+        """Find the attitude to linearise about and what white noise suits it; return the log-likelihood.
+
+        Currents beside a compass pull at attitude, after which lags and noise of all other sensors come out wrong: so
+        how far its hard iron walks is found at once.
+        """
+        self.x, self.P, self.noise = self.aligned.x, self.aligned.P, self.given
+        self.white_scale = np.ones(_kernels.KINDS)
+        started = self._started(self.lay_out(self.observations))
+        if "mag" in self.lags and self.noise.hard_iron_walk <= COMPASS_CLASS:
+            ladder = LADDERS["hard_iron_walk"][LADDERS["hard_iron_walk"].index(COMPASS_CLASS) :]
+            likelihoods, likeliest = _climb(
+                lambda walk: replace(started, noise=replace(started.noise, hard_iron_walk=walk)),
+                ladder,
+                COMPASS_CLASS,
+                self.passes,
+            )
+            if max(likelihoods.values()) - likelihoods[COMPASS_CLASS] > DECISIVE:
+                started = self._started(replace(likeliest, x=self.x))
+        self._take(started)
+        return self.passes.likelihood(started)
+
+    def search(self) -> None:
+        """Find lags and noise, from what `begin` found."""
+        for _ in range(2):
+            found = {}
+            for sensor in self.lags:
+                # Some hundredths of a second of a barometer say more of its noise than of its clock.
+                least = LAG_LARGE if sensor == "baro" else 0.0
+                found[sensor] = _find_lag(self.observations, LAGGING[sensor], self.lay_out, self.passes, least)
+                self.observations = self.observations.earlier(LAGGING[sensor], found[sensor])
+                self.lags[sensor] += found[sensor]
+            # What was found with a clock that was off is found again with it set right.
+            if max(map(abs, found.values()), default=0.0) < LAG_LARGE:
                 break
-        found.append(_Start(replace(start, x=tried.x), noise, tried.white_scale))
-        likelihoods.append(passes.likelihood(tried))
-    return found[int(likelihoods[1] - likelihoods[0] > DECISIVE)]
+            self.begin()
+        problem = self.lay_out(self.observations)
+        # Before the GPS: a gyro that is noisier than it looks would make the likeliest receiver a perfect one.
+        for column in range(2):
+            self.imu_scale[column], problem = _scale_imu(problem, column, self.passes)
+        start = replace(self.aligned, x=self.x)
+        for setting, ladder in LADDERS.items():
+            problem = _set_noise(problem, start, setting, ladder, self.passes)
+        if np.any(problem.observations.kind == _kernels.GPS_POSITION):
+            problem = _set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES, self.passes)
+            problem = _split_gps_error(problem, self.passes)
+        matched = matched_scale(problem, run(problem, keep=False))
+        matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
+        self._take(replace(problem, white_scale=matched))
+        # A start whose tilt is still sought makes up for a lag, or the lag for it.
+        if not moves_bias(self.aligned.P, levelled=self.aligned.levelled):
+            for sensor in self.lags.keys() & {"gps", "gps2"}:
+                self.lags[sensor] += _refine_lag(self.observations, LAGGING[sensor], self.span, self.lay_out)
+
+    def likelihood(self) -> float:
+        """Return the log-likelihood of what was found, over readings that no lag moves out of the window."""
+        kinds, reach = range(_kernels.KINDS), max(map(abs, FINE_LAGS)) + ENDS
+        seen = self.observations.within(kinds, self.span[0] + reach, self.span[1] - reach)
+        return run(self.lay_out(seen), keep=False).log_likelihood
+
+    def _started(self, problem: Problem) -> Problem:
+        """Linearise about the attitude that a problem itself finds from its start, and match white noise to it."""
+        levelled = self.aligned.levelled
+        for k in range(RELINEARISED if moves_bias(self.aligned.P, levelled=levelled) else 1):
+            result = run(problem)
+            x, scale = problem.x, matched_scale(problem, result)
+            problem = replace(problem, x=relinearised(problem, result, levelled=levelled), white_scale=scale)
+            if k and settled(x, problem.x):
+                break
+        return problem
+
+    def _take(self, problem: Problem) -> None:
+        self.x, self.P, self.noise, self.white_scale = problem.x, problem.P, problem.noise, problem.white_scale
 
 
 def relinearised(problem: Problem, result: ForwardPass, *, levelled: bool) -> np.ndarray:
