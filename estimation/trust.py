@@ -38,6 +38,9 @@ LATE = 0.25
 #: 20 uT, and thirty times what `SensorNoise` takes for a compass in order.
 WANDERING = 6e-7
 
+#: No craft flies on after its velocity stepped by so much so many times, m/s: such steps are not of the craft.
+WRECKING_STEP, WRECKED = 5.0, 3
+
 #: What sensors whose lag is looked for are called.
 CALLED: Mapping[str, str] = {"gps": "GPS", "gps2": "second GPS", "mag": "compass", "baro": "barometer"}
 
@@ -228,6 +231,15 @@ def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
             {"steps": len(t), "share_of_seconds": share},
         )
     ]
+    steps = np.sqrt(np.concatenate([s.variance[:, 1] for s in shocks]))
+    if np.count_nonzero(steps > WRECKING_STEP) >= WRECKED:
+        findings.append(
+            inconsistent(
+                f"at {np.count_nonzero(steps > WRECKING_STEP)} moments they agree only if velocity stepped by "
+                f"{WRECKING_STEP:g} to {steps.max():.0f} m/s unseen by the IMU, after which no craft flies on",
+                {"steps": int(np.count_nonzero(steps > WRECKING_STEP)), "largest": float(steps.max())},
+            )
+        )
     if share > DOUBTFUL_SHARE:
         findings.append(inconsistent(f"the IMU missed what the other sensors saw in {share:.0%} of the log's seconds"))
     return findings

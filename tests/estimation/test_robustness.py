@@ -11,8 +11,9 @@ import pytest
 from estimation import compare, errors, estimate, nees, strapdown
 from estimation.compass import Turn, turned_compass
 from estimation.receiver_clock import in_one_time
+from estimation.shocks import Shocks
 from estimation.timing import ACCEL, GYRO
-from estimation.trust import doubtful_sensors
+from estimation.trust import doubtful_sensors, missed_steps
 from tests.estimation.simulated_flight import Sensors, fly
 
 SETTLED = 15.0
@@ -157,6 +158,15 @@ def test_a_sensor_of_which_nothing_is_left_has_no_others():
     assert [f.id for f in found] == ["sensor-refused", "trajectory-inconsistent"]
     assert found[0].reason == "100% of the barometer readings were refused."
     assert found[0].evidence["nis"] is None
+
+
+@pytest.mark.parametrize(("steps", "withdrawn"), [((6.0, 7.0, 9.0), True), ((12.0, 1.0, 1.0, 1.0), False)])
+def test_a_craft_that_flies_on_after_wrecking_steps_is_not_believed(steps, withdrawn):
+    """One crash is one; three or more are none (31-3-2015_83: nine of up to 17 m/s, one fix more or less moved all)."""
+    t = 10.0 * np.arange(len(steps))
+    shocks = Shocks(t, np.column_stack([np.zeros(len(steps)), np.square(steps)]))
+    found = [f.id for f in missed_steps([shocks], 1000.0)]
+    assert ("trajectory-inconsistent" in found) == withdrawn
 
 
 @pytest.mark.parametrize("factor", [1.0 / 9.80665, -1.0])
