@@ -23,7 +23,7 @@ $(READY): pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@echo "Compiling the numerical loops (once, half a minute) ..."
-	@$(BIN)/rotorid analyze sample_logs/octa01_zurich_calm.bin --out $(VENV)/compiled > $(VENV)/compiled.log 2>&1 || \
+	@{ $(BIN)/rotorid analyze sample_logs/octa01_zurich_calm.bin --out $(VENV)/compiled && $(BIN)/rotorid inspect sample_logs/octa02_alain_breeze.tlog; } > $(VENV)/compiled.log 2>&1 || \
 		{ echo "That failed; each loop is compiled at its first use instead. Its last words, of $(VENV)/compiled.log:"; tail -n 5 $(VENV)/compiled.log; }
 	@touch $@
 

@@ -146,14 +146,8 @@ class RateSignals:
         return float(np.median(np.diff(self.t)))
 
 
-def rate_signals(log: FlightLog, *, vertical: bool = True) -> RateSignals:
+def rate_signals(log: FlightLog) -> RateSignals:
     """Read the rate controllers of a log: RATE, or the PID messages where it has none.
-
-    Parameters
-    ----------
-    log : FlightLog
-    vertical : bool
-        Whether the controller of the vertical acceleration is read along.
 
     Raises
     ------
@@ -166,18 +160,23 @@ def rate_signals(log: FlightLog, *, vertical: bool = True) -> RateSignals:
             f"{log.path.name}: no RATE or PID messages; {bit_to_set(Need.FAST_RATES, log)}, "
             "and fly one minute of short stick inputs on each axis"
         )
-    t = table.index.to_numpy(np.float64)
     columns = {str(name): table[name].to_numpy(np.float64) for name in table.columns}
-    from_rate = "RATE" in log.messages
-    if from_rate and vertical:
-        # Not kept: of a long log it would be the largest thing in memory.
-        frame = log.messages.once("RATE", ("A", "ADes"))
-        times = frame.index.to_numpy(np.float64)
-        order = np.argsort(times, kind="stable")
-        for name, source in (("a_up", "A"), ("a_up_ref", "ADes")):
-            if source in frame:
-                columns[name] = np.interp(t, times[order], quantity(frame, source, "cm/s/s")[order])
-    return RateSignals(t, columns, from_rate)
+    return RateSignals(table.index.to_numpy(np.float64), columns, "RATE" in log.messages)
+
+
+def with_vertical(log: FlightLog, signals: RateSignals) -> RateSignals:
+    """Return the rate controllers with that of the vertical acceleration, where they are those of RATE."""
+    if not signals.with_chirp:
+        return signals
+    # Not kept: of a long log it would be the largest thing in memory.
+    frame = log.messages.once("RATE", ("A", "ADes"))
+    times = frame.index.to_numpy(np.float64)
+    order = np.argsort(times, kind="stable")
+    columns = dict(signals.columns)
+    for name, source in (("a_up", "A"), ("a_up_ref", "ADes")):
+        if source in frame:
+            columns[name] = np.interp(signals.t, times[order], quantity(frame, source, "cm/s/s")[order])
+    return replace(signals, columns=columns)
 
 
 def chirp_signal(log: FlightLog, t: Floats, chirp: Chirp) -> Floats:
@@ -399,7 +398,8 @@ def _of_lost_rows(t: Floats, command: Floats) -> float:
     """
     lost = _lost_one_by_one(t)
     moved = command - np.mean(command)
-    kicks = float(np.sum(moved**2) ** 2 / max(np.sum(moved**4), 1e-300))
+    squared = moved**2
+    kicks = float(np.sum(squared) ** 2 / max(np.sum(squared**2), 1e-300))
     return float(np.sqrt(_KICK_VARIANCE * min(lost, 1.0) / max(kicks, 1.0)))
 
 

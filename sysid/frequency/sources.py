@@ -22,7 +22,7 @@ from logparse.log_settings import Need, bit_to_set
 from logparse.recent import Recent
 from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
-from sysid.frequency.records import RateSignals, rate_signals
+from sysid.frequency.records import RateSignals, rate_signals, with_vertical
 from sysid.frequency.response import Floats
 from sysid.frequency.whole_pwm import OUTPUTS, as_motors_got
 from sysid.records.mixer import patterns, thrust_commands, voltage_at
@@ -61,11 +61,9 @@ def kept_signals() -> Iterator[None]:
 
 
 def _controllers(log: FlightLog, *, vertical: bool) -> RateSignals:
-    def make() -> RateSignals:
-        return as_motors_got(log, rate_signals(log, vertical=vertical))
-
-    recent = _kept.get()
-    return make() if recent is None else recent.of(log, vertical, make=make)
+    recent = _kept.get() or Recent[RateSignals](2)
+    signals = recent.of(log, make=lambda: as_motors_got(log, rate_signals(log)))
+    return recent.of(signals, make=lambda: with_vertical(log, signals)) if vertical else signals
 
 
 def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignals:
@@ -94,7 +92,7 @@ def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignal
         if any(values is None or np.isfinite(values).sum() < 16 for values in wanted):
             controllers = None
     if not axis.attitude or (controllers is not None and 1.0 / controllers.step >= _FAST_ENOUGH):
-        return controllers if controllers is not None else rate_signals(log)
+        return controllers if controllers is not None else with_vertical(log, rate_signals(log))
     others = sorted(_pairs(log), key=lambda pair: pair.step)
     # Bursts last a second: what is slower than a few hertz does not show in them.
     whole = [pair for pair in others if not pair.source.endswith(BURSTS)]

@@ -99,7 +99,8 @@ class ThinnedSignals:
         """Return them at a rate that was halved so often, shape (N / 2^halvings, columns)."""
         while len(self._rates) <= halvings:
             reach = len(_HALVING) // 2
-            self._rates.append(halved(np.pad(self._rates[-1].T, ((0, 0), (reach, reach))), _HALVING))
+            signals = np.ascontiguousarray(self._rates[-1].T)
+            self._rates.append(halved(np.pad(signals, ((0, 0), (reach, reach))), _HALVING))
         return self._rates[halvings]
 
 

@@ -32,6 +32,9 @@ _FLYING, _QUIET = 0.05, 1.0
 #: 0.25 where all is understood, half a microsecond where nothing is.
 _UNDERSTOOD = 0.35
 
+#: Rows that are worked on at a time.
+_PIECE = 1 << 15
+
 
 def as_motors_got(log: FlightLog, signals: RateSignals) -> RateSignals:
     """Return the controllers' outputs without what was cut off them, where the log's motor outputs can be foretold.
@@ -62,9 +65,9 @@ def _without_cut(log: FlightLog, signals: RateSignals, motors: pd.DataFrame, veh
     if len(at) < _FEWEST or np.count_nonzero(known) < _FEWEST or np.any(pwm != np.rint(pwm)):
         return signals
     factors = factors_of(vehicle)
-    t, asked = signals.t[known], expectation(outputs[known], factors)
+    t, outputs = signals.t[known], outputs[known]
     lowest, highest = (motor_pwm(command, vehicle) for command in (0.0, 1.0))
-    asked_there = np.column_stack([np.interp(at, t, column) for column in asked.T])
+    asked_there = expectation(np.column_stack([np.interp(at, t, column) for column in outputs.T]), factors)
     middle = thrust_commands(motors + 0.5, vehicle, voltage_at(log.tables.battery, at)).to_numpy(np.float64)
     flying = (asked_there.mean(axis=1) > _FLYING) & (pwm > lowest + 1.0).all(axis=1) & (pwm < highest - 1.0).all(axis=1)
     flying &= (at >= t[0]) & (at <= t[-1])
@@ -74,20 +77,33 @@ def _without_cut(log: FlightLog, signals: RateSignals, motors: pd.DataFrame, veh
     factor = pd.Series(middle[flying].mean(axis=1) / asked_there[flying].mean(axis=1))
     rows = round(_STEADY / float(np.median(np.diff(at)))) | 1
     factor = factor.rolling(rows, center=True, min_periods=1).median()
-    gain = np.interp(t, at, factor)[:, None]
-    foretold = _pwm(asked * gain, vehicle, voltage_at(log.tables.battery, t))
-    if _distance(foretold, t, pwm[flying], at) > _UNDERSTOOD:
+    gain, voltage = np.interp(t, at, factor)[:, None], voltage_at(log.tables.battery, t)
+    # Only some rows tell whether the outputs are understood, and of the others a piece at a time is worked on: with all
+    # motors of all rows this would be the largest thing in memory.
+    after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
+    beside = [
+        _pwm(expectation(outputs[k], factors) * gain[k], vehicle, None if voltage is None else voltage[k])
+        for k in (after - 1, after)
+    ]
+    share = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
+    if _distance(*beside, share, pwm[flying]) > _UNDERSTOOD:
         return signals
-    got = thrust_commands(
-        pd.DataFrame(np.floor(foretold) + 0.5, columns=motors.columns), vehicle, voltage_at(log.tables.battery, t)
-    )
-    inside = (foretold > lowest) & (foretold < highest)
-    lost = np.where(inside, got.to_numpy(np.float64) / gain - asked, 0.0)
     columns = dict(signals.columns)
-    for name, values in patterns(pd.DataFrame(lost, columns=motors.columns), vehicle).items():
-        corrected = columns[OUTPUTS[str(name)]].copy()
-        corrected[known] += values.to_numpy(np.float64)
-        columns[OUTPUTS[str(name)]] = corrected
+    lost = np.empty((len(t), len(OUTPUTS)))
+    for first in range(0, len(t), _PIECE):
+        piece = slice(first, first + _PIECE)
+        there = None if voltage is None else voltage[piece]
+        asked = expectation(outputs[piece], factors)
+        foretold = _pwm(asked * gain[piece], vehicle, there)
+        got = thrust_commands(pd.DataFrame(np.floor(foretold) + 0.5, columns=motors.columns), vehicle, there)
+        inside = (foretold > lowest) & (foretold < highest)
+        cut = np.where(inside, got.to_numpy(np.float64) / gain[piece] - asked, 0.0)
+        commands = patterns(pd.DataFrame(cut, columns=motors.columns), vehicle)
+        lost[piece] = commands.reindex(columns=list(OUTPUTS), fill_value=0.0)
+    for column, values in zip(OUTPUTS.values(), lost.T, strict=True):
+        corrected = columns[column].copy()
+        corrected[known] += values
+        columns[column] = corrected
     return replace(signals, columns=columns)
 
 
@@ -99,10 +115,11 @@ def _pwm(thrust: Floats, vehicle: Vehicle, voltage: Floats | None) -> Floats:
     return np.asarray(motor_pwm(command, vehicle))
 
 
-def _distance(foretold: Floats, t: Floats, pwm: Floats, at: Floats) -> float:
-    """Return the median distance [us] of foretold outputs from the middle of the microsecond that was logged."""
-    after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
-    quiet = np.abs(foretold[after] - foretold[after - 1]) < _QUIET
-    share = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
-    there = foretold[after - 1] + share * (foretold[after] - foretold[after - 1])
+def _distance(before: Floats, after: Floats, share: Floats, pwm: Floats) -> float:
+    """Return the median distance [us] of foretold outputs from the middle of the microsecond that was logged.
+
+    Outputs are foretold by the rows before and after those of the motors, which lie a `share` of their step apart.
+    """
+    quiet = np.abs(after - before) < _QUIET
+    there = before + share * (after - before)
     return float(np.median(np.abs(there - pwm - 0.5)[quiet])) if np.count_nonzero(quiet) >= _FEWEST else np.inf

@@ -65,8 +65,9 @@ def coloured_information(regressors: Sequence[Floats], covariance: Floats) -> Fl
         kernel = np.zeros(size)
         kernel[:reach] = covariance[:reach]
         kernel[size - reach + 1 :] = covariance[reach - 1 : 0 : -1]
-        filtered = scipy.fft.irfft(scipy.fft.rfft(psi, size, axis=0) * scipy.fft.rfft(kernel)[:, None], size, axis=0)[
-            :n
-        ]
-        result += psi.T @ filtered
+        spectrum = scipy.fft.rfft(kernel)
+        # One regressor at a time: spectra of all of a long record would be the largest thing in memory.
+        for k in range(q):
+            filtered = scipy.fft.irfft(scipy.fft.rfft(psi[:, k], size) * spectrum, size)[:n]
+            result[:, k] += psi.T @ filtered
     return 0.5 * (result + result.T)
