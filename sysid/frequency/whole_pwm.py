@@ -81,12 +81,12 @@ def _without_cut(log: FlightLog, signals: RateSignals, motors: pd.DataFrame, veh
     # Only some rows tell whether the outputs are understood, and of the others a piece at a time is worked on: with all
     # motors of all rows this would be the largest thing in memory.
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
-    beside = [
+    before, behind = (
         _pwm(expectation(outputs[k], factors) * gain[k], vehicle, None if voltage is None else voltage[k])
         for k in (after - 1, after)
-    ]
+    )
     share = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
-    if _distance(*beside, share, pwm[flying]) > _UNDERSTOOD:
+    if _distance(before, behind, share, pwm[flying]) > _UNDERSTOOD:
         return signals
     columns = dict(signals.columns)
     lost = np.empty((len(t), len(OUTPUTS)))
