@@ -23,6 +23,8 @@ def admit(observations: Observations, deletion: np.ndarray, gate: float) -> np.n
 
     Parameters
     ----------
+    observations : Observations
+        Of all kinds, with those that the last pass admitted.
     deletion : ndarray, shape (m,)
         Of each scalar (see `smoother.Estimates`).
     gate : float

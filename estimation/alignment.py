@@ -78,12 +78,16 @@ def align(
 
     Parameters
     ----------
+    tables : Tables
+        Of the log.
     imu : DataFrame
         The segment's IMU samples.
     frame : LocalFrame or None
         None without any known place.
     field : ndarray, shape (3,), or None
         World magnetic field, NED, T; None without magnetometer.
+    noise : SensorNoise
+        What to believe of the sensors.
     heading_known : bool
         Whether the autopilot's heading can be believed: not when its compass is stuck.
     """
@@ -175,7 +179,17 @@ def _under_way(tables: Tables, start: float, stop: float) -> bool:
 
 
 def turned(aligned: Alignment, yaw: float, yaw_sigma: float) -> Alignment:
-    """Return an alignment with another heading and its 1-sigma, rad."""
+    """Return an alignment with another heading and its 1-sigma, rad.
+
+    Parameters
+    ----------
+    aligned : Alignment
+        The start as it was.
+    yaw : float
+        Heading from true north, rad.
+    yaw_sigma : float
+        Its 1-sigma, rad.
+    """
     x, P = aligned.x.copy(), aligned.P.copy()
     roll, pitch, _ = euler_from_quat(x[6:10])
     x[6:10] = quat_from_euler(roll, pitch, yaw)
@@ -187,7 +201,15 @@ def turned(aligned: Alignment, yaw: float, yaw_sigma: float) -> Alignment:
 
 
 def with_priors(aligned: Alignment, before: SensorNoise, noise: SensorNoise) -> Alignment:
-    """Return a start with the sensor errors' priors of other noise settings than it was made with `before`."""
+    """Return a start with the sensor errors' priors of other noise settings than it was made with `before`.
+
+    Parameters
+    ----------
+    aligned : Alignment
+        A start made with the noise settings `before`.
+    before, noise : SensorNoise
+        Old and new noise settings.
+    """
     P = aligned.P.copy()
     for block, factor in (
         (GYRO_BIAS, noise.gyro_bias / before.gyro_bias),
@@ -206,10 +228,14 @@ def carried_over(aligned: Alignment, last: Filtered, gap: float, noise: SensorNo
 
     Parameters
     ----------
+    aligned : Alignment
+        The start as the segment itself gives it.
     last : Filtered
         Of the segment before.
     gap : float
         From its end to this one's start, s.
+    noise : SensorNoise
+        How fast the errors wander.
     same_imu : bool
         Whether the biases of gyro and accelerometer are those of the same IMU.
     """

@@ -97,8 +97,14 @@ def compass_turn(
 
     Parameters
     ----------
+    signal : InertialSignal
+        IMU samples of the segment.
     observations : Observations
         At the times that were found.
+    aligned : Alignment
+        The start.
+    world : World
+        Gravity and Earth's rotation.
     field : ndarray, shape (3,)
         World magnetic field, NED, T.
     tuned : Tuned

@@ -127,10 +127,22 @@ def assemble(
 
     Parameters
     ----------
+    signal : InertialSignal
+        IMU samples of the segment.
+    observations : Observations
+        What the aiding sensors measured.
     outputs : ndarray
         Times within the piece, s.
     x, P : ndarray, shapes (27,), (26, 26)
         State and covariance at the beginning of the piece.
+    world : World
+        Gravity and Earth's rotation.
+    noise : SensorNoise
+        What to believe of the sensors.
+    white_scale : ndarray, shape (7,), optional
+        Factor on the white variance of each kind of measurement.
+    imu_scale : ndarray, shape (2,), optional
+        Factor on the variance that the IMU's increments add to attitude and to velocity.
     start, stop : float
         The piece, s: what is measured before `stop` belongs to it.
     finest : float
@@ -200,12 +212,21 @@ def new_memory(x: np.ndarray) -> np.ndarray:
 
 
 def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.ndarray | None = None) -> ForwardPass:
-    """Filter one segment, or a piece of it; `keep` the history when it is to be smoothed.
+    """Filter one segment, or a piece of it.
 
-    `hard` refuses at once what is beyond the gate. Who smooths does better to fuse it with little weight and to judge
-    it by the past and the future (`smoother.refused`): a gate that knows the past only, once wrong, locks itself out.
+    Who smooths does better to fuse what is beyond the gate with little weight and to judge it by the past and the
+    future (`smoother.refused`): a gate that knows the past only, once wrong, locks itself out.
 
-    `memory`, of the piece before, is brought up to date in place.
+    Parameters
+    ----------
+    problem : Problem
+        The segment or piece.
+    keep : bool
+        Whether to keep what smoothing needs.
+    hard : bool
+        Whether to refuse at once what is beyond the gate.
+    memory : ndarray, optional
+        Carried over from the piece before, and brought up to date in place; None for `new_memory`.
     """
     o = problem.observations
     nodes, scalars, rows = len(problem.t), len(o.z), problem.outputs

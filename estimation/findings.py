@@ -17,7 +17,13 @@ GLITCH_PAUSE = 2.0
 
 
 def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
-    """Report which aiding sensors are not there, each flag telling whether it is."""
+    """Report which aiding sensors are not there, each flag telling whether it is.
+
+    Parameters
+    ----------
+    gps, mag, baro : bool
+        Whether the log has the sensor.
+    """
     findings = []
     if not gps:
         findings.append(
@@ -79,7 +85,17 @@ def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
 
 
 def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
-    """Report that another IMU than the first carries a segment, and by how much it is likelier (inf: the only one)."""
+    """Report that another IMU than the first carries a segment, and by how much it is likelier (inf: the only one).
+
+    Parameters
+    ----------
+    imu : int
+        Number of the IMU that carries the segment, from 0.
+    gain : float
+        By how much its log-likelihood is above that of the first; inf where the first has a hole.
+    piece : DataFrame
+        The segment's IMU samples, indexed by t, s.
+    """
     if imu == 0:
         return []
     start, stop = float(piece.index[0]), float(piece.index[-1])

@@ -85,7 +85,21 @@ class _Measured:
 def estimate_low_rate(
     tables: Tables, *, rate: float, start: float | None, stop: float | None, noise: SensorNoise, smoothed: bool
 ) -> Trajectory:
-    """Filter and smooth telemetry; parameters as in `estimation.estimate`."""
+    """Filter and smooth telemetry.
+
+    Parameters
+    ----------
+    tables : Tables
+        Of a log with attitude and positions.
+    rate : float
+        Rows of the trajectory per second.
+    start, stop : float or None
+        Span of time to give, s; None for all of it.
+    noise : SensorNoise
+        What to believe of the sensors.
+    smoothed : bool
+        False gives the forward filter.
+    """
     attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
     assert attitude is not None  # the caller asked for it
     origin, measured, gps_sigma, source = _measurements(tables, noise)

@@ -95,7 +95,15 @@ class Observations:
         return self._chosen(np.argsort(t, kind="stable"), t)
 
     def within(self, kinds: Sequence[int], start: float, stop: float) -> "Observations":
-        """Leave out the groups of some kinds that lie outside a span of time."""
+        """Leave out the groups of some kinds that lie outside a span of time.
+
+        Parameters
+        ----------
+        kinds : sequence of int
+            Kinds of measurement that the span is for; others stay.
+        start, stop : float
+            The span, s, ends included.
+        """
         kept = ~np.isin(self.kind, kinds) | ((self.t >= start) & (self.t <= stop))
         return self._chosen(np.flatnonzero(kept), self.t)
 
@@ -138,13 +146,43 @@ def find_origin(tables: Tables) -> Geodetic | None:
 
 
 def reported(table: pd.DataFrame, column: str, default: float) -> np.ndarray:
-    """Return the reported accuracy, or the default where the receiver says nothing, which some drivers write as 0."""
+    """Return the reported accuracy, or the default where the receiver says nothing, which some drivers write as 0.
+
+    Parameters
+    ----------
+    table : DataFrame
+        GPS fixes.
+    column : str
+        Accuracy: h_acc, v_acc [m] or s_acc [m/s].
+    default : float
+        In the unit of the column.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In the unit of the column.
+    """
     value = table[column].to_numpy(float)
     return np.where(np.isfinite(value) & (value > 0.0), value, default)
 
 
 def observe_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> list[Block]:
-    """Turn GPS fixes into position and velocity measurements at their times of validity."""
+    """Turn GPS fixes into position and velocity measurements at their times of validity.
+
+    Parameters
+    ----------
+    fixes : DataFrame
+        Usable fixes as in `Tables.gps`, indexed by t, s.
+    frame : LocalFrame
+        Frame of the positions.
+    noise : SensorNoise
+        Accuracies where the receiver states none, and the part of them that is white.
+
+    Returns
+    -------
+    list of (kind, t, values, variance)
+        Positions in m and velocities in m/s, NED; `t` of shape (n,), the others (n, 3).
+    """
     t = fixes["t_valid"].to_numpy(float)
     t = np.where(np.isfinite(t), t, fixes.index.to_numpy(float))
     position = frame.to_ned(*(fixes[c].to_numpy(float) for c in ("lat", "lon", "alt")))
@@ -159,7 +197,7 @@ def observe_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> l
     ]
 
 
-def observe_second_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> list[Block]:
+def _observe_second_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> list[Block]:
     """Turn a second receiver's fixes into measurements.
 
     Its position wanders too, but has no state of its own: the wander is taken for white noise that is as strong at low
@@ -176,14 +214,24 @@ def observe_second_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNois
 
 
 def observe(tables: Tables, frame: LocalFrame | None, noise: SensorNoise) -> Observations:
-    """Collect everything that GPS receivers, baro, magnetometer and range finder measured."""
+    """Collect everything that GPS receivers, baro, magnetometer and range finder measured.
+
+    Parameters
+    ----------
+    tables : Tables
+        Of the log.
+    frame : LocalFrame or None
+        Frame of the positions; None leaves GPS out.
+    noise : SensorNoise
+        Variances of the sensors.
+    """
     blocks: list[Block] = []
     fixes = usable_fixes(tables.gps)
     if fixes is not None and frame is not None:
         blocks += observe_gps(fixes, frame, noise)
         second = next((usable_fixes(gps) for gps in tables.further.get("gps", ())), None)
         if second is not None:
-            blocks += observe_second_gps(second, frame, noise)
+            blocks += _observe_second_gps(second, frame, noise)
     baro = usable(tables.baro, ["alt"])
     if baro is not None:
         alt = baro[["alt"]].to_numpy(float)

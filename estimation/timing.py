@@ -97,7 +97,17 @@ class InertialSignal:
 
     @classmethod
     def of(cls, imu: pd.DataFrame, parameters: Mapping[str, float], floor: tuple[float, float]) -> "InertialSignal":
-        """Make the signal of one segment of the IMU table; `floor` is the sensors' own noise density (gyro, accel)."""
+        """Make the signal of one segment of the IMU table; `floor` is the sensors' own noise density (gyro, accel).
+
+        Parameters
+        ----------
+        imu : DataFrame
+            The segment's rates [rad/s] and specific forces [m/s^2], indexed by t, s.
+        parameters : mapping of str to float
+            The autopilot's, for the delays and cutoffs of its filters.
+        floor : (float, float)
+            The sensors' own density, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz).
+        """
         known = imu if list(imu.columns) == GYRO + ACCEL else imu[GYRO + ACCEL]
         t, values, hole = _regular(imu.index.to_numpy(float), known.to_numpy(float))
         density = noise_density(t, values, imu_cutoffs(parameters), floor)

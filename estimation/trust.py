@@ -130,8 +130,12 @@ def contradicted_receiver(
 
     Parameters
     ----------
+    tables : Tables
+        Of the log.
     states : DataFrame
         `Trajectory.states`.
+    origin : Geodetic
+        Of the local frame.
     lag : float
         By which the receiver was found later than its tables say, s.
     velocities : bool

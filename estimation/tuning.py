@@ -116,7 +116,18 @@ def tune(
     is worse than its class, as a compass beside motors, and one fix more or less decided on it. So where it looks
     better, settings are found about both, and it must still be decisively likelier.
 
-    Parameters are those of `filter.assemble`; `aligned` is the start.
+    Parameters
+    ----------
+    signal : InertialSignal
+        IMU samples of the segment.
+    observations : Observations
+        What the aiding sensors measured, at the times that their tables state.
+    aligned : Alignment
+        The start.
+    world : World
+        Gravity and Earth's rotation.
+    noise : SensorNoise
+        Settings to begin with, those that `aligned` was made with.
     """
     known = _Search(signal, observations, aligned, world, noise)
     likelihood = known.begin()
@@ -265,6 +276,10 @@ def relinearised(problem: Problem, result: ForwardPass, *, levelled: bool) -> np
 
     Parameters
     ----------
+    problem : Problem
+        The segment, with its prior.
+    result : ForwardPass
+        The filter's pass over it.
     levelled : bool
         Whether tilt was read off the accelerometer (`Alignment.levelled`).
     """

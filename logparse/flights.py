@@ -219,7 +219,17 @@ def _flew(start: float, stop: float, height: "pd.Series[float] | None", tables: 
 
 
 def held(start: float, stop: float, height: "pd.Series[float] | None", tables: Tables) -> bool:
-    """Return whether motors were driven hard while the specific force hardly changed: on the ground, or on a stand."""
+    """Return whether motors were driven hard while the specific force hardly changed: on the ground, or on a stand.
+
+    Parameters
+    ----------
+    start, stop : float
+        The stretch of time, s.
+    height : Series or None
+        Height, m, indexed by t, s; None where nothing tells.
+    tables : Tables
+        Motors, IMU and parameters of the log.
+    """
     inside = None if height is None else height.loc[start:stop]
     if inside is not None and len(inside) > 1 and float(inside.max() - inside.min()) > _SURE_RISE:
         return False

@@ -259,6 +259,13 @@ def _saturation(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
 def vibration(log: "FlightLog", start: float, stop: float) -> dict[str, float] | None:
     """Vibration as the autopilot measures it, worst axis, and how often the accelerometer hit its range.
 
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    start, stop : float
+        The stretch of time, s.
+
     Returns
     -------
     dict or None

@@ -49,7 +49,17 @@ def restored(value: object, kind: type[T]) -> T:
 
 
 def cleaned(value: object, kind: type[T], text: Callable[[str], str] = str) -> T:
-    """Return a value as its type, of what JSON can hold alone: what is written is what is shown."""
+    """Return a value as its type, of what JSON can hold alone: what is written is what is shown.
+
+    Parameters
+    ----------
+    value : object
+        A dataclass or whatever else JSON can hold.
+    kind : type
+        Type of the result.
+    text : callable
+        Applied to every text in it.
+    """
     return restored(plain(value, text), kind)
 
 

@@ -60,7 +60,28 @@ class Later:
         remarks: Remarks,
         columns: Columns | None = None,
     ) -> Built:
-        """Build a table now when it is short; else remember how, and how to give its columns one by one."""
+        """Build a table now when it is short; else remember how, and how to give its columns one by one.
+
+        Parameters
+        ----------
+        name : str
+            Name of the table.
+        messages : mapping of str to DataFrame
+            Messages by type; its `counts`, if it has any, tell how long they are.
+        sources : tuple of str
+            Message types that the table is built from.
+        build : callable
+            Builds the table, and those of further instances; called with `Remarks`.
+        remarks : Remarks
+            Receives what was left out, where the table is built now.
+        columns : callable, optional
+            Yields wanted columns of the table, given their names.
+
+        Returns
+        -------
+        (DataFrame or None, tuple of DataFrame)
+            The table and further ones; None and none where it is built later.
+        """
         counts: Mapping[str, int] = getattr(messages, "counts", {})
         if sum(counts.get(source, 0) for source in sources) < LONG:
             return build(remarks)

@@ -44,7 +44,17 @@ class Remarks:
         return cleaned
 
     def count(self, message: str, why: str, removed: int, total: int) -> None:
-        """Count samples that were removed."""
+        """Count samples that were removed.
+
+        Parameters
+        ----------
+        message : str
+            Message or table that they were in.
+        why : str
+            What was wrong with them.
+        removed, total : int
+            Samples that were removed, of how many.
+        """
         if removed:
             tally = self._removed[message, why]
             tally[0] += removed

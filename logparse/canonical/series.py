@@ -164,7 +164,13 @@ def wrap(angle: npt.ArrayLike) -> Array:
 
 
 def euler_angles(q_w: Array, q_x: Array, q_y: Array, q_z: Array) -> tuple[Array, Array, Array]:
-    """Roll, pitch and yaw [rad] of body-to-NED quaternions (yaw-pitch-roll order)."""
+    """Roll, pitch and yaw [rad] of body-to-NED quaternions (yaw-pitch-roll order).
+
+    Parameters
+    ----------
+    q_w, q_x, q_y, q_z : ndarray, shape (n,)
+        The quaternions, of about unit length: nan comes of those shorter than 0.5.
+    """
     norm = np.sqrt(q_w**2 + q_x**2 + q_y**2 + q_z**2)
     norm = np.where(norm > 0.5, norm, np.nan)
     w, x, y, z = q_w / norm, q_x / norm, q_y / norm, q_z / norm
@@ -175,7 +181,13 @@ def euler_angles(q_w: Array, q_x: Array, q_y: Array, q_z: Array) -> tuple[Array,
 
 
 def quaternions(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """Body-to-NED quaternions, shape (N, 4), scalar first, of Euler angles [rad] (yaw-pitch-roll order)."""
+    """Body-to-NED quaternions, shape (N, 4), scalar first, of Euler angles [rad] (yaw-pitch-roll order).
+
+    Parameters
+    ----------
+    roll, pitch, yaw : ndarray, shape (n,)
+        rad.
+    """
     cr, sr = np.cos(roll / 2.0), np.sin(roll / 2.0)
     cp, sp = np.cos(pitch / 2.0), np.sin(pitch / 2.0)
     cy, sy = np.cos(yaw / 2.0), np.sin(yaw / 2.0)

@@ -74,7 +74,17 @@ def reported_events(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fli
 
 
 def airborne(t: float, flights: tuple[Flight, ...], margin: float = 0.5) -> bool:
-    """Return whether a time lies in a flight, or within `margin` seconds of it."""
+    """Return whether a time lies in a flight, or within `margin` seconds of it.
+
+    Parameters
+    ----------
+    t : float
+        s.
+    flights : tuple of Flight
+        When the craft was in the air.
+    margin : float
+        s.
+    """
     return any(flight.start - margin <= t <= flight.stop + margin for flight in flights)
 
 

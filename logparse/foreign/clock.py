@@ -216,6 +216,15 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
     """Find columns that stop changing while others go on: a recorder that repeats its last packet; (N, k).
 
     A column at its own smallest or largest value is left alone: motors saturate.
+
+    Parameters
+    ----------
+    values : ndarray, shape (N, k)
+        Columns on the uniform clock.
+    names : sequence of str
+        Name of each column.
+    dt : float
+        s.
     """
     still = np.diff(values, axis=0) == 0.0
     # Rows that repeat as a whole interrupt nothing: they are left out, and counted in the time.

@@ -54,6 +54,15 @@ _BASE = 0.04
 def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) -> list[Finding]:
     """Compare magnitudes with what such a craft can have.
 
+    Parameters
+    ----------
+    declared : ColumnMap
+        What the columns were said to be.
+    columns : mapping of str to ndarray, shape (N, k)
+        Columns by quantity, in the units of `declared` brought to SI.
+    label : str
+        Name of the table, for errors.
+
     Raises
     ------
     TableError
@@ -106,7 +115,19 @@ def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) 
 
 
 def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> list[Finding]:
-    """Explain that a flight turns too little to show the order of its motors."""
+    """Explain that a flight turns too little to show the order of its motors.
+
+    Parameters
+    ----------
+    declared : ColumnMap
+        What the columns were said to be.
+    rates : ndarray, shape (N, 3)
+        Body rates, rad/s.
+    motors : ndarray, shape (N, k)
+        Motor columns, in the order declared.
+    dt : float
+        s.
+    """
     known = declared.motors.motors
     if 3 <= len(known) <= 4 and len(motors) >= 200:
         levers, strengths = _levers(declared, motors)
@@ -135,6 +156,23 @@ def check_motion(
     label: str,
 ) -> None:
     """Compare motion with itself and with the motors, in NED and FRD.
+
+    Parameters
+    ----------
+    declared : ColumnMap
+        What the columns were said to be.
+    position, velocity : ndarray, shape (N, 3)
+        NED, m and m/s.
+    quaternion : ndarray, shape (N, 4)
+        Body to NED, scalar first.
+    rates : ndarray, shape (N, 3)
+        Body rates, rad/s.
+    motors : ndarray, shape (N, k)
+        Motor columns, in the order declared.
+    t : ndarray, shape (N,)
+        Uniform clock, s.
+    label : str
+        Name of the table, for errors.
 
     Raises
     ------

@@ -86,7 +86,18 @@ def check_clock(
 ) -> list[Finding]:
     """Name a time column that runs too fast or too slow: what velocity and rates add up to is then off alike.
 
-    Parameters are those of `check_shifts`.
+    Parameters
+    ----------
+    declared : ColumnMap
+        What the columns were said to be.
+    position, velocity : ndarray, shape (N, 3)
+        NED, m and m/s.
+    quaternion : ndarray, shape (N, 4)
+        Body to NED, scalar first.
+    rates : ndarray, shape (N, 3)
+        Body rates, rad/s.
+    dt : float
+        s.
     """
     if declared.velocity is None or declared.rates is None:
         return []

@@ -70,11 +70,15 @@ class TlogWriter:
 
         Parameters
         ----------
+        name : str
+            Message name of the dialect.
         time_unix_us : array_like of int, shape (n,)
             Receive times, us since 1970 UTC.
         columns : mapping of str to array_like
             Values by field name, shape (n,) or (n, length) for arrays; an array may also come as its elements
             ``"voltages[0]"``, ``"voltages[1]"`` ... Floats meant for integer fields are rounded.
+        system, component : int
+            Who sent them.
         """
         stamps = np.asarray(time_unix_us, np.int64)
         definition = _definition(name)
