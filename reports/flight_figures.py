@@ -33,6 +33,7 @@ from reports.figure import (
 )
 from reports.numbers import mode_spans
 from reports.prediction_figures import prediction
+from sysid.rigid_body.wind import WIND_HEIGHT
 
 #: Points of the track that carry a colour, events marked on it, and length of the wind's arrow, pixels.
 _TRACK_POINTS, _MOST_EVENTS, _ARROW = 1500, 40, 34
@@ -171,7 +172,8 @@ def _wind_arrow(result: FlightResult) -> list[Drawn]:
             "arrowwidth": 2,
             "arrowcolor": "@own",
             "text": "",
-            "hovertext": f"wind {uncertain(speed, wind.sigma, 'm/s')}",
+            # A flight at 40 m in sheared air has met twice as much.
+            "hovertext": f"wind {uncertain(speed, wind.sigma, 'm/s')} at {WIND_HEIGHT:g} m",
         }
     ]
 

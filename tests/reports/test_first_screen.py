@@ -12,6 +12,7 @@ from rich.console import Console
 from logparse import FlightEvent, Severity, Vehicle
 from pipeline.flight.answer import compose_answer
 from pipeline.results.answer import Picture, Tone
+from pipeline.results.coverage import Wind
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal
@@ -245,6 +246,14 @@ def test_the_track_shows_height_events_and_no_legend(kinds):
     assert track.id == "track"
     assert {trace["name"] for trace in track.data} >= {"flown", "height", "events", "start", "end"}
     assert track.layout["showlegend"] is False
+
+
+def test_the_wind_stands_with_its_height(flight):
+    """In sheared air a craft at 40 m meets twice as much as the number says."""
+    coverage = dataclasses.replace(flight.coverage, wind=Wind.towards(1.97, 0.72, 0.2, "rigid body"))
+    assert (
+        "arrow: wind 2.1 ± 0.2 m/s at 10 m" in first_figures(dataclasses.replace(flight, coverage=coverage))[0].caption
+    )
 
 
 def test_a_reason_that_many_flights_share_is_said_once(flight):
