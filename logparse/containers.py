@@ -186,6 +186,15 @@ def most_unpacked() -> int:
 def unpack(packed: io.BufferedIOBase, file: IO[bytes], name: str) -> tuple[int, Exception | None]:
     """Unpack into a file, up to damage; return the bytes and what the decompressor raised.
 
+    Parameters
+    ----------
+    packed : BufferedIOBase
+        A decompressor.
+    file : file object
+        Receives the bytes.
+    name : str
+        Name of the archive, for errors.
+
     Raises
     ------
     LogError

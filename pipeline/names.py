@@ -67,7 +67,17 @@ def folder_names(names: Iterable[str], known: Mapping[str, str] | None = None) -
 
 
 def flight_name(log: str, number: int, count: int) -> str:
-    """Name a flight after its log; where that holds several, with the flight's number."""
+    """Name a flight after its log; where that holds several, with the flight's number.
+
+    Parameters
+    ----------
+    log : str
+        Name of the log.
+    number : int
+        Number of the flight in the log.
+    count : int
+        Flights in the log.
+    """
     return log if count == 1 else f"{log}#{number}"
 
 

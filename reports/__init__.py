@@ -31,6 +31,20 @@ def publish(result: "FlightResult | GroupResult", folder: "str | Path", plots: "
 
     With `plots` also those of flights as files. It is named in `pipeline.analyze_fleet` also where nothing is new, and
     so must not wait for the packages behind it.
+
+    Parameters
+    ----------
+    result : FlightResult or GroupResult
+        What to write.
+    folder : path-like
+        Where to.
+    plots : {"png", "svg"}, optional
+        Format in which to write plots as files too.
+
+    Returns
+    -------
+    Path
+        The page.
     """
     report = reports_folder.write_for_fleet(result, folder)
     if plots is not None:

@@ -22,6 +22,15 @@ FEWEST_POINTS = 3
 def drift_figures(drift: Drift | None, prefix: str, notes: Sequence[Note] = ()) -> tuple[list[Figure], list[Figure]]:
     """Draw motors and parameters over flights, with what was done to the craft where flights are dated.
 
+    Parameters
+    ----------
+    drift : Drift or None
+        What changes over flights; None draws nothing.
+    prefix : str
+        Beginning of the figures' ids.
+    notes : sequence of Note
+        What was done to the craft.
+
     Returns
     -------
     shown, folded : list of Figure

@@ -115,7 +115,17 @@ def margin(span: Span | None) -> Span | None:
 
 
 def band(span: Span, color: str, opacity: float) -> Drawn:
-    """Tint a stretch of time behind the lines."""
+    """Tint a stretch of time behind the lines.
+
+    Parameters
+    ----------
+    span : Span
+        s.
+    color : str
+        Name of a colour.
+    opacity : float
+        From 0 to 1.
+    """
     return {
         "type": "rect",
         "xref": "x",
@@ -179,6 +189,25 @@ def line(
     """Draw y over x as a line of `most` points, broken where `time` (x when not given) has a gap.
 
     Over time, smallest and largest values are kept, so that no peak is lost.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (n,)
+        The points.
+    name : str
+        Name in the legend.
+    color : str
+        Name of a colour.
+    width : float
+        px.
+    decimals : int
+        Digits behind the point of what is stored.
+    hover : str, optional
+        Template of the text at the pointer.
+    time : ndarray, shape (n,), optional
+        s.
+    most : int
+        Most points.
     """
     xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     if time is None:
@@ -208,7 +237,17 @@ def padded(data: Iterable[Trace], axis: str) -> list[float]:
 
 
 def dots(x: ArrayLike, y: ArrayLike, name: str, color: str) -> Trace:
-    """Draw points that no line joins."""
+    """Draw points that no line joins.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (n,)
+        The points.
+    name : str
+        Name in the legend.
+    color : str
+        Name of a colour.
+    """
     trace = line(x, y, name, color, time=np.arange(np.size(x), dtype=float))
     del trace["line"]
     # Of many points each is small, or they cover what lies among them.

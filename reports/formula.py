@@ -62,7 +62,17 @@ def transfer_function(
     num_std: Sequence[float | None] | None = None,
     den_std: Sequence[float | None] | None = None,
 ) -> Markup:
-    """Write ``G_{output,source}(s) = num / den``."""
+    """Write ``G_{output,source}(s) = num / den``.
+
+    Parameters
+    ----------
+    output, source : str
+        Names of output and input.
+    num, den : sequence of float
+        Polynomials in s.
+    num_std, den_std : sequence of float or None, optional
+        1-sigma of each coefficient; None where it is not known.
+    """
     name = Markup("<msub><mi>G</mi><mrow><mi>%s</mi><mo>,</mo><mi>%s</mi></mrow></msub>") % (output, source)
     fraction = Markup("<mfrac>%s%s</mfrac>") % (polynomial(num, num_std), polynomial(den, den_std))
     return Markup(

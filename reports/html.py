@@ -143,7 +143,19 @@ def plotly_script() -> bytes:
 
 
 def render(template: str, figures: Sequence[Figure], page: DataclassInstance, script_file: str = "") -> str:
-    """Fill a template in with the figures that it shows and the fields of its page."""
+    """Fill a template in with the figures that it shows and the fields of its page.
+
+    Parameters
+    ----------
+    template : str
+        File name in `templates/`.
+    figures : sequence of Figure
+        Figures of the page.
+    page : dataclass
+        The template's variables.
+    script_file : str
+        Where Plotly is, for pages that share one copy; "" to put it inside.
+    """
     return (
         _environment()
         .get_template(template)

@@ -53,7 +53,17 @@ ImageFormat = Literal["png", "svg"]
 
 
 def write_plots(result: FlightResult | GroupResult, folder: Path, image_format: ImageFormat) -> None:
-    """Write the plots of a flight's page as files; nothing of a craft, whose plots are on the page of all flights."""
+    """Write the plots of a flight's page as files; nothing of a craft, whose plots are on the page of all flights.
+
+    Parameters
+    ----------
+    result : FlightResult or GroupResult
+        The flight.
+    folder : Path
+        Where to.
+    image_format : {"png", "svg"}
+        Format of the files.
+    """
     if isinstance(result, FlightResult):
         write_images([*flight_figures(result), *health_figures(result)], folder, image_format)
 

@@ -45,7 +45,7 @@ def write_signal_plot(
     """
     file = Path(file)
     file.parent.mkdir(parents=True, exist_ok=True)
-    figure = signal_figure(signals, start, stop)
+    figure = _signal_figure(signals, start, stop)
     name = printable(log.path.name)
     facts = f"{log.vehicle.firmware or log.format} · {log.duration:.0f} s"
     file.write_text(
@@ -55,7 +55,7 @@ def write_signal_plot(
     return file
 
 
-def signal_figure(signals: Sequence[LoggedSignal], start: float | None = None, stop: float | None = None) -> Figure:
+def _signal_figure(signals: Sequence[LoggedSignal], start: float | None = None, stop: float | None = None) -> Figure:
     """Draw signals, those of one unit over each other."""
     units = list(dict.fromkeys(signal.unit for signal in signals))
     data: list[Trace] = []

@@ -114,6 +114,17 @@ def hover_linearisation(
 def lqr(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
     """Gain K of ``u = -K x`` that minimises the integral of ``x'Qx + u'Ru``; shape (inputs, states).
 
+    Parameters
+    ----------
+    A : ndarray, shape (states, states)
+        Of x' = A x + B u.
+    B : ndarray, shape (states, inputs)
+        Of the same.
+    Q : ndarray, shape (states, states)
+        Weights of the states.
+    R : ndarray, shape (inputs, inputs)
+        Weights of the inputs.
+
     Raises
     ------
     ParameterError

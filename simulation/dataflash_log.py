@@ -38,7 +38,17 @@ class Logging:
 
 
 def write_bin(path: Path, log: InstrumentedFlight, logging: Logging = Logging()) -> None:
-    """Write the flight as a DataFlash log, truth rows (SIM, SIM2) at 25 Hz."""
+    """Write the flight as a DataFlash log, truth rows (SIM, SIM2) at 25 Hz.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    log : InstrumentedFlight
+        The flight, with what its instruments said.
+    logging : Logging
+        How often what is logged.
+    """
     tables = [*_descriptive(log), *sensor_tables(log, logging.imu), *_autopilot(log), _rates(log, logging.rate)]
     if logging.esc:
         tables += speed_controller_tables(log, logging.esc)

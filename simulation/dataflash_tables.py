@@ -24,7 +24,23 @@ def table(
     t: npt.ArrayLike,
     columns: dict[str, object],
 ) -> MessageTable:
-    """Return one message table; scalars are repeated, `t` is on the simulation's clock."""
+    """Return one message table; scalars are repeated, `t` is on the simulation's clock.
+
+    Parameters
+    ----------
+    log : Instruments
+        What its clock has to do with that of the log: `boot`.
+    name : str
+        Message.
+    form : str
+        Format characters, that of TimeUS first.
+    units, multipliers : str
+        Ids of FMTU, one for each field.
+    t : array_like, shape (n,)
+        Times on the simulation's clock, s.
+    columns : dict of str to array_like, shape (n,), or scalar
+        Fields after TimeUS, as logged.
+    """
     time_us = np.rint((np.asarray(t, dtype=float) + log.boot) * 1e6).astype(np.uint64)
     frame = pd.DataFrame({"TimeUS": time_us, **columns})
     for label, char in zip(frame.columns, form, strict=True):

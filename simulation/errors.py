@@ -21,6 +21,15 @@ class DivergenceError(RotoridError):
 def require_positive(part: str, parameters: object, names: Sequence[str]) -> None:
     """Check that attributes of a part of the craft are positive and finite.
 
+    Parameters
+    ----------
+    part : str
+        Name of the part, for errors.
+    parameters : object
+        What has the attributes.
+    names : sequence of str
+        The attributes.
+
     Raises
     ------
     ParameterError

@@ -41,11 +41,21 @@ class Inertial:
                 raise ParameterError(f"inertial sensors: {name} must be positive, not {getattr(self, name):g}")
 
     def drift(self, n: int, dt: float, random: np.random.RandomState) -> np.ndarray:
-        """Drift of the biases of gyro (rad/s) and accelerometer (m/s^2) at n ticks of dt; shape (n, 6)."""
+        """Drift of the biases of gyro (rad/s) and accelerometer (m/s^2) at n ticks of dt; shape (n, 6).
+
+        Parameters
+        ----------
+        n : int
+            Ticks.
+        dt : float
+            s.
+        random : RandomState
+            Source of the noise.
+        """
         sigma = np.repeat([self.gyro_instability, self.accel_instability], 3)
         if not sigma.any():
             return np.zeros((n, 6))
-        wander = gauss_markov(n, 6, self.instability_time / dt, random)
+        wander = _gauss_markov(n, 6, self.instability_time / dt, random)
         return np.ascontiguousarray(sigma * (wander - wander[0]))
 
     def kernel_parameters(self, dt: float, hover_speed: float) -> SensorParameters:
@@ -111,7 +121,7 @@ class Gps:
         n = len(t_valid)
         wander = np.array([self.horizontal_wander, self.horizontal_wander, self.vertical_wander])
         position = _at(truth, ["p_n", "p_e", "p_d"], t_valid)
-        position += wander * gauss_markov(n, 3, self.wander_time * self.rate, random)
+        position += wander * _gauss_markov(n, 3, self.wander_time * self.rate, random)
         position += self.position_noise * random.standard_normal((n, 3))
         velocity = _at(truth, ["v_n", "v_e", "v_d"], t_valid)
         velocity += self.velocity_noise * random.standard_normal((n, 3))
@@ -149,14 +159,21 @@ class Barometer:
     def sample(self, truth: pd.DataFrame, place: Place, random: np.random.RandomState) -> pd.DataFrame:
         """Sample a flight: index `t` [s]; pressure [Pa], temperature of the sensor [K].
 
-        See `Gps.sample` for the parameters.
+        Parameters
+        ----------
+        truth : DataFrame
+            The flight, indexed by t, s; `p_d` [m] is read.
+        place : Place
+            Whose atmosphere it is.
+        random : RandomState
+            Source of the noise.
         """
         t = np.arange(0.0, truth.index[-1], 1.0 / self.rate)
         n = len(t)
         height = -_at(truth, ["p_d"], t)[:, 0]
         air = place.atmosphere
         pressure = np.array([air.pressure_at(h) for h in height])
-        drift = gauss_markov(n, 1, self.drift_time * self.rate, random)[:, 0]
+        drift = _gauss_markov(n, 1, self.drift_time * self.rate, random)[:, 0]
         pressure += self.drift * (drift - drift[0]) + self.noise * random.standard_normal(n)
         temperature = np.array([air.temperature_at(h) + self.self_heating for h in height])
         return pd.DataFrame({"pressure": pressure, "temperature": temperature}, index=pd.Index(t, name="t"))
@@ -173,7 +190,14 @@ class Magnetometer:
     def sample(self, truth: pd.DataFrame, field_n: np.ndarray, random: np.random.RandomState) -> pd.DataFrame:
         """Sample a flight: index `t` [s]; mag_x, mag_y, mag_z [T].
 
-        `field_n` (3,) is the Earth's field in NED [T]; see `Gps.sample` for the other parameters.
+        Parameters
+        ----------
+        truth : DataFrame
+            The flight, indexed by t, s; the quaternion `q_w` ... `q_z` is read.
+        field_n : ndarray, shape (3,)
+            The Earth's field in NED, T.
+        random : RandomState
+            Source of the noise.
         """
         step = round(1.0 / self.rate / (truth.index[1] - truth.index[0]))
         rows = truth.iloc[::step]
@@ -203,6 +227,15 @@ class Navigation:
         """Errors of position (m), velocity (m/s) and roll, pitch, yaw (rad) at n ticks of dt; shape (n, 9).
 
         They start at zero: the origin is where the autopilot believes to be at boot.
+
+        Parameters
+        ----------
+        n : int
+            Ticks.
+        dt : float
+            s.
+        random : RandomState
+            Source of the noise.
         """
         sigma = np.array([self.tilt, self.tilt, self.yaw])
         position = self.position * _smooth_wander(n, self.position_time / dt, 2.0 / dt, random)
@@ -246,7 +279,7 @@ class SpeedControllers:
         return pd.DataFrame(np.hstack((rpm, currents)), index=rows.index, columns=names)
 
 
-def gauss_markov(n: int, columns: int, correlation: float, random: np.random.RandomState) -> np.ndarray:
+def _gauss_markov(n: int, columns: int, correlation: float, random: np.random.RandomState) -> np.ndarray:
     """First-order Gauss-Markov noise of unit variance; `correlation` in samples; shape (n, columns)."""
     keep = math.exp(-1.0 / correlation)
     noise = random.standard_normal((n, columns))
@@ -259,7 +292,7 @@ def _smooth_wander(n: int, correlation: float, smoothing: float, random: np.rand
     """Gauss-Markov noise behind a first-order low-pass, unit variance; times in samples; shape (n, 3)."""
     keep = math.exp(-1.0 / smoothing)
     gain = (1.0 - keep) * math.sqrt((correlation + smoothing) / correlation)
-    filtered: np.ndarray = lfilter([gain], [1.0, -keep], gauss_markov(n, 3, correlation, random), axis=0)
+    filtered: np.ndarray = lfilter([gain], [1.0, -keep], _gauss_markov(n, 3, correlation, random), axis=0)
     return filtered
 
 

@@ -119,7 +119,19 @@ class Multirotor:
         attitude: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0),
         rate: Vector = (0.0, 0.0, 0.0),
     ) -> np.ndarray:
-        """State with rotors turning steadily at `speeds` (n,) [rad/s]; NED, quaternion to NED, body rates."""
+        """State with rotors turning steadily at `speeds` (n,) [rad/s]; NED, quaternion to NED, body rates.
+
+        Parameters
+        ----------
+        speeds : ndarray, shape (n,)
+            Of the rotors, rad/s.
+        position, velocity : (float, float, float)
+            NED, m and m/s.
+        attitude : (float, float, float, float)
+            Quaternion from body to NED, scalar first.
+        rate : (float, float, float)
+            Body rates, rad/s.
+        """
         drives = np.zeros((len(self.rotors), self.drive.response.order))
         drives[:, :1] = speeds[:, None]
         return np.concatenate((position, velocity, attitude, rate, speeds, drives.ravel())).astype(float)
@@ -134,6 +146,15 @@ class Multirotor:
 
     def hover_thrust(self, gravity: float, density: float, voltage: float) -> float:
         """Fraction of full thrust, at this density and voltage, that carries the weight.
+
+        Parameters
+        ----------
+        gravity : float
+            m/s^2.
+        density : float
+            Of the air, kg/m^3.
+        voltage : float
+            Of the battery, V.
 
         Raises
         ------

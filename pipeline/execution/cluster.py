@@ -262,7 +262,19 @@ def look(places: Sequence[str], mark: str | None) -> str:
 
 
 def work(expected: Mapping[str, Any], function: Callable[..., R], args: Sequence[Any], named: Mapping[str, Any]) -> R:
-    """Do a submitted call on a worker, see `call_guarded`."""
+    """Do a submitted call on a worker, see `call_guarded`.
+
+    Parameters
+    ----------
+    expected : mapping
+        Software of the coordinator, as `software` gives it.
+    function : callable
+        What to call.
+    args : sequence
+        Its arguments by place.
+    named : mapping
+        Its arguments by name.
+    """
     # Dask clears this folder up, also after a worker that was killed.
     tempfile.tempdir = distributed.get_worker().local_directory
     return call_guarded(expected, function, args, named)
@@ -272,6 +284,17 @@ def call_guarded(
     expected: Mapping[str, Any], function: Callable[..., R], args: Sequence[Any], named: Mapping[str, Any]
 ) -> R:
     """Call a function on a worker, provided that its software is as expected.
+
+    Parameters
+    ----------
+    expected : mapping
+        Software of the coordinator, as `software` gives it.
+    function : callable
+        What to call.
+    args : sequence
+        Its arguments by place.
+    named : mapping
+        Its arguments by name.
 
     Raises
     ------

@@ -79,6 +79,15 @@ def processes(count: int | None, sizes: Sequence[int], preload: Sequence[str] = 
     """Return an executor of `count` processes, or as many as suit this computer and the logs' sizes in bytes.
 
     Whatever ends the ``with`` early, such as Ctrl-C, ends the processes at once.
+
+    Parameters
+    ----------
+    count : int or None
+        Processes, but never more than logs; None for as many as suit.
+    sizes : sequence of int
+        Size of each log, bytes.
+    preload : sequence of str
+        Modules to import once for all processes.
     """
     chosen = count_workers(sizes) if count is None else max(1, min(count, len(sizes)))
     with Processes(chosen, preload) as executor:

@@ -132,7 +132,19 @@ def known_result(store: Store, entry: GroupEntry) -> GroupResult | None:
 
 
 def keep(result: GroupResult, entry: GroupEntry, store: Store, publish: Publish | None) -> None:
-    """Store the products of a craft, its entry last; OSError where they cannot be stored."""
+    """Store the products of a craft, its entry last; OSError where they cannot be stored.
+
+    Parameters
+    ----------
+    result : GroupResult
+        Of the craft.
+    entry : GroupEntry
+        The same in short, with the folder it goes to.
+    store : Store
+        Where it is kept.
+    publish : callable or None
+        Writes the pages of a result into a folder; None keeps the entry alone.
+    """
     with store.scratch() as scratch:
         product = scratch / "product"
         product.mkdir()

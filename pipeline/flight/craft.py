@@ -81,6 +81,15 @@ def fingerprint(vehicle: Vehicle, parameters: Mapping[str, float], *, simulated:
 
     What counts is how the craft is built and how commands become PWM. The board's id tells apart twins; where
     it was not logged, and in simulators (which make up an id per process), the rate-loop gains must serve.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        What the log tells of the craft.
+    parameters : mapping of str to float
+        The autopilot's.
+    simulated : bool
+        Whether a simulator flew it.
     """
     built = build_of(vehicle).values()
     if vehicle.board_id and not simulated:

@@ -35,7 +35,17 @@ _METADATA = b"rotorid"
 
 
 def part(dataset: str, name: str, vehicle: str, flight: str) -> str:
-    """Report where in the store a flight's part of a table lies."""
+    """Report where in the store a flight's part of a table lies.
+
+    Parameters
+    ----------
+    dataset : str
+        ``tables`` or ``experiments``.
+    name : str
+        Table, or kind of experiment.
+    vehicle, flight : str
+        Values of the partitions.
+    """
     return f"{dataset}/{name}/vehicle={vehicle}/flight={flight}/part.parquet"
 
 

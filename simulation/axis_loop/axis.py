@@ -149,7 +149,19 @@ class AxisRun:
 
 
 def run_axis(plant: AxisPlant, gains: LoopGains, excitation: Excitation, seed: int) -> AxisRun:
-    """Fly one axis of known response; every number comes from the seed."""
+    """Fly one axis of known response; every number comes from the seed.
+
+    Parameters
+    ----------
+    plant : AxisPlant
+        The axis, from mixer to rate.
+    gains : LoopGains
+        ArduCopter's controllers.
+    excitation : Excitation
+        Sticks, chirp, gusts and noise.
+    seed : int
+        Of all random numbers.
+    """
     rng = np.random.default_rng(seed)
     n = round(excitation.duration * LOOP_HZ)
     t = np.arange(n) / LOOP_HZ

@@ -46,6 +46,19 @@ def motor_tables(
     """Return rows of a quadcopter's RCOU, IMU and ESC at these rates [Hz], and bursts of gyro samples this [s] apart.
 
     Rotors, whose speeds ESCs report, follow with a time constant `lag` [s].
+
+    Parameters
+    ----------
+    axes : mapping of str to AxisRun
+        Runs of roll, pitch and yaw; those that are missing do not move.
+    boot : float
+        Time since boot at the start of the runs, s.
+    rcou, imu, esc : float
+        Rows per second; 0 leaves the message out.
+    lag : float
+        Time constant of the rotors, s.
+    pause : float
+        From burst to burst of the batch sampler, s; 0 for none.
     """
     first = next(iter(axes.values()))
     n = len(first.t)

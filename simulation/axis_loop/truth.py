@@ -14,7 +14,17 @@ TERMS = ("P", "I", "D", "FF", "FLTT", "FLTE", "FLTD", "IMAX")
 
 
 def settings_of(plant: AxisPlant, gains: LoopGains, axis: str = "roll") -> LoopSettings:
-    """Return the loop's settings as a log of the flight has them."""
+    """Return the loop's settings as a log of the flight has them.
+
+    Parameters
+    ----------
+    plant : AxisPlant
+        The axis, with its gyro filter.
+    gains : LoopGains
+        Of the controllers.
+    axis : str
+        roll, pitch or yaw.
+    """
     return LoopSettings(
         axis=axis,
         controller=RateController(**{name: getattr(gains, name) for name in TERMS}),
@@ -29,5 +39,15 @@ def gains_of(settings: LoopSettings) -> LoopGains:
 
 
 def true_loop(plant: AxisPlant, gains: LoopGains, hz: Floats) -> NDArray[np.complex128]:
-    """Return the response of the loop broken at the mixer, shape (n,)."""
+    """Return the response of the loop broken at the mixer, shape (n,).
+
+    Parameters
+    ----------
+    plant : AxisPlant
+        The axis.
+    gains : LoopGains
+        Of the controllers.
+    hz : ndarray, shape (n,)
+        Frequencies, Hz.
+    """
     return plant.response(hz) * settings_of(plant, gains).feedback(hz)

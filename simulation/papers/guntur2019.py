@@ -150,6 +150,22 @@ def tank(motor: Motor, payload: float, rate: float, start: float) -> Tank:
 
     The thesis varies the payload from flight to flight and leaves the discharge in flight to further work; it assumes
     as is done here that what flows out takes no momentum along.
+
+    Parameters
+    ----------
+    motor : Motor
+        One of the five of the thesis.
+    payload : float
+        Share of the full tank at the start.
+    rate : float
+        Share of the full tank (1 kg) that flows out per second.
+    start : float
+        When it begins to flow, s.
+
+    Raises
+    ------
+    ParameterError
+        Rate or payload is not positive.
     """
     if not (rate > 0.0 and payload > 0.0):
         raise ParameterError(f"discharge: rate {rate:g} and payload {payload:g} must be positive")

@@ -50,7 +50,17 @@ _NOTES = (
 
 
 def simulate(name: str, summary: str, settings: Profile) -> Outcome:
-    """Fly the plan with every payload, and with the payload of the settings for the log."""
+    """Fly the plan with every payload, and with the payload of the settings for the log.
+
+    Parameters
+    ----------
+    name : str
+        Name of the case, which its log has too.
+    summary : str
+        What it shows, in a line.
+    settings : Profile
+        What the user chose.
+    """
     motor = guntur2019.find(settings.motor)
     trim = settings.trim_rpm or None
     craft = guntur2019.quadcopter(

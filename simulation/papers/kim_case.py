@@ -44,7 +44,17 @@ _NOTES = (
 
 
 def simulate(name: str, summary: str, settings: Recovery) -> Outcome:
-    """Level the craft from the start of Table 5."""
+    """Level the craft from the start of Table 5.
+
+    Parameters
+    ----------
+    name : str
+        Name of the case, which its log has too.
+    summary : str
+        What it shows, in a line.
+    settings : Recovery
+        What the user chose.
+    """
     height_gains = kim2017.HeightGains(
         proportional=settings.height_p, integral=settings.height_i, rate=settings.height_rate
     )

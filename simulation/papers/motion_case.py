@@ -39,7 +39,17 @@ _NOTES = (
 
 
 def simulate(name: str, summary: str, settings: Flight) -> Outcome:
-    """Fly from start to target."""
+    """Fly from start to target.
+
+    Parameters
+    ----------
+    name : str
+        Name of the case, which its log has too.
+    summary : str
+        What it shows, in a line.
+    settings : Flight
+        What the user chose.
+    """
     flown = fly_to_point(settings)
     path = in_paper_axes(flown)
     per_row = max(round(0.01 / (path.index[1] - path.index[0])), 1)
