@@ -16,8 +16,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Columns of the drives: total strength of the rotors, their moments about the axes, angular momentum of the rotors
-#: over the body's axes (spin times speed) and its derivative, mean speed.
-DRIVES = ("thrust", "roll", "pitch", "yaw", "momentum", "momentum_rate", "speed")
+#: over the body's axes (spin times speed) and its derivative, mean speed, and the battery's part in the thrust.
+DRIVES = ("thrust", "roll", "pitch", "yaw", "momentum", "momentum_rate", "speed", "charge")
 
 #: Places of the parameters in theta; those of further inputs come after them, six for each.
 THETA = (
@@ -116,8 +116,8 @@ def _turning(theta: Floats, drive: Floats, w: Floats, air: Floats, push: Floats,
         + theta[24] * thrust
         + push[2]
     )
-    for k in range(7, drive.shape[0]):
-        at = 27 + 6 * (k - 7)
+    for k in range(8, drive.shape[0]):
+        at = 27 + 6 * (k - 8)
         for axis in range(3):
             out[axis] += theta[at + 3 + axis] * drive[k]
 
@@ -125,7 +125,7 @@ def _turning(theta: Floats, drive: Floats, w: Floats, air: Floats, push: Floats,
 @inner()
 def _forcing(theta: Floats, drive: Floats, air: Floats, out: Floats) -> None:
     """Specific force in body axes, m/s^2."""
-    pull = theta[0] * drive[0] + theta[1]
+    pull = theta[0] * drive[0] + theta[1] * drive[7]
     speed = drive[6]
     along = np.sqrt(air[0] * air[0] + air[1] * air[1] + air[2] * air[2])
     for axis in range(3):
@@ -133,8 +133,8 @@ def _forcing(theta: Floats, drive: Floats, air: Floats, out: Floats) -> None:
     out[0] += pull * theta[2]
     out[1] += pull * theta[3]
     out[2] -= pull
-    for k in range(7, drive.shape[0]):
-        at = 27 + 6 * (k - 7)
+    for k in range(8, drive.shape[0]):
+        at = 27 + 6 * (k - 8)
         for axis in range(3):
             out[axis] += theta[at + axis] * drive[k]
 
@@ -146,7 +146,7 @@ def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float,
     Parameters
     ----------
     theta : ndarray, shape (SHARED + 6 e,)
-    drive : ndarray, shape (7 + e,)
+    drive : ndarray, shape (8 + e,)
         Held over the interval.
     wind : ndarray, shape (3,)
         NED, m/s.
@@ -217,7 +217,7 @@ def ahead(
     Parameters
     ----------
     theta : ndarray, shape (SHARED + 6 e,)
-    drives : ndarray, shape (N, 7 + e)
+    drives : ndarray, shape (N, 8 + e)
     wind : ndarray, shape (N, 3)
     pushes : ndarray, shape (S, 6)
         One for each start, see `advance`.

@@ -1,4 +1,9 @@
-"""The wind that a craft feels, from its motion and a model of its drag."""
+"""The wind that a craft feels, from its motion and a model of its drag.
+
+A craft that leans into the wind is held by thrust, so that a battery which is fuller than those of the records fitted
+looks like wind: 5 % of thrust at 17 degrees of lean are 0.14 m/s^2. The thrust of every window is therefore sought
+together with its wind; height tells it.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +14,36 @@ import numpy as np
 
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.rigid_body.six_dof._kernels import ahead
-from sysid.rigid_body.six_dof.body_record import drives
+from sysid.rigid_body.six_dof.body_record import BodyRecord, drives
 from sysid.rigid_body.six_dof.correction import upright_axes
 from sysid.rigid_body.six_dof.model import SixDofModel, substeps
 
 #: Length of the runs that are compared, s; attitude is measured throughout.
 RUN_SECONDS = 0.2
 
-#: Passes of Gauss-Newton, and the step of differences, m/s.
-_PASSES, _STEP = 12, 0.5
+#: Length of the windows of a trim, s: manoeuvres, during which the model errs this way and that, are shorter.
+TRIM_SECONDS = 5.0
 
-#: Limit of a wind that is believed, m/s, and the spread of what is known of it before.
-_STRONGEST, _PRIOR = 40.0, 15.0
+#: Windows farther from the median than so many median distances are unlike the others; three standard deviations.
+_UNLIKE = 4.4
+
+#: Passes of Gauss-Newton.
+_PASSES = 12
+
+
+@dataclass(frozen=True, slots=True)
+class _Sought:
+    """What is sought of a window: two horizontal numbers and the thrust over the model's."""
+
+    mean: Floats  #: shape (3,): Known before.
+    sigma: Floats  #: shape (3,): Its spread.
+    farthest: Floats  #: shape (3,): From the mean, what is believed.
+    difference: Floats  #: shape (3,): Step of differences.
+
+
+#: North and east, m/s, or forward and right, m/s^2; thrust as `fit.PRIORS` has it of a battery's charge.
+_WIND = _Sought(*map(np.array, ([0.0, 0.0, 1.0], [15.0, 15.0, 0.1], [40.0, 40.0, 0.5], [0.5, 0.5, 0.01])))
+_TRIM = _Sought(*map(np.array, ([0.0, 0.0, 1.0], [1.0, 1.0, 0.1], [5.0, 5.0, 0.5], [0.1, 0.1, 0.01])))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,23 +61,29 @@ def estimate_trim(model: SixDofModel, still: Experiment) -> Floats:
     """Return the horizontal acceleration that a model misses in still air, forward and right, m/s^2, shape (2,).
 
     A level that is off by a degree, or a thrust that leans otherwise than on the records fitted, pushes like 0.17 m/s^2
-    of drag, which is a wind of half a metre per second on a usual quadrotor. It is the zero of `estimate_wind`: the
-    mean over the same runs, so that still air is no wind.
+    of drag, which is a wind of half a metre per second on a usual quadrotor. It is the zero of `estimate_wind`. Windows
+    unlike the others do not count: the air of a tunnel still moves for a while after its fans stopped.
 
     Parameters
     ----------
     model : SixDofModel
     still : Experiment
         Flown without wind in the same set-up as those whose wind is asked for.
+
+    Raises
+    ------
+    ExperimentError
+        When the record is shorter than a window.
     """
-    record = model.record(still)
-    steps = max(round(RUN_SECONDS / record.dt), 1)
-    starts = np.arange(len(record.t) - steps, dtype=np.int64)
-    drive, none = drives(record, model.kinds, model.shape), np.zeros((len(starts), 6))
-    air, marks, dt = np.zeros((len(record.t), 3)), np.array([steps]), record.dt
-    found = ahead(model.theta, drive, air, none, record.states, starts, marks, dt, substeps(dt), True)
-    missed = (record.states[starts + steps, 3:6] - found[:, 0, 3:6]) / (steps * dt)
-    return np.asarray(np.einsum("nji,nj->ni", upright_axes(record, starts), missed)[:, :2].mean(axis=0))
+    runs = _runs(model, still, TRIM_SECONDS)
+    values, _ = _solve(lambda sought: runs.errors(np.zeros((len(sought), 2)), sought[:, :2], sought[:, 2]), runs, _TRIM)
+    return np.array([_usual(column) for column in values[:, :2].T])
+
+
+def _usual(values: Floats) -> float:
+    """Mean of the values that are near their median."""
+    away = np.abs(values - np.median(values))
+    return float(values[away <= _UNLIKE * np.median(away) + 1e-12].mean())
 
 
 def estimate_wind(
@@ -62,8 +91,8 @@ def estimate_wind(
 ) -> WindTrack:
     """Estimate the horizontal wind of a record with a model whose drag is known.
 
-    Short runs from measured states are compared in horizontal velocity; the wind of a window is what makes their errors
-    least (Gauss-Newton; drag is all but linear in the wind).
+    Short runs from measured states are compared in velocity; the wind and the thrust of a window are what makes their
+    errors least (Gauss-Newton; drag is all but linear in the wind).
 
     Parameters
     ----------
@@ -80,59 +109,95 @@ def estimate_wind(
     ExperimentError
         When the record is shorter than a window.
     """
+    runs = _runs(model, experiment, window)
+    lean = np.zeros(2) if trim is None else trim
+
+    def errors(sought: Floats) -> Floats:
+        return runs.errors(sought[:, :2], np.broadcast_to(lean, (len(sought), 2)), sought[:, 2])
+
+    whole, whole_sigma = _solve(errors, runs, _WIND, blocks=1)
+    values, sigma = _solve(errors, runs, _WIND, first=whole[0])
+    return WindTrack(
+        t=runs.record.t[runs.starts.reshape(runs.windows, -1)].mean(axis=1),
+        wind=values[:, :2],
+        sigma=sigma[:, :2],
+        mean=whole[0, :2],
+        mean_sigma=whole_sigma[0, :2],
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Runs:
+    """Short runs of one record, in windows."""
+
+    model: SixDofModel
+    record: BodyRecord
+    drive: Floats  #: shape (N, 8 + e)
+    starts: np.ndarray  #: shape (R,)
+    steps: int  #: Samples of a run.
+    windows: int
+
+    def errors(self, wind: Floats, lean: Floats, thrust: Floats) -> Floats:
+        """Errors of acceleration, (R, 3), with the wind, lean (B, 2) and thrust (B,) of every window."""
+        record, runs = self.record, len(self.starts)
+        size = runs // self.windows
+        air, push, drive = np.zeros((len(record.t), 3)), np.zeros((runs, 6)), self.drive.copy()
+        air[:runs, :2] = np.repeat(wind, size, axis=0)
+        push[:, :3] = np.einsum("nij,nj->ni", upright_axes(record, self.starts)[:, :, :2], np.repeat(lean, size, axis=0))
+        over = np.append(np.repeat(thrust, size), np.full(len(drive) - runs, thrust[-1]))
+        drive[:, 0] *= over
+        drive[:, 7] *= over
+        if not record.speeds:
+            drive[:, 6] *= np.sqrt(over)
+        marks, dt = np.array([self.steps]), record.dt
+        found = ahead(self.model.theta, drive, air, push, record.states, self.starts, marks, dt, substeps(dt), True)
+        return np.asarray((found[:, 0, 3:6] - record.states[self.starts + self.steps, 3:6]) / (self.steps * dt))
+
+
+def _runs(model: SixDofModel, experiment: Experiment, window: float) -> _Runs:
     record = model.record(experiment)
     steps = max(round(RUN_SECONDS / record.dt), 1)
-    per_window = max(round(window / record.dt), steps)
-    count = (len(record.t) - steps) // per_window
-    if count < 1:
+    size = max(round(window / record.dt), steps)
+    windows = (len(record.t) - steps) // size
+    if windows < 1:
         raise ExperimentError(f"{record.name}: a record of {record.t[-1] - record.t[0]:.1f} s shows no wind")
-    starts = np.arange(count * per_window, dtype=np.int64)
-    drive = drives(record, model.kinds, model.shape)
-    marks, push = np.array([steps]), np.zeros((len(starts), 6))
-    if trim is not None:
-        push[:, :3] = upright_axes(record, starts)[:, :, :2] @ trim
-
-    def errors(wind: Floats) -> Floats:
-        """Errors of horizontal velocity, (runs, 2), with the wind of every window, (B, 2)."""
-        air = np.zeros((len(record.t), 3))
-        air[: len(starts), :2] = np.repeat(wind, per_window, axis=0)
-        found = ahead(model.theta, drive, air, push, record.states, starts, marks, record.dt, substeps(record.dt), True)
-        return np.asarray((found[:, 0, 3:5] - record.states[starts + steps, 3:5]) / (steps * record.dt))
-
-    tracks: list[tuple[Floats, Floats]] = []
-    for blocks in (1, count):
-        wind = np.zeros((count, 2)) if blocks == 1 else np.repeat(tracks[0][0], count, axis=0)
-        owner = np.repeat(np.arange(count) if blocks > 1 else np.zeros(count, dtype=int), per_window)
-        tracks.append(_solve(errors, wind, owner, blocks, steps))
-    (mean, mean_sigma), (wind, sigma) = tracks
-    middle = record.t[starts.reshape(count, per_window)].mean(axis=1)
-    return WindTrack(t=middle, wind=wind, sigma=sigma, mean=mean[0], mean_sigma=mean_sigma[0])
+    return _Runs(
+        model=model,
+        record=record,
+        drive=drives(record, model.kinds, model.shape),
+        starts=np.arange(windows * size, dtype=np.int64),
+        steps=steps,
+        windows=windows,
+    )
 
 
 def _solve(
-    errors: Callable[[Floats], Floats], wind: Floats, owner: np.ndarray, blocks: int, steps: int
+    errors: Callable[[Floats], Floats], runs: _Runs, sought: _Sought, blocks: int = 0, first: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Gauss-Newton for every block at once; winds and standard errors, (blocks, 2)."""
-    value = np.array([wind[np.flatnonzero(owner[:: len(owner) // len(wind)] == b)[0]] for b in range(blocks)])
-    spread = len(wind) // blocks
-    information = np.zeros((blocks, 2, 2))
+    """Gauss-Newton for every window at once, or for all as one block; values and standard errors, (blocks, 3)."""
+    blocks = blocks or runs.windows
+    spread = runs.windows // blocks
+    owner = np.repeat(np.arange(blocks), len(runs.starts) // blocks)
+    number = np.bincount(owner, minlength=blocks)
+    value = np.tile(sought.mean if first is None else first, (blocks, 1))
+    held = np.tile(np.diag(1.0 / sought.sigma**2), (blocks, 1, 1))
     for _ in range(_PASSES):
         base = errors(np.repeat(value, spread, axis=0))
-        slopes = np.empty((*base.shape, 2))
-        for k in range(2):
+        slopes = np.empty((*base.shape, 3))
+        for k in range(3):
             moved = value.copy()
-            moved[:, k] += _STEP
-            slopes[..., k] = (errors(np.repeat(moved, spread, axis=0)) - base) / _STEP
-        information = np.zeros((blocks, 2, 2))
-        gradient, square, number = np.zeros((blocks, 2)), np.zeros(blocks), np.bincount(owner, minlength=blocks)
+            moved[:, k] += sought.difference[k]
+            slopes[..., k] = (errors(np.repeat(moved, spread, axis=0)) - base) / sought.difference[k]
+        information, gradient, square = np.zeros((blocks, 3, 3)), np.zeros((blocks, 3)), np.zeros(blocks)
         np.add.at(information, owner, np.einsum("nij,nik->njk", slopes, slopes))
         np.add.at(gradient, owner, np.einsum("nij,ni->nj", slopes, base))
         np.add.at(square, owner, np.sum(base**2, axis=1))
-        noise = square / np.maximum(2 * number, 1)
         # Runs overlap: neighbours share their noise.
-        held = information / noise[:, None, None] / steps + np.eye(2) / _PRIOR**2
-        step = np.linalg.solve(held, -(gradient / noise[:, None] / steps + value / _PRIOR**2)[..., None])[..., 0]
-        value = np.clip(value + np.clip(step, -6.0, 6.0), -_STRONGEST, _STRONGEST)
-        if np.abs(step).max() < 1e-3:
+        noise = square / (3 * number) * runs.steps
+        held = information / noise[:, None, None] + np.diag(1.0 / sought.sigma**2)
+        slope = gradient / noise[:, None] + (value - sought.mean) / sought.sigma**2
+        step = np.clip(np.linalg.solve(held, -slope[..., None])[..., 0], -0.4 * sought.sigma, 0.4 * sought.sigma)
+        value = np.clip(value + step, sought.mean - sought.farthest, sought.mean + sought.farthest)
+        if np.abs(step / sought.sigma).max() < 1e-4:
             break
     return value, np.sqrt(np.linalg.inv(held).diagonal(axis1=1, axis2=2))

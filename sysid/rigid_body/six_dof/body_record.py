@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -90,6 +91,8 @@ class InputShape:
     #: Change of thrust over thrust per second, 1/s, about the middle of each record: a battery runs down, and not every
     #: record holds its voltage. 0 for rotor speeds, whose thrust does not depend on it.
     drift: float
+    #: Thrust of the same commands in each record over that of the mean record: batteries are not equally full.
+    charges: Mapping[str, float] = field(default_factory=dict)
     scale: float  #: Strength of a rotor that counts as 1 over the number of rotors.
     reference_speed: float  #: Rotor speed that counts as 1, rad/s; 1 for commands.
     centre: Floats  #: Trim of the further inputs, in their unit.
@@ -180,15 +183,18 @@ def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
 
 
 def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
-    """Compute what the inputs do in each sample interval, (N, 7 + further inputs), see `_kernels.DRIVES`."""
+    """Compute what the inputs do in each sample interval, (N, 8 + further inputs), see `_kernels.DRIVES`."""
     n, dt = len(record.t), record.dt
     out = np.zeros((n, len(DRIVES) + len(kinds.further)))
     moved, *ends = (_moved(record, kinds, shape, side) for side in (0.0, -0.5, 0.5))
-    held = record.density * (1.0 + shape.drift * (record.t - 0.5 * (record.t[0] + record.t[-1])))
+    charge = battery(record, shape)
+    held = record.density * charge
     if kinds.motors:
         # The mean of the squares over the records is that of the strengths, which `scale` makes 1 in all.
         whole = shape.reference_speed**2 / shape.scale if record.speeds else 1.0 / moved.shape[1]
         strengths = moved**2 * whole * shape.shares * held[:, None]
+        # Rotors that thrust less from the same commands turn as much slower.
+        moved, *ends = (each * np.sqrt(charge)[:, None] for each in (moved, *ends))
         spin = np.array([float(motor.spin) for motor in kinds.geometry])
         out[:, 0] = strengths.sum(axis=1)
         out[:, 1] = strengths @ np.array([-np.sin(motor.angle) for motor in kinds.geometry])
@@ -204,10 +210,19 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
         yaw = next(k for k, (name, _) in enumerate(kinds.mixer) if name == "yaw")
         out[:, 5] = (ends[1][:, yaw] - ends[0][:, yaw]) / dt
         out[:, 6] = np.sqrt(np.maximum(out[:, 0], 0.0))
+    out[:, 7] = charge
     for k, at in enumerate(kinds.further):
         value = (record.inputs[:, at] - shape.centre[k]) / shape.width[k]
         out[:, len(DRIVES) + k] = shifted_and_lagged(value, 0.0, shape.further_lag / dt)
     return out
+
+
+def battery(record: BodyRecord, shape: InputShape) -> Floats:
+    """Thrust of the same commands over that of the mean record at its middle, (N,); 1 for rotor speeds."""
+    if record.speeds:
+        return np.ones(len(record.t))
+    run_down = 1.0 + shape.drift * (record.t - 0.5 * (record.t[0] + record.t[-1]))
+    return np.asarray(shape.charges.get(record.name, 1.0) * run_down)
 
 
 def _moved(record: BodyRecord, kinds: InputKinds, shape: InputShape, later: float) -> Floats:

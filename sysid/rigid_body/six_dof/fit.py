@@ -58,6 +58,8 @@ PRIORS: Mapping[str, tuple[float, float, float, float]] = {
     "expo": (0.65, 0.2, 0.0, 1.0),
     # A tenth of thrust is lost in some ten minutes; quick draws lose it in one.
     "drift": (0.0, 1e-3, -0.01, 0.01),
+    # Full and nearly empty batteries of a cell are 4.2 and 3.5 V, of which thrust follows the square.
+    "charge": (1.0, 0.1, 0.5, 1.5),
     "wind": (0.0, 8.0, -30.0, 30.0),
     "force": (0.0, 10.0, -100.0, 100.0),
     "torque": (0.0, 50.0, -1000.0, 1000.0),
@@ -190,7 +192,7 @@ def fit_six_dof(
     def errors_from(starts: Sequence[np.ndarray], values: Floats) -> list[Floats]:
         theta, moved, wind = unpack(values)
         key = np.concatenate(
-            [moved.delays, moved.lags, moved.shares, [moved.further_lag, moved.expo, moved.drift]]
+            [moved.delays, moved.lags, moved.shares, [moved.further_lag, moved.expo, moved.drift, *moved.charges.values()]]
         ).tobytes()
         if key not in cache:
             if len(cache) > 2:
@@ -278,6 +280,8 @@ def _unknowns(
         out.append(_Unknown("expo", "expo", "expo", 0))
     if not speeds:
         out.append(_Unknown("thrust_drift", "drift", "drift", 0))
+        if len(bodies) > 1:
+            out += [_Unknown(f"charge_{body.name}", "charge", "charge", 0, body.name) for body in bodies]
     if not indoors:
         for body in bodies:
             if body.name not in winds:
@@ -328,7 +332,7 @@ def _unpack(
 ) -> tuple[Floats, InputShape, dict[str, Floats]]:
     theta = np.zeros(SHARED + PER_INPUT * len(kinds.further))
     delays, lags, shares = shape.delays.copy(), shape.lags.copy(), shape.shares.copy()
-    further_lag, expo, drift = shape.further_lag, shape.expo, shape.drift
+    further_lag, expo, drift, charges = shape.further_lag, shape.expo, shape.drift, dict[str, float]()
     wind = {name: np.array(value) for name, value in winds.items()}
     for value, unknown in zip(values, unknowns, strict=True):
         match unknown.kind:
@@ -346,6 +350,8 @@ def _unpack(
                 expo = float(value)
             case "drift":
                 drift = float(value)
+            case "charge":
+                charges[unknown.record] = float(value)
             case _:
                 wind.setdefault(unknown.record, np.zeros(2))[unknown.at] = value
     shape = replace(
@@ -356,6 +362,7 @@ def _unpack(
         further_lag=further_lag,
         expo=expo,
         drift=drift,
+        charges={name: value - float(np.mean(list(charges.values()))) + 1.0 for name, value in charges.items()},
     )
     return theta, shape, wind
 
@@ -369,6 +376,7 @@ def _priors(unknowns: Sequence[_Unknown]) -> tuple[Floats, Floats, Floats, Float
         "lag": 1e-3,
         "expo": 0.02,
         "drift": 2e-4,
+        "charge": 1e-3,
         "share": 1e-3,
         "gain": 1e-2,
         "offset": 1e-2,
@@ -392,7 +400,7 @@ def _parameters(
     out: dict[str, BodyParameter] = {}
     spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     for k, unknown in enumerate(unknowns):
-        if unknown.kind == "wind":
+        if unknown.record:
             continue
         value = float(found.values[k])
         error = float(np.hypot(spread[k], _floor(unknown, value, dt)))
@@ -434,14 +442,15 @@ def _parameters(
 
 
 def _centred(found: ShootingFit, unknowns: Sequence[_Unknown]) -> ShootingFit:
-    """Make the shares of the motors 1 in the mean, values and covariance: only what they differ by enters."""
-    shares = np.array([unknown.kind == "share" for unknown in unknowns])
-    if not shares.any():
-        return found
-    values = found.values.copy()
-    values[shares] += 1.0 - values[shares].mean()
-    centre = np.eye(len(unknowns)) - np.outer(shares, shares) / shares.sum()
-    return replace(found, values=values, covariance=centre @ found.covariance @ centre.T)
+    """Make the shares of the motors, and the charges of the records, 1 in the mean: only what they differ by enters."""
+    for kind in ("share", "charge"):
+        alike = np.array([unknown.kind == kind for unknown in unknowns])
+        if alike.any():
+            values = found.values.copy()
+            values[alike] += 1.0 - values[alike].mean()
+            centre = np.eye(len(unknowns)) - np.outer(alike, alike) / alike.sum()
+            found = replace(found, values=values, covariance=centre @ found.covariance @ centre.T)
+    return found
 
 
 def _floor(unknown: _Unknown, value: float, dt: float) -> float:

@@ -36,7 +36,7 @@ def missed_accelerations(
     Parameters
     ----------
     theta : ndarray
-    drives : ndarray, shape (N, 7 + e)
+    drives : ndarray, shape (N, 8 + e)
     wind : ndarray, shape (N, 3)
     record : BodyRecord
     substeps : int

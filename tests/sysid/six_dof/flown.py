@@ -138,7 +138,7 @@ def fly(seconds: float, seed: int, rate: int = 100, wind=(0.0, 0.0), gust: float
     noise = rng.standard_normal((n, 3)) * gust * np.sqrt(1 - keep**2)
     for k in range(1, n):
         walk[k] = keep * walk[k - 1] + noise[k]
-    gusts = walk + np.r_[wind, 0.0]
+    gusts = walk + np.pad(np.broadcast_to(wind, (n, 2)), ((0, 0), (0, 1)))
     pushes = np.repeat(rng.standard_normal((n // 8 + 1, 3)), 8, axis=0)[:n] * np.array([1.0, 1.0, 0.3]) * shake
     every = 1000 // rate
     states, commands = _fly(
@@ -157,11 +157,14 @@ def fly(seconds: float, seed: int, rate: int = 100, wind=(0.0, 0.0), gust: float
     )
 
 
-def commanded(flown: Flown, name: str, seed: int = 0, drift: float = 0.0) -> Experiment:
-    """Measure a flight by its commands, which grow as the battery runs down: thrust drifts by `drift`, 1/s."""
+def commanded(flown: Flown, name: str, seed: int = 0, drift: float = 0.0, charge: float = 1.0) -> Experiment:
+    """Measure a flight by its commands, which grow as the battery runs down: thrust drifts by `drift`, 1/s.
+
+    A battery of another `charge` gives so many times the thrust of the same commands.
+    """
     measured = experiment(flown, name, seed)
     middle = 0.5 * (flown.t[0] + flown.t[-1])
-    commands = (flown.commands / (2.0 * HOVER)) ** 2 / (1.0 + drift * (flown.t - middle))[:, None]
+    commands = (flown.commands / (2.0 * HOVER)) ** 2 / charge / (1.0 + drift * (flown.t - middle))[:, None]
     return replace(measured, u=commands, units={f"m{k + 1}": "1" for k in range(4)})
 
 

@@ -62,6 +62,45 @@ def test_thrust_that_fades_is_found_where_no_voltage_is_logged(drift):
     assert abs(slope) < 1.5e-3  # 0.01 without the drift
 
 
+@pytest.fixture(scope="module")
+def batteries():
+    """Fit three flights in 4 m/s of known wind, whose batteries are full, half full, and nearly empty."""
+    charges, wind = {"full": 1.08, "half": 1.0, "low": 0.92}, (4.0, 0.0)
+    records = [
+        flown.commanded(flown.fly(20.0, 31 + k, wind=wind), name, k, charge=charge)
+        for k, (name, charge) in enumerate(charges.items())
+    ]
+    model = fit_six_dof(
+        records, winds=dict.fromkeys(charges, wind), most_runs=400, horizons=(0.2, 0.5, 1.0), attitude="measured"
+    )
+    return model, charges
+
+
+def test_batteries_that_are_not_equally_full_are_told_apart_by_their_thrust(batteries):
+    """Where one thrust stood for all, commands that hover on an empty battery bent the curve of thrust."""
+    model, charges = batteries
+    assert model.shape.charges == pytest.approx(charges, abs=0.01)
+    assert abs(model.value("thrust_offset")) < 0.3
+    # Commands are of twice the speed of hover, and a motor carries a quarter.
+    assert model.value("thrust") / model.shape.scale == pytest.approx(flown.GRAVITY, rel=0.02)
+
+
+def test_a_full_battery_is_no_wind(batteries):
+    """A craft that leans into 6 m/s with 8 % more thrust than the model knows: it was 0.4 m/s less wind."""
+    model, _ = batteries
+    wind = np.array([6.0, 0.0])
+    record = flown.commanded(flown.fly(20.0, 41, wind=wind), "unseen", 41, charge=1.08)
+    track = estimate_wind(model, record)
+    assert np.abs(track.mean - wind).max() < 0.15
+    assert np.abs(np.median(track.wind, axis=0) - wind).max() < 0.15
+
+
+def test_air_that_still_moves_at_first_is_no_trim(fitted):
+    """The fans of a tunnel stopped just before the flight: 2 m/s that decay within five seconds."""
+    moving = flown.fly(40.0, 9, wind=np.outer(2.0 * np.exp(-np.arange(4000) / 500.0), [1.0, 0.0]))
+    assert np.abs(estimate_trim(fitted, flown.experiment(moving, "still", 9))).max() < 0.03
+
+
 def test_an_observer_remembers_as_long_as_predicts_best(fitted):
     """Wind that the model does not know pushes for seconds: to remember it predicts better than not to."""
     windy = [flown.experiment(flown.fly(16.0, seed, wind=(2.0, 1.0)), f"windy {seed}", seed) for seed in (21, 22)]

@@ -164,7 +164,7 @@ def test_motion_is_that_of_another_integrator():
     theta = np.zeros(kernels.SHARED)
     theta[[0, 2, 3, 4, 5, 6, 7, 8, 9]] = [10.0, 0.01, -0.02, 0.3, 0.2, 0.1, 0.05, 0.04, 0.03]
     theta[10:27] = rng.uniform(-0.5, 0.5, 17)
-    drive = np.array([1.1, 0.3, -0.2, 0.1, 0.2, 0.05, 1.02])
+    drive = np.array([1.1, 0.3, -0.2, 0.1, 0.2, 0.05, 1.02, 1.0])
     wind = np.array([2.0, -1.0, 0.0])
 
     def slope(_, s):
