@@ -24,6 +24,9 @@ FEWEST = 50
 #: A sample is a spike if it leaves both neighbours by so many usual steps, in the same direction, and comes back.
 SPIKE = 25.0
 
+#: Usual steps that a value of exactly zero must be away from its neighbours to be one that was lost.
+_ZERO = 3.0
+
 #: A value that does not change for so long is held, not measured, s; or for so many times as long as it usually does.
 HELD, _USUALLY_HELD = 0.5, 5.0
 
@@ -207,7 +210,9 @@ def _spikes(column: Floats) -> npt.NDArray[np.bool_]:
     width = 2 * _LONGEST_SPIKE + 1
     padded = np.pad(column, _LONGEST_SPIKE, mode="edge")
     middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
-    bad = np.abs(column - middle) > SPIKE * usual
+    # Telemetry that is lost is often logged as zero, which in a lively signal is no farther off than other steps.
+    lost = (column == 0.0) & (np.abs(middle) > _ZERO * usual)
+    bad = lost | (np.abs(column - middle) > SPIKE * usual)
     # What stays is a step, not a spike; a median over seven samples already says so.
     return np.asarray(bad if bad.mean() < 0.05 else np.zeros(n, dtype=bool))
 

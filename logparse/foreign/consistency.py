@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -115,7 +116,7 @@ def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) 
 
 
 def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> list[Finding]:
-    """Explain that a flight turns too little to show the order of its motors.
+    """Explain that a flight does not show the order of its motors: it turns too little, or another fits better.
 
     Parameters
     ----------
@@ -128,12 +129,22 @@ def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: floa
     dt : float
         s.
     """
-    known = declared.motors.motors
-    if 3 <= len(known) <= 4 and len(motors) >= 200:
-        levers, strengths = _levers(declared, motors)
-        if _explained(rates, strengths, levers, dt) >= _TURNING:
-            return []
     names = ", ".join(declared.motors.columns)
+    found = _orders(declared, rates, motors, dt)
+    if found is not None and found.best >= _TURNING:
+        if found.best == found.own:
+            return []
+        return [
+            Finding(
+                "table-motor-order",
+                Severity.WARNING,
+                f"columns {names}: in the order {found.names} the motors would turn the craft better (they would "
+                f"explain {100 * found.best:.0f} % of the changes of roll and pitch rate, in the order declared "
+                f"{100 * found.own:.0f} %)",
+                "check the order and the places of the motors; wrong ones show as gains of the wrong sign",
+                {"column": names, "own": found.own, "best": found.best},
+            )
+        ]
     return [
         Finding(
             "table-motor-order",
@@ -433,23 +444,37 @@ def _motors(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> li
     Changes of the rates over a time are compared with the moments of the motors over it, for every order of
     the columns.
     """
-    known = declared.motors.motors
-    if not 3 <= len(known) <= 4 or len(motors) < 200:
+    found = _orders(declared, rates, motors, dt)
+    if found is None or found.best < _TURNING or found.own > _BEHIND * found.best:
         return []
-    levers, strengths = _levers(declared, motors)
-    explained = {
-        order: _explained(rates, strengths[:, order], levers, dt) for order in itertools.permutations(range(len(known)))
-    }
-    own = tuple(range(len(known)))
-    best = max(explained, key=lambda order: explained[order])
-    if explained[best] < _TURNING or explained[own] > _BEHIND * explained[best]:
-        return []
-    order = ", ".join(declared.motors.columns[k] for k in best)
     return [
         f"columns {', '.join(declared.motors.columns)}: the motors do not turn the craft as their places say (they "
-        f"explain {100 * explained[own]:.0f} % of the changes of roll and pitch rate); in the order {order} they would "
-        f"({100 * explained[best]:.0f} %)"
+        f"explain {100 * found.own:.0f} % of the changes of roll and pitch rate); in the order {found.names} they "
+        f"would ({100 * found.best:.0f} %)"
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Orders:
+    """How well the motors explain the changes of roll and pitch rate."""
+
+    own: float  #: Part explained in the order declared.
+    best: float  #: In the order that explains most.
+    names: str  #: Columns in that order.
+
+
+def _orders(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> _Orders | None:
+    """Try the motors in every order; None for more or fewer than three or four, and for short records."""
+    count = len(declared.motors.motors)
+    if not 3 <= count <= 4 or len(motors) < 200:
+        return None
+    levers, strengths = _levers(declared, motors)
+    explained = {
+        order: _explained(rates, strengths[:, order], levers, dt) for order in itertools.permutations(range(count))
+    }
+    best = max(explained, key=lambda order: explained[order])
+    names = ", ".join(declared.motors.columns[k] for k in best)
+    return _Orders(explained[tuple(range(count))], explained[best], names)
 
 
 def _levers(declared: ColumnMap, motors: Floats) -> tuple[Floats, Floats]:

@@ -26,7 +26,7 @@ _FOLDS, _WORTH = 4, 1.0
 _STATES = ("position", "velocity", "attitude", "rates")
 
 #: Memories of an observer that are tried, s, and starts of each record that they are tried on.
-_MEMORIES, _STARTS = (1.5, 3.0, 6.0, 12.0, 24.0), 300
+_MEMORIES, _STARTS = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0), 300
 
 
 def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Experiment], horizon: float) -> SixDofModel:
@@ -47,6 +47,7 @@ def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Exper
     ExperimentError
         When no record is twice as long as the horizon.
     """
+    stranger = model.as_for_a_stranger()
     records = [model.record(experiment) for experiment in require_alike(experiments)]
     steps = horizon_steps(horizon, records[0].dt)
     records = [record for record in records if len(record.t) > 2 * steps]
@@ -54,7 +55,7 @@ def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Exper
         raise ExperimentError(f"no record is longer than twice the horizon of {horizon:g} s")
 
     def error(observer: Observer) -> float:
-        watching, total = model.with_observer(observer), 0.0
+        watching, total = stranger.with_observer(observer), 0.0
         for record in records:
             starts = np.linspace(steps // 2, len(record.t) - steps - 1, min(_STARTS, steps)).astype(np.int64)
             found = watching.ahead(record, starts, np.array([steps]))[:, 0, :3]
@@ -104,6 +105,7 @@ def learn_correction(
         model = model.with_observer(Observer(memory, 0.0 if model.attitude_given else memory))
     model = model.with_correction(None)
     steps = horizon_steps(horizon, model.record(records[0]).dt)
+    stranger = model.as_for_a_stranger()
     total = sum(max(len(record.t) - steps - 1, 0) for record in records)
     if total < 4 * steps:
         raise ExperimentError(f"{total} samples are too few to learn corrections of {horizon:g} s")
@@ -113,10 +115,10 @@ def learn_correction(
         record = model.record(experiment)
         remembered = memory / record.dt
         starts = np.arange(0, max(len(record.t) - steps - 1, 0), max(total // min(_RUNS, _ERRORS // (12 * steps)), 1))
-        missed = model.missed(record) if memory > 0.0 else None
+        missed = stranger.missed(record) if memory > 0.0 else None
         table.append(features(record, starts, steps, remembered, missed, model.attitude_given))
         measured = record.states[starts[:, None] + np.arange(1, steps + 1)]
-        errors = state_errors(model.ahead(record, starts, np.arange(1, steps + 1)), measured)
+        errors = state_errors(stranger.ahead(record, starts, np.arange(1, steps + 1)), measured)
         upright = upright_axes(record, starts)
         for part in (slice(0, 3), slice(3, 6)):
             errors[..., part] = np.einsum("nji,nmj->nmi", upright, errors[..., part])

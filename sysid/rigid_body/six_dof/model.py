@@ -230,6 +230,10 @@ class SixDofModel(Summarised):
         """Return the model with an observer of outside forces, or without."""
         return replace(self, observer=observer)
 
+    def as_for_a_stranger(self) -> SixDofModel:
+        """Return the model as it predicts records that it was not fitted to, whose batteries it does not know."""
+        return replace(self, shape=replace(self.shape, charges={}))
+
     def with_wind(self, winds: Mapping[str, Floats]) -> SixDofModel:
         """Return the model with the wind of more records, north and east, m/s."""
         return replace(self, winds={**self.winds, **winds})

@@ -261,6 +261,20 @@ def test_permuted_motors_are_refused_with_the_order_that_fits(one, other):
         read_motion(frame, columns())
 
 
+def test_motors_that_only_partly_turn_the_craft_are_named_where_another_order_fits_better():
+    """Elevons pitch a tail-sitter more than its motors do: front and rear exchanged passed without a word."""
+    frame = table()
+    squares = frame[["a", "b", "c", "d"]].to_numpy() ** 2
+    pitching = squares @ np.cos(ANGLES) / 2.0
+    others = pitching.std() * np.sin(2 * np.pi * 0.9 * frame["t"] ** 1.05)
+    frame[["a", "b", "c", "d"]] = np.sqrt(np.maximum(squares + np.outer(2.0 * others, np.cos(ANGLES)), 0.0))
+    assert not read_motion(frame, columns()).findings
+    frame = swapped(swapped(frame, "a", "d"), "b", "c")
+    [found] = read_motion(frame, columns()).findings
+    assert (found.id, str(found.severity)) == ("table-motor-order", "warning")
+    assert "in the order d, c, b, a the motors would turn the craft better" in found.reason
+
+
 def test_a_mirrored_axis_is_refused():
     frame = table()
     frame["wx"] = -frame["wx"]
@@ -280,6 +294,10 @@ def damaged(kind):
         frame.loc[1000:1200, "wy"] = np.nan
     elif kind == "spike":
         frame.loc[[400, 900], "b"] = 4e6
+    elif kind == "lost":
+        # Lively motors: zeros are no farther off than other steps.
+        frame[["a", "b", "c", "d"]] *= np.random.default_rng(1).uniform(0.9, 1.1, (len(frame), 4))
+        frame.loc[[400, 900], "b"] = 0.0
     elif kind == "norm":
         frame[["qx", "qy", "qz", "qw"]] *= 1.04
     return frame
@@ -293,6 +311,7 @@ def damaged(kind):
         ("back", "table-time", "t"),
         ("gap", "table-gaps", "wy"),
         ("spike", "table-spikes", "b"),
+        ("lost", "table-spikes", "b"),
         ("norm", "table-quaternion-norm", "qx, qy, qz, qw"),
     ],
 )
