@@ -23,6 +23,9 @@ _RUNS, _TRIED, _ERRORS = 60_000, 15_000, 40_000_000
 #: Groups of records that are left out in turn, and by how many percent errors must become smaller.
 _FOLDS, _WORTH = 4, 1.0
 
+#: Horizontal, vertical, and all of a position.
+_PARTS = (slice(0, 2), slice(2, 3), slice(0, 3))
+
 _STATES = ("position", "velocity", "attitude", "rates")
 
 #: Memories of an observer that are tried, s, and starts of each record that they are tried on.
@@ -33,7 +36,7 @@ def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Exper
     """Return the model with the observer that predicts positions of its training records best, or with none.
 
     A short memory follows gusts, a long one averages noise, and which is better depends on the air, the sensors and how
-    far ahead is asked for. Forces are chosen first, then torques.
+    far ahead is asked for. Horizontal and vertical forces are chosen by their own errors, then torques.
 
     Parameters
     ----------
@@ -54,18 +57,23 @@ def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Exper
     if not records:
         raise ExperimentError(f"no record is longer than twice the horizon of {horizon:g} s")
 
-    def error(observer: Observer) -> float:
-        watching, total = stranger.with_observer(observer), 0.0
+    def errors(observer: Observer) -> Floats:
+        """Mean errors of position, horizontally, vertically and in all."""
+        watching, total = stranger.with_observer(observer), np.zeros(3)
         for record in records:
             starts = np.linspace(steps // 2, len(record.t) - steps - 1, min(_STARTS, steps)).astype(np.int64)
             found = watching.ahead(record, starts, np.array([steps]))[:, 0, :3]
-            total += float(np.mean(np.linalg.norm(found - record.states[starts + steps, :3], axis=1)))
+            left = found - record.states[starts + steps, :3]
+            total += [float(np.mean(np.linalg.norm(left[:, part], axis=1))) for part in _PARTS]
         return total
 
-    best = min((Observer(memory, 0.0) for memory in (0.0, *_MEMORIES)), key=error)
+    memories = np.array([0.0, *_MEMORIES])
+    level, height, _ = memories[np.argmin([errors(Observer(memory, 0.0)) for memory in memories], axis=0)].tolist()
+    turn = 0.0
     if not model.attitude_given:
-        best = min((Observer(best.force_memory, memory) for memory in (0.0, *_MEMORIES)), key=error)
-    return model.with_observer(None if best == Observer(0.0, 0.0) else best)
+        turn = min(memories.tolist(), key=lambda memory: errors(Observer(level, memory, height))[2])
+    best = Observer(level, turn, height)
+    return model.with_observer(None if best == Observer(0.0, 0.0, 0.0) else best)
 
 
 def learn_correction(

@@ -26,6 +26,8 @@ class Observer:
     #: s; 0 leaves the part out.
     force_memory: float = 0.5
     torque_memory: float = 0.3
+    #: Of the vertical force, s; None: as of the others. A battery lasts a flight, gusts and trim do not.
+    lift_memory: float | None = None
 
 
 def missed_accelerations(
@@ -65,7 +67,9 @@ def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
         s.
     """
     out = missed.copy()
-    for columns, memory in ((slice(0, 3), observer.force_memory), (slice(3, 6), observer.torque_memory)):
+    lift = observer.force_memory if observer.lift_memory is None else observer.lift_memory
+    parts = ((slice(0, 2), observer.force_memory), (slice(2, 3), lift), (slice(3, 6), observer.torque_memory))
+    for columns, memory in parts:
         if memory <= 0.0:
             out[:, columns] = 0.0
             continue

@@ -73,12 +73,12 @@ def batteries():
     model = fit_six_dof(
         records, winds=dict.fromkeys(charges, wind), most_runs=400, horizons=(0.2, 0.5, 1.0), attitude="measured"
     )
-    return model, charges
+    return model, records, charges
 
 
 def test_batteries_that_are_not_equally_full_are_told_apart_by_their_thrust(batteries):
     """Where one thrust stood for all, commands that hover on an empty battery bent the curve of thrust."""
-    model, charges = batteries
+    model, _, charges = batteries
     assert model.shape.charges == pytest.approx(charges, abs=0.01)
     assert abs(model.value("thrust_offset")) < 0.3
     # Commands are of twice the speed of hover, and a motor carries a quarter.
@@ -87,12 +87,24 @@ def test_batteries_that_are_not_equally_full_are_told_apart_by_their_thrust(batt
 
 def test_a_full_battery_is_no_wind(batteries):
     """A craft that leans into 6 m/s with 8 % more thrust than the model knows: it was 0.4 m/s less wind."""
-    model, _ = batteries
+    model, *_ = batteries
     wind = np.array([6.0, 0.0])
     record = flown.commanded(flown.fly(20.0, 41, wind=wind), "unseen", 41, charge=1.08)
     track = estimate_wind(model, record)
     assert np.abs(track.mean - wind).max() < 0.15
     assert np.abs(np.median(track.wind, axis=0) - wind).max() < 0.15
+
+
+def test_how_full_a_battery_is_is_remembered_as_on_records_that_were_not_fitted(batteries):
+    """On the records fitted it is known: chosen on those as they are, an observer would gain nothing."""
+    model, records, _ = batteries
+    watching = choose_observer(model, records, 2.0)
+    assert watching.observer.lift_memory > 0.0
+    wind = (4.0, 0.0)
+    unseen = flown.commanded(flown.fly(20.0, 43, wind=wind), "unseen", 43, charge=1.08)
+    plain, held = (each.with_wind({"unseen": np.array(wind)}).predict(unseen, 2.0)[400:, 2] for each in (model, watching))
+    truth = unseen.y[400:, 2]
+    assert np.abs(held - truth).mean() < 0.4 * np.abs(plain - truth).mean()
 
 
 def test_air_that_still_moves_at_first_is_no_trim(fitted):
