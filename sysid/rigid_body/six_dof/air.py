@@ -143,7 +143,9 @@ class _Runs:
         size = runs // self.windows
         air, push, drive = np.zeros((len(record.t), 3)), np.zeros((runs, 6)), self.drive.copy()
         air[:runs, :2] = np.repeat(wind, size, axis=0)
-        push[:, :3] = np.einsum("nij,nj->ni", upright_axes(record, self.starts)[:, :, :2], np.repeat(lean, size, axis=0))
+        push[:, :3] = np.einsum(
+            "nij,nj->ni", upright_axes(record, self.starts)[:, :, :2], np.repeat(lean, size, axis=0)
+        )
         over = np.append(np.repeat(thrust, size), np.full(len(drive) - runs, thrust[-1]))
         drive[:, 0] *= over
         drive[:, 7] *= over

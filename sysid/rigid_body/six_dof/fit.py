@@ -191,9 +191,8 @@ def fit_six_dof(
 
     def errors_from(starts: Sequence[np.ndarray], values: Floats) -> list[Floats]:
         theta, moved, wind = unpack(values)
-        key = np.concatenate(
-            [moved.delays, moved.lags, moved.shares, [moved.further_lag, moved.expo, moved.drift, *moved.charges.values()]]
-        ).tobytes()
+        single = [moved.further_lag, moved.expo, moved.drift, *moved.charges.values()]
+        key = np.concatenate([moved.delays, moved.lags, moved.shares, single]).tobytes()
         if key not in cache:
             if len(cache) > 2:
                 cache.pop(next(iter(cache)))

@@ -102,7 +102,8 @@ def test_how_full_a_battery_is_is_remembered_as_on_records_that_were_not_fitted(
     assert watching.observer.lift_memory > 0.0
     wind = (4.0, 0.0)
     unseen = flown.commanded(flown.fly(20.0, 43, wind=wind), "unseen", 43, charge=1.08)
-    plain, held = (each.with_wind({"unseen": np.array(wind)}).predict(unseen, 2.0)[400:, 2] for each in (model, watching))
+    both = (each.with_wind({"unseen": np.array(wind)}) for each in (model, watching))
+    plain, held = (each.predict(unseen, 2.0)[400:, 2] for each in both)
     truth = unseen.y[400:, 2]
     assert np.abs(held - truth).mean() < 0.4 * np.abs(plain - truth).mean()
 
