@@ -11,15 +11,12 @@ from pipeline.results.flight import ModelResult
 from pipeline.results.model_report import HorizonRow, ModelReport
 from pipeline.results.verdict import Trust
 from reports.figure import Drawn, Figure, Trace, layout_of, model_color, plotly_text, short
+from reports.pole_map import INPUT_COLORS, pole_map
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel
 from sysid.transfer_functions.frequency_response import frequency_response
-from sysid.transfer_functions.roots import Root
-from sysid.transfer_functions.transfer_function import poles, zeros
 
 #: Frequencies of a Bode plot.
 POINTS = 60
-#: Colours of inputs, in their order; more inputs than these start again.
-INPUT_COLORS = ("@c1", "@c2", "@c3", "@c4", "@c5", "@c6", "@c7", "@c8")
 
 Floats = NDArray[np.float64]
 
@@ -126,7 +123,7 @@ def response_figures(result: ModelResult, prefix: str = "") -> dict[str, list[Fi
         }
         if functions:
             name = f"{prefix}{result.key}-{output}"
-            figures[output] = [_bode(model, output, functions, name), _roots(functions, name)]
+            figures[output] = [_bode(model, output, functions, name), pole_map(functions, name)]
     return figures
 
 
@@ -207,65 +204,6 @@ def _band(
         for first, last in zip(edges[::2], edges[1::2], strict=True)
         if last - first > 1
     ]
-
-
-def _roots(functions: dict[str, TransferFunction], name: str) -> Figure:
-    data: list[Trace] = []
-    known: list[complex] = []
-    for number, (source, function) in enumerate(functions.items()):
-        color = INPUT_COLORS[number % len(INPUT_COLORS)]
-        for kind, roots, symbol in (("pole", poles(function), "x-thin-open"), ("zero", zeros(function), "circle-open")):
-            for sure in (True, False):
-                some = [root for root in roots if root.determined is sure]
-                if not some:
-                    continue
-                data.append(_marks(source, kind, some, symbol, color, sure))
-                known += [root.value for root in some if sure]
-            data += [
-                {
-                    "type": "scatter",
-                    "mode": "lines",
-                    "x": _rounded(ellipse.real),
-                    "y": _rounded(ellipse.imag),
-                    "line": {"color": color, "width": 1},
-                    "legendgroup": source,
-                    "showlegend": False,
-                    "hoverinfo": "skip",
-                }
-                for ellipse in (root.ellipse() for root in roots if root.determined)
-            ]
-    named: set[str] = set()
-    for trace in data:
-        trace["showlegend"] = trace["mode"] == "markers" and trace["legendgroup"] not in named
-        named.add(trace["legendgroup"])
-    # Roots that nobody knows may lie anywhere; those that are known decide what is shown at first.
-    reach = 1.15 * max((abs(root) for root in known), default=0.0)
-    shown: Drawn = {"range": [-reach, 0.3 * reach]} if reach > 0.0 else {}
-    layout = layout_of(
-        xaxis={"title": {"text": "real part (rad/s)"}, "zeroline": True} | shown,
-        yaxis={"title": {"text": "imaginary part (rad/s)"}, "zeroline": True, "scaleanchor": "x", "scaleratio": 1},
-    )
-    layout["margin"] = layout["margin"] | {"t": 64}
-    caption = (
-        "Poles (crosses) and zeros (circles) with the ellipses in which they lie with 95 % probability. "
-        "Pale ones are not determined by the data: their deviation is more than half of their distance from the "
-        "origin. The frame is chosen for those that are; a double click shows all."
-    )
-    return Figure(f"roots-{name}", caption, data, layout, 430, time=False)
-
-
-def _marks(source: str, kind: str, roots: Sequence[Root], symbol: str, color: str, sure: bool) -> Trace:
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": _rounded(np.array([root.value.real for root in roots])),
-        "y": _rounded(np.array([root.value.imag for root in roots])),
-        "name": plotly_text(source),
-        "legendgroup": source,
-        "opacity": 1.0 if sure else 0.35,
-        "marker": {"symbol": symbol, "size": 9, "color": color, "line": {"color": color, "width": 2}},
-        "hovertemplate": f"%{{x:.3g}} + %{{y:.3g}} i rad/s<extra>{kind} of {plotly_text(source)}</extra>",
-    }
 
 
 def _frequencies(functions: dict[str, TransferFunction], rate: float) -> Floats:
