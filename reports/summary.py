@@ -219,7 +219,7 @@ def first_reason(numbers: FlightReport | FlightInShort) -> str:
 def alike(reasons: Sequence[str]) -> dict[str, list[int]]:
     """Gather reasons that differ in numbers only, with their places, the most frequent first.
 
-    ``only 7 s`` and ``only 18 s`` are ``only 7 to 18 s``.
+    ``only 7 s`` and ``only 18 s`` are ``only 7–18 s``.
     """
     places: dict[str, list[int]] = {}
     for place, reason in enumerate(reasons):
@@ -227,7 +227,7 @@ def alike(reasons: Sequence[str]) -> dict[str, list[int]]:
     found = {}
     for same in sorted(places.values(), key=len, reverse=True):
         numbers = zip(*(_NUMBER.findall(reasons[place]) for place in same), strict=True)
-        ranges = [" to ".join(dict.fromkeys((min(each, key=float), max(each, key=float)))) for each in numbers]
+        ranges = ["–".join(dict.fromkeys((min(each, key=float), max(each, key=float)))) for each in numbers]
         words = _NUMBER.split(reasons[same[0]])
         found["".join(f"{word}{span}" for word, span in zip(words, [*ranges, ""], strict=True))] = same
     return found

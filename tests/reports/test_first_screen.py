@@ -305,7 +305,7 @@ def test_a_folder_rounds_its_numbers_as_its_flights_do(kinds):
 
 def test_reasons_that_differ_in_numbers_only_are_one_with_their_range():
     reasons = ["only 7 s of 57 s", "no GPS", "only 18 s of 57 s", "only 11.5 s of 57 s"]
-    assert summary.alike(reasons) == {"only 7 to 18 s of 57 s": [0, 2, 3], "no GPS": [1]}
+    assert summary.alike(reasons) == {"only 7–18 s of 57 s": [0, 2, 3], "no GPS": [1]}
 
 
 def test_a_crash_is_named_with_the_loss_of_control_that_led_to_it(flight):
