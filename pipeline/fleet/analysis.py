@@ -107,7 +107,9 @@ def analyze_fleet(
         records = index_sources(found.sources, former, config, executor)
         known = {} if redo else _known(records, former, store, page_key(publish))
         began = perf_counter()
-        new = _analyzed(records, known, found, config, store, publish, executor, part_of(progress, 0.0, 0.8), redo=redo)
+        # Flights of one file are seldom so many that fitting them together takes long.
+        each = part_of(progress, 0.0, own := 0.9 if len(found.sources) == 1 else 0.8)
+        new = _analyzed(records, known, found, config, store, publish, executor, each, redo=redo)
         analyzed = perf_counter()
         records = _settled(records, {**known, **new})
         removed = tuple(_removed(former, records))
@@ -117,7 +119,8 @@ def analyze_fleet(
         flights = _flights(records, {**known, **new})
         if new:
             flights = motor_hints.settle_hints(flights, store, publish)
-        crafts = _crafts(flights, former, config, store, publish, executor, part_of(progress, 0.8, 0.99), redo=redo)
+        together = part_of(progress, own, 0.99)
+        crafts = _crafts(flights, former, config, store, publish, executor, together, redo=redo)
         manifest = Manifest(
             software=software(),
             configuration=config,

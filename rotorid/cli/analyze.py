@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from pipeline.storage.sources import Found, Source
 
 _DEFAULT = AnalysisConfig()
+#: Part of the whole that is done, as a bar shows it, when a file turns out to hold several flights.
+_SEVERAL_FOUND = 0.2
 
 
 class PlotFormat(StrEnum):
@@ -122,8 +124,10 @@ def analyze(
         check_choices(found, config)
     prepare(out)
     single = len(found.sources) == 1 and found.sources[0].named and scheduler is None
+    begun = 0.0
     if single and not chosen:
         _one_flight(found.sources[0], Path(out), config, as_json, plots)
+        begun = _SEVERAL_FOUND
     sizes = [source.size for source in found.sources if source.named or source.called_a_log]
     workers: AbstractContextManager[Executor | None] = nullcontext()
     if scheduler is not None:
@@ -131,7 +135,7 @@ def analyze(
     elif not single:
         workers = _processes(jobs, sizes)
     try:
-        _several_logs(found, out, config, workers, redo, as_json, plots)
+        _several_logs(found, out, config, workers, redo, as_json, plots, begun)
     except KeyboardInterrupt:
         fail("interrupted; what is done is kept, and the same command goes on from there", INTERRUPTED)
 
@@ -258,15 +262,20 @@ def _several_logs(
     redo: bool,
     as_json: bool,
     plots: "PlotFormat | None",
+    begun: float,
 ) -> None:
-    """Analyse what is new among logs and write the report on all, unless it stands already."""
+    """Analyse what is new among logs and write the report on all, unless it stands already.
+
+    The bar goes on from the part `begun` of the whole.
+    """
     import pipeline
     import reports
-    from pipeline.execution.progress import shown
+    from pipeline.execution.progress import part_of, shown
 
     publish = reports.publish if plots is None else partial(reports.publish, plots=plots.value)
     with shown() as progress, workers as executor:
-        fleet = pipeline.analyze_fleet(found, config, executor, progress, store=out, publish=publish, redo=redo)
+        rest = part_of(progress, begun, 1.0)
+        fleet = pipeline.analyze_fleet(found, config, executor, rest, store=out, publish=publish, redo=redo)
         try:
             if not fleet.reported:
                 progress("writing the report", 0.99)
