@@ -208,8 +208,10 @@ def _search(moments: Moments, found: Sequence[tuple[int, int]]) -> tuple[int, in
     residuals, bases = _without(moments, found)
     variances = [_long_run_variance(residual, moments.t) for residual in residuals]
     # Noise before a change is known contains the change itself: what is likely is looked for first, then judged by
-    # what is left of the noise without it.
-    likely = _best_step(moments, residuals, bases, variances, found, sure=LIKELY, one_motor=0.5 * _ONE_MOTOR)
+    # what is left of the noise without it. It is looked for among losses that can be named, or else a loss of a
+    # hundredth about an axis in which nothing moved takes its place.
+    one = 0.5 * _ONE_MOTOR
+    likely = _best_step(moments, residuals, bases, variances, found, sure=LIKELY, one_motor=one, smallest=SMALLEST)
     if likely is None:
         return None
     row, column, loss = likely[:3]
@@ -250,6 +252,7 @@ def _best_step(
     *,
     sure: float,
     one_motor: float,
+    smallest: float = 0.0,
 ) -> tuple[int, int, float, float, list[int]] | None:
     """Find the largest likelihood ratio over all motors and times; None where it is too small, or no single motor's."""
     shape = moments.thrust.shape
@@ -271,7 +274,7 @@ def _best_step(
     gain = numerator**2 / denominator
     t = moments.t
     allowed = (t >= t[0] + _BEFORE) & (t <= t[-1] - _AFTER)
-    usable = allowed[:, None] & (loss > 0.0) & (denominator > _VISIBLE * power)
+    usable = allowed[:, None] & (loss > smallest) & (denominator > _VISIBLE * power)
     for _, column in found:
         usable[:, column] = False
     if not usable.any():

@@ -73,6 +73,15 @@ def test_shortly_after_the_take_off_only_a_plain_loss_is_named():
     assert lost.motor == 2
 
 
+def test_an_axis_at_rest_does_not_hide_a_weak_motor():
+    # About pitch nothing moves, so that a hundredth of thrust explains what rounding leaves there, beyond all doubt.
+    vehicle = craft("octa", "plus")
+    side = next(motor.number for motor in vehicle.motors if abs(motor.pitch) < 1e-6)
+    for onset, stop in ((12.0, 16.0), (14.0, 20.0)):
+        tables = fly(vehicle, 2, Fault(side, onset, 0.8), still=1, seconds=stop + 1.0, gust=0.002)
+        assert [loss.motor for loss in find_motor_losses(tables, vehicle, 0.0, stop)] == [side]
+
+
 def test_a_payload_that_drops_is_no_motor():
     # A shift along the nose of a quad X is shared by two motors, and nothing yaws.
     vehicle = craft("quad", "x")
