@@ -11,7 +11,7 @@ from pipeline.results.craft_review import Note
 from pipeline.results.drift import Drift, History, MotorShares, Point
 from reports.figure import Drawn, Figure, Trace, layout_of, plotly_text
 from reports.frequency_figures import response_overlays
-from reports.model_figures import INPUT_COLORS
+from reports.pole_map import INPUT_COLORS
 
 #: Parameters that one figure holds, a small plot for each.
 MOST_PLOTS = 4

@@ -12,7 +12,8 @@ from scipy.linalg import expm
 from pipeline.results.failure import present
 from pipeline.results.flight import ModelResult
 from reports.figure import Drawn, Figure, Trace, layout_of, line, model_color, plotly_text, short
-from reports.model_figures import INPUT_COLORS, response_figures
+from reports.model_figures import response_figures
+from reports.pole_map import INPUT_COLORS
 from sysid import ClosedLoopModel, TransferFunction, TransferFunctionModel
 from sysid.transfer_functions.frequency_response import LARGEST_SIGMA, frequency_response
 

@@ -54,7 +54,6 @@ def fly(
     drift: float = 0.0,
     shift: tuple[float, float, float, float] | None = None,
     off: float = 0.02,
-    still: int | None = None,
 ) -> Tables:
     """Fly with random sticks, a centre of gravity off the middle and coloured gusts of moment.
 
@@ -68,16 +67,13 @@ def fly(
         Time [s] and sudden change of roll, pitch and yaw moment, as when a payload drops.
     off : float
         Standard deviation of lasting moments, as of a centre of gravity to one side.
-    still : int, optional
-        Axis about which neither sticks nor gusts act.
     """
     rng = np.random.default_rng(seed)
     factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
     mixer = factors / np.maximum(np.sum(factors**2, axis=0), 1e-9)
     count = round(seconds / STEP)
     gain, damping = np.array([60.0, 60.0, 8.0]), np.array([0.3, 0.3, 0.2])
-    moving = np.array([axis != still for axis in range(3)], dtype=float)
-    offset = moving * rng.normal(0.0, off, 3)
+    offset = rng.normal(0.0, off, 3)
     wander = rng.normal(0.0, 1.0, 3) * drift
     rate, angle, integral, disturbance = (np.zeros(3) for _ in range(4))
     target = np.zeros(3)
@@ -87,8 +83,8 @@ def fly(
     for k in range(count):
         t = k * STEP
         if k % round(0.8 / STEP) == 0:
-            target = moving * rng.normal(0.0, [0.15, 0.15, 0.5])
-        disturbance = keep * disturbance + np.sqrt(1.0 - keep**2) * moving * rng.normal(0.0, gust, 3)
+            target = rng.normal(0.0, [0.15, 0.15, 0.5])
+        disturbance = keep * disturbance + np.sqrt(1.0 - keep**2) * rng.normal(0.0, gust, 3)
         asked = np.append(5.0 * (target[:2] - angle[:2]), target[2])
         error = asked - rate
         integral = np.clip(integral + STEP * error * [0.3, 0.3, 0.08], -0.4, 0.4)
