@@ -137,6 +137,7 @@ def free_run_use(validation: Validation | None, outside: Collection[str] = ()) -
         error_over_mean=ratios,
         follows=follows,
         as_good_as_target=as_good,
+        better_than_target=tuple(o for o in outputs if o not in as_good and _beats_target(means[o])),
         fit_percent=_fit_range(scored, outside),
         flights_within=counts["flights_within"],
         followed_within=counts["followed_within"],
@@ -151,7 +152,7 @@ def free_run_use(validation: Validation | None, outside: Collection[str] = ()) -
         trust = Trust.LIMITED
     elif chosen["flight"].nunique() < FEWEST_JUDGES:
         # A single record must hold in every axis.
-        trust = Trust.NO
+        trust = Trust.LIMITED if follows and set(follows) | set(run.excused) == set(outputs) else Trust.NO
     else:
         trust = Trust.LIMITED if follows else Trust.NO
     return replace(run, trust=trust).worded()
@@ -181,6 +182,10 @@ def _as_good_as_target(errors: Mapping[str, float]) -> bool:
     """Return whether a model and the target itself err alike."""
     target = errors.get("rmse_reference", float("nan"))
     return bool(np.isfinite(target)) and abs(errors["rmse"] - target) <= MARGIN * target
+
+
+def _beats_target(errors: Mapping[str, float]) -> bool:
+    return bool(errors["rmse"] < errors.get("rmse_reference", float("nan")))
 
 
 def _followed(scored: pd.DataFrame) -> Iterator[tuple[str, bool, list[float]]]:

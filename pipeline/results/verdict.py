@@ -65,6 +65,8 @@ class FreeRunUse:
     #: Where inputs are targets, outputs that the target itself follows as well: there the model adds nothing to it, and
     #: errs no more than the autopilot did.
     as_good_as_target: tuple[str, ...] = ()
+    #: Outputs in which the model errs less than the target itself.
+    better_than_target: tuple[str, ...] = ()
     #: Held-out flights within the envelope, and those of them that are followed in every axis.
     flights_within: int = 0
     followed_within: int = 0
@@ -81,8 +83,13 @@ class FreeRunUse:
         return tuple(
             name
             for name, ratio in self.error_over_mean.items()
-            if not (ratio is not None and ratio <= FAR) and name not in self.as_good_as_target
+            if not (ratio is not None and ratio <= FAR) and name not in self.excused
         )
+
+    @property
+    def excused(self) -> tuple[str, ...]:
+        """Outputs in which the autopilot itself did no better: of an axis that hardly moved, the mean is no measure."""
+        return self.as_good_as_target + self.better_than_target
 
     def flights(self) -> str:
         """Return how many flights are followed, those outside the envelope apart; empty for a single one within it."""

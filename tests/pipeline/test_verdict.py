@@ -126,6 +126,20 @@ def test_an_axis_that_did_not_move_condemns_no_model_that_does_as_its_target():
     assert assess(without).trust is Trust.NO
 
 
+@pytest.mark.parametrize("flights", ["a", "ab"])
+def test_an_axis_that_did_not_move_condemns_no_model_that_does_better_than_its_target(flights):
+    """Hardly a step in y: off by 5 cm where the target is off by 6, `no` for 7 times the mean's error of 7 mm."""
+    found = validation({"x": 98.0, "y": -600.0}, {"x": True, "y": True}, mean=20.0, reference=1.2, flights=flights)
+    found.table.loc[found.table["output"] == "y", "rmse_mean"] = 0.14
+    run = uses_of(found, None).free_run
+    assert (run.trust, run.far, run.better_than_target) == (Trust.LIMITED, (), ("x", "y"))
+    assert assess(found).trust is Trust.LIMITED
+    assert "in x only" in assess(found).sentence
+    worse = validation({"x": 98.0, "y": -600.0}, {"x": True, "y": True}, mean=20.0, reference=0.5, flights=flights)
+    worse.table.loc[worse.table["output"] == "y", "rmse_mean"] = 0.14
+    assert uses_of(worse, None).free_run.trust is Trust.NO
+
+
 def errors(*rows, mean=(14.0, 17.0, 7.0)):
     """Make a validation of held-out flights with these errors in x, y, z."""
     found = validation({"x": 0.0, "y": 0.0, "z": 0.0}, dict.fromkeys("xyz", True), flights="abcdefgh"[: len(rows)])
