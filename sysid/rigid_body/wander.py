@@ -40,8 +40,11 @@ STATES = FIXED + 3
 _EXPECTED = (1e-3, 1e-3, 1.0, 0.003)
 _FACTORS = (3.0, 3.0, 2.0, 2.0)
 
-#: Evaluations of the likelihood, and how near the best it has to end.
+#: Evaluations of the likelihood in one search, and how near the best it has to end.
 _MOST_EVALUATIONS, _NEAR = 300, 0.05
+
+#: First steps of the search for the strengths' logarithms, and of the search from where it ended.
+_STRIDES = (1.0, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +103,17 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
         likelihood = carry(decay, driven, design, blocks.missed, noise, GATE, MEMORY, first, start, means, covariances)
         return -likelihood + 0.5 * float(np.sum(((logarithms - known) / _FACTORS) ** 2))
 
-    found = scipy.optimize.minimize(
-        cost, known, method="Nelder-Mead", options={"maxfev": _MOST_EVALUATIONS, "xatol": _NEAR, "fatol": _NEAR}
-    )
-    return Wander(*map(float, np.exp(found.x)))
+    # A simplex may close on a ridge: it is opened again where it ended.
+    found = known
+    for stride in _STRIDES:
+        simplex = np.vstack([found, found + stride * np.eye(len(found))])
+        found = scipy.optimize.minimize(
+            cost,
+            found,
+            method="Nelder-Mead",
+            options={"maxfev": _MOST_EVALUATIONS, "xatol": _NEAR, "fatol": _NEAR, "initial_simplex": simplex},
+        ).x
+    return Wander(*map(float, np.exp(found)))
 
 
 def room(steps: int) -> tuple[Floats, Floats]:
