@@ -33,6 +33,7 @@ from sysid import Experiment, fit_thrust
 from sysid.loops.loop import Margins
 from sysid.records.motor_scaling import motor_commands
 from sysid.statistics.parameter import Parameter
+from tests.pipeline.coverages import coverage_of
 from tests.reports.made import made
 
 #: Issue of this page: the first screen has below so many words in all.
@@ -250,10 +251,8 @@ def test_the_track_shows_height_events_and_no_legend(kinds):
 
 def test_the_wind_stands_with_its_height(flight):
     """In sheared air a craft at 40 m meets twice as much as the number says."""
-    coverage = dataclasses.replace(flight.coverage, wind=Wind.towards(1.97, 0.72, 0.2, "rigid body"))
-    assert (
-        "arrow: wind 2.1 ± 0.2 m/s at 10 m" in first_figures(dataclasses.replace(flight, coverage=coverage))[0].caption
-    )
+    blown = dataclasses.replace(flight, coverage=coverage_of(wind=Wind.towards(1.97, 0.72, 0.2, "rigid body")))
+    assert "arrow: wind 2.1 ± 0.2 m/s at 10 m" in first_figures(blown)[0].caption
 
 
 def test_a_reason_that_many_flights_share_is_said_once(flight):
