@@ -57,7 +57,8 @@ def main(first: int, number: int, endings: Sequence[str]) -> int:
                 examples.setdefault(place, seed)
             times[k] = time.process_time() - began
             if k % 1000 == 999:
-                print(f"{k + 1} read, {sum(places.values())} broke, {times[: k + 1].mean():.3f} s each", flush=True)
+                so_far = f"{times[: k + 1].mean():.3f} s each, {times.max():.2f} s at most"
+                print(f"{k + 1} read, {sum(places.values())} broke, {so_far}", flush=True)
     for place, often in places.most_common():
         print(f"{often:6} (seed {examples[place]}) {place}")
     print(
